@@ -37,7 +37,7 @@ std::string space_advice(const fs::path& folder, uint64_t needed) {
 
 [[noreturn]] void fail(std::string_view action, const fs::path& path, int code, uint64_t needed = 0) {
   std::string message = text("cannot ", action, " ", path.string(), ": ", std::strerror(code));
-  if (code == ENOSPC || code == EDQUOT) message += space_advice(path.parent_path(), needed);
+  if (code == ENOSPC || code == EDQUOT || code == EFBIG) message += space_advice(path.parent_path(), needed);
   if (code == EACCES || code == EROFS) message += "; choose a folder that you may write to";
   throw Error(Fault::write, message);
 }
