@@ -1,0 +1,45 @@
+// See poses.h.
+#include "models/data/poses.h"
+
+#include <Eigen/Dense>
+#include <cmath>
+
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr double kRotationTolerance = 0.01;  // files with 3 digits still pass
+constexpr double kFarthest = 1e7;            // beyond it float32 has no use left
+
+}  // namespace
+
+Eigen::Matrix4d opencv_from_opengl_pose(const Eigen::Matrix4d& world_from_camera) {
+  Eigen::Matrix4d pose = world_from_camera;
+  pose.block<3, 2>(0, 1) *= -1;
+  return pose;
+}
+
+Eigen::Matrix4d rigid(const Eigen::Matrix4d& world_from_camera, const std::string& where) {
+  const Eigen::Matrix3d turn = world_from_camera.topLeftCorner<3, 3>();
+  const double determinant = turn.determinant(), scale = std::cbrt(determinant);
+  if (!(scale > 1e-3 && scale < 1e3)) {
+    throw Error(Fault::data, text(where, ": the pose's rotation has determinant ", determinant, ", want 1",
+                                  determinant < 0 ? " (a mirrored axis)" : ""));
+  }
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(turn / scale, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const double shear = (svd.singularValues() - Eigen::Vector3d::Ones()).cwiseAbs().maxCoeff();
+  if (!(shear < kRotationTolerance)) {
+    throw Error(Fault::data, text(where, ": the pose is no rotation: its axes differ in length by the factor ",
+                                  1 + shear, " or are not at right angles"));
+  }
+  if (!(world_from_camera.topRightCorner<3, 1>().cwiseAbs().maxCoeff() < kFarthest)) {
+    throw Error(Fault::data, text(where, ": the camera's position is beyond ", kFarthest, " units"));
+  }
+  Eigen::Matrix4d pose = world_from_camera;
+  if (shear > 1e-12 || std::abs(scale - 1) > 1e-12)
+    pose.topLeftCorner<3, 3>() = svd.matrixU() * svd.matrixV().transpose();
+  return pose;
+}
+
+}  // namespace cloam

@@ -1,0 +1,15 @@
+// Camera poses from files: checked, and brought to the project's axes.
+#pragma once
+#include <Eigen/Core>
+#include <string>
+
+namespace cloam {
+
+/// world_from_camera with OpenCV axes (x right, y down, z forward) from one with OpenGL axes (x right, y up, z back).
+Eigen::Matrix4d opencv_from_opengl_pose(const Eigen::Matrix4d& world_from_camera);
+
+/// The pose with an exact rotation: a uniform scale and small rounding errors are taken out. Fault::data, with
+/// `where` at its head, for mirrored, sheared or empty matrices and for positions beyond 1e7.
+Eigen::Matrix4d rigid(const Eigen::Matrix4d& world_from_camera, const std::string& where);
+
+}  // namespace cloam

@@ -1,0 +1,251 @@
+// See transforms_json.h. A frame's own intrinsics win over those of the file; sizes that neither gives come from the
+// header of the image.
+#include "models/data/transforms_json.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <set>
+
+#include "models/data/json.h"
+#include "models/data/paths.h"
+#include "models/data/poses.h"
+#include "models/io/image.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kLongestSide = 1 << 17;
+constexpr std::size_t kMostNamed = 5;
+
+bool is_file(const fs::path& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
+
+// A number of the frame, else of the file.
+struct Settings {
+  const Json& file;
+  const Json& frame;
+  const std::string& where;
+
+  std::optional<double> number(const std::string& key) const {
+    const auto own = optional_number(frame, key, where);
+    return own ? own : optional_number(file, key, where);
+  }
+  double number(const std::string& key, double otherwise) const { return number(key).value_or(otherwise); }
+  std::optional<std::string> word(const std::string& key) const {
+    const auto own = optional_string(frame, key, where);
+    return own ? own : optional_string(file, key, where);
+  }
+};
+
+int side(double value, const char* key, const std::string& where) {
+  if (value >= 1 && value <= kLongestSide && value == std::floor(value)) return static_cast<int>(value);
+  throw Error(Fault::data,
+              text(where, ": ", key, " is ", value, ", want a whole number of pixels up to ", kLongestSide));
+}
+
+// From the focal length itself, or the field of view in radians.
+std::optional<double> focal_length(const Settings& settings, const std::string& axis, int size) {
+  if (const auto focal = settings.number("fl_" + axis)) return focal;
+  const auto angle = settings.number("camera_angle_" + axis);
+  if (!angle) return {};
+  if (!(*angle > 0 && *angle < std::numbers::pi)) {
+    throw Error(Fault::data,
+                text(settings.where, ": camera_angle_", axis, " is ", *angle, ", want radians between 0 and pi"));
+  }
+  return 0.5 * size / std::tan(0.5 * *angle);
+}
+
+CameraModel camera_model(const Settings& settings, const Camera& camera) {
+  const bool straight = camera.k == std::array<double, 4>{} && camera.p1 == 0 && camera.p2 == 0;
+  const std::string name = settings.word("camera_model").value_or("OPENCV");
+  const bool fisheye = flag(settings.file, "is_fisheye", false, settings.where);
+  if (name == "OPENCV_FISHEYE" || fisheye) return CameraModel::fisheye;
+  const std::set<std::string> known = {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"};
+  if (known.contains(name)) return straight ? CameraModel::pinhole : CameraModel::opencv;
+  throw Error(Fault::data, text(settings.where, ": camera_model is ", name.substr(0, 40),
+                                ", want PINHOLE, OPENCV or OPENCV_FISHEYE; undistort the images first"));
+}
+
+void require_sound(const Camera& camera, const std::string& where) {
+  const double longest = 1e6;
+  const bool focal = camera.fx > 1e-3 && camera.fx < longest && camera.fy > 1e-3 && camera.fy < longest;
+  const bool centre = std::abs(camera.cx) < longest && std::abs(camera.cy) < longest;
+  if (focal && centre) return;
+  throw Error(Fault::data, text(where, ": the camera makes no sense: fl_x ", camera.fx, ", fl_y ", camera.fy, ", cx ",
+                                camera.cx, ", cy ", camera.cy, " pixels"));
+}
+
+Camera read_camera(const Settings& settings, const fs::path& image) {
+  Camera camera;
+  const auto w = settings.number("w"), h = settings.number("h");
+  const ImageSize size = w && h ? ImageSize{} : read_image_size(image);
+  camera.width = w ? side(*w, "w", settings.where) : size.width;
+  camera.height = h ? side(*h, "h", settings.where) : size.height;
+  const auto fx = focal_length(settings, "x", camera.width), fy = focal_length(settings, "y", camera.height);
+  if (!fx && !fy) {
+    throw Error(Fault::data, text(settings.where,
+                                  ": no focal length: looked for fl_x, fl_y, camera_angle_x and "
+                                  "camera_angle_y in the frame and in the file"));
+  }
+  camera.fx = fx ? *fx : *fy;
+  camera.fy = fy ? *fy : *fx;
+  camera.cx = settings.number("cx", 0.5 * camera.width);
+  camera.cy = settings.number("cy", 0.5 * camera.height);
+  for (int i = 0; i < 4; ++i) camera.k[i] = settings.number("k" + std::to_string(i + 1), 0);
+  camera.p1 = settings.number("p1", 0);
+  camera.p2 = settings.number("p2", 0);
+  camera.model = camera_model(settings, camera);
+  require_sound(camera, settings.where);
+  return camera;
+}
+
+// One json file and which of its frames test.
+struct Source {
+  std::string name;
+  Json file;
+  Split split = Split::train;
+  std::set<std::string> tests;  // nerfstudio's list of file names; if there is one, all others train
+
+  Split split_of(const std::string& image) const {
+    if (tests.empty()) return split;
+    return tests.contains(image) ? Split::test : Split::train;
+  }
+};
+
+Source read_source(const fs::path& root, const std::string& name, Split split) {
+  Source source{name, parse_json_file(root / name), split, {}};
+  array(source.file, "frames", name);
+  for (const char* key : {"test_filenames", "val_filenames"}) {
+    if (!source.file.contains(key)) continue;
+    for (const Json& image : array(source.file, key, name)) {
+      if (const auto* found = image.get_ptr<const std::string*>()) source.tests.insert(*found);
+    }
+    if (!source.tests.empty()) break;
+  }
+  return source;
+}
+
+// Where the listed path is, as a path relative to the root. NeRF-synthetic lists its images without extension.
+std::optional<std::string> find_image(const fs::path& root, const std::string& listed) {
+  for (const char* extension : {"", ".png", ".jpg", ".jpeg", ".exr"}) {
+    if (!is_file(resolve_inside(root, listed + extension))) continue;
+    return fs::path(listed + extension).lexically_normal().generic_string();
+  }
+  return {};
+}
+
+class Reader {
+ public:
+  Reader(const fs::path& root, const ReadOptions& options) : options_(options) {
+    scene_.root = root;
+    scene_.format = "transforms.json";
+  }
+
+  void read(const std::string& name, Split split) {
+    const Source source = read_source(scene_.root, name, split);
+    const Json& frames = source.file.at("frames");
+    scene_.frames_listed += frames.size();
+    scene_.hints.aabb_scale = optional_number(source.file, "aabb_scale", name);
+    scene_.has_test_split |= split == Split::test || !source.tests.empty();
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      try {
+        read_frame(source, frames[i], text(name, ", frame ", i));
+      } catch (const Error& error) {
+        if (!options_.skip_bad || error.fault() != Fault::data) throw;
+        scene_.warnings.push_back(text("frame dropped: ", error.what()));
+      }
+    }
+  }
+
+  Scene finish() {
+    report_missing();
+    if (scene_.frames.empty()) {
+      throw Error(Fault::data,
+                  text(scene_.root.string(), ": no usable frame: ", scene_.frames_listed, " listed, ", missing_.size(),
+                       " without an image", missing_.empty() ? "" : " (first: " + missing_.front() + ")"));
+    }
+    scene_.has_alpha = first_image_has_alpha();
+    return std::move(scene_);
+  }
+
+  void expect_synthetic_bounds() { scene_.hints.synthetic_bounds = !scene_.hints.aabb_scale; }
+
+ private:
+  void read_frame(const Source& source, const Json& json, std::string where) {
+    Frame frame;
+    frame.name = string(json, "file_path", where);
+    const auto image = find_image(scene_.root, frame.name);  // before the name is shown: it checks the characters
+    where += " (" + frame.name + ")";
+    const Eigen::Matrix4d pose = matrix4(json, "transform_matrix", where);
+    frame.world_from_camera = opencv_from_opengl_pose(rigid(pose, where));
+    if (!image) {
+      missing_.push_back(frame.name);
+      return;
+    }
+    frame.image = *image;
+    frame.split = source.split_of(frame.name);
+    frame.timestamp = optional_number(json, "time", where);
+    frame.mask = optional_string(json, "mask_path", where);
+    if (frame.mask && !is_file(resolve_inside(scene_.root, *frame.mask))) {
+      throw Error(Fault::data, text(where, ": the mask ", *frame.mask, " is missing"));
+    }
+    const Settings settings{source.file, json, where};
+    frame.camera = find_or_add(scene_.cameras, read_camera(settings, scene_.root / frame.image));
+    scene_.frames.push_back(std::move(frame));
+  }
+
+  bool first_image_has_alpha() const {
+    for (const Frame& frame : scene_.frames) {
+      try {
+        return read_image_size(resolve_inside(scene_.root, frame.image)).channels % 2 == 0;
+      } catch (const Error&) {
+        if (!options_.skip_bad) throw;
+      }
+    }
+    return false;
+  }
+
+  void report_missing() {
+    if (missing_.empty()) return;
+    std::string names;
+    for (std::size_t i = 0; i < std::min(missing_.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing_[i];
+    scene_.warnings.push_back(text(missing_.size(), " of ", scene_.frames_listed,
+                                   " listed images are missing and skipped: ", names,
+                                   missing_.size() > kMostNamed ? ", ..." : ""));
+  }
+
+  ReadOptions options_;
+  Scene scene_;
+  std::vector<std::string> missing_;
+};
+
+}  // namespace
+
+bool is_transforms_json(const fs::path& root) {
+  return is_file(root / "transforms.json") || is_file(root / "transforms_train.json");
+}
+
+Scene read_transforms_json(const fs::path& root, const ReadOptions& options) {
+  Reader reader(root, options);
+  if (!is_file(root / "transforms_train.json")) {
+    reader.read("transforms.json", Split::train);
+    return reader.finish();
+  }
+  // The benchmark's validation views stand in for test views only where those were left out.
+  for (const char* name : {"transforms_test.json", "transforms_val.json"}) {
+    if (!is_file(root / name)) continue;
+    reader.read(name, Split::test);
+    break;
+  }
+  reader.read("transforms_train.json", Split::train);
+  reader.expect_synthetic_bounds();
+  return reader.finish();
+}
+
+}  // namespace cloam

@@ -1,0 +1,46 @@
+// The box filter of image.h.
+#include <algorithm>
+
+#include "models/io/image.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+// The mean of one box. Colours are weighted by alpha, so that the unseen colour of clear pixels leaves no fringe.
+void average_box(const Image& image, int left, int top, int factor, std::uint8_t* result) {
+  const int channels = image.channels, colours = channels % 2 == 0 ? channels - 1 : channels;
+  std::uint64_t sums[4] = {}, weights = 0;
+  for (int row = top; row < top + factor; ++row) {
+    for (int column = left; column < left + factor; ++column) {
+      const std::uint8_t* pixel = &image.pixels[(std::size_t(row) * image.width + column) * channels];
+      const std::uint64_t alpha = colours == channels ? 1 : pixel[colours];
+      for (int c = 0; c < colours; ++c) sums[c] += alpha * pixel[c];
+      weights += alpha;
+    }
+  }
+  for (int c = 0; c < colours; ++c) result[c] = weights ? (sums[c] + weights / 2) / weights : 0;
+  const std::uint64_t count = std::uint64_t(factor) * factor;
+  if (colours != channels) result[colours] = (weights + count / 2) / count;
+}
+
+}  // namespace
+
+Image downscale(const Image& image, int factor) {
+  if (factor < 1 || factor > image.width || factor > image.height) {
+    throw Error(Fault::usage, text("--downscale ", factor, " of an image of ", image.width, "x", image.height,
+                                   " pixels leaves nothing: want 1 to ", std::min(image.width, image.height)));
+  }
+  if (factor == 1) return image;
+  Image result{image.width / factor, image.height / factor, image.channels, {}};
+  result.pixels.resize(std::size_t(result.width) * result.height * result.channels);
+  std::uint8_t* next = result.pixels.data();
+  for (int row = 0; row < result.height; ++row) {
+    for (int column = 0; column < result.width; ++column, next += image.channels) {
+      average_box(image, column * factor, row * factor, factor, next);
+    }
+  }
+  return result;
+}
+
+}  // namespace cloam

@@ -1,0 +1,54 @@
+// Images in and out. Input is PNG, JPEG or EXR as the file's CONTENT says, always 8 bit in memory; output is PNG or
+// an EXR with named float layers. No colour transform is applied anywhere, and EXIF orientation is ignored: poses
+// belong to the pixels as stored, and the programs that made them ignored the tag too.
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace cloam {
+
+/// Row-major, top row first, channels interleaved: [height, width, channels]. 1 grey, 2 grey + alpha, 3 RGB, 4 RGBA.
+/// Alpha is straight: colours are not multiplied by it.
+struct Image {
+  int width = 0;
+  int height = 0;
+  int channels = 0;
+  std::vector<std::uint8_t> pixels;
+};
+
+struct ImageSize {
+  int width = 0;
+  int height = 0;
+  int channels = 0;
+};
+
+/// The header alone. Errors as read_image, as far as the header shows them.
+ImageSize read_image_size(const std::filesystem::path& path);
+
+/// Fault::data for a file that is missing, of another format, named against its content, cut short or damaged,
+/// with more than 4 channels, or with more than 2^29 values. Deeper pixels are rounded to 8 bit after clamping to
+/// [0,1].
+Image read_image(const std::filesystem::path& path);
+
+/// Mean over factor x factor boxes; a rest of rows or columns at the end is dropped, so the result has
+/// floor(width / factor) columns. Colours are weighted by alpha. Fault::usage if nothing would be left.
+Image downscale(const Image& image, int factor);
+
+/// Replaces `path` in one step. Fault::write if that fails.
+void write_png(const std::filesystem::path& path, const Image& image);
+
+/// One float channel of an EXR: "R", "G", "B", "A", "depth.Z", "opacity.A"; values are [height, width].
+struct Layer {
+  std::string name;
+  const float* values = nullptr;
+};
+
+/// All layers in one file as float32. By the convention of EXR, R G B are multiplied by A. Replaces `path` in one step.
+void write_exr(const std::filesystem::path& path, int width, int height, const std::vector<Layer>& layers);
+
+/// One layer of an EXR, [height, width]. Fault::data if the file has no such layer (the error lists those it has).
+std::vector<float> read_exr_layer(const std::filesystem::path& path, const std::string& name);
+
+}  // namespace cloam

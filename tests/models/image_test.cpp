@@ -1,0 +1,206 @@
+// Images: round trips, the box filter against arithmetic by hand, and files that lie about themselves.
+#include "models/io/image.h"
+
+#include <doctest/doctest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <limits>
+
+#include "models/io/bytes.h"
+#include "runtime/error.h"
+
+namespace fs = std::filesystem;
+using namespace cloam;
+
+namespace {
+
+class Folder {
+ public:
+  Folder() {
+    std::string pattern = (fs::temp_directory_path() / "cloam-image-XXXXXX").string();
+    path = mkdtemp(pattern.data());
+  }
+  ~Folder() { fs::remove_all(path); }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+  fs::path path;
+};
+
+using Bytes = std::vector<std::uint8_t>;
+
+Bytes bytes_of(const fs::path& path) { return read_file(path, 1 << 30); }
+
+void put(const fs::path& path, const Bytes& bytes) {
+  std::ofstream(path, std::ios::binary).write(reinterpret_cast<const char*>(bytes.data()), std::ssize(bytes));
+}
+
+std::string error_of(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const Error& error) {
+    CHECK(error.fault() == Fault::data);
+    return error.what();
+  }
+  return "no error";
+}
+
+bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
+
+Image noise(int width, int height, int channels) {
+  Image image{width, height, channels, Bytes(std::size_t(width) * height * channels)};
+  std::uint32_t state = 7;
+  for (auto& value : image.pixels) value = static_cast<std::uint8_t>((state = state * 1664525u + 1013904223u) >> 24);
+  return image;
+}
+
+fs::path data_folder() {
+  const char* given = std::getenv("CLOAM_TEST_DATA");
+  return given ? given : "../shared/data";
+}
+
+Bytes tga(int width, int height) {
+  Bytes bytes(18 + std::size_t(width) * height * 3, 100);
+  std::fill_n(bytes.begin(), 18, std::uint8_t{0});
+  bytes[2] = 2;
+  bytes[12] = static_cast<std::uint8_t>(width);
+  bytes[14] = static_cast<std::uint8_t>(height);
+  bytes[16] = 24;
+  return bytes;
+}
+
+}  // namespace
+
+TEST_CASE("a PNG comes back as it was written, alpha straight") {
+  const Folder folder;
+  for (int channels = 1; channels <= 4; ++channels) {
+    const Image image = noise(13, 7, channels);
+    write_png(folder.path / "a.png", image);
+    const Image back = read_image(folder.path / "a.png");
+    CHECK(back.width == 13);
+    CHECK(back.height == 7);
+    CHECK(back.channels == channels);
+    CHECK(back.pixels == image.pixels);
+    CHECK(read_image_size(folder.path / "a.png").channels == channels);
+  }
+  CHECK(std::distance(fs::directory_iterator(folder.path), {}) == 1);
+}
+
+TEST_CASE("writing the same image twice gives the same bytes") {
+  const Folder folder;
+  write_png(folder.path / "a.png", noise(20, 20, 3));
+  write_png(folder.path / "b.png", noise(20, 20, 3));
+  CHECK(bytes_of(folder.path / "a.png") == bytes_of(folder.path / "b.png"));
+}
+
+TEST_CASE("an EXR keeps its named layers exactly") {
+  const Folder folder;
+  const std::vector<float> red = {0.5f, 0.1f, 2, 0, -1, 1e-8f}, depth = {1, 2, 3, 4, 1e20f, 6}, alpha(6, 1.0f);
+  const fs::path path = folder.path / "a.exr";
+  write_exr(path, 3, 2, {{"R", red.data()}, {"A", alpha.data()}, {"depth.Z", depth.data()}});
+  CHECK(read_exr_layer(path, "R") == red);
+  CHECK(read_exr_layer(path, "depth.Z") == depth);
+  CHECK(holds(error_of([&] { read_exr_layer(path, "normal.X"); }), "depth.Z"));
+}
+
+TEST_CASE("an EXR read as an image is clamped, rounded and divided by its alpha") {
+  const Folder folder;
+  const std::vector<float> red = {0.25f, 2}, green = {0, 0.5f}, blue = {0.5f, -1}, alpha = {0.5f, 1};
+  write_exr(folder.path / "a.exr", 2, 1,
+            {{"R", red.data()}, {"G", green.data()}, {"B", blue.data()}, {"A", alpha.data()}});
+  const Image image = read_image(folder.path / "a.exr");
+  CHECK(image.pixels == Bytes{128, 0, 255, 128, 255, 128, 0, 255});
+  const std::vector<float> bad = {std::numeric_limits<float>::quiet_NaN(), 0};
+  write_exr(folder.path / "b.exr", 2, 1, {{"Y", bad.data()}});
+  CHECK(holds(error_of([&] { read_image(folder.path / "b.exr"); }), "pixel 0 is not finite"));
+}
+
+TEST_CASE("downscale is the rounded mean of boxes, colours weighted by alpha") {
+  const Image grey{5, 2, 1, {0, 1, 10, 20, 99, 2, 4, 30, 41, 99}};
+  const Image half = downscale(grey, 2);
+  CHECK(half.width == 2);
+  CHECK(half.height == 1);
+  CHECK(half.pixels == Bytes{2, 25});  // 7/4 and 101/4
+  const Image clear{2, 2, 4, {200, 0, 0, 255, 0, 90, 9, 0, 100, 0, 0, 255, 255, 255, 255, 0}};
+  CHECK(downscale(clear, 2).pixels == Bytes{150, 0, 0, 128});  // the clear pixels' colours do not count
+  CHECK_THROWS_AS(downscale(grey, 3), Error);
+  CHECK(downscale(grey, 1).pixels == grey.pixels);
+}
+
+TEST_CASE("a PNG that is a TGA, and other names that lie, are refused by content") {
+  const Folder folder;
+  put(folder.path / "a.png", tga(4, 4));
+  CHECK(holds(error_of([&] { read_image(folder.path / "a.png"); }), "TGA"));
+  write_png(folder.path / "b.png", noise(4, 4, 3));
+  fs::rename(folder.path / "b.png", folder.path / "b.jpg");
+  CHECK(holds(error_of([&] { read_image(folder.path / "b.jpg"); }), "content is png"));
+  fs::rename(folder.path / "b.jpg", folder.path / "b");
+  CHECK(read_image(folder.path / "b").width == 4);  // no extension claims nothing
+  put(folder.path / "c.png", {});
+  CHECK(holds(error_of([&] { read_image(folder.path / "c.png"); }), "unknown"));
+  CHECK(holds(error_of([&] { read_image(folder.path / "none.png"); }), "no such file"));
+  CHECK(holds(error_of([&] { read_image(folder.path); }), "folder"));
+}
+
+TEST_CASE("a PNG cut short anywhere is an error") {
+  const Folder folder;
+  write_png(folder.path / "a.png", noise(9, 9, 4));
+  const Bytes all = bytes_of(folder.path / "a.png");
+  for (std::size_t length = 0; length < all.size(); ++length) {
+    put(folder.path / "cut.png", Bytes(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(length)));
+    CHECK_MESSAGE(error_of([&] { read_image(folder.path / "cut.png"); }) != "no error", length);
+  }
+}
+
+TEST_CASE("a PNG with a flipped bit is an error") {
+  const Folder folder;
+  write_png(folder.path / "a.png", noise(9, 9, 4));
+  Bytes all = bytes_of(folder.path / "a.png");
+  all[all.size() / 2] ^= 4;
+  put(folder.path / "a.png", all);
+  CHECK(error_of([&] { read_image(folder.path / "a.png"); }) != "no error");
+}
+
+TEST_CASE("a header that claims more than the limit is refused before anything is allocated") {
+  const Folder folder;
+  write_png(folder.path / "a.png", noise(9, 9, 4));
+  Bytes all = bytes_of(folder.path / "a.png");
+  all[17] = all[21] = 1;  // 65545 x 65545; the CRC of the header no longer fits either
+  put(folder.path / "a.png", all);
+  CHECK(error_of([&] { read_image(folder.path / "a.png"); }) != "no error");
+}
+
+TEST_CASE("a real JPEG reads, and cut in the middle it is an error") {
+  const fs::path photo = data_folder() / "fox/images/0001.jpg";
+  if (!fs::exists(photo)) {
+    MESSAGE("skipped: no data");
+    return;
+  }
+  const Image image = read_image(photo);
+  CHECK(image.width == 1080);
+  CHECK(image.height == 1920);
+  CHECK(image.channels == 3);
+  const Folder folder;
+  const Bytes all = bytes_of(photo);
+  for (const double part : {0.001, 0.01, 0.1, 0.5, 0.9, 0.9999}) {
+    put(folder.path / "cut.jpg", Bytes(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(part * all.size())));
+    CHECK_MESSAGE(error_of([&] { read_image(folder.path / "cut.jpg"); }) != "no error", part);
+  }
+  Bytes closed(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2));
+  closed.insert(closed.end(), {0xff, 0xd9});  // half the picture with an end mark
+  put(folder.path / "cut.jpg", closed);
+  CHECK(error_of([&] { read_image(folder.path / "cut.jpg"); }) != "no error");
+}
+
+TEST_CASE("the byte reader refuses to pass the end") {
+  const Bytes bytes = {1, 2, 3, 4, 'a', 'b', 0, 9};
+  ByteReader reader(bytes, "x.bin");
+  CHECK(reader.little<std::uint16_t>("n") == 0x0201);
+  CHECK(reader.big(2, "n") == 0x0304);
+  CHECK(reader.zero_ended(10, "s") == "ab");
+  CHECK(holds(error_of([&] { reader.little<float>("a weight"); }), "x.bin: ends in the middle of a weight"));
+  CHECK(holds(error_of([&] { reader.skip(~0ull, "a block"); }), "at byte 7"));
+  CHECK(holds(error_of([&] { reader.zero_ended(10, "s"); }), "no end"));
+}
