@@ -1,0 +1,135 @@
+// Put before every program: device-class macros and branch-free maths that vectorises (built-in scalar exp2, log, sin,
+// pow and erf are calls that stop it) and gives one result on every device. Cephes-style polynomials, errors in ulp below.
+#define UNROLL _Pragma("unroll")
+#if CLOAM_CPU
+// A work-item is a core's loop: groups of one, contiguous chunks.
+#define FAT __attribute__((reqd_work_group_size(1, 1, 1)))
+#define LOOP_LO(chunk) ((int)get_global_id(0) * (chunk))
+#define LOOP_HI(n, chunk) min((n), ((int)get_global_id(0) + 1) * (chunk))
+#define LOOP_STEP 1
+#else
+// A work-item is a lane: groups of 64, neighbours side by side.
+#define FAT
+#define LOOP_LO(chunk) ((int)get_global_id(0))
+#define LOOP_HI(n, chunk) (n)
+#define LOOP_STEP ((int)get_global_size(0))
+#endif
+
+// exp, 2 ulp: 2^n * p(f), |f| <= ln2/2. Saturates to 0 and inf outside the float range.
+inline float m_exp(float x) {
+  const float c = fmin(fmax(x, -104.0f), 89.0f);
+  const float t = c * 1.44269504089f + 12582912.0f;  // adding 1.5 * 2^23 rounds to an integer in the low bits
+  const int n = as_int(t) - 0x4b400000;
+  const float r = t - 12582912.0f;
+  const float f = (c - r * 0.693359375f) + r * 2.12194440e-4f;
+  float p = 1.9875691500e-4f;
+  p = p * f + 1.3981999507e-3f;
+  p = p * f + 8.3334519073e-3f;
+  p = p * f + 4.1665795894e-2f;
+  p = p * f + 1.6666665459e-1f;
+  p = p * f + 5.0000001201e-1f;
+  p = p * f * f + f + 1.0f;
+  const int half_n = n >> 1;  // two factors: 2^n alone overflows or is subnormal at the ends
+  const float y = p * as_float((half_n + 127) << 23) * as_float((n - half_n + 127) << 23);
+  return x != x ? x : y;
+}
+
+// log, 2 ulp for normal x > 0; -inf at 0, nan below.
+inline float m_log(float x) {
+  const int bits = as_int(x);
+  int e = ((bits >> 23) & 255) - 126;
+  float m = as_float((bits & 0x007fffff) | 0x3f000000);
+  const int low = m < 0.707106781f;
+  e -= low;
+  m = (low ? m + m : m) - 1.0f;
+  const float z = m * m;
+  float p = 7.0376836292e-2f;
+  p = p * m - 1.1514610310e-1f;
+  p = p * m + 1.1676998740e-1f;
+  p = p * m - 1.2420140846e-1f;
+  p = p * m + 1.4249322787e-1f;
+  p = p * m - 1.6668057665e-1f;
+  p = p * m + 2.0000714765e-1f;
+  p = p * m - 2.4999993993e-1f;
+  p = p * m + 3.3333331174e-1f;
+  const float k = (float)e;
+  float y = m * z * p + k * -2.12194440e-4f - 0.5f * z;
+  y = m + y + k * 0.693359375f;
+  y = x == INFINITY ? INFINITY : y;
+  y = x == 0.0f ? -INFINITY : y;
+  return x < 0.0f || x != x ? NAN : y;
+}
+
+// sin and cos, 2 ulp for |x| < 8192 (three-part pi/4 reduction).
+inline float m_sincos(float x, int quadrant) {
+  const float a = fabs(x);
+  const float t = a * 0.636619772f + 12582912.0f;
+  const int n = as_int(t) - 0x4b400000;
+  const float r = t - 12582912.0f;
+  const float f = ((a - r * 1.5703125f) - r * 4.837512969970703125e-4f) - r * 7.54978995489188216e-8f;
+  const float z = f * f;
+  const float s = ((-1.9515295891e-4f * z + 8.3321608736e-3f) * z - 1.6666654611e-1f) * z * f + f;
+  const float c = ((2.443315711809948e-5f * z - 1.388731625493765e-3f) * z + 4.166664568298827e-2f) * z * z - 0.5f * z + 1.0f;
+  const int q = n + quadrant;
+  const float y = (q & 1) ? c : s;
+  const float y_signed = (q & 2) ? -y : y;
+  return quadrant == 0 && x < 0.0f ? -y_signed : y_signed;
+}
+inline float m_sin(float x) { return m_sincos(x, 0); }
+inline float m_cos(float x) { return m_sincos(x, 1); }
+
+inline float m_sigmoid(float x) { return 1.0f / (1.0f + m_exp(-x)); }
+
+// tanh: odd polynomial near 0 (no cancellation), else through exp.
+inline float m_tanh(float x) {
+  const float a = fabs(x), z = x * x;
+  const float e = m_exp(-2.0f * a);
+  const float far = (1.0f - e) / (1.0f + e);
+  float p = -5.70498872745e-3f;
+  p = p * z + 2.06390887954e-2f;
+  p = p * z - 5.37397155531e-2f;
+  p = p * z + 1.33314422036e-1f;
+  p = p * z - 3.33332819422e-1f;
+  const float near = p * z * x + x;
+  return a < 0.625f ? near : (x < 0.0f ? -far : far);
+}
+
+// log(1 + exp(x)) without overflow.
+inline float m_softplus(float x) {
+  const float e = m_exp(-fabs(x)), u = 1.0f + e;
+  // log1p by the classic correction: exact where u rounds.
+  const float l = u == 1.0f ? e : m_log(u) * (e / (u - 1.0f));
+  return fmax(x, 0.0f) + l;
+}
+
+// erf, |error| < 6e-7: Taylor-like series near 0, Abramowitz-Stegun 7.1.26-style rational in exp beyond.
+inline float m_erf(float x) {
+  const float a = fabs(x), z = x * x;
+  float p = 7.853861353153693e-5f;
+  p = p * z - 8.010193625184903e-4f;
+  p = p * z + 5.188327685732524e-3f;
+  p = p * z - 2.685381193529856e-2f;
+  p = p * z + 1.128358514861418e-1f;
+  p = p * z - 3.761262582423300e-1f;
+  p = p * z + 1.128379165726710e+0f;
+  const float near = p * x;
+  const float t = 1.0f / (1.0f + 0.5f * a);
+  float q = 0.17087277f;
+  q = q * t - 0.82215223f;
+  q = q * t + 1.48851587f;
+  q = q * t - 1.13520398f;
+  q = q * t + 0.27886807f;
+  q = q * t - 0.18628806f;
+  q = q * t + 0.09678418f;
+  q = q * t + 0.37409196f;
+  q = q * t + 1.00002368f;
+  q = q * t - 1.26551223f;
+  const float far = 1.0f - t * m_exp(-z + q);
+  return a < 1.0f ? near : (x < 0.0f ? -far : far);
+}
+
+// x^y for x >= 0 by exp and log; relative error grows with |y log x|. Exact at y = 0 and x = 0.
+inline float m_pow(float x, float y) {
+  const float r = m_exp(y * m_log(x));
+  return y == 0.0f ? 1.0f : (x == 0.0f ? (y > 0.0f ? 0.0f : INFINITY) : r);
+}

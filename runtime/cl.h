@@ -1,0 +1,104 @@
+// Private to runtime/: the OpenCL objects behind device.h, the buffer pool, the kernel cache, and launch().
+#pragma once
+#define CL_HPP_ENABLE_EXCEPTIONS
+#include <CL/opencl.hpp>
+#include <array>
+#include <concepts>
+#include <utility>
+
+#include "runtime/device.h"
+#include "runtime/error.h"
+#include "runtime/op.h"
+
+namespace cloam {
+
+/// A block of device memory on loan from the pool; goes back when the last tensor lets go.
+struct Buffer {
+  cl::Buffer mem;
+  size_t bytes = 0;
+  Buffer(cl::Buffer memory, size_t size) : mem(std::move(memory)), bytes(size) {}
+  ~Buffer();
+  Buffer(const Buffer&) = delete;
+  Buffer& operator=(const Buffer&) = delete;
+};
+
+struct ClDevice {
+  cl::Platform platform;
+  cl::Device device;
+  cl::Context context;
+  cl::CommandQueue queue;
+  DeviceInfo info;
+};
+ClDevice& cl_device();
+
+std::shared_ptr<Buffer> allocate(size_t bytes);
+void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to);
+void write_buffer(const Buffer& buffer, const void* from, size_t bytes);
+void finish();
+
+/// Compile-time constants of a variant (tile sizes, widths): never tensor extents or scalars.
+using Constants = std::vector<std::pair<const char*, int>>;
+
+/// kernels/<stem>.cl, compiled once per set of constants.
+cl::Kernel& kernel(const char* stem, const char* name, const Constants& constants = {});
+
+/// One generated kernel: its name is a hash of its text. Missing ones are compiled together, in one program.
+struct Generated {
+  std::string name, source;
+};
+void build_generated(const std::vector<Generated>& kernels);
+cl::Kernel& generated_kernel(const Generated& kernel);
+
+struct Range {
+  std::array<size_t, 3> global{1, 1, 1};
+  std::array<size_t, 3> local{1, 1, 1};
+  double flops = 0;  // for the profile line
+};
+/// Work-items in one dimension, `local` a group, rounded up: the kernel guards the rest.
+Range range1(int64_t items, int64_t local = 1);
+Range range2(int64_t x, int64_t y);
+/// One light work-item an element: groups of 64.
+inline Range elements(int64_t count) { return range1(count, 64); }
+
+/// A buffer and where in it a strided tensor begins: two kernel arguments.
+struct Strided {
+  const Tensor& tensor;
+};
+struct LocalBytes {
+  size_t bytes;
+};
+
+/// Sets arguments one after another and counts the bytes they name.
+class Arguments {
+ public:
+  explicit Arguments(cl::Kernel& k) : kernel_(k) {}
+  void add(const Tensor& tensor);
+  void add(Strided strided);
+  void add(LocalBytes local) { kernel_.setArg(next_++, cl::Local(local.bytes)); }
+  void add(float value) { kernel_.setArg(next_++, value); }
+  template <std::integral I> void add(I value) { add_int(static_cast<int64_t>(value)); }
+  void add(uint32_t value) { kernel_.setArg(next_++, value); }
+  void add(const Shape& sizes) {
+    for (int64_t size : sizes) add_int(size);
+  }
+  double bytes() const { return bytes_; }
+
+ private:
+  void add_int(int64_t value);
+  cl::Kernel& kernel_;
+  cl_uint next_ = 0;
+  double bytes_ = 0;
+};
+
+void enqueue(cl::Kernel& k, const char* name, const Range& range, double bytes);
+
+/// Runs a kernel. Arguments in the kernel's order: tensors (dense), Strided, integers, floats, LocalBytes.
+template <class... Args> void launch(cl::Kernel& k, const char* name, const Range& range, const Args&... args) {
+  Arguments arguments(k);
+  (arguments.add(args), ...);
+  enqueue(k, name, range, arguments.bytes());
+}
+
+bool is_cpu_class();
+
+}  // namespace cloam

@@ -1,0 +1,272 @@
+// From graph to launches. Two rules (measured in the design): recompute a short chain rather than store it for several
+// users; cut, never fail, when a kernel would read too many tensors.
+#include <algorithm>
+#include <set>
+
+#include "runtime/plan.h"
+
+namespace cloam {
+namespace {
+
+constexpr size_t kMaxInputs = 16;     // tensors one generated kernel may read
+constexpr size_t kMaxOutputs = 6;     // and write
+constexpr size_t kMaxScalars = 24;
+constexpr int kMaxRecompute = 16;     // steps worth doing twice instead of storing
+constexpr size_t kMaxCode = 160;      // steps in one kernel: register pressure and compile time
+constexpr int kMergeWindow = 24;      // how many earlier groups a sibling looks back over
+
+class Cutter {
+ public:
+  explicit Cutter(const Walk& graph) : walk_(graph), state_(graph.nodes.size()) {}
+  Plan run();
+
+ private:
+  struct State {
+    std::vector<int> users;
+    std::set<int> roots;        // kernels this pointwise node is part of
+    std::vector<int> leaves;    // tensors it reads when written into a kernel
+    int cost = 1;
+    bool inlined = false, output = false, in_memory = false;
+    int ready = -1;             // step that produces it; -1: there from the start
+    int group = -1;             // group that produces it
+  };
+
+  Node* node(int i) const { return walk_.nodes[static_cast<size_t>(i)]; }
+  State& at(int i) { return state_[static_cast<size_t>(i)]; }
+  int size() const { return static_cast<int>(walk_.nodes.size()); }
+  int shape_id(int i) const { return walk_.shape_ids[static_cast<size_t>(i)]; }
+  bool pending(int i) const { return node(i)->op && !node(i)->storage.buffer; }
+  OpKind kind(int i) const { return node(i)->op->kind(); }
+  bool pointwise(int i) const { return pending(i) && kind(i) == OpKind::pointwise; }
+  bool constant(int i) const { return pending(i) && kind(i) == OpKind::constant; }
+
+  void find_users();
+  void choose_inlined();
+  bool joins_users(int i);
+  void limit_inputs();
+  std::vector<int> leaves_of(int i);
+  void add_steps();
+  void add_pointwise(int i);
+  void add_reduce(int i);
+  int find_group(int i);
+  bool room(const Group& group, int i);
+  int value_of(Group& group, std::vector<int>& values, int i);
+  Operand operand_of(Group& group, std::vector<int>& values, int i);
+  void find_last_uses();
+
+  const Walk& walk_;
+  std::vector<State> state_;
+  std::vector<std::vector<int>> group_values_;  // per group: node -> value, -1 if absent
+  std::vector<int> group_step_;
+  Plan plan_;
+};
+
+void Cutter::find_users() {
+  for (int i = 0; i < size(); i++) {
+    if (!pending(i)) continue;
+    for (const Tensor& in : node(i)->in) at(in.node()->index).users.push_back(i);
+  }
+  for (int i : walk_.outputs) at(i).output = true;
+}
+
+bool Cutter::joins_users(int i) {
+  if (at(i).output || at(i).users.empty()) return false;
+  for (int user : at(i).users) {
+    const bool same_space = (kind(user) == OpKind::pointwise && shape_id(user) == shape_id(i)) || kind(user) == OpKind::reduce;
+    if (!same_space) return false;
+  }
+  return true;
+}
+
+void Cutter::choose_inlined() {
+  for (int i = 0; i < size(); i++) {
+    if (!pointwise(i)) continue;
+    for (const Tensor& in : node(i)->in)
+      if (pointwise(in.node()->index)) at(i).cost = std::min(1000, at(i).cost + at(in.node()->index).cost);
+  }
+  for (int i = size() - 1; i >= 0; i--) {
+    if (pending(i) && kind(i) == OpKind::reduce) at(i).roots = {i};
+    if (!pointwise(i)) continue;
+    const bool joins = joins_users(i);
+    for (int user : at(i).users) at(i).roots.insert(at(user).roots.begin(), at(user).roots.end());
+    at(i).inlined = joins && (at(i).roots.size() == 1 || at(i).cost <= kMaxRecompute);
+    if (!at(i).inlined) at(i).roots = {i};
+  }
+}
+
+std::vector<int> Cutter::leaves_of(int i) {
+  std::vector<int> leaves;
+  for (const Tensor& in : node(i)->in) {
+    const int at_in = in.node()->index;
+    if (constant(at_in)) continue;
+    if (at(at_in).inlined) leaves.insert(leaves.end(), at(at_in).leaves.begin(), at(at_in).leaves.end());
+    else leaves.push_back(at_in);
+  }
+  std::sort(leaves.begin(), leaves.end());
+  leaves.erase(std::unique(leaves.begin(), leaves.end()), leaves.end());
+  return leaves;
+}
+
+/// Goes up the graph; where a kernel would read too much, the operand that brings most is stored after all.
+void Cutter::limit_inputs() {
+  for (int i = 0; i < size(); i++) {
+    if (!pointwise(i) && !(pending(i) && kind(i) == OpKind::reduce)) continue;
+    at(i).leaves = leaves_of(i);
+    while (at(i).leaves.size() > kMaxInputs || at(i).cost > static_cast<int>(kMaxCode)) {
+      int widest = -1;
+      for (const Tensor& in : node(i)->in) {
+        const int operand = in.node()->index;
+        if (at(operand).inlined && (widest < 0 || at(operand).leaves.size() > at(widest).leaves.size())) widest = operand;
+      }
+      if (widest < 0) break;
+      at(widest).inlined = false;
+      at(i).leaves = leaves_of(i);
+      at(i).cost = 1;
+      for (const Tensor& in : node(i)->in)
+        if (at(in.node()->index).inlined) at(i).cost += at(in.node()->index).cost;
+    }
+  }
+  // What was stored late changes what its other users read.
+  for (int i = 0; i < size(); i++)
+    if (pointwise(i) || (pending(i) && kind(i) == OpKind::reduce)) at(i).leaves = leaves_of(i);
+}
+
+Operand Cutter::operand_of(Group& group, std::vector<int>& values, int i) {
+  const auto slot = [](std::vector<GroupInput>& list, int n, DType dtype) {
+    for (size_t k = 0; k < list.size(); k++)
+      if (list[k].node == n) return static_cast<int>(k);
+    list.push_back({n, dtype});
+    return static_cast<int>(list.size()) - 1;
+  };
+  if (constant(i)) return {Operand::scalar, slot(group.scalars, i, node(i)->dtype)};
+  if (values[static_cast<size_t>(i)] >= 0 || at(i).inlined) return {Operand::value, value_of(group, values, i)};
+  return {Operand::input, slot(group.inputs, i, node(i)->dtype)};
+}
+
+int Cutter::value_of(Group& group, std::vector<int>& values, int i) {
+  int& value = values[static_cast<size_t>(i)];
+  if (value >= 0) return value;
+  Instruction step;
+  step.op = static_cast<const PointwiseOp*>(node(i)->op.get());
+  step.dtype = node(i)->dtype;
+  for (const Tensor& in : node(i)->in) step.operands.push_back(operand_of(group, values, in.node()->index));
+  group.code.push_back(step);
+  return value = static_cast<int>(group.code.size()) - 1;
+}
+
+bool Cutter::room(const Group& group, int i) {
+  std::set<int> reads;
+  for (const GroupInput& in : group.inputs) reads.insert(in.node);
+  reads.insert(at(i).leaves.begin(), at(i).leaves.end());
+  return reads.size() <= kMaxInputs && group.outputs.size() < kMaxOutputs && group.scalars.size() + 8 <= kMaxScalars &&
+         group.code.size() + static_cast<size_t>(at(i).cost) <= kMaxCode;
+}
+
+/// An earlier kernel over the same space that all of i's inputs precede (or that makes them itself), or -1.
+int Cutter::find_group(int i) {
+  const int count = static_cast<int>(plan_.groups.size());
+  for (int g = count - 1; g >= std::max(0, count - kMergeWindow); g--) {
+    const Group& group = plan_.groups[static_cast<size_t>(g)];
+    if (group.reduce || shape_id(group.shape_node) != shape_id(i)) continue;
+    bool precede = true;
+    for (int leaf : at(i).leaves) precede &= at(leaf).group == g || at(leaf).ready < group_step_[static_cast<size_t>(g)];
+    if (precede && room(group, i)) return g;
+  }
+  return -1;
+}
+
+void Cutter::add_pointwise(int i) {
+  int g = constant(i) ? -1 : find_group(i);
+  if (g < 0) {
+    g = static_cast<int>(plan_.groups.size());
+    group_step_.push_back(static_cast<int>(plan_.steps.size()));
+    plan_.groups.emplace_back();
+    plan_.groups.back().shape_node = i;
+    group_values_.emplace_back(static_cast<size_t>(size()), -1);
+    plan_.steps.push_back({Step::group, g, {}});
+  }
+  Group& group = plan_.groups[static_cast<size_t>(g)];
+  std::vector<int>& values = group_values_[static_cast<size_t>(g)];
+  int value = 0;
+  if (constant(i)) {
+    group.code.push_back({nullptr, {operand_of(group, values, i)}, node(i)->dtype});
+    value = static_cast<int>(group.code.size()) - 1;
+  } else {
+    value = value_of(group, values, i);
+  }
+  group.outputs.push_back({value, i, node(i)->dtype});
+  at(i).ready = group_step_[static_cast<size_t>(g)];
+  at(i).group = g;
+}
+
+void Cutter::add_reduce(int i) {
+  Group group;
+  std::vector<int> values(static_cast<size_t>(size()), -1);
+  const int source = node(i)->in[0].node()->index;
+  operand_of(group, values, source);
+  if (constant(source)) group.code.push_back({nullptr, {{Operand::scalar, 0}}, node(source)->dtype});
+  group.reduce = static_cast<const ReduceOp*>(node(i)->op.get());
+  group.reduce_node = i;
+  group.reduce_dtype = node(i)->dtype;
+  group.shape_node = source;
+  at(i).ready = static_cast<int>(plan_.steps.size());
+  plan_.steps.push_back({Step::group, static_cast<int>(plan_.groups.size()), {}});
+  plan_.groups.push_back(group);
+  group_values_.push_back(values);
+  group_step_.push_back(at(i).ready);
+}
+
+void Cutter::add_steps() {
+  for (int i = 0; i < size(); i++) {
+    if (!pending(i) || at(i).inlined) continue;
+    if (constant(i)) {
+      bool needed = at(i).output;
+      for (int user : at(i).users) needed |= kind(user) == OpKind::kernel || kind(user) == OpKind::view;
+      if (needed) add_pointwise(i);
+    } else if (kind(i) == OpKind::pointwise) {
+      add_pointwise(i);
+    } else if (kind(i) == OpKind::reduce) {
+      add_reduce(i);
+    } else {
+      at(i).ready = static_cast<int>(plan_.steps.size());
+      plan_.steps.push_back({kind(i) == OpKind::view ? Step::view : Step::kernel, i, {}});
+    }
+  }
+}
+
+/// Counted on the launches as cut: an inlined node is used where its kernel runs.
+void Cutter::find_last_uses() {
+  std::vector<int> last(state_.size(), -1);
+  for (size_t s = 0; s < plan_.steps.size(); s++) {
+    const Step& step = plan_.steps[s];
+    const auto use = [&](int i) { last[static_cast<size_t>(i)] = static_cast<int>(s); };
+    if (step.kind == Step::group) {
+      const Group& group = plan_.groups[static_cast<size_t>(step.index)];
+      for (const GroupInput& in : group.inputs) use(in.node);
+      for (const GroupOutput& out : group.outputs) use(out.node);
+      if (group.reduce) use(group.reduce_node);
+    } else {
+      for (const Tensor& in : node(step.index)->in) use(in.node()->index);
+      use(step.index);
+    }
+  }
+  for (int i = 0; i < size(); i++)
+    if (last[static_cast<size_t>(i)] >= 0 && pending(i) && !at(i).output)
+      plan_.steps[static_cast<size_t>(last[static_cast<size_t>(i)])].last_uses.push_back(i);
+}
+
+Plan Cutter::run() {
+  find_users();
+  choose_inlined();
+  limit_inputs();
+  add_steps();
+  find_last_uses();
+  plan_.signature = walk_.signature;
+  return std::move(plan_);
+}
+
+}  // namespace
+
+Plan cut(const Walk& graph) { return Cutter(graph).run(); }
+
+}  // namespace cloam

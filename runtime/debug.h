@@ -1,0 +1,15 @@
+// CLOAM_DEBUG=kernels,nan,poison,bounds,sync: switches read once at the start.
+#pragma once
+
+namespace cloam {
+
+struct Debug {
+  bool kernels = false;  // a line per launch, per plan and per kernel build
+  bool nan = false;      // stop at the first op with a non-finite result
+  bool poison = false;   // fresh buffers are filled with NaN
+  bool bounds = false;   // buffers end at a guard page (CPU devices)
+  bool sync = false;     // wait after each launch
+};
+const Debug& debug();
+
+}  // namespace cloam

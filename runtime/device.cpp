@@ -1,0 +1,182 @@
+// Which device runs: listing, choosing, and the context and queue of the chosen one.
+#include "runtime/device.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cstdlib>
+#include <cstring>
+#include <optional>
+#include <sstream>
+
+#include "runtime/cl.h"
+#include "runtime/debug.h"
+
+namespace cloam {
+namespace {
+
+struct Candidate {
+  cl::Platform platform;
+  cl::Device device;
+  DeviceInfo info;
+};
+
+std::string lower(std::string s) {
+  std::transform(s.begin(), s.end(), s.begin(), [](unsigned char c) { return std::tolower(c); });
+  return s;
+}
+
+std::string trimmed(std::string s) {
+  while (!s.empty() && (std::isspace(static_cast<unsigned char>(s.back())) || s.back() == '\0')) s.pop_back();
+  return s;
+}
+
+/// Fat work-items pay where one work-item is a core's loop: PoCL's and Intel's CPU devices. llvmpipe is a CPU that
+/// behaves like a small GPU (32 KiB local memory, lanes), so it runs the GPU shapes.
+DeviceClass class_of(const DeviceInfo& info) {
+  if (const char* forced = std::getenv("CLOAM_DEVICE_CLASS"))
+    return std::strcmp(forced, "gpu") == 0 ? DeviceClass::gpu : DeviceClass::cpu;
+  const bool lanes = lower(info.platform + info.name).find("llvmpipe") != std::string::npos;
+  return info.is_cpu && !lanes ? DeviceClass::cpu : DeviceClass::gpu;
+}
+
+DeviceInfo describe(const cl::Platform& platform, const cl::Device& device, const std::string& id) {
+  DeviceInfo info;
+  info.id = id;
+  info.name = trimmed(device.getInfo<CL_DEVICE_NAME>());
+  info.platform = trimmed(platform.getInfo<CL_PLATFORM_NAME>());
+  info.driver = trimmed(device.getInfo<CL_DRIVER_VERSION>());
+  info.cl_version = trimmed(device.getInfo<CL_DEVICE_VERSION>());
+  info.is_cpu = (device.getInfo<CL_DEVICE_TYPE>() & CL_DEVICE_TYPE_CPU) != 0;
+  info.global_bytes = device.getInfo<CL_DEVICE_GLOBAL_MEM_SIZE>();
+  info.max_alloc_bytes = device.getInfo<CL_DEVICE_MAX_MEM_ALLOC_SIZE>();
+  info.local_bytes = device.getInfo<CL_DEVICE_LOCAL_MEM_SIZE>();
+  info.compute_units = static_cast<int>(device.getInfo<CL_DEVICE_MAX_COMPUTE_UNITS>());
+  info.max_work_group = static_cast<int>(device.getInfo<CL_DEVICE_MAX_WORK_GROUP_SIZE>());
+  info.device_class = class_of(info);
+  return info;
+}
+
+/// PoCL's workers often wake on one core without this (half speed). Must be set before the first CL call.
+void pin_pocl_threads() { setenv("POCL_AFFINITY", "1", 0); }
+
+std::vector<Candidate> candidates() {
+  pin_pocl_threads();
+  std::vector<Candidate> out;
+  std::vector<cl::Platform> platforms;
+  try {
+    cl::Platform::get(&platforms);
+  } catch (const cl::Error&) {
+    return out;  // the loader's way to say: no driver installed
+  }
+  for (size_t p = 0; p < platforms.size(); p++) {
+    std::vector<cl::Device> devices;
+    try {
+      platforms[p].getDevices(CL_DEVICE_TYPE_ALL, &devices);
+    } catch (const cl::Error&) {
+      continue;
+    }
+    for (size_t d = 0; d < devices.size(); d++)
+      out.push_back({platforms[p], devices[d], describe(platforms[p], devices[d], text(p, ":", d))});
+  }
+  return out;
+}
+
+std::string table(const std::vector<Candidate>& all) {
+  std::string out;
+  for (const Candidate& c : all) out += text("\n  ", c.info.id, "  ", c.info.name, " (", c.info.platform, ")");
+  return out;
+}
+
+bool matches(const Candidate& c, size_t position, const std::string& wish) {
+  const std::string want = lower(wish);
+  if (want == "cpu") return c.info.is_cpu;
+  if (want == "gpu") return !c.info.is_cpu;
+  if (want == c.info.id || want == std::to_string(position)) return true;
+  return lower(c.info.name + " " + c.info.platform).find(want) != std::string::npos;
+}
+
+/// A GPU before a CPU; among equals the larger memory is no criterion (drivers report it at whim), the order is.
+int rank(const Candidate& c) { return c.info.is_cpu ? 1 : 0; }
+
+Candidate choose(const std::vector<Candidate>& all, const std::string& wish) {
+  if (all.empty())
+    throw Error(Fault::device,
+                text("no OpenCL device found. Looked for drivers in ",
+                     std::getenv("OCL_ICD_VENDORS") ? std::getenv("OCL_ICD_VENDORS") : "/etc/OpenCL/vendors",
+                     " and found none that works.\n  fix: sudo apt install pocl-opencl-icd   (any CPU), or your GPU's "
+                     "OpenCL driver; unset OCL_ICD_VENDORS if it points to a wrong place"));
+  std::vector<Candidate> fit;
+  for (size_t i = 0; i < all.size(); i++)
+    if (wish == "auto" || matches(all[i], i, wish)) fit.push_back(all[i]);
+  if (fit.empty())
+    throw Error(Fault::device, text("no OpenCL device matches --device \"", wish, "\". Found:", table(all)));
+  const bool by_kind = wish == "auto" || lower(wish) == "cpu" || lower(wish) == "gpu";
+  if (fit.size() > 1 && !by_kind)
+    throw Error(Fault::usage, text("--device \"", wish, "\" matches several devices; name one by its number:", table(fit)));
+  return *std::min_element(fit.begin(), fit.end(), [](const Candidate& a, const Candidate& b) { return rank(a) < rank(b); });
+}
+
+DeviceOptions wanted;
+std::optional<ClDevice> chosen;
+
+void open_device() {
+  const char* environment = std::getenv("CLOAM_DEVICE");
+  const std::string wish = wanted.device == "auto" && environment ? environment : wanted.device;
+  const Candidate c = choose(candidates(), wish);
+  try {
+    cl::Context context(c.device);
+    cl::CommandQueue queue(context, c.device, debug().kernels ? CL_QUEUE_PROFILING_ENABLE : 0);
+    chosen = ClDevice{c.platform, c.device, context, queue, c.info};
+  } catch (const cl::Error& e) {
+    throw Error(Fault::device, text("device ", c.info.name, " refused a context: ", e.what(), " gave ", e.err()));
+  }
+}
+
+Debug parse_debug() {
+  Debug out;
+  const char* given = std::getenv("CLOAM_DEBUG");
+  std::istringstream words(given ? given : "");
+  for (std::string word; std::getline(words, word, ',');) {
+    if (word == "kernels") out.kernels = true;
+    if (word == "nan") out.nan = true;
+    if (word == "poison") out.poison = true;
+    if (word == "bounds") out.bounds = true;
+    if (word == "sync") out.sync = true;
+  }
+  return out;
+}
+
+}  // namespace
+
+const Debug& debug() {
+  static const Debug switches = parse_debug();
+  return switches;
+}
+
+std::vector<DeviceInfo> list_devices() {
+  std::vector<DeviceInfo> out;
+  for (const Candidate& c : candidates()) out.push_back(c.info);
+  return out;
+}
+
+void choose_device(const DeviceOptions& options) {
+  wanted = options;
+  if (!chosen) open_device();
+}
+
+ClDevice& cl_device() {
+  if (!chosen) open_device();
+  return *chosen;
+}
+
+const DeviceInfo& device() { return cl_device().info; }
+bool is_cpu_class() { return device().device_class == DeviceClass::cpu; }
+
+DeviceStats& device_stats() {
+  static DeviceStats stats;
+  return stats;
+}
+
+uint64_t wanted_max_bytes() { return wanted.max_bytes; }
+
+}  // namespace cloam

@@ -1,0 +1,61 @@
+// Reverse pass over the lazy graph: every step is an op's own vjp, so the result is a graph again.
+#include <algorithm>
+#include <unordered_map>
+
+#include "runtime/error.h"
+#include "runtime/op.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+namespace {
+
+/// Tracked nodes in an order in which every node follows its inputs (an explicit stack: graphs are deep).
+std::vector<Tensor> tracked_order(const Tensor& root) {
+  std::vector<Tensor> order;
+  std::unordered_map<Node*, bool> seen;  // false: on the stack, true: placed
+  std::vector<std::pair<Tensor, size_t>> stack;
+  if (root.tracked()) stack.push_back({root, 0}), seen[root.node()] = false;
+  while (!stack.empty()) {
+    auto& [tensor, next] = stack.back();
+    if (next < tensor.node()->in.size()) {
+      const Tensor input = tensor.node()->in[next++];
+      if (input.tracked() && seen.emplace(input.node(), false).second) stack.push_back({input, 0});
+    } else {
+      order.push_back(tensor);
+      stack.pop_back();
+    }
+  }
+  return order;
+}
+
+void accumulate(std::unordered_map<Node*, Tensor>& grads, const Tensor& input, const Tensor& part) {
+  const Tensor fitted = sum_to(part, input.shape());  // undoes broadcasting once, for every op
+  auto [at, fresh] = grads.emplace(input.node(), fitted);
+  if (!fresh) at->second = at->second + fitted;
+}
+
+}  // namespace
+
+Tensors grad(const Tensor& loss, const Tensors& wrt) {
+  if (loss.numel() != 1)
+    throw Error(Fault::internal, text("[grad] the loss must be one value, got shape ", to_string(loss.shape()), ": sum or mean it"));
+  std::unordered_map<Node*, Tensor> grads;
+  grads.emplace(loss.node(), broadcast_to(Tensor(1.f), loss.shape()));
+  const std::vector<Tensor> order = tracked_order(loss);
+  for (auto t = order.rbegin(); t != order.rend(); ++t) {
+    Node* node = t->node();
+    auto found = grads.find(node);
+    if (!node->op || found == grads.end()) continue;
+    const Tensors parts = node->op->vjp(node->in, *t, found->second);
+    for (size_t i = 0; i < parts.size(); i++)
+      if (parts[i] && node->in[i].tracked()) accumulate(grads, node->in[i], parts[i]);
+  }
+  Tensors out;
+  for (const Tensor& w : wrt) {
+    auto found = grads.find(w.node());
+    out.push_back(found == grads.end() ? zeros(w.shape()) : broadcast_to(found->second, w.shape()));
+  }
+  return out;
+}
+
+}  // namespace cloam

@@ -1,0 +1,161 @@
+// The buffer pool: sizes are reused, our own byte budget says no before the driver aborts, and the peak is known.
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <fstream>
+#include <map>
+
+#include "runtime/cl.h"
+#include "runtime/debug.h"
+
+namespace cloam {
+
+uint64_t wanted_max_bytes();
+
+namespace {
+
+struct Pool {
+  std::multimap<size_t, cl::Buffer> free;
+  uint64_t free_bytes = 0;
+};
+Pool& pool() {
+  static Pool* const one = new Pool;  // outlives every tensor that is destroyed at exit
+  return *one;
+}
+
+/// Sizes in steps of a quarter of a power of two: sample counts that change a little from step to step still find
+/// their buffer again, at most 25 % is wasted.
+size_t bucket(size_t bytes) {
+  size_t step = 64;
+  while (step * 8 < bytes) step *= 2;
+  return std::max<size_t>(256, (bytes + step - 1) / step * step);
+}
+
+uint64_t host_available_bytes() {
+  std::ifstream info("/proc/meminfo");
+  std::string key;
+  uint64_t kib = 0;
+  for (std::string unit; info >> key >> kib;) {
+    if (key == "MemAvailable:") return kib * 1024;
+    std::getline(info, unit);
+  }
+  return ~uint64_t{0};
+}
+
+uint64_t default_budget() {
+  // A CPU device lives in host memory: PoCL reports anything between 4 and 9 GiB on one machine, so ask the host.
+  const uint64_t have = device().is_cpu ? host_available_bytes() : device().global_bytes;
+  return have / 10 * 8;
+}
+
+/// A mapping whose last byte touches an unreadable page: one element past the end traps at native speed.
+cl::Buffer guarded(size_t bytes) {
+  const size_t page = static_cast<size_t>(sysconf(_SC_PAGESIZE));
+  const size_t body = (bytes + page - 1) / page * page;
+  auto* base = static_cast<std::byte*>(mmap(nullptr, body + page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+  if (base == MAP_FAILED) throw Error(Fault::memory, text("guarded buffer of ", bytes, " bytes: mmap failed"));
+  mprotect(base + body, page, PROT_NONE);
+  return cl::Buffer(cl_device().context, CL_MEM_READ_WRITE | CL_MEM_USE_HOST_PTR, bytes, base + body - bytes);
+}
+
+cl::Buffer fresh(size_t bytes) {
+  device_stats().allocated_bytes += bytes;
+  if (debug().bounds && device().is_cpu) return guarded(bytes);
+  // On CPU devices a plain buffer is lazy and aborts the process at first use when memory is short.
+  const cl_mem_flags flags = device().is_cpu ? CL_MEM_ALLOC_HOST_PTR : 0;
+  return cl::Buffer(cl_device().context, CL_MEM_READ_WRITE | flags, bytes);
+}
+
+[[noreturn]] void too_much(size_t bytes, const char* why) {
+  const DeviceStats& s = device_stats();
+  throw Error(Fault::memory, text("out of memory: ", why, " for a buffer of ", bytes >> 20, " MiB; in use ", s.live_bytes >> 20,
+                                  " MiB of a budget of ", memory_budget() >> 20,
+                                  " MiB.\n  fix: a smaller --batch, a larger --downscale, or --max-memory if the machine has more"));
+}
+
+cl::Buffer obtain(size_t size) {
+  auto found = pool().free.lower_bound(size);
+  if (found != pool().free.end() && found->first <= size + size / 2) {
+    cl::Buffer mem = found->second;
+    pool().free_bytes -= found->first;
+    pool().free.erase(found);
+    return mem;
+  }
+  if (size > device().max_alloc_bytes && !device().is_cpu) too_much(size, "larger than the device's largest allocation");
+  if (device_stats().live_bytes + pool().free_bytes + size > memory_budget()) trim_memory();
+  if (device_stats().live_bytes + size > memory_budget()) too_much(size, "over the budget");
+  try {
+    return fresh(size);
+  } catch (const cl::Error&) {
+    trim_memory();
+  }
+  try {
+    return fresh(size);
+  } catch (const cl::Error& e) {
+    too_much(size, e.what());
+  }
+}
+
+void poison(const cl::Buffer& mem, size_t bytes) {
+  cl_device().queue.enqueueFillBuffer(mem, 0x7fc00000u, 0, bytes / 4 * 4);
+}
+
+}  // namespace
+
+uint64_t memory_budget() {
+  static const uint64_t budget = wanted_max_bytes() ? wanted_max_bytes() : default_budget();
+  return budget;
+}
+
+std::shared_ptr<Buffer> allocate(size_t bytes) {
+  const size_t size = bucket(bytes);
+  cl::Buffer mem = obtain(size);
+  const size_t real = mem.getInfo<CL_MEM_SIZE>();
+  DeviceStats& s = device_stats();
+  s.live_bytes += real;
+  s.peak_bytes = std::max(s.peak_bytes, s.live_bytes);
+  if (debug().poison) poison(mem, real);
+  return std::make_shared<Buffer>(std::move(mem), real);
+}
+
+Buffer::~Buffer() {
+  device_stats().live_bytes -= bytes;
+  pool().free_bytes += bytes;
+  pool().free.emplace(bytes, std::move(mem));
+}
+
+void trim_memory() {
+  finish();
+  pool().free.clear();
+  pool().free_bytes = 0;
+}
+
+namespace {
+
+struct WaitTimer {
+  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
+  ~WaitTimer() {
+    device_stats().wait_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+};
+
+}  // namespace
+
+void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to) {
+  WaitTimer timer;
+  if (bytes) cl_device().queue.enqueueReadBuffer(buffer.mem, CL_TRUE, offset, bytes, to);
+}
+
+void write_buffer(const Buffer& buffer, const void* from, size_t bytes) {
+  if (bytes) cl_device().queue.enqueueWriteBuffer(buffer.mem, CL_TRUE, 0, bytes, from);
+}
+
+void finish() {
+  WaitTimer timer;
+  cl_device().queue.finish();
+}
+
+void synchronize() { finish(); }
+
+}  // namespace cloam
