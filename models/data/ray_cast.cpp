@@ -204,10 +204,9 @@ class Revolution : public Solid {
   double low_ = std::numeric_limits<double>::infinity(), high_ = -low_;
 };
 
-Vector3d turned(const Vector3d& v, double angle) { return Eigen::AngleAxisd(angle, Vector3d::UnitZ()) * v; }
-
 Ray to_object(const SceneObject& object, const Ray& ray) {
-  return {turned(ray.origin - object.centre, -object.turn), turned(ray.direction, -object.turn)};
+  const Eigen::Matrix3d solid_from_world = object.world_from_solid.transpose();
+  return {solid_from_world * (ray.origin - object.centre), solid_from_world * ray.direction};
 }
 
 bool in_shadow(const std::vector<SceneObject>& objects, const Ray& to_sun) {
@@ -239,6 +238,8 @@ std::unique_ptr<Solid> make_revolution(const std::vector<Vector2d>& profile) {
   return std::make_unique<Revolution>(profile);
 }
 
+Eigen::Matrix3d turn_about_z(double angle) { return Eigen::AngleAxisd(angle, Vector3d::UnitZ()).toRotationMatrix(); }
+
 std::vector<Vector2d> smooth_profile(const std::vector<Vector2d>& points, int steps) {
   std::vector<Vector2d> curve;
   for (size_t i = 0; i + 1 < points.size(); ++i) {
@@ -264,8 +265,8 @@ std::optional<Vector3d> shade(const std::vector<SceneObject>& objects, const Ray
   }
   if (!nearest) return std::nullopt;
   const Vector3d point = along(ray, best.distance);
-  const Vector3d albedo = nearest->albedo(turned(point - nearest->centre, -nearest->turn));
-  return albedo.cwiseProduct(light_at(objects, point, turned(best.normal, nearest->turn)));
+  const Vector3d albedo = nearest->albedo(nearest->world_from_solid.transpose() * (point - nearest->centre));
+  return albedo.cwiseProduct(light_at(objects, point, nearest->world_from_solid * best.normal));
 }
 
 }  // namespace cloam

@@ -48,12 +48,15 @@ std::vector<Eigen::Vector2d> smooth_profile(const std::vector<Eigen::Vector2d>& 
 /// Linear reflectance (RGB in [0,1]) at a point of the solid's own frame.
 using Albedo = std::function<Eigen::Vector3d(const Eigen::Vector3d& point)>;
 
-/// A solid turned about the vertical by `turn` (radians) and then moved to `centre`.
+/// Turn about the vertical by an angle in radians, counter-clockwise from above.
+Eigen::Matrix3d turn_about_z(double angle);
+
+/// A solid turned by world_from_solid and then moved to `centre`.
 struct SceneObject {
   std::shared_ptr<const Solid> solid;
   Albedo albedo;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-  double turn = 0;
+  Eigen::Matrix3d world_from_solid = Eigen::Matrix3d::Identity();
 };
 
 /// Linear RGB of the nearest surface, or nothing where the ray leaves the scene.

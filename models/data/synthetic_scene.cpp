@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <string>
+#include <utility>
 
 #include "models/data/ray_cast.h"
 #include "models/io/commit.h"
@@ -26,6 +27,7 @@ constexpr double kFieldOfView = 0.6911112070083618;  // as in the NeRF-synthetic
 constexpr double kCameraDistance = 4.0;
 constexpr double kBoardTop = -0.62;
 constexpr int kSamplesPerSide = 2;
+const Vector3d kInk(0.07, 0.04, 0.035);  // the dark paint of the jar
 
 /// splitmix64 (Steele, Lea and Flood 2014): the standard library's distributions differ between implementations.
 uint64_t mixed(uint64_t x) {
@@ -107,11 +109,11 @@ Albedo painted_clay(double height, int teeth) {
     const double z = p.z() / height;
     const double around = std::atan2(p.y(), p.x()) / (2 * kPi) * teeth;
     const Vector3d clay = mix({0.52, 0.19, 0.08}, {0.66, 0.28, 0.13}, noise(7 * p));
-    const Vector3d slip(0.80, 0.70, 0.52), ink(0.07, 0.04, 0.035);
+    const Vector3d slip(0.80, 0.70, 0.52);
     const double tooth = 2 * std::abs(around - std::floor(around) - 0.5);
-    if (z > 0.43 && z < 0.60) return (z - 0.43) / 0.17 < tooth ? ink : slip;
+    if (z > 0.43 && z < 0.60) return (z - 0.43) / 0.17 < tooth ? kInk : slip;
     const bool ring = (z > 0.39 && z < 0.43) || (z > 0.60 && z < 0.64) || (z > 0.93) || (z > 0.12 && z < 0.16);
-    return ring ? ink : (z > 0.20 && z < 0.24) ? slip : clay;
+    return ring ? kInk : (z > 0.20 && z < 0.24) ? slip : clay;
   };
 }
 
@@ -162,45 +164,52 @@ struct Arrangement {
   }
 };
 
+SceneObject put(std::unique_ptr<Solid> solid, Albedo albedo, const Vector3d& centre, double turn = 0) {
+  return {std::move(solid), std::move(albedo), centre, turn_about_z(turn)};
+}
+
 void add_jar(std::vector<SceneObject>& objects, const Arrangement& choice) {
   const Vector3d foot = on_board(choice.turn, 0.12, 0);
-  const Albedo clay = painted_clay(1.3, choice.teeth);
-  objects.push_back({make_revolution(jar_profile(choice.belly)), clay, foot, 0});
+  objects.push_back(put(make_revolution(jar_profile(choice.belly)), painted_clay(1.3, choice.teeth), foot));
   const double centre = 0.30, height = 0.99;  // of the handles, from the jar's axis and foot
-  const std::shared_ptr<const Solid> ring = make_ring({0.17, 0.035, -centre, 0.205});
   for (const double side : {0.5 * kPi, 1.5 * kPi}) {
     const double turn = choice.turn + side;
     const Vector3d offset(centre * std::cos(turn), centre * std::sin(turn), height);
-    objects.push_back({ring, plain({0.07, 0.04, 0.035}), foot + offset, turn});
+    objects.push_back(put(make_ring({0.17, 0.035, -centre, 0.205}), plain(kInk), foot + offset, turn));
   }
 }
 
 void add_blocks(std::vector<SceneObject>& objects, const Arrangement& choice) {
-  const double at = choice.turn + 1.15;
-  objects.push_back({make_box({0.21, 0.21, 0.21}), checkered(paint(choice.first_paint + 3), 0.14),
-                     on_board(at, 0.74, 0.21), choice.turn + choice.block_turn});
-  objects.push_back({make_box({0.13, 0.13, 0.13}), plain(paint(choice.first_paint + 2)),
-                     on_board(at - 0.05, 0.74, 0.55), choice.turn + choice.block_turn + 0.6});
-  objects.push_back({make_box({0.10, 0.30, 0.07}), striped(paint(choice.first_paint + 1), 0.047),
-                     on_board(choice.turn + 4.05 + choice.tilt, 0.80, 0.07), choice.turn + 4.3});
-  const std::vector<Vector2d> cone{{0, 0}, {0.20, 0}, {0.20, 0.03}, {0.02, 0.48}, {0, 0.49}};
+  const double at = choice.turn + 1.15, turn = choice.turn + choice.block_turn;
+  const int colour = choice.first_paint;
   objects.push_back(
-      {make_revolution(cone), striped(paint(choice.first_paint + 6), 0.1), on_board(choice.turn + 5.3, 0.76, 0), 0});
+      put(make_box({0.21, 0.21, 0.21}), checkered(paint(colour + 3), 0.14), on_board(at, 0.74, 0.21), turn));
+  objects.push_back(
+      put(make_box({0.13, 0.13, 0.13}), plain(paint(colour + 2)), on_board(at - 0.05, 0.74, 0.55), turn + 0.6));
+  const std::vector<Vector2d> cone{{0, 0}, {0.20, 0}, {0.20, 0.03}, {0.02, 0.48}, {0, 0.49}};
+  objects.push_back(put(make_revolution(cone), striped(paint(colour + 6), 0.1), on_board(choice.turn + 5.3, 0.76, 0)));
+}
+
+/// A striped ball on a flat striped block.
+void add_pedestal(std::vector<SceneObject>& objects, const Arrangement& choice) {
+  const double at = choice.turn + 4.05 + choice.tilt, radius = 0.15;
+  objects.push_back(put(make_box({0.10, 0.30, 0.07}), striped(paint(choice.first_paint + 1), 0.047),
+                        on_board(at, 0.80, 0.07), choice.turn + 4.3));
+  objects.push_back(
+      put(make_sphere(radius), striped(paint(choice.first_paint), 0.075), on_board(at, 0.80, 0.14 + radius)));
 }
 
 std::vector<SceneObject> make_objects(uint64_t seed) {
   const Arrangement choice(seed);
   std::vector<SceneObject> objects;
   const std::vector<Vector2d> board{{0, -0.1}, {1.10, -0.1}, {1.14, -0.05}, {1.10, 0}, {0, 0}};
-  objects.push_back({make_revolution(board), board_checker(), {0, 0, kBoardTop}, choice.turn});
+  objects.push_back(put(make_revolution(board), board_checker(), {0, 0, kBoardTop}, choice.turn));
   add_jar(objects, choice);
   add_blocks(objects, choice);
+  add_pedestal(objects, choice);
   for (const SyntheticBall& ball : synthetic_balls(seed)) {
-    objects.push_back({make_sphere(ball.radius), plain(ball.colour), ball.centre, 0});
+    objects.push_back(put(make_sphere(ball.radius), plain(ball.colour), ball.centre));
   }
-  const double radius = 0.15;
-  objects.push_back({make_sphere(radius), striped(paint(choice.first_paint), 0.075),
-                     on_board(choice.turn + 4.05 + choice.tilt, 0.80, 0.14 + radius), 0});
   return objects;
 }
 
