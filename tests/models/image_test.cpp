@@ -154,6 +154,17 @@ TEST_CASE("a PNG cut short anywhere is an error") {
   }
 }
 
+TEST_CASE("an EXR cut short anywhere is an error") {
+  const Folder folder;
+  const std::vector<float> values(64, 0.5f);
+  write_exr(folder.path / "a.exr", 8, 8, {{"Y", values.data()}});
+  const Bytes all = bytes_of(folder.path / "a.exr");
+  for (std::size_t length = 0; length < all.size(); length += 3) {
+    put(folder.path / "cut.exr", Bytes(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(length)));
+    CHECK_MESSAGE(error_of([&] { read_image(folder.path / "cut.exr"); }) != "no error", length);
+  }
+}
+
 TEST_CASE("a PNG with a flipped bit is an error") {
   const Folder folder;
   write_png(folder.path / "a.png", noise(9, 9, 4));
