@@ -124,7 +124,8 @@ void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec
   const bool sides =
       spec.width > 0 && spec.height > 0 && spec.depth <= 1 && spec.width <= kLongestSide && spec.height <= kLongestSide;
   const bool channels = spec.nchannels >= 1 && spec.nchannels <= most_channels;
-  if (sides && channels && spec.image_pixels() * spec.nchannels <= kMostValues) return;
+  const int deep = spec.format.is_floating_point() ? 4 : 1;  // such pixels pass through floats
+  if (sides && channels && spec.image_pixels() * spec.nchannels * deep <= kMostValues) return;
   throw Error(Fault::data,
               text(path.string(), ": the header says ", spec.width, "x", spec.height, " pixels with ", spec.nchannels,
                    " channels; the most that is read is ", kMostValues, " values and ", most_channels, " channels"));

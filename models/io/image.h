@@ -28,8 +28,8 @@ struct ImageSize {
 ImageSize read_image_size(const std::filesystem::path& path);
 
 /// Fault::data for a file that is missing, of another format, named against its content, cut short or damaged,
-/// with more than 4 channels, or with more than 2^29 values. Deeper pixels are rounded to 8 bit after clamping to
-/// [0,1].
+/// with more than 4 channels, or with more than 2^29 values (2^27 in an EXR). Deeper pixels are rounded to 8 bit after
+/// clamping to [0, 1].
 Image read_image(const std::filesystem::path& path);
 
 /// Mean over factor x factor boxes; a rest of rows or columns at the end is dropped, so the result has

@@ -3,6 +3,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -181,6 +182,20 @@ TEST_CASE("a header that claims more than the limit is refused before anything i
   all[17] = all[21] = 1;  // 65545 x 65545; the CRC of the header no longer fits either
   put(folder.path / "a.png", all);
   CHECK(error_of([&] { read_image(folder.path / "a.png"); }) != "no error");
+}
+
+TEST_CASE("an EXR whose header claims a huge picture is refused by its size") {
+  const Folder folder;
+  const std::vector<float> values(64, 0.5f);
+  write_exr(folder.path / "a.exr", 8, 8, {{"Y", values.data()}});
+  Bytes all = bytes_of(folder.path / "a.exr");
+  const Bytes window = {0, 0, 0, 0, 0, 0, 0, 0, 7, 0, 0, 0, 7, 0, 0, 0};
+  for (auto at = all.begin(); (at = std::search(at, all.end(), window.begin(), window.end())) != all.end(); ++at) {
+    at[11] = 1;  // the right edge: 2^24 + 7
+  }
+  put(folder.path / "a.exr", all);
+  const std::string message = error_of([&] { read_image(folder.path / "a.exr"); });
+  CHECK_MESSAGE(holds(message, "16777224x8"), message);
 }
 
 TEST_CASE("a real JPEG reads, and cut in the middle it is an error") {
