@@ -16,7 +16,7 @@ struct Ray {
 
 struct RayHit {
   double distance = 0;
-  Eigen::Vector3d normal;  // unit length, out of the solid
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // unit length, out of the solid
 };
 
 /// A solid about its own origin.

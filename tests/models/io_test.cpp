@@ -9,6 +9,7 @@
 #include <cstring>
 #include <fstream>
 #include <limits>
+#include <span>
 #include <string>
 
 #include "models/io/checkpoint.h"
@@ -46,10 +47,9 @@ void spoil(const fs::path& path, const std::string& bytes) {
 }
 
 template <class Value>
-NamedTensor tensor(std::string dtype, std::vector<int64_t> shape, std::vector<Value> values) {
-  std::vector<std::byte> data(values.size() * sizeof(Value));
-  std::memcpy(data.data(), values.data(), data.size());
-  return {std::move(dtype), std::move(shape), std::move(data)};
+NamedTensor tensor(std::string dtype, std::vector<int64_t> shape, const std::vector<Value>& values) {
+  const auto bytes = std::as_bytes(std::span(values));
+  return {std::move(dtype), std::move(shape), {bytes.begin(), bytes.end()}};
 }
 
 SafetensorsFile sample() {
