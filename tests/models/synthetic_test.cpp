@@ -89,7 +89,9 @@ TEST_CASE("synthetic scene: equal seeds give equal bytes, other seeds another sc
 TEST_CASE("synthetic scene: cameras are rigid, 4 away on the upper half, and look at the origin") {
   const Folder folder;
   write_synthetic_scene(folder.path, {.train = 12, .test = 3, .size = 8, .seed = 1});
-  for (const auto& frame : transforms(folder.path, "train")["frames"]) {
+  const nlohmann::json json = transforms(folder.path, "train");
+  REQUIRE(json["frames"].size() == 12);
+  for (const auto& frame : json["frames"]) {
     const Eigen::Matrix4d pose = matrix_of(frame);
     const Eigen::Matrix3d turn = pose.block<3, 3>(0, 0);
     CHECK((turn.transpose() * turn - Eigen::Matrix3d::Identity()).norm() < 1e-12);
