@@ -73,4 +73,106 @@ Tensor concat(const Tensors& parts, int axis);
 Tensors split(const Tensor& x, int axis, const std::vector<int64_t>& sizes);
 Tensor pad(const Tensor& x, int axis, int64_t before, int64_t after);  // zeros
 
+// ---- Radiance fields (ops/mlp.cpp, ops/grid.cpp, ops/planes.cpp, ops/volume.cpp).
+/// x [S,I] through weights[0] [I,W], ReLU, ... weights.back() [W,O] -> [S,O]; no biases. One fused kernel on CPU devices
+/// for W in 16..128 (once differentiable); mlp_composed is its reference and has all derivatives.
+Tensor mlp(const Tensor& x, const Tensors& weights);
+Tensor mlp_composed(const Tensor& x, const Tensors& weights);
+
+/// Multiresolution hash grid (Mueller et al. 2022, section 3). Level l has floor(coarsest * b^l) cells an axis; the last
+/// one has `finest`. Levels whose corners fit 2^log2_rows rows are dense, others hashed.
+struct HashGrid {
+  int levels = 8, features = 4, log2_rows = 16, coarsest = 16, finest = 1024;
+};
+Shape hash_grid_table_shape(const HashGrid& grid);  // [levels * 2^log2_rows, features]
+class HashGridEncoder {
+ public:
+  explicit HashGridEncoder(const HashGrid& grid);
+  /// points [S,3] in [0,1]^3, table as above -> [S, levels * features]; once differentiable in both.
+  Tensor operator()(const Tensor& points, const Tensor& table) const;
+  HashGrid grid;
+
+ private:
+  Tensor levels_;
+};
+
+struct Rays {
+  Tensor origins, directions;  // [R,3]; directions of length 1
+  Tensor span;                 // [R,2]: near and far distance
+};
+struct MarchOptions {
+  int side = 128;         // occupancy cells an axis
+  bool contract = false;  // the unbounded scene folded into [-2,2]^3, else [-1,1]^3 as it is
+  int capacity = 1024;    // samples a ray keeps at most
+  float min_step = 0.01f, max_step = 1e9f, cone = 0.f;  // dt = clamp(t * cone, min_step, max_step)
+};
+/// Samples of all rays side by side; ray r owns [offsets[r], offsets[r+1]).
+struct RaySamples {
+  Tensor points;   // [S,3] in [0,1]^3
+  Tensor t, dt;    // [S] middle and length of the interval
+  Tensor ray;      // [S] int32
+  Tensor offsets;  // [R+1] int32
+};
+/// Stratified steps through the occupied cells. jitter [R] in [0,1) shifts each ray; occupied [side^3] uint8.
+/// Runs at once (the number of samples is known only then); nothing is differentiable.
+RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& occupied, const MarchOptions& options);
+
+struct Volume {
+  Tensor sigma;    // [S] density >= 0
+  Tensor rgb;      // [S,3]
+  Tensor t, dt;    // [S]
+  Tensor offsets;  // [R+1] int32
+};
+/// Front-to-back quadrature (Max 1995; NeRF eq. 3) -> [R,5]: colour, opacity, depth (sum of w t). No gradient to t, dt.
+Tensor composite(const Volume& volume);
+/// The weights T alpha of all samples [S]; no gradient.
+Tensor composite_weights(const Tensor& sigma, const Tensor& dt, const Tensor& offsets);
+/// NeRF's inverse-CDF sampling: edges [R,n+1], weights [R,n], ascending uniform [R,m] -> merged edges [R,n+1+m]; no gradient.
+Tensor importance_edges(const Tensor& edges, const Tensor& weights, const Tensor& uniform);
+/// Scene points [S,3] to [0,1]^3, contracted or not (MarchOptions::contract); no gradient.
+Tensor unit_points(const Tensor& points, bool contract);
+/// Real spherical harmonics of degree 4 of unit directions [S,3] -> [S,16]; no gradient.
+Tensor spherical_harmonics(const Tensor& directions);
+
+/// Cells start, start + stride ... of a grid of side^3 (stride prime to side^3), with a jittered point [n,3] in each.
+struct OccupancyCells {
+  Tensor cells, points;
+};
+OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, int64_t stride);
+/// values [side^3] at the cells become max(decay * value, density), in place.
+void occupancy_merge(Tensor& values, const Tensor& cells, const Tensor& density, float decay);
+/// uint8 [n]: value > threshold.
+Tensor occupancy_mask(const Tensor& values, float threshold);
+
+// ---- Random numbers (ops/random.cpp): counter-based Philox4x32-10. Element i depends on (key, i) alone; bits, uniform and
+// below are the same on every device, normal up to the rounding of its sqrt.
+struct RandomKey {
+  uint64_t seed = 0;
+  uint32_t step = 0;    // of training
+  uint32_t stream = 0;  // one for every use within a step
+};
+Tensor random_bits(const Shape& shape, const RandomKey& key, uint64_t first_block = 0);  // uint32; a block is 4 numbers
+Tensor random_uniform(const Shape& shape, const RandomKey& key);                         // [0,1), multiples of 2^-24
+Tensor random_normal(const Shape& shape, const RandomKey& key);                          // mean 0, deviation 1, |z| < 5.8
+Tensor random_below(const Shape& shape, int64_t n, const RandomKey& key);  // int32 in [0,n), bias < n / 2^32
+
+// ---- Running sums (ops/scan.cpp).
+struct Cumulative {
+  bool exclusive = false;  // element i leaves out x_i
+  bool reverse = false;    // from the end of the axis
+};
+/// Along one axis, f32 or i32 (which wraps); keeps shape and dtype.
+Tensor cumsum(const Tensor& x, int axis, const Cumulative& how = {});
+
+// ---- Dense (ops/matmul.cpp, ops/conv2d.cpp). float32.
+/// a [..,M,K] x b [..,K,N] -> [..,M,N]; batch axes broadcast. Transposed operands are transpose() views: no copy.
+Tensor matmul(const Tensor& a, const Tensor& b);
+
+// ---- Rows by number (ops/index.cpp). Row numbers are int32; one outside the table, below 0 too, counts as its nearest row.
+/// table [L, ...] of any dtype, rows [...] -> [rows..., ...]: out[i] = table[rows[i]].
+Tensor gather_rows(const Tensor& table, const Tensor& rows);
+Tensor embedding(const Tensor& table, const Tensor& ids);  // gather_rows under its other name
+/// values [n, ...] f32, rows [n] -> [count, ...]: out[r] = the sum of values[i] with rows[i] = r, in a fixed order.
+Tensor scatter_add_rows(const Tensor& values, const Tensor& rows, int64_t count);
+
 }  // namespace cloam
