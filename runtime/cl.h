@@ -57,6 +57,12 @@ struct Range {
 /// Work-items in one dimension, `local` a group, rounded up: the kernel guards the rest.
 Range range1(int64_t items, int64_t local = 1);
 Range range2(int64_t x, int64_t y);
+/// Items walked one after another by fat work-items of `cpu_chunk` each, or one a lane in groups of 64.
+struct Chunks {
+  Range range;
+  int64_t chunk;
+};
+Chunks chunks(int64_t count, int64_t cpu_chunk);
 /// One light work-item an element: groups of 64.
 inline Range elements(int64_t count) { return range1(count, 64); }
 
@@ -100,5 +106,7 @@ template <class... Args> void launch(cl::Kernel& k, const char* name, const Rang
 }
 
 bool is_cpu_class();
+/// CLOAM_VARIANT=reference: every op runs its version 1, the one that tests compare with.
+bool reference_variants();
 
 }  // namespace cloam

@@ -172,6 +172,14 @@ ClDevice& cl_device() {
 const DeviceInfo& device() { return cl_device().info; }
 bool is_cpu_class() { return device().device_class == DeviceClass::cpu; }
 
+bool reference_variants() {
+  static const bool wanted_reference = [] {
+    const char* variant = std::getenv("CLOAM_VARIANT");
+    return variant && std::strcmp(variant, "reference") == 0;
+  }();
+  return wanted_reference;
+}
+
 DeviceStats& device_stats() {
   static DeviceStats stats;
   return stats;

@@ -117,6 +117,11 @@ Range range1(int64_t items, int64_t local) {
   return r;
 }
 
+Chunks chunks(int64_t count, int64_t cpu_chunk) {
+  if (!is_cpu_class()) return {range1(count, 64), 1};
+  return {range1((count + cpu_chunk - 1) / cpu_chunk), cpu_chunk};
+}
+
 Range range2(int64_t x, int64_t y) {
   Range r;
   r.global[0] = static_cast<size_t>(x);

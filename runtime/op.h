@@ -20,8 +20,9 @@ struct Storage {
 
 enum class OpKind : uint8_t { kernel, pointwise, constant, view, reduce };
 
-struct Op {
+struct Op : std::enable_shared_from_this<Op> {
   virtual ~Op() = default;
+  std::shared_ptr<const Op> shared() const { return shared_from_this(); }
   virtual const char* name() const = 0;  // a literal: its address takes part in the plan's key
   virtual OpKind kind() const { return OpKind::kernel; }
   /// What changes the plan beyond name, ranks and shapes' equality (reduced axes, say). Scalars are no part of it.

@@ -1,0 +1,224 @@
+// Volume rendering along rays. Ragged: ray r owns the samples [offsets[r], offsets[r + 1]).
+// Every kernel: version 1, a work-item a ray (a chunk of rays on CPU devices).
+
+// Front-to-back quadrature (Max 1995; NeRF eq. 3): alpha = 1 - exp(-sigma dt), w = T alpha.
+// out [R, 5]: colour, opacity, depth (sum of w t, not divided by opacity).
+FAT __kernel void composite(__global const float* restrict sigma, __global const float* restrict rgb, __global const float* restrict t,
+                            __global const float* restrict dt, __global const int* restrict offsets, __global float* restrict out,
+                            int rays, int chunk) {
+  const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
+    float through = 1.0f, depth = 0.0f;
+    float3 colour = (float3)(0.0f);
+    const int end = offsets[r + 1];
+    for (int s = offsets[r]; s < end; s++) {
+      const float alpha = 1.0f - m_exp(-sigma[s] * dt[s]);
+      const float w = through * alpha;
+      colour += w * vload3(s, rgb);
+      depth += w * t[s];
+      through *= 1.0f - alpha;
+    }
+    vstore3(colour, 0, out + 5 * r);
+    out[5 * r + 3] = 1.0f - through;
+    out[5 * r + 4] = depth;
+  }
+}
+
+// Weights w of every sample, for importance sampling and diagnostics.
+FAT __kernel void composite_weights(__global const float* restrict sigma, __global const float* restrict dt, __global const int* restrict offsets,
+                                    __global float* restrict weights, int rays, int chunk) {
+  const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
+    float through = 1.0f;
+    const int end = offsets[r + 1];
+    for (int s = offsets[r]; s < end; s++) {
+      const float alpha = 1.0f - m_exp(-sigma[s] * dt[s]);
+      weights[s] = through * alpha;
+      through *= 1.0f - alpha;
+    }
+  }
+}
+
+// Adjoint in one forward sweep: with u_s = <g, (c_s, 1, t_s)> and U = sum of w u, the sum behind s is U - sum up to s;
+// d sigma_s = dt_s (T_{s+1} u_s - sum_{j>s} w_j u_j).
+FAT __kernel void composite_grad(__global const float* restrict sigma, __global const float* restrict rgb, __global const float* restrict t,
+                                 __global const float* restrict dt, __global const int* restrict offsets, __global const float* restrict g,
+                                 __global float* restrict dsigma_rgb, int rays, int chunk) {
+  const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
+    const float3 g_colour = vload3(0, g + 5 * r);
+    const float g_opacity = g[5 * r + 3], g_depth = g[5 * r + 4];
+    const int begin = offsets[r], end = offsets[r + 1];
+    float through = 1.0f, total = 0.0f;
+    for (int s = begin; s < end; s++) {
+      const float alpha = 1.0f - m_exp(-sigma[s] * dt[s]);
+      total += through * alpha * (dot(g_colour, vload3(s, rgb)) + g_opacity + g_depth * t[s]);
+      through *= 1.0f - alpha;
+    }
+    through = 1.0f;
+    float behind = total;
+    for (int s = begin; s < end; s++) {
+      const float alpha = 1.0f - m_exp(-sigma[s] * dt[s]);
+      const float w = through * alpha;
+      const float u = dot(g_colour, vload3(s, rgb)) + g_opacity + g_depth * t[s];
+      through *= 1.0f - alpha;
+      behind -= w * u;
+      dsigma_rgb[4 * s] = dt[s] * (through * u - behind);
+      vstore3(w * g_colour, 0, dsigma_rgb + 4 * s + 1);
+    }
+  }
+}
+
+// Scene coordinates to [0,1]^3. contract: mip-NeRF 360's x -> (2 - 1/|x|) x/|x| with the maximum norm, so that the
+// outside of [-1,1]^3 fills the shell up to [-2,2]^3; otherwise [-1,1]^3 itself.
+inline float3 to_unit(float3 p, int contract) {
+  const float m = fmax(fabs(p.x), fmax(fabs(p.y), fabs(p.z)));
+  if (!contract) return p * 0.5f + 0.5f;
+  const float k = m > 1.0f ? (2.0f - 1.0f / m) / m : 1.0f;
+  return p * k * 0.25f + 0.5f;
+}
+
+inline int cell_of(float3 u, int side) {
+  const int3 c = clamp(convert_int3(u * (float)side), 0, side - 1);
+  return (c.z * side + c.y) * side + c.x;
+}
+
+// Steps along each ray, keeps the intervals whose middle lies in an occupied cell. span [R,2]: near, far; jitter [R].
+// The step grows with distance: dt = clamp(t * cone, min_step, max_step). scratch [R, capacity] takes the kept t;
+// interval lengths follow from t. counts [R].
+FAT __kernel void march(__global const float* restrict origins, __global const float* restrict directions, __global const float* restrict span,
+                        __global const float* restrict jitter, __global const uchar* restrict occupied, __global float* restrict scratch,
+                        __global int* restrict counts, int rays, int chunk, int side, int contract, int capacity, float min_step, float max_step,
+                        float cone) {
+  const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
+    const float3 o = vload3(r, origins), d = vload3(r, directions);
+    const float far = span[2 * r + 1];
+    int kept = 0;
+    float t = span[2 * r];
+    t += jitter[r] * clamp(t * cone, min_step, max_step);
+    while (t < far && kept < capacity) {
+      const float dt = clamp(t * cone, min_step, max_step);
+      if (occupied[cell_of(to_unit(o + (t + 0.5f * dt) * d, contract), side)]) scratch[(size_t)r * capacity + kept++] = t;
+      t += dt;
+    }
+    counts[r] = kept;
+  }
+}
+
+// Exclusive sum of counts, by one work-item: thousands of rays, a few microseconds. offsets [R + 1].
+FAT __kernel void ray_offsets(__global const int* restrict counts, __global int* restrict offsets, int rays) {
+  if (get_global_id(0) != 0) return;
+  int total = 0;
+  for (int r = 0; r < rays; r++) {
+    offsets[r] = total;
+    total += counts[r];
+  }
+  offsets[rays] = total;
+}
+
+// The kept samples side by side: points [S,3] in [0,1]^3, t and dt [S] (t in the middle), ray_of [S].
+FAT __kernel void gather_samples(__global const float* restrict origins, __global const float* restrict directions,
+                                 __global const float* restrict scratch, __global const int* restrict offsets, __global float* restrict points,
+                                 __global float* restrict t_out, __global float* restrict dt_out, __global int* restrict ray_of, int rays,
+                                 int chunk, int contract, int capacity, float min_step, float max_step, float cone) {
+  const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
+    const float3 o = vload3(r, origins), d = vload3(r, directions);
+    const int begin = offsets[r], count = offsets[r + 1] - begin;
+    for (int k = 0; k < count; k++) {
+      const float t = scratch[(size_t)r * capacity + k], dt = clamp(t * cone, min_step, max_step), middle = t + 0.5f * dt;
+      vstore3(to_unit(o + middle * d, contract), begin + k, points);
+      t_out[begin + k] = middle;
+      dt_out[begin + k] = dt;
+      ray_of[begin + k] = r;
+    }
+  }
+}
+
+// Scene points [S,3] to [0,1]^3.
+FAT __kernel void unit_points(__global const float* restrict points, __global float* restrict out, int n, int chunk, int contract) {
+  const int end = min(n, ((int)get_global_id(0) + 1) * chunk);
+  for (int s = get_global_id(0) * chunk; s < end; s++) vstore3(to_unit(vload3(s, points), contract), s, out);
+}
+
+// NeRF's inverse-CDF sampling (section 5.2; bmild/nerf sample_pdf): edges [R, n + 1] ascending, weights [R, n],
+// uniform [R, m] ascending -> the n + 1 edges and m new ones merged in order, [R, n + 1 + m].
+FAT __kernel void importance_edges(__global const float* restrict edges, __global const float* restrict weights, __global const float* restrict uniform,
+                                   __global float* restrict out, int rays, int n, int m, int chunk) {
+  const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
+    __global const float* e = edges + (size_t)r * (n + 1);
+    __global const float* w = weights + (size_t)r * n;
+    __global const float* u = uniform + (size_t)r * m;
+    __global float* to = out + (size_t)r * (n + 1 + m);
+    float total = 0.0f;
+    for (int i = 0; i < n; i++) total += w[i] + 1e-5f;
+    float before = 0.0f;
+    int bin = 0, written = 0;
+    to[written++] = e[0];
+    for (int k = 0; k < m; k++) {
+      const float goal = u[k] * total;
+      while (bin < n - 1 && before + w[bin] + 1e-5f < goal) {
+        before += w[bin] + 1e-5f;
+        bin++;
+        to[written++] = e[bin];
+      }
+      const float place = clamp((goal - before) / (w[bin] + 1e-5f), 0.0f, 1.0f);
+      to[written++] = e[bin] + place * (e[bin + 1] - e[bin]);
+    }
+    for (bin++; bin <= n; bin++) to[written++] = e[bin];
+  }
+}
+
+// Real spherical harmonics up to degree 4 of unit directions [S,3] -> [S,16] (instant-ngp's signs).
+FAT __kernel void spherical_harmonics(__global const float* restrict directions, __global float* restrict out, int n, int chunk) {
+  const int end = min(n, ((int)get_global_id(0) + 1) * chunk);
+  for (int s = get_global_id(0) * chunk; s < end; s++) {
+    const float3 d = vload3(s, directions);
+    const float x = d.x, y = d.y, z = d.z, xy = x * y, xz = x * z, yz = y * z, x2 = x * x, y2 = y * y, z2 = z * z;
+    __global float* h = out + 16 * s;
+    h[0] = 0.28209479177387814f;
+    h[1] = -0.48860251190291987f * y;
+    h[2] = 0.48860251190291987f * z;
+    h[3] = -0.48860251190291987f * x;
+    h[4] = 1.0925484305920792f * xy;
+    h[5] = -1.0925484305920792f * yz;
+    h[6] = 0.94617469575755997f * z2 - 0.31539156525251999f;
+    h[7] = -1.0925484305920792f * xz;
+    h[8] = 0.54627421529603959f * (x2 - y2);
+    h[9] = 0.59004358992664352f * y * (-3.0f * x2 + y2);
+    h[10] = 2.8906114426405538f * xy * z;
+    h[11] = 0.45704579946446572f * y * (1.0f - 5.0f * z2);
+    h[12] = 0.3731763325901154f * z * (5.0f * z2 - 3.0f);
+    h[13] = 0.45704579946446572f * x * (1.0f - 5.0f * z2);
+    h[14] = 1.4453057213202769f * z * (x2 - y2);
+    h[15] = 0.59004358992664352f * x * (-x2 + 3.0f * y2);
+  }
+}
+
+// The cells start, start + stride, ... (modulo side^3; a stride prime to it never repeats one) and a jittered point in
+// each, [n,3] in [0,1]^3.
+__kernel void occupancy_cells(__global const float* restrict jitter, __global int* restrict cells, __global float* restrict points, int n,
+                              int side, int start, int stride) {
+  const int i = get_global_id(0);
+  if (i >= n) return;
+  const int c = (int)(((long)start + (long)i * stride) % ((long)side * side * side));
+  cells[i] = c;
+  const float3 corner = (float3)((float)(c % side), (float)(c / side % side), (float)(c / (side * side)));
+  vstore3((corner + vload3(i, jitter)) / (float)side, i, points);
+}
+
+// Occupancy: density estimates of some cells, decayed maxima, and the byte mask above a threshold.
+// cells [n] int, density [n]; values [side^3] in place.
+__kernel void occupancy_merge(__global const int* restrict cells, __global const float* restrict density, __global float* restrict values, int n, float decay) {
+  const int i = get_global_id(0);
+  if (i >= n) return;
+  const int c = cells[i];
+  values[c] = fmax(values[c] * decay, density[i]);
+}
+
+__kernel void occupancy_mask(__global const float* restrict values, __global uchar* restrict occupied, int n, float threshold) {
+  const int i = get_global_id(0);
+  if (i < n) occupied[i] = values[i] > threshold;
+}

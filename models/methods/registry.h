@@ -1,0 +1,27 @@
+// The methods and presets that train knows. A new method is one row here, one file pair beside this, one page in
+// docs/methods/.
+#pragma once
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "models/train/method.h"
+
+namespace cloam {
+
+struct Preset {
+  const char* name;
+  const char* method;
+  const char* summary;
+  std::vector<std::pair<const char*, const char*>> settings;  // over the defaults
+  int64_t steps;                                              // when neither --steps nor --time-budget is given
+};
+
+const std::vector<Preset>& presets();
+/// Fault::usage with the known names.
+const Preset& find_preset(const std::string& name);
+std::unique_ptr<Method> make_method(const std::string& name);
+std::vector<std::string> method_names();
+
+}  // namespace cloam

@@ -1,0 +1,37 @@
+// Named, seeded parameters.
+#include "models/nn/params.h"
+
+#include <random>
+
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+uint64_t hash_of(const std::string& name, uint64_t seed) {
+  uint64_t hash = 1469598103934665603ull ^ seed * 0x9E3779B97F4A7C15ull;
+  for (unsigned char c : name) hash = (hash ^ c) * 1099511628211ull;
+  return hash;
+}
+
+Tensor add(const Scope& scope, const std::string& name, const Tensor& value) {
+  const std::string full = (scope / name).path;
+  if (!scope.all.emplace(full, value).second) throw Error(Fault::internal, text("[params] the name ", full, " is taken"));
+  return value;
+}
+
+}  // namespace
+
+Tensor Scope::uniform(const std::string& name, const Shape& shape, float scale) const {
+  std::mt19937_64 random(hash_of((*this / name).path, seed));
+  std::vector<float> values(static_cast<size_t>(numel(shape)));
+  // Own scaling instead of std::uniform_real_distribution, whose results differ between standard libraries.
+  for (float& v : values) v = scale * (2.f * static_cast<float>(random() >> 40) * 0x1p-24f - 1.f);
+  return add(*this, name, parameter(values, shape));
+}
+
+Tensor Scope::constant(const std::string& name, const Shape& shape, float value) const {
+  return add(*this, name, parameter(std::vector<float>(static_cast<size_t>(numel(shape)), value), shape));
+}
+
+}  // namespace cloam

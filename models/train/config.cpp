@@ -1,0 +1,74 @@
+// Parsing and binding of settings.
+#include "models/train/config.h"
+
+#include <algorithm>
+#include <charconv>
+
+#include "models/data/paths.h"
+#include "runtime/error.h"
+
+namespace cloam {
+
+void Config::add(const std::string& key, ConfigValue value, const std::string& help, std::function<void(const ConfigValue&)> write) {
+  entries_.push_back({key, help, std::move(value)});
+  writers_.push_back(std::move(write));
+}
+
+void Config::bind(const std::string& key, int& variable, const std::string& help) {
+  add(key, int64_t{variable}, help, [&variable](const ConfigValue& v) { variable = static_cast<int>(std::get<int64_t>(v)); });
+}
+void Config::bind(const std::string& key, float& variable, const std::string& help) {
+  add(key, double{variable}, help, [&variable](const ConfigValue& v) { variable = static_cast<float>(std::get<double>(v)); });
+}
+void Config::bind(const std::string& key, bool& variable, const std::string& help) {
+  add(key, variable, help, [&variable](const ConfigValue& v) { variable = std::get<bool>(v); });
+}
+void Config::bind(const std::string& key, std::string& variable, const std::string& help) {
+  add(key, variable, help, [&variable](const ConfigValue& v) { variable = std::get<std::string>(v); });
+}
+
+namespace {
+
+template <class T> T number(const std::string& key, const std::string& value) {
+  T out{};
+  const char* end = value.data() + value.size();
+  const auto [at, error] = std::from_chars(value.data(), end, out);
+  if (error != std::errc() || at != end) throw Error(Fault::usage, text("setting ", key, ": \"", value, "\" is no ", std::is_integral_v<T> ? "whole number" : "number"));
+  return out;
+}
+
+ConfigValue parse(const ConfigEntry& entry, const std::string& value) {
+  if (std::holds_alternative<int64_t>(entry.value)) return number<int64_t>(entry.key, value);
+  if (std::holds_alternative<double>(entry.value)) return number<double>(entry.key, value);
+  if (std::holds_alternative<std::string>(entry.value)) return value;
+  if (value == "true" || value == "on" || value == "1") return true;
+  if (value == "false" || value == "off" || value == "0") return false;
+  throw Error(Fault::usage, text("setting ", entry.key, ": \"", value, "\" is neither true nor false"));
+}
+
+}  // namespace
+
+void Config::set(const std::string& key, const std::string& value, const std::string& origin) {
+  const auto found = std::find_if(entries_.begin(), entries_.end(), [&](const ConfigEntry& e) { return e.key == key; });
+  if (found == entries_.end()) {
+    std::vector<std::string> known;
+    for (const ConfigEntry& e : entries_) known.push_back(e.key);
+    const std::string nearest = nearest_name(key, known);
+    throw Error(Fault::usage, text("there is no setting ", key, nearest.empty() ? "" : "; did you mean ", nearest));
+  }
+  found->value = parse(*found, value);
+  found->origin = origin;
+  writers_[static_cast<size_t>(found - entries_.begin())](found->value);
+}
+
+std::string to_string(const ConfigValue& value) {
+  if (const bool* b = std::get_if<bool>(&value)) return *b ? "true" : "false";
+  if (const int64_t* i = std::get_if<int64_t>(&value)) return std::to_string(*i);
+  if (const double* d = std::get_if<double>(&value)) {
+    char digits[32];
+    return {digits, std::to_chars(digits, digits + sizeof digits, *d).ptr};
+  }
+  return std::get<std::string>(value);
+}
+
+}  // namespace cloam

@@ -1,0 +1,41 @@
+// Settings of a method as data: a method shows each of its settings once, and presets, --set, config.toml and the
+// checkpoint all read that.
+#pragma once
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace cloam {
+
+using ConfigValue = std::variant<bool, int64_t, double, std::string>;
+
+struct ConfigEntry {
+  std::string key, help;
+  ConfigValue value;
+  std::string origin = "default";  // default | preset NAME | file F | --set
+};
+
+/// The settings of one method, in the order declared.
+class Config {
+ public:
+  /// Declares a setting and binds it to its variable: a later set() writes the variable too.
+  void bind(const std::string& key, int& variable, const std::string& help);
+  void bind(const std::string& key, float& variable, const std::string& help);
+  void bind(const std::string& key, bool& variable, const std::string& help);
+  void bind(const std::string& key, std::string& variable, const std::string& help);
+  /// Parses `value` as the type of the setting. Fault::usage for an unknown key (with the nearest one) or a bad value.
+  void set(const std::string& key, const std::string& value, const std::string& origin);
+  const std::vector<ConfigEntry>& entries() const { return entries_; }
+
+ private:
+  void add(const std::string& key, ConfigValue value, const std::string& help, std::function<void(const ConfigValue&)> write);
+  std::vector<ConfigEntry> entries_;
+  std::vector<std::function<void(const ConfigValue&)>> writers_;
+};
+
+std::string to_string(const ConfigValue& value);
+
+}  // namespace cloam

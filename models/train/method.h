@@ -1,0 +1,79 @@
+// What a method is to the trainer: data, parameters, a loss, a picture. No method has its own loop.
+#pragma once
+#include <memory>
+
+#include "models/data/load_images.h"
+#include "models/io/safetensors.h"
+#include "models/nn/params.h"
+#include "models/scene/scene.h"
+#include "models/train/config.h"
+
+namespace cloam {
+
+/// Where training stands. horizon: the number of steps that schedules are stretched over (0 until it is chosen).
+struct Progress {
+  int64_t step = 0;  // 1 is the first
+  int64_t horizon = 0;
+  uint64_t seed = 0;
+  /// 0 at the start, 1 at the horizon; 0 as long as no horizon is chosen.
+  float fraction() const { return horizon > 0 ? static_cast<float>(step) / static_cast<float>(horizon) : 0.f; }
+};
+
+/// Values [H,W,..] in [0,1] for colour; depth in scene units along the ray (0: nothing there).
+struct Picture {
+  int width = 0, height = 0;
+  std::vector<float> rgb, depth, opacity;
+};
+
+struct View {
+  Camera camera;
+  Eigen::Matrix4d world_from_camera;
+};
+
+/// Learning rate of the parameters whose names begin with `prefix` (the longest prefix wins).
+struct LearningRate {
+  std::string prefix;
+  float rate = 1e-3f;
+  bool sparse = false;  // rows without a gradient stand still and count their own steps
+};
+
+struct AdamSettings {
+  float beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-8f;
+};
+
+struct TrainingData {
+  const Scene& scene;
+  Pixels pixels;  // of the training split
+};
+
+struct MemoryPlan {
+  uint64_t parameters = 0, optimiser = 0, images = 0, work = 0;  // bytes
+  uint64_t total() const { return parameters + optimiser + images + work; }
+};
+
+class Method {
+ public:
+  virtual ~Method() = default;
+  virtual const char* name() const = 0;
+  /// Declares every setting (before build).
+  virtual void configure(Config& config) = 0;
+  /// Fits the model to a scene's extent and makes its parameters (seeded). Needs no pixels.
+  virtual void build(const Scene& scene, uint64_t seed) = 0;
+  virtual void load_data(TrainingData data) = 0;
+  virtual MemoryPlan memory() const = 0;
+  virtual Params& parameters() = 0;
+  virtual std::vector<LearningRate> learning_rates(const Progress& progress) const = 0;
+  virtual AdamSettings adam() const { return {}; }
+  /// The loss of one step, as a lazy graph.
+  virtual Tensor loss(const Progress& progress) = 0;
+  /// Densify, refresh the occupancy grid.
+  virtual void after_step(const Progress&) {}
+  /// Named figures of the last step for the progress line.
+  virtual std::map<std::string, double> metrics() const { return {}; }
+  virtual Picture render(const View& view) = 0;
+  /// What a resumed run needs beside parameters and optimiser; names without prefix.
+  virtual TensorMap state() const { return {}; }
+  virtual void restore(const TensorMap&) {}
+};
+
+}  // namespace cloam

@@ -1,0 +1,61 @@
+// One trainer for all methods: steps, schedule, saving, resuming, time budget, interruption. It prints nothing: what
+// happens goes to a listener.
+#pragma once
+#include <atomic>
+#include <filesystem>
+#include <functional>
+#include <optional>
+
+#include "models/train/method.h"
+
+namespace cloam {
+
+struct TrainOptions {
+  std::optional<int64_t> steps;               // the horizon
+  std::optional<double> time_budget_seconds;  // from process start to the saved checkpoint; chooses the horizon once
+  double seconds_before = 0;                  // already passed since process start when train() is called
+  int64_t stop_after = 0;                     // stop (and save) after this step; 0: run to the horizon
+  int64_t save_every = 0;                     // 0: only the last step
+  int64_t default_steps = 1000;
+  uint64_t seed = 42;
+};
+
+struct StepReport {
+  Progress progress;
+  double loss = 0, seconds = 0;         // seconds since train() was called
+  double step_seconds = 0;              // of this step
+  std::optional<double> seconds_left;   // none until it can be told honestly
+  std::map<std::string, double> metrics;
+};
+
+struct TrainListener {
+  std::function<void(const StepReport&)> step = [](const StepReport&) {};
+  std::function<void(int64_t step, const std::filesystem::path&)> checkpoint = [](int64_t, const std::filesystem::path&) {};
+  std::function<void(const std::string&)> warning = [](const std::string&) {};
+};
+
+struct TrainResult {
+  int64_t step = 0, horizon = 0;
+  double seconds = 0, loss = 0;
+  bool interrupted = false, out_of_time = false;
+  std::filesystem::path checkpoint;
+};
+
+/// Trains `method` (built, with data). Saves to `checkpoints` (run/ckpt). `metadata` goes into every checkpoint as it is.
+/// Goes on from `resume` when given: parameters, optimiser, horizon and step are taken from it, the result is the same
+/// bytes as an uninterrupted run. `stop` is set by signal handlers: the step is finished, a checkpoint saved.
+/// Errors: Fault::diverged when the loss is not finite (nothing is saved over the last good checkpoint).
+struct TrainRun {
+  Method& method;
+  std::filesystem::path checkpoints;
+  std::map<std::string, std::string> metadata;
+  const SafetensorsFile* resume = nullptr;
+  const std::atomic<int>* stop = nullptr;
+};
+TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainListener& listener);
+
+/// Parameters, state and progress of a checkpoint into a built method. Fault::data listing missing, extra and misshapen
+/// names in one message.
+Progress restore_method(Method& method, const SafetensorsFile& checkpoint);
+
+}  // namespace cloam

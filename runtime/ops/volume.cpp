@@ -1,0 +1,160 @@
+// Marching, compositing and occupancy: the ops of volume rendering.
+#include <algorithm>
+
+#include "runtime/cl.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+namespace {
+
+const Registered kRegistered[] = {Registered("composite"), Registered("composite_weights"), Registered("importance_edges"),
+                                  Registered("unit_points"), Registered("spherical_harmonics")};
+
+struct CompositeGrad final : Op {
+  const char* name() const override { return "composite_grad"; }
+  void run(const Tensors& in, Tensor& out) const override {
+    const int64_t rays = in[4].dim(0) - 1;
+    const auto [range, chunk] = chunks(rays, 64);
+    launch(kernel("volume", name()), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], out, rays, chunk);
+  }
+  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { no_gradient("composite", "it is once differentiable"); }
+};
+
+struct Composite final : Op {
+  const char* name() const override { return "composite"; }
+  void run(const Tensors& in, Tensor& out) const override {
+    const int64_t rays = in[4].dim(0) - 1;
+    const auto [range, chunk] = chunks(rays, 64);
+    launch(kernel("volume", name()), name(), range, in[0], in[1], in[2], in[3], in[4], out, rays, chunk);
+  }
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    const int64_t samples = in[0].dim(0);
+    const Tensor both = make(std::make_shared<CompositeGrad>(), {samples, 4}, {in[0], in[1], in[2], in[3], in[4], g});
+    return {reshape(slice(both, 1, 0, 1), {samples}), slice(both, 1, 1, 4), Tensor(), Tensor(), Tensor()};
+  }
+};
+
+struct CompositeWeights final : Op {
+  const char* name() const override { return "composite_weights"; }
+  void run(const Tensors& in, Tensor& out) const override {
+    const int64_t rays = in[2].dim(0) - 1;
+    const auto [range, chunk] = chunks(rays, 64);
+    launch(kernel("volume", name()), name(), range, in[0], in[1], in[2], out, rays, chunk);
+  }
+  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
+};
+
+struct ImportanceEdges final : Op {
+  const char* name() const override { return "importance_edges"; }
+  void run(const Tensors& in, Tensor& out) const override {
+    const int64_t rays = in[0].dim(0);
+    const auto [range, chunk] = chunks(rays, 16);
+    launch(kernel("volume", name()), name(), range, in[0], in[1], in[2], out, rays, in[1].dim(1), in[2].dim(1), chunk);
+  }
+  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
+};
+
+struct UnitPoints final : Op {
+  explicit UnitPoints(bool fold) : contract(fold) {}
+  const char* name() const override { return "unit_points"; }
+  void run(const Tensors& in, Tensor& out) const override {
+    const auto [range, chunk] = chunks(in[0].dim(0), 4096);
+    launch(kernel("volume", name()), name(), range, in[0], out, in[0].dim(0), chunk, contract ? 1 : 0);
+  }
+  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
+  bool contract;
+};
+
+struct SphericalHarmonics final : Op {
+  const char* name() const override { return "spherical_harmonics"; }
+  void run(const Tensors& in, Tensor& out) const override {
+    const auto [range, chunk] = chunks(in[0].dim(0), 1024);
+    launch(kernel("volume", name()), name(), range, in[0], out, in[0].dim(0), chunk);
+  }
+  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
+};
+
+/// Results whose inputs gradients stop at.
+Tensor untracked(Tensor out) {
+  out.node()->tracked = false;
+  return out;
+}
+
+int32_t last_value(const Tensor& offsets) {
+  int32_t total = 0;
+  read_buffer(*offsets.node()->storage.buffer, static_cast<size_t>(offsets.numel() - 1) * 4, 4, &total);
+  return total;
+}
+
+}  // namespace
+
+RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& occupied, const MarchOptions& m) {
+  match("march", {{"origins", rays.origins, "R 3"}, {"directions", rays.directions, "R 3"}, {"span", rays.span, "R 2"}, {"jitter", jitter, "R"}});
+  eval({rays.origins, rays.directions, rays.span, jitter, occupied});
+  const Tensor o = dense(rays.origins), d = dense(rays.directions), span = dense(rays.span), shift = dense(jitter), mask = dense(occupied);
+  const int64_t count = o.dim(0);
+  const auto [range, chunk] = chunks(count, 64);
+  const Tensor scratch = empty({count, m.capacity}), counts = empty({count}, DType::i32);
+  launch(kernel("volume", "march"), "march", range, o, d, span, shift, mask, scratch, counts, count, chunk, m.side, m.contract ? 1 : 0,
+         m.capacity, m.min_step, m.max_step, m.cone);
+  RaySamples out;
+  out.offsets = empty({count + 1}, DType::i32);
+  launch(kernel("volume", "ray_offsets"), "ray_offsets", range1(1), counts, out.offsets, count);
+  const int64_t samples = last_value(out.offsets);
+  out.points = empty({samples, 3});
+  out.t = empty({samples});
+  out.dt = empty({samples});
+  out.ray = empty({samples}, DType::i32);
+  launch(kernel("volume", "gather_samples"), "gather_samples", range, o, d, scratch, out.offsets, out.points, out.t, out.dt, out.ray, count,
+         chunk, m.contract ? 1 : 0, m.capacity, m.min_step, m.max_step, m.cone);
+  return out;
+}
+
+Tensor composite(const Volume& v) {
+  match("composite", {{"sigma", v.sigma, "S"}, {"rgb", v.rgb, "S 3"}, {"t", v.t, "S"}, {"dt", v.dt, "S"}});
+  if (v.offsets.rank() != 1 || v.offsets.dtype() != DType::i32 || v.offsets.dim(0) < 1)
+    throw Error(Fault::internal, text("[composite] offsets has shape ", to_string(v.offsets.shape()), " ", name_of(v.offsets.dtype()), ", want [R+1] int32"));
+  return make(std::make_shared<Composite>(), {v.offsets.dim(0) - 1, 5}, {v.sigma, v.rgb, v.t, v.dt, v.offsets});
+}
+
+Tensor composite_weights(const Tensor& sigma, const Tensor& dt, const Tensor& offsets) {
+  match("composite_weights", {{"sigma", sigma, "S"}, {"dt", dt, "S"}});
+  return untracked(make(std::make_shared<CompositeWeights>(), sigma.shape(), {sigma, dt, offsets}));
+}
+
+Tensor importance_edges(const Tensor& edges, const Tensor& weights, const Tensor& uniform) {
+  const Dims d = match("importance_edges", {{"edges", edges, "R E"}, {"weights", weights, "R N"}, {"uniform", uniform, "R M"}});
+  if (d["E"] != d["N"] + 1) throw Error(Fault::internal, text("[importance_edges] ", d["E"], " edges for ", d["N"], " weights, want one more edge than weights"));
+  return untracked(make(std::make_shared<ImportanceEdges>(), {d["R"], d["E"] + d["M"]}, {edges, weights, uniform}));
+}
+
+Tensor unit_points(const Tensor& points, bool contract) {
+  match("unit_points", {{"points", points, "S 3"}});
+  return untracked(make(std::make_shared<UnitPoints>(contract), points.shape(), {points}));
+}
+
+Tensor spherical_harmonics(const Tensor& directions) {
+  match("spherical_harmonics", {{"directions", directions, "S 3"}});
+  return untracked(make(std::make_shared<SphericalHarmonics>(), {directions.dim(0), 16}, {directions}));
+}
+
+OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, int64_t stride) {
+  const Tensor shift = dense(jitter);
+  const int64_t n = shift.dim(0);
+  OccupancyCells out{empty({n}, DType::i32), empty({n, 3})};
+  launch(kernel("volume", "occupancy_cells"), "occupancy_cells", elements(n), shift, out.cells, out.points, n, side, start, stride);
+  return out;
+}
+
+void occupancy_merge(Tensor& values, const Tensor& cells, const Tensor& density, float decay) {
+  const Tensor new_density = dense(density);
+  launch(kernel("volume", "occupancy_merge"), "occupancy_merge", elements(cells.numel()), cells, new_density, values, cells.numel(), decay);
+}
+
+Tensor occupancy_mask(const Tensor& values, float threshold) {
+  Tensor out = empty(values.shape(), DType::u8);
+  launch(kernel("volume", "occupancy_mask"), "occupancy_mask", elements(values.numel()), values, out, values.numel(), threshold);
+  return out;
+}
+
+}  // namespace cloam
