@@ -96,6 +96,10 @@ class HashGridEncoder {
   Tensor levels_;
 };
 
+/// Tri-plane features: planes [3,H,W,C] (xy, xz, yz), points [S,3] in [0,1]^3 -> [S,3C]; bilinear, half-pixel centres,
+/// border padding; once differentiable in both.
+Tensor sample_planes(const Tensor& planes, const Tensor& points);
+
 struct Rays {
   Tensor origins, directions;  // [R,3]; directions of length 1
   Tensor span;                 // [R,2]: near and far distance
@@ -174,5 +178,33 @@ Tensor gather_rows(const Tensor& table, const Tensor& rows);
 Tensor embedding(const Tensor& table, const Tensor& ids);  // gather_rows under its other name
 /// values [n, ...] f32, rows [n] -> [count, ...]: out[r] = the sum of values[i] with rows[i] = r, in a fixed order.
 Tensor scatter_add_rows(const Tensor& values, const Tensor& rows, int64_t count);
+
+// ---- Sorting and segments (ops/sort.cpp). Segment l of values [n, ...] is the rows offsets[l] up to offsets[l+1].
+struct Sorted {
+  Tensor keys, order;  // keys = gather_rows(the keys given, order); order is int32
+};
+/// Ascending and stable, keys [n] of u32, i32 or f32 (-0 before 0, every NaN last). Keys from 0 to 2^bits - 1 need only
+/// `bits` bits: fewer passes. A gradient reaches the keys, none goes through the order.
+Sorted sort(const Tensor& keys, int bits = 32);
+/// sorted_ids int32 [n], ascending -> int32 [count+1]: the first place of each id. Ids outside [0,count) get no segment.
+Tensor segment_offsets(const Tensor& sorted_ids, int64_t count);
+/// values [n, ...] f32, offsets int32 [L+1] ascending -> [L, ...], each segment summed in order.
+Tensor segment_sum(const Tensor& values, const Tensor& offsets);
+/// The transpose: of [L, ...] -> [n, ...], row i is that of i's segment, zero where i is in none.
+Tensor segment_spread(const Tensor& of, const Tensor& offsets, int64_t n);
+
+// ---- The optimiser's step (ops/adam.cpp): at once, in place, seen through every handle. No graph ops.
+struct AdamStep {
+  float learning_rate = 1e-3f, beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-8f;
+  float weight_decay = 0;  // decoupled, as AdamW: the parameter shrinks by learning_rate * weight_decay
+  int64_t step = 1;        // from 1
+};
+/// parameter, m, v: leaves of one shape, none sharing values with another (m and v begin as zeros(shape)). A pending
+/// gradient is evaluated: where there are many, eval() all of them together first.
+void adam_step(Tensor& parameter, Tensor& m, Tensor& v, const Tensor& gradient, const AdamStep& with);
+/// The same for parameter [L, ...] of which few rows are in use: a row whose gradient is all zero stays as it is, each
+/// other counts its own steps in row_steps int32 [L] (with.step is not read).
+void adam_step_rows(Tensor& parameter, Tensor& m, Tensor& v, Tensor& row_steps, const Tensor& gradient,
+                    const AdamStep& with);
 
 }  // namespace cloam

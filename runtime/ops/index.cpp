@@ -1,25 +1,19 @@
 // Rows of a table by number, and the transpose: rows that share a number are summed, always in one order.
+#include <bit>
+
 #include "runtime/ops.h"
 #include "runtime/ops/share.h"
+#include "runtime/ops/sort.h"
 
 namespace cloam {
 namespace {
 
 const Registered kRegistered[] = {Registered("gather_rows"), Registered("scatter_add_rows")};
 
-int64_t row_width(const Shape& shape) {
-  int64_t width = 1;
-  for (int i = 1; i < shape.rank(); i++) width *= shape[i];
-  return width;
-}
-
-/// One piece of work a row, or on GPU devices a number.
-int64_t pieces_of(int64_t rows, int64_t width) { return is_cpu_class() ? rows : rows * width; }
-
 struct GatherRows final : Op {
   const char* name() const override { return "gather_rows"; }
   void run(const Tensors& in, Tensor& out) const override {
-    const int64_t width = row_width(in[0].shape()), pieces = pieces_of(in[1].numel(), width);
+    const int64_t width = row_width(in[0].shape()), pieces = row_pieces(in[1].numel(), width);
     const Constants form = {{"BYTES", static_cast<int>(size_of(out.dtype()))}, {"WIDTH", width == 1}};
     const Share work = share(pieces, 8192 / width);
     launch(kernel("index", "gather_rows", form), name(), work.range, in[0], in[1], out, pieces, in[0].dim(0), width,
@@ -47,7 +41,7 @@ struct ScatterByCopies final : Op {
   const char* name() const override { return "scatter_add_rows"; }
   void run(const Tensors& in, Tensor& out) const override {
     const int64_t n = in[0].dim(0), count = out.dim(0), width = row_width(out.shape()),
-                  pieces = pieces_of(parts, width);
+                  pieces = row_pieces(parts, width);
     const Constants form = {{"BYTES", 4}, {"WIDTH", 0}};
     const Tensor copies = parts == 1 ? out : empty({parts, out.numel()});
     launch(kernel("index", "scatter_copies", form), name(), range1(pieces, is_cpu_class() ? 1 : 64), in[0], in[1],
@@ -61,6 +55,24 @@ struct ScatterByCopies final : Op {
   }
   int64_t parts;
 };
+
+/// For long tables: the values in the order of their rows, each run summed. `rows` inside the table.
+struct ScatterBySort final : Op {
+  const char* name() const override { return "scatter_add_rows"; }
+  uint64_t key() const override { return 1; }
+  void run(const Tensors& in, Tensor& out) const override { sum_segments(in[0], in[2], in[3], out); }
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    return {gather_rows(g, in[1]), Tensor(), Tensor(), Tensor()};
+  }
+};
+
+Tensor scatter_by_sort(const Tensor& values, const Tensor& rows, const Shape& shape) {
+  const auto last = static_cast<int>(shape[0] - 1);
+  const Tensor inside = clamp(rows, 0, last);
+  const Sorted sorted = sort(inside, std::max(1, static_cast<int>(std::bit_width(static_cast<uint64_t>(last)))));
+  const Tensor offsets = segment_offsets(sorted.keys, shape[0]);
+  return make(std::make_shared<ScatterBySort>(), shape, {values, inside, sorted.order, offsets});
+}
 
 void check_rows(const char* op, const Tensor& rows) {
   if (rows.dtype() != DType::i32)
@@ -90,7 +102,8 @@ Tensor scatter_add_rows(const Tensor& values, const Tensor& rows, int64_t count)
   Shape shape = values.shape();
   shape[0] = count;
   const int64_t parts = copies_for(values.dim(0), row_width(shape), count);
-  return make(std::make_shared<ScatterByCopies>(std::max<int64_t>(1, parts)), shape, {values, rows});
+  if (parts == 0) return scatter_by_sort(values, rows, shape);
+  return make(std::make_shared<ScatterByCopies>(parts), shape, {values, rows});
 }
 
 }  // namespace cloam

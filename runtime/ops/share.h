@@ -19,4 +19,14 @@ inline Share share(int64_t pieces, int64_t least) {
   return {chunk, range1((pieces + chunk - 1) / chunk)};
 }
 
+/// Numbers in a row of a tensor whose rows are its first axis.
+inline int64_t row_width(const Shape& shape) {
+  int64_t width = 1;
+  for (int i = 1; i < shape.rank(); i++) width *= shape[i];
+  return width;
+}
+
+/// Pieces of work on rows: a row each on CPU devices, a number each on GPU devices.
+inline int64_t row_pieces(int64_t rows, int64_t width) { return is_cpu_class() ? rows : rows * width; }
+
 }  // namespace cloam

@@ -1,0 +1,100 @@
+// Stable radix sort by digits of 8 bits, least significant first (Knuth, The Art of Computer Programming 3, 5.2.5), and
+// sums over segments of sorted rows. A sort pass: each chunk counts its digits into counts[digit][chunk], a running sum
+// over them all gives every chunk the first place of each of its digits, place moves the keys there in order. version 1.
+
+// Bits whose unsigned order is the order of the keys. Kinds: 0 unsigned, 1 signed, 2 float (all NaN last, -0 before 0).
+inline uint ordered(uint bits, int kind) {
+  const uint negative = bits >> 31;
+  const uint as_float_order = (bits & 0x7fffffffu) > 0x7f800000u ? 0xffffffffu : bits ^ (negative ? 0xffffffffu : 0x80000000u);
+  return kind == 0 ? bits : (kind == 1 ? bits ^ 0x80000000u : as_float_order);
+}
+
+__kernel FAT void count_digits(__global const uint* restrict keys, __global int* restrict counts, int n, int chunks,
+                               int length, int shift, int kind) {
+  const int chunk = get_global_id(0);
+  if (chunk >= chunks) return;
+  int mine[256];
+  for (int digit = 0; digit < 256; digit++) mine[digit] = 0;
+  const int end = min(n, (chunk + 1) * length);
+  for (int i = chunk * length; i < end; i++) mine[ordered(keys[i], kind) >> shift & 255]++;
+  for (int digit = 0; digit < 256; digit++) counts[digit * chunks + chunk] = mine[digit];
+}
+
+// first_pass: the keys are as the caller gave them and their order is 0, 1, 2 ...
+__kernel FAT void place(__global const uint* restrict keys, __global const int* restrict order, __global const int* restrict bases,
+                        __global uint* restrict keys_out, __global int* restrict order_out, int n, int chunks, int length,
+                        int shift, int kind, int first_pass) {
+  const int chunk = get_global_id(0);
+  if (chunk >= chunks) return;
+  int next[256];
+  for (int digit = 0; digit < 256; digit++) next[digit] = bases[digit * chunks + chunk];
+  const int end = min(n, (chunk + 1) * length);
+  for (int i = chunk * length; i < end; i++) {
+    const uint key = ordered(keys[i], kind);
+    const int to = next[key >> shift & 255]++;
+    keys_out[to] = key;
+    order_out[to] = first_pass ? i : order[i];
+  }
+}
+
+// The first place from `low` on that holds `value` or more, in ascending numbers: steps that double, then bisection.
+inline int first_at_least(__global const int* numbers, int low, int n, int value) {
+  int step = 1;
+  while (step <= n - low && numbers[low + step - 1] < value) {
+    low += step;
+    step *= 2;
+  }
+  int high = low + min(step - 1, n - low);
+  while (low < high) {
+    const int middle = low + (high - low) / 2;
+    if (numbers[middle] < value) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+__kernel FAT void segment_offsets(__global const int* restrict ids, __global int* restrict offsets, int count, int n, int chunk) {
+  int low = 0;
+  for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
+    low = first_at_least(ids, low, n, i);
+    offsets[i] = low;
+  }
+}
+
+// out[segment,:] = the sum of its value rows, in order (ORDERED: row order[k] for each place k). WIDTH 1 or, 0, any.
+__kernel FAT void segment_sum(__global const float* restrict values, __global const int* restrict order,
+                              __global const int* restrict offsets, __global float* restrict out, int pieces, int n,
+                              int any_width, int chunk) {
+  const int width = WIDTH ? WIDTH : any_width;
+  for (int piece = LOOP_LO(chunk); piece < LOOP_HI(pieces, chunk); piece += LOOP_STEP) {
+    const int segment = CLOAM_CPU ? piece : piece / width;
+    const int left = CLOAM_CPU ? 0 : piece % width, right = CLOAM_CPU ? width : left + 1;
+    const int begin = max(0, offsets[segment]), end = min(n, offsets[segment + 1]);
+    __global float* to = out + (size_t)segment * width;
+    for (int c = left; c < right; c++) to[c] = 0;
+    for (int k = begin; k < end; k++) {
+      __global const float* from = values + (size_t)(ORDERED ? order[k] : k) * width;
+      for (int c = left; c < right; c++) to[c] += from[c];
+    }
+  }
+}
+
+// The transpose: out[i,:] = of[segment of i,:], zero where i is in no segment.
+__kernel FAT void segment_spread(__global const float* restrict of, __global const int* restrict offsets,
+                                 __global float* restrict out, int pieces, int segments, int any_width, int chunk) {
+  const int width = WIDTH ? WIDTH : any_width;
+  int low = 0;
+  for (int piece = LOOP_LO(chunk); piece < LOOP_HI(pieces, chunk); piece += LOOP_STEP) {
+    const int i = CLOAM_CPU ? piece : piece / width;
+    const int left = CLOAM_CPU ? 0 : piece % width, right = CLOAM_CPU ? width : left + 1;
+    low = first_at_least(offsets, low, segments + 1, i + 1);
+    const int segment = low - 1;
+    __global float* to = out + (size_t)i * width;
+    if (segment < 0 || segment >= segments) {
+      for (int c = left; c < right; c++) to[c] = 0;
+    } else {
+      __global const float* from = of + (size_t)segment * width;
+      for (int c = left; c < right; c++) to[c] = from[c];
+    }
+  }
+}

@@ -1,0 +1,131 @@
+// Radix sort, and sums over segments: rows that lie one after another under one number.
+#include "runtime/ops/sort.h"
+
+#include "runtime/ops.h"
+#include "runtime/ops/scan.h"
+#include "runtime/ops/share.h"
+
+namespace cloam {
+namespace {
+
+const Registered kRegistered[] = {Registered("sort"), Registered("segment_offsets"), Registered("segment_sum"),
+                                  Registered("segment_spread")};
+
+Constants form(bool ordered, int64_t width) { return {{"ORDERED", ordered}, {"WIDTH", width == 1}}; }
+
+/// Chunks of keys that are counted and moved in order, by one work-item each; a function of the count and device class.
+struct Chunks {
+  explicit Chunks(int64_t n) : length(is_cpu_class() ? std::max<int64_t>(4096, (n + 63) / 64) : 256) {
+    count = (n + length - 1) / length;
+  }
+  Range range() const { return range1(count, is_cpu_class() ? 1 : 64); }
+  int64_t length, count;
+};
+
+/// The order that sorts the keys by their lowest `bits` bits.
+struct SortOrder final : Op {
+  explicit SortOrder(int digits) : bits(digits) {}
+  const char* name() const override { return "sort"; }
+  void run(const Tensors& in, Tensor& out) const override;
+  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
+  int bits;
+};
+
+void SortOrder::run(const Tensors& in, Tensor& out) const {
+  const int64_t n = out.numel();
+  const int passes = (bits + 7) / 8;
+  const Chunks chunks(n);
+  const Tensor counts = empty({256, chunks.count}, DType::i32), bases = empty({256, chunks.count}, DType::i32);
+  const Tensor keys[] = {empty({n}, DType::u32), empty({n}, DType::u32)}, orders[] = {out, empty({n}, DType::i32)};
+  for (int pass = 0; pass < passes; pass++) {
+    const int to = (passes - 1 - pass) % 2, from = 1 - to;  // the last pass writes to `out`
+    const int kind = pass > 0 || in[0].dtype() == DType::u32 ? 0 : in[0].dtype() == DType::i32 ? 1 : 2;
+    const Tensor& source = pass > 0 ? keys[from] : in[0];
+    launch(kernel("sort", "count_digits", form(false, 0)), "count_digits", chunks.range(), source, counts, n,
+           chunks.count, chunks.length, pass * 8, kind);
+    scan_rows(counts, bases, 1, {.exclusive = true});
+    launch(kernel("sort", "place", form(false, 0)), "place", chunks.range(), source, orders[from], bases, keys[to],
+           orders[to], n, chunks.count, chunks.length, pass * 8, kind, int{pass == 0});
+  }
+}
+
+struct SegmentOffsets final : Op {
+  const char* name() const override { return "segment_offsets"; }
+  void run(const Tensors& in, Tensor& out) const override {
+    const Share work = share(out.numel(), 1024);
+    launch(kernel("sort", "segment_offsets", form(false, 0)), name(), work.range, in[0], out, out.numel(),
+           in[0].numel(), work.chunk);
+  }
+  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
+};
+
+struct SegmentSum final : Op {
+  const char* name() const override { return "segment_sum"; }
+  void run(const Tensors& in, Tensor& out) const override { sum_segments(in[0], {}, in[1], out); }
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    return {segment_spread(g, in[1], in[0].dim(0)), Tensor()};
+  }
+};
+
+struct SegmentSpread final : Op {
+  const char* name() const override { return "segment_spread"; }
+  void run(const Tensors& in, Tensor& out) const override {
+    const int64_t width = row_width(out.shape()), pieces = row_pieces(out.dim(0), width);
+    const Share work = share(pieces, 8192 / width);
+    launch(kernel("sort", "segment_spread", form(false, width)), name(), work.range, in[0], in[1], out, pieces,
+           in[0].dim(0), width, work.chunk);
+  }
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    return {segment_sum(g, in[1]), Tensor()};
+  }
+};
+
+void check_segments(const char* op, const Tensor& values, const Tensor& offsets, bool fits) {
+  if (!fits || values.dtype() != DType::f32 || offsets.dtype() != DType::i32 || offsets.rank() != 1 ||
+      offsets.dim(0) < 1)
+    throw Error(Fault::internal, text("[", op, "] values ", to_string(values.shape()), " ", name_of(values.dtype()),
+                                      ", offsets ", to_string(offsets.shape()), " ", name_of(offsets.dtype()),
+                                      ": want float32 rows and int32 offsets [segments + 1]"));
+}
+
+}  // namespace
+
+void sum_segments(const Tensor& values, const Tensor& order, const Tensor& offsets, const Tensor& out) {
+  const int64_t width = row_width(out.shape()), count = out.dim(0), pieces = row_pieces(count, width);
+  const Share work = share(pieces, 4096 * count / (count * width + values.numel()));
+  launch(kernel("sort", "segment_sum", form(bool{order}, width)), "segment_sum", work.range, values,
+         order ? order : offsets, offsets, out, pieces, values.dim(0), width, work.chunk);
+}
+
+Sorted sort(const Tensor& keys, int bits) {
+  const bool known = keys.dtype() == DType::u32 || keys.dtype() == DType::i32 || keys.dtype() == DType::f32;
+  if (keys.rank() != 1 || !known || bits < 1 || bits > 32 || (keys.dtype() == DType::f32 && bits < 32))
+    throw Error(Fault::internal, text("[sort] keys ", to_string(keys.shape()), " ", name_of(keys.dtype()), " by ", bits,
+                                      " bits: want one axis of uint32 or int32 by 1 to 32 bits, or of float32 by 32"));
+  const Tensor order = make(std::make_shared<SortOrder>(bits), keys.shape(), {keys}, DType::i32);
+  return {keys.numel() > 0 ? gather_rows(keys, order) : keys, order};
+}
+
+Tensor segment_offsets(const Tensor& sorted_ids, int64_t count) {
+  if (sorted_ids.rank() != 1 || sorted_ids.dtype() != DType::i32 || count < 0)
+    throw Error(Fault::internal, text("[segment_offsets] ids ", to_string(sorted_ids.shape()), " ",
+                                      name_of(sorted_ids.dtype()), " for ", count, " segments: want int32 [n]"));
+  return make(std::make_shared<SegmentOffsets>(), {count + 1}, {sorted_ids}, DType::i32);
+}
+
+Tensor segment_sum(const Tensor& values, const Tensor& offsets) {
+  check_segments("segment_sum", values, offsets, values.rank() > 0);
+  Shape shape = values.shape();
+  shape[0] = offsets.dim(0) - 1;
+  return make(std::make_shared<SegmentSum>(), shape, {values, offsets});
+}
+
+Tensor segment_spread(const Tensor& of, const Tensor& offsets, int64_t n) {
+  check_segments("segment_spread", of, offsets,
+                 of.rank() > 0 && offsets.rank() == 1 && of.dim(0) + 1 == offsets.dim(0));
+  Shape shape = of.shape();
+  shape[0] = n;
+  return make(std::make_shared<SegmentSpread>(), shape, {of, offsets});
+}
+
+}  // namespace cloam
