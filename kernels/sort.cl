@@ -61,21 +61,41 @@ __kernel FAT void segment_offsets(__global const int* restrict ids, __global int
   }
 }
 
-// out[segment,:] = the sum of its value rows, in order (ORDERED: row order[k] for each place k). WIDTH 1 or, 0, any.
+// out[segment,:] = the sum of its value rows (ORDERED: row order[k] for each place k). Chunks of places share the work, so
+// that one long segment keeps no work-item busy alone: what a chunk holds of a segment that began before it goes to
+// heads[chunk,:], and join_heads adds these in order. A piece is a chunk, on GPU devices a chunk's column.
 __kernel FAT void segment_sum(__global const float* restrict values, __global const int* restrict order,
-                              __global const int* restrict offsets, __global float* restrict out, int pieces, int n,
-                              int any_width, int chunk) {
-  const int width = WIDTH ? WIDTH : any_width;
+                              __global const int* restrict offsets, __global float* restrict out,
+                              __global float* restrict heads, int pieces, int n, int segments, int width, int length) {
+  const int piece = get_global_id(0);
+  if (piece >= pieces) return;
+  const int part = CLOAM_CPU ? piece : piece / width;
+  const int left = CLOAM_CPU ? 0 : piece % width, right = CLOAM_CPU ? width : left + 1;
+  const int begin = part * length, end = min(min(n, begin + length), offsets[segments]);
+  int low = 0, stop = 0;
+  for (int k = max(begin, offsets[0]); k < end; k = stop) {
+    low = first_at_least(offsets, low, segments + 1, k + 1);
+    const int segment = clamp(low - 1, 0, segments - 1);
+    stop = max(k + 1, min(end, offsets[segment + 1]));
+    __global float* to = offsets[segment] < begin ? heads + (size_t)part * width : out + (size_t)segment * width;
+    for (int c = left; c < right; c++) to[c] = 0;
+    for (int i = k; i < stop; i++) {
+      __global const float* from = values + (size_t)(ORDERED ? order[i] : i) * width;
+      for (int c = left; c < right; c++) to[c] += from[c];
+    }
+  }
+}
+
+__kernel FAT void join_heads(__global const int* restrict offsets, __global const float* restrict heads,
+                             __global float* restrict out, int pieces, int n, int width, int length, int chunk) {
   for (int piece = LOOP_LO(chunk); piece < LOOP_HI(pieces, chunk); piece += LOOP_STEP) {
     const int segment = CLOAM_CPU ? piece : piece / width;
     const int left = CLOAM_CPU ? 0 : piece % width, right = CLOAM_CPU ? width : left + 1;
     const int begin = max(0, offsets[segment]), end = min(n, offsets[segment + 1]);
     __global float* to = out + (size_t)segment * width;
-    for (int c = left; c < right; c++) to[c] = 0;
-    for (int k = begin; k < end; k++) {
-      __global const float* from = values + (size_t)(ORDERED ? order[k] : k) * width;
-      for (int c = left; c < right; c++) to[c] += from[c];
-    }
+    for (int c = left; c < right && begin >= end; c++) to[c] = 0;
+    for (int part = begin / length + 1; part * length < end; part++)
+      for (int c = left; c < right; c++) to[c] += heads[(size_t)part * width + c];
   }
 }
 

@@ -188,7 +188,7 @@ struct Sorted {
 Sorted sort(const Tensor& keys, int bits = 32);
 /// sorted_ids int32 [n], ascending -> int32 [count+1]: the first place of each id. Ids outside [0,count) get no segment.
 Tensor segment_offsets(const Tensor& sorted_ids, int64_t count);
-/// values [n, ...] f32, offsets int32 [L+1] ascending -> [L, ...], each segment summed in order.
+/// values [n, ...] f32, offsets int32 [L+1] ascending -> [L, ...]: the sum of each segment, in a fixed order.
 Tensor segment_sum(const Tensor& values, const Tensor& offsets);
 /// The transpose: of [L, ...] -> [n, ...], row i is that of i's segment, zero where i is in none.
 Tensor segment_spread(const Tensor& of, const Tensor& offsets, int64_t n);

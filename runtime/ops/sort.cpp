@@ -91,10 +91,16 @@ void check_segments(const char* op, const Tensor& values, const Tensor& offsets,
 }  // namespace
 
 void sum_segments(const Tensor& values, const Tensor& order, const Tensor& offsets, const Tensor& out) {
-  const int64_t width = row_width(out.shape()), count = out.dim(0), pieces = row_pieces(count, width);
-  const Share work = share(pieces, 4096 * count / (count * width + values.numel()));
-  launch(kernel("sort", "segment_sum", form(bool{order}, width)), "segment_sum", work.range, values,
-         order ? order : offsets, offsets, out, pieces, values.dim(0), width, work.chunk);
+  const int64_t n = values.dim(0), width = row_width(out.shape()), count = out.dim(0);
+  const int64_t length = is_cpu_class() ? std::max<int64_t>(1024, (n + 63) / 64) : 128,
+                parts = (n + length - 1) / length;
+  const Tensor heads = empty({parts, width});
+  const int64_t pieces = row_pieces(parts, width), joins = row_pieces(count, width);
+  const Share work = share(joins, 4096 / width);
+  launch(kernel("sort", "segment_sum", form(bool{order}, 0)), "segment_sum", range1(pieces, is_cpu_class() ? 1 : 64),
+         values, order ? order : offsets, offsets, out, heads, pieces, n, count, width, length);
+  launch(kernel("sort", "join_heads", form(bool{order}, 0)), "join_heads", work.range, offsets, heads, out, joins, n,
+         width, length, work.chunk);
 }
 
 Sorted sort(const Tensor& keys, int bits) {
