@@ -1,0 +1,201 @@
+// run.json and the other small files of a run folder. Field names are documented in docs/formats.md.
+#include "models/train/run_folder.h"
+
+#include <algorithm>
+#include <fstream>
+
+#include "models/data/json.h"
+#include "models/data/paths.h"
+#include "models/io/commit.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kSchema = 1;
+
+int64_t whole(const Json& object, const std::string& key, const std::string& where) {
+  const Json& value = member(object, key, where);
+  if (!value.is_number_integer()) throw Error(Fault::data, text(where, ": \"", key, "\" is no whole number"));
+  return value.get<int64_t>();
+}
+
+uint64_t seed_of(const Json& object, const std::string& where) {
+  const Json& value = member(object, "seed", where);
+  if (!value.is_number_unsigned()) throw Error(Fault::data, text(where, ": \"seed\" is no whole number from 0 up"));
+  return value.get<uint64_t>();
+}
+
+Json to_json(const RunData& data) {
+  return {{"given", data.given},         {"relative", data.relative}, {"fingerprint", data.fingerprint},
+          {"downscale", data.downscale}, {"holdout", data.holdout},   {"skip_bad", data.skip_bad}};
+}
+
+RunData data_from(const Json& json, const std::string& where) {
+  RunData data;
+  data.given = string(json, "given", where);
+  data.relative = string(json, "relative", where);
+  data.fingerprint = string(json, "fingerprint", where);
+  data.downscale = static_cast<int>(std::clamp<int64_t>(whole(json, "downscale", where), 1, 1 << 16));
+  data.holdout = static_cast<int>(std::clamp<int64_t>(whole(json, "holdout", where), 0, 1 << 30));
+  data.skip_bad = flag(json, "skip_bad", false, where);
+  return data;
+}
+
+Json options_to_json(const RunRecord& record) {
+  Json options = {{"save_every", record.save_every}, {"steps", nullptr}, {"time_budget_seconds", nullptr}};
+  if (record.steps) options["steps"] = *record.steps;
+  if (record.time_budget_seconds) options["time_budget_seconds"] = *record.time_budget_seconds;
+  return options;
+}
+
+void read_options(RunRecord& record, const Json& options, const std::string& where) {
+  record.save_every = whole(options, "save_every", where);
+  if (optional_number(options, "steps", where)) record.steps = whole(options, "steps", where);
+  record.time_budget_seconds = optional_number(options, "time_budget_seconds", where);
+}
+
+std::vector<std::string> names_in(const fs::path& folder) {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    names.push_back(entry->path().filename().string());
+  }
+  return names;
+}
+
+[[noreturn]] void no_folder(const fs::path& folder) {
+  const fs::path clean = folder.has_filename() ? folder : folder.parent_path();
+  const fs::path parent = clean.has_parent_path() ? clean.parent_path() : fs::path(".");
+  const std::string near = nearest_name(clean.filename().string(), names_in(parent));
+  const std::string hint = near.empty() ? "" : "; did you mean " + (clean.parent_path() / near).string() + "?";
+  throw Error(Fault::usage, text("there is no run folder ", folder.string(), hint));
+}
+
+uint64_t mixed(uint64_t hash, const std::string& bytes) {  // FNV-1a
+  for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3;
+  return hash;
+}
+
+std::string toml_value(const ConfigValue& value) {
+  const std::string plain = to_string(value);
+  if (std::holds_alternative<std::string>(value)) return Json(plain).dump();
+  const bool bare = std::holds_alternative<double>(value) && plain.find_first_of(".en") == std::string::npos;
+  return bare ? plain + ".0" : plain;
+}
+
+}  // namespace
+
+bool is_run(const fs::path& folder) {
+  std::error_code error;
+  return fs::is_regular_file(RunPaths{folder}.record(), error);
+}
+
+RunRecord read_record(const fs::path& folder) {
+  std::error_code error;
+  if (!fs::is_directory(folder, error)) no_folder(folder);
+  const fs::path path = RunPaths{folder}.record();
+  if (!is_run(folder)) {
+    throw Error(Fault::data, text(folder.string(), " is no run folder: looked for run.json, found ",
+                                  names_in(folder).size(), " other entries; train first, or name another folder"));
+  }
+  const Json json = parse_json_file(path);
+  const std::string where = path.string();
+  if (whole(json, "schema_version", where) != kSchema) throw Error(Fault::data, where + ": of another version");
+  RunRecord record;
+  record.state = string(json, "state", where);
+  record.version = string(json, "version", where);
+  record.method = string(json, "method", where);
+  record.preset = string(json, "preset", where);
+  record.command_line = string(json, "command_line", where);
+  record.device = string(json, "device", where);
+  record.driver = string(json, "driver", where);
+  record.started = string(json, "started", where);
+  record.ended = string(json, "ended", where);
+  record.seed = seed_of(json, where);
+  record.step = whole(json, "step", where);
+  record.horizon = whole(json, "horizon", where);
+  record.data = data_from(member(json, "data", where), where + ", data");
+  read_options(record, member(json, "options", where), where + ", options");
+  const Json& settings = member(json, "settings", where);
+  if (!settings.is_object()) throw Error(Fault::data, where + ": \"settings\" is no object");
+  for (const auto& [key, value] : settings.items()) record.settings[key] = string(settings, key, where + ", settings");
+  return record;
+}
+
+void write_record(const fs::path& folder, const RunRecord& r) {
+  nlohmann::ordered_json json = {{"schema_version", kSchema},
+                                 {"state", r.state},
+                                 {"version", r.version},
+                                 {"method", r.method},
+                                 {"preset", r.preset},
+                                 {"seed", r.seed},
+                                 {"command_line", r.command_line},
+                                 {"device", r.device},
+                                 {"driver", r.driver},
+                                 {"started", r.started},
+                                 {"ended", r.ended},
+                                 {"step", r.step},
+                                 {"horizon", r.horizon}};
+  json["data"] = to_json(r.data);
+  json["options"] = options_to_json(r);
+  json["settings"] = r.settings;
+  commit_text(RunPaths{folder}.record(), json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+void write_config(const fs::path& folder, const Config& config, const std::string& head) {
+  std::string content = "# " + head + "\n";
+  for (const ConfigEntry& entry : config.entries()) {
+    content += text(entry.key, " = ", toml_value(entry.value), "  # ", entry.origin, ": ", entry.help, "\n");
+  }
+  commit_text(RunPaths{folder}.config(), content);
+}
+
+fs::path find_data(const fs::path& folder, const RunData& data) {
+  std::error_code error;
+  const fs::path beside = fs::weakly_canonical(folder, error) / data.relative;
+  if (fs::is_directory(beside, error)) return beside.lexically_normal();
+  if (fs::is_directory(data.given, error)) return data.given;
+  throw Error(Fault::data, text("the data of the run ", folder.string(),
+                                " is gone.\n  looked for: ", beside.lexically_normal().string(), "; ", data.given,
+                                "\n  fix:        name its new place with --data"));
+}
+
+std::string fingerprint(const Scene& scene) {
+  std::vector<std::string> lines;
+  for (const Frame& frame : scene.frames) {
+    std::error_code error;
+    const auto size = fs::file_size(scene.root / frame.image, error);
+    lines.push_back(text(frame.image, '\n', error ? 0 : size, '\n'));
+  }
+  std::sort(lines.begin(), lines.end());
+  uint64_t hash = 0xcbf29ce484222325;
+  for (const std::string& line : lines) hash = mixed(hash, line);
+  std::ostringstream out;
+  out << scene.frames.size() << " images, " << std::hex << hash;
+  return out.str();
+}
+
+void clear_run(const fs::path& folder) {
+  const RunPaths paths{folder};
+  std::error_code error;
+  for (const fs::path& path : {paths.checkpoints(), paths.preview(), paths.eval(), paths.events(), paths.config(),
+                               paths.scene(), paths.record()}) {
+    fs::remove_all(path, error);
+    if (error) throw Error(Fault::write, text(path.string(), ": cannot be removed: ", error.message()));
+  }
+}
+
+void mend_log(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return;
+  const std::string content((std::istreambuf_iterator<char>(file)), {});
+  const std::size_t end = content.rfind('\n');
+  const std::size_t whole_lines = end == std::string::npos ? 0 : end + 1;
+  std::error_code error;
+  if (whole_lines != content.size()) fs::resize_file(path, whole_lines, error);
+}
+
+}  // namespace cloam

@@ -1,0 +1,70 @@
+// What lies in a run folder, and the record of the run (run.json). The folder can be moved: it holds no absolute path.
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "models/scene/scene.h"
+#include "models/train/config.h"
+
+namespace cloam {
+
+struct RunPaths {
+  std::filesystem::path root;
+  std::filesystem::path record() const { return root / "run.json"; }
+  std::filesystem::path config() const { return root / "config.toml"; }
+  std::filesystem::path scene() const { return root / "scene.json"; }
+  std::filesystem::path events() const { return root / "metrics.jsonl"; }
+  std::filesystem::path checkpoints() const { return root / "ckpt"; }
+  std::filesystem::path preview() const { return root / "preview"; }
+  std::filesystem::path eval() const { return root / "eval"; }
+};
+
+/// The capture that a run was trained on, and how it was read.
+struct RunData {
+  std::string given;     // as typed
+  std::string relative;  // from the run folder
+  std::string fingerprint;
+  int downscale = 1;
+  int holdout = 0;  // 0: the split of the source
+  bool skip_bad = false;
+};
+
+/// state: running | finished | interrupted | stopped (--stop-after) | out of time | failed.
+struct RunRecord {
+  std::string state = "running";
+  std::string version, method, preset, command_line, device, driver, started, ended;
+  uint64_t seed = 42;
+  RunData data;
+  std::map<std::string, std::string> settings;
+  std::optional<int64_t> steps;
+  std::optional<double> time_budget_seconds;
+  int64_t save_every = 0;
+  int64_t step = 0, horizon = 0;  // where it stands, as far as known
+};
+
+/// Whether a run was ever started in the folder.
+bool is_run(const std::filesystem::path& folder);
+
+/// Fault::usage with the nearest name if there is no such folder; Fault::data if it holds no (sound) run.json.
+RunRecord read_record(const std::filesystem::path& folder);
+void write_record(const std::filesystem::path& folder, const RunRecord& record);
+
+/// The settings with where each comes from, as a file that --config takes.
+void write_config(const std::filesystem::path& folder, const Config& config, const std::string& head);
+
+/// Where the data of a run lies now: beside the folder as when it was trained, or as given. Fault::data if neither.
+std::filesystem::path find_data(const std::filesystem::path& folder, const RunData& data);
+
+/// Number, names and sizes of the images, as a short text. Equal after copying the data elsewhere.
+std::string fingerprint(const Scene& scene);
+
+/// Removes what a run wrote (checkpoints, records, pictures), and nothing else.
+void clear_run(const std::filesystem::path& folder);
+
+/// The last line of a log that a kill may have cut is removed, so that further lines can follow.
+void mend_log(const std::filesystem::path& path);
+
+}  // namespace cloam
