@@ -205,7 +205,7 @@ void Cutter::add_reduce(int i) {
   const int source = node(i)->in[0].node()->index;
   operand_of(group, values, source);
   if (constant(source)) group.code.push_back({nullptr, {{Operand::scalar, 0}}, node(source)->dtype});
-  group.reduce = static_cast<const ReduceOp*>(node(i)->op.get());
+  group.reduce = std::static_pointer_cast<const ReduceOp>(node(i)->op);  // plans outlive the graph they came from
   group.reduce_node = i;
   group.reduce_dtype = node(i)->dtype;
   group.shape_node = source;

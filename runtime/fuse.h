@@ -38,7 +38,7 @@ struct Group {
   std::vector<GroupInput> scalars;
   std::vector<Instruction> code;
   std::vector<GroupOutput> outputs;   // of a pointwise group
-  const ReduceOp* reduce = nullptr;   // or: the last value (else the only input) is reduced ...
+  std::shared_ptr<const ReduceOp> reduce;  // or: the last value (else the only input) is reduced ...
   int reduce_node = -1;               // ... into this node,
   DType reduce_dtype = DType::f32;    // summed in this type
   int shape_node = 0;                 // the node whose shape is iterated over

@@ -171,6 +171,12 @@ Tensor cumsum(const Tensor& x, int axis, const Cumulative& how = {});
 // ---- Dense (ops/matmul.cpp, ops/conv2d.cpp). float32.
 /// a [..,M,K] x b [..,K,N] -> [..,M,N]; batch axes broadcast. Transposed operands are transpose() views: no copy.
 Tensor matmul(const Tensor& a, const Tensor& b);
+struct Conv2dParams {
+  int stride = 1, pad = 0, groups = 1;  // pad: zeros on every side
+};
+/// x [N,C,H,W], w [K,C/groups,R,S] -> [N,K,P,Q] with P = (H + 2 pad - R) / stride + 1, rounded down; no bias.
+/// y[n,k,p,q] = sum of x[n,c,p*stride+r-pad,q*stride+s-pad] * w[k,c,r,s]: the correlation that networks call convolution.
+Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params = {});
 
 // ---- Rows by number (ops/index.cpp). Row numbers are int32; one outside the table, below 0 too, counts as its nearest row.
 /// table [L, ...] of any dtype, rows [...] -> [rows..., ...]: out[i] = table[rows[i]].

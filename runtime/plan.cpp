@@ -212,10 +212,11 @@ void launch_reduce(const Group& group, Step& step, const Walk& graph, const Layo
 /// [chunks, kept] -> [kept]: the same generated reduction with nothing before it.
 void reduce_partials(const Group& group, Tensor partial, const Tensor& to) {
   static std::unordered_map<uint64_t, Step> steps;
-  static const ReduceOp over_rows[] = {{Reduction::sum, 1}, {Reduction::max, 1}, {Reduction::min, 1}};
+  static const std::shared_ptr<const ReduceOp> over_rows[] = {std::make_shared<ReduceOp>(Reduction::sum, 1), std::make_shared<ReduceOp>(Reduction::max, 1),
+                                                              std::make_shared<ReduceOp>(Reduction::min, 1)};
   Group second;
   second.inputs = {{0, group.reduce_dtype}};
-  second.reduce = &over_rows[static_cast<size_t>(group.reduce->reduction)];
+  second.reduce = over_rows[static_cast<size_t>(group.reduce->reduction)];
   second.reduce_dtype = group.reduce_dtype;
   Walk graph;
   graph.nodes = {partial.node()};

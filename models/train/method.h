@@ -66,6 +66,8 @@ class Method {
   virtual AdamSettings adam() const { return {}; }
   /// The loss of one step, as a lazy graph.
   virtual Tensor loss(const Progress& progress) = 0;
+  /// Tensors that metrics() will read: evaluated together with the loss.
+  virtual Tensors observed() const { return {}; }
   /// Densify, refresh the occupancy grid.
   virtual void after_step(const Progress&) {}
   /// Named figures of the last step for the progress line.

@@ -1,0 +1,226 @@
+// NeRF, composed of a field, a sampler and the quadrature.
+#include "models/methods/nerf.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "models/train/tensors.h"
+#include "runtime/device.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+// Streams of random numbers within a step.
+enum Stream : uint32_t { kPixels = 0, kJitter = 2, kBackground = 3, kPlace = 4, kFine = 5, kFinePlace = 6, kCells = 16 };
+
+RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
+
+}  // namespace
+
+void Nerf::configure(Config& c) {
+  c.bind("field.kind", config_.field.kind, "hash | frequency | triplane");
+  c.bind("field.levels", config_.field.levels, "hash grid: levels");
+  c.bind("field.features", config_.field.features, "hash grid: features a level (1, 2 or 4)");
+  c.bind("field.log2_rows", config_.field.log2_rows, "hash grid: 2^n rows a level");
+  c.bind("field.coarsest", config_.field.coarsest, "hash grid: cells an axis of the first level");
+  c.bind("field.finest", config_.field.finest, "hash grid: cells an axis of the last level");
+  c.bind("field.width", config_.field.width, "width of the networks");
+  c.bind("field.depth", config_.field.depth, "frequency: layers");
+  c.bind("field.point_frequencies", config_.field.point_frequencies, "frequency: L of the position");
+  c.bind("field.direction_frequencies", config_.field.direction_frequencies, "frequency: L of the direction");
+  c.bind("field.plane_channels", config_.field.plane_channels, "triplane: channels a plane");
+  c.bind("field.plane_side", config_.field.plane_side, "triplane: texels an axis");
+  c.bind("sampling", config_.sampling, "occupancy (march through a grid) | importance (coarse and fine network)");
+  c.bind("background", config_.background, "auto | white | random | none");
+  c.bind("batch.rays", config_.batch_rays, "rays a step (occupancy sampling: at the start)");
+  c.bind("batch.samples", config_.batch_samples, "occupancy sampling: samples a step aims at");
+  c.bind("samples.coarse", config_.coarse_samples, "importance sampling: stratified samples a ray");
+  c.bind("samples.fine", config_.fine_samples, "importance sampling: further samples a ray");
+  c.bind("march.min_step", config_.min_step, "smallest step in normalised units, 0: by the kind of scene");
+  c.bind("occupancy.side", config_.occupancy.side, "cells an axis");
+  c.bind("occupancy.cells", config_.occupancy.cells_per_update, "cells looked into an update");
+  c.bind("occupancy.threshold", config_.occupancy.threshold, "density below which a cell is empty");
+  c.bind("occupancy.every", config_.occupancy_every, "steps between updates");
+  c.bind("occupancy.start", config_.occupancy_start, "first step with an update");
+  c.bind("train.rate", config_.learning_rate, "learning rate of Adam");
+  c.bind("train.final_rate", config_.final_rate, "factor on the rate at the last step");
+  c.bind("train.decay_start", config_.decay_start, "share of the steps before the rate falls");
+  c.bind("train.loss", config_.loss, "square | charbonnier");
+}
+
+void Nerf::build(const Scene& scene, uint64_t seed) {
+  if (config_.sampling != "occupancy" && config_.sampling != "importance")
+    throw Error(Fault::usage, text("setting sampling: \"", config_.sampling, "\", want occupancy or importance"));
+  seed_ = seed;
+  frame_ = fit_scene(scene);
+  has_alpha_ = scene.has_alpha;
+  const Scope root{params_, "", seed};
+  field_ = make_field(root / "field", config_.field);
+  if (marching()) occupancy_ = std::make_unique<OccupancyGrid>(config_.occupancy);
+  else coarse_ = make_field(root / "coarse", config_.field);
+  rays_ = config_.batch_rays;
+}
+
+void Nerf::load_data(TrainingData data) {
+  image_bytes_ = RayBank::bytes(data.pixels);
+  bank_ = std::make_unique<RayBank>(data.scene, data.pixels, frame_, range_);
+}
+
+MemoryPlan Nerf::memory() const {
+  MemoryPlan plan;
+  for (const auto& [name, p] : params_) plan.parameters += static_cast<uint64_t>(p.numel()) * 4;
+  plan.optimiser = 2 * plan.parameters;
+  plan.images = image_bytes_;
+  const int64_t samples = marching() ? config_.batch_samples : int64_t{config_.batch_rays} * (2 * config_.coarse_samples + config_.fine_samples);
+  plan.work = 2 * plan.parameters + static_cast<uint64_t>(samples * (field_->bytes_per_sample() + 64));
+  return plan;
+}
+
+std::vector<LearningRate> Nerf::learning_rates(const Progress& progress) const {
+  const float along = std::clamp((progress.fraction() - config_.decay_start) / (1.f - config_.decay_start), 0.f, 1.f);
+  const float warm_up = std::min(1.f, static_cast<float>(progress.step) / 30.f);
+  const float rate = config_.learning_rate * std::pow(config_.final_rate, along) * warm_up;
+  return {{"", rate}, {"field.grid.", rate, true}};
+}
+
+AdamSettings Nerf::adam() const { return config_.field.kind == "frequency" ? AdamSettings{} : AdamSettings{0.9f, 0.99f, 1e-15f}; }
+
+MarchOptions Nerf::march_options() const {
+  MarchOptions m;
+  m.side = config_.occupancy.side;
+  m.contract = frame_.contract;
+  m.min_step = config_.min_step > 0 ? config_.min_step : 0.01f;
+  m.cone = frame_.contract ? 0.015f : 0.f;
+  return m;
+}
+
+Nerf::Rendered Nerf::shade(const Rays& rays, const RandomKey& key, bool jitter) const {
+  return marching() ? shade_marched(rays, key, jitter) : shade_importance(rays, key, jitter);
+}
+
+Nerf::Rendered Nerf::shade_marched(const Rays& rays, const RandomKey& key, bool jitter) const {
+  const int64_t count = rays.origins.dim(0);
+  const Tensor shift = jitter ? random_uniform({count}, stream(key, kJitter)) : full({count}, 0.5f);
+  const RaySamples s = march(rays, shift, occupancy_->mask(), march_options());
+  const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
+  return {composite({out.sigma, out.rgb, s.t, s.dt, s.offsets}), Tensor(), s.t.dim(0)};
+}
+
+/// One sample in each interval, at `place` [R,N] in [0,1) of it (NeRF eq. 2), composited.
+Tensor Nerf::shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place, Tensor* weights) const {
+  const int64_t count = edges.dim(0), n = edges.dim(1) - 1;
+  const Tensor begin = slice(edges, 1, 0, n), length = slice(edges, 1, 1, n + 1) - begin;
+  const Tensor t = begin + place * length;
+  const Tensor points = unsqueeze(rays.origins, 1) + unsqueeze(rays.directions, 1) * unsqueeze(t, 2);
+  std::vector<int32_t> first, ray;
+  for (int64_t r = 0; r <= count; r++) first.push_back(static_cast<int32_t>(r * n));
+  for (int64_t r = 0; r < count; r++) ray.insert(ray.end(), static_cast<size_t>(n), static_cast<int32_t>(r));
+  const Tensor offsets = from_host(first, {count + 1}), flat_length = reshape(length, {count * n});
+  const FieldOutput out = field(unit_points(reshape(points, {count * n, 3}), frame_.contract), rays.directions, from_host(ray, {count * n}));
+  if (weights) *weights = reshape(composite_weights(out.sigma, flat_length, offsets), {count, n});
+  return composite({out.sigma, out.rgb, reshape(t, {count * n}), flat_length, offsets});
+}
+
+Nerf::Rendered Nerf::shade_importance(const Rays& rays, const RandomKey& key, bool jitter) const {
+  const int64_t count = rays.origins.dim(0), coarse = config_.coarse_samples, fine = config_.fine_samples;
+  std::vector<float> steps;
+  for (int64_t i = 0; i <= coarse; i++) steps.push_back(static_cast<float>(i) / static_cast<float>(coarse));
+  const Tensor near = slice(rays.span, 1, 0, 1), far = maximum(slice(rays.span, 1, 1, 2), near + 1e-3f);
+  const Tensor edges = near + (far - near) * from_host(steps, {1, coarse + 1});
+  const auto place = [&](int64_t n, uint32_t which) {
+    return jitter ? random_uniform({count, n}, stream(key, which)) : full({count, n}, 0.5f);
+  };
+  Rendered out;
+  Tensor weights;
+  out.coarse = shade_edges(*coarse_, rays, edges, place(coarse, kPlace), &weights);
+  std::vector<float> ranks;
+  for (int64_t i = 0; i < fine; i++) ranks.push_back(static_cast<float>(i));
+  const Tensor uniform = (from_host(ranks, {1, fine}) + place(fine, kFine)) * (1.f / static_cast<float>(fine));
+  const Tensor all = importance_edges(edges, weights, uniform);
+  out.fine = shade_edges(*field_, rays, all, place(coarse + fine, kFinePlace), nullptr);
+  out.samples = count * (2 * coarse + fine);
+  return out;
+}
+
+/// [R,3] or [1,3]: what is seen where nothing is. Random colours in training teach the field to be opaque or empty.
+Tensor Nerf::background_for(int64_t rays, const RandomKey& key) const {
+  const bool random = config_.background == "random" || (config_.background == "auto" && has_alpha_);
+  if (random) return random_uniform({rays, 3}, stream(key, kBackground));
+  return full({1, 3}, config_.background == "white" ? 1.f : 0.f);
+}
+
+Tensor Nerf::pixel_loss(const Tensor& colour, const Tensor& truth, const Tensor& used) const {
+  Tensor error = square(colour - truth);
+  if (config_.loss == "charbonnier") error = sqrt(error + 1e-6f);
+  return used ? mean(error * unsqueeze(used, 1)) : mean(error);
+}
+
+Tensor Nerf::loss(const Progress& progress) {
+  const RandomKey key{seed_, static_cast<uint32_t>(progress.step), 0};
+  const RayBatch batch = bank_->sample(rays_, stream(key, kPixels));
+  const Rendered seen = shade(batch.rays, key, true);
+  const Tensor background = background_for(rays_, key);
+  const Tensor alpha = slice(batch.rgba, 1, 3, 4);
+  const Tensor truth = has_alpha_ ? slice(batch.rgba, 1, 0, 3) * alpha + background * (1.f - alpha) : slice(batch.rgba, 1, 0, 3);
+  const auto colour = [&](const Tensor& rendered) {
+    return slice(rendered, 1, 0, 3) + background * (1.f - slice(rendered, 1, 3, 4));
+  };
+  const Tensor fine = colour(seen.fine);
+  last_error_ = mean(square(stop_gradient(fine) - truth));
+  last_samples_ = seen.samples;
+  const Tensor loss = pixel_loss(fine, truth, batch.used);
+  return seen.coarse ? loss + pixel_loss(colour(seen.coarse), truth, batch.used) : loss;
+}
+
+void Nerf::after_step(const Progress& progress) {
+  if (!marching()) return;
+  // Rays follow the samples they cost, slowly and in whole 64s, so that a step keeps its size.
+  const double per_ray = static_cast<double>(last_samples_ + 1) / static_cast<double>(rays_);
+  const double goal = std::clamp(config_.batch_samples / per_ray, 64.0, 16.0 * config_.batch_rays);
+  rays_ = std::max<int64_t>(64, static_cast<int64_t>(0.8 * static_cast<double>(rays_) + 0.2 * goal) / 64 * 64);
+  const bool due = progress.step >= config_.occupancy_start && (progress.step - config_.occupancy_start) % config_.occupancy_every == 0;
+  if (due)
+    occupancy_->update([this](const Tensor& points) { return field_->density(points); },
+                       {seed_, static_cast<uint32_t>(progress.step), kCells});
+}
+
+std::map<std::string, double> Nerf::metrics() const {
+  std::map<std::string, double> out = {{"rays", static_cast<double>(rays_)}, {"samples", static_cast<double>(last_samples_)}};
+  if (last_error_ && last_error_.evaluated()) out["psnr"] = -10 * std::log10(static_cast<double>(last_error_.item()) + 1e-12);
+  return out;
+}
+
+Picture Nerf::render(const View& view) {
+  const Rays all = view_rays(view, frame_, range_);
+  const int64_t count = all.directions.dim(0), block = marching() ? 16384 : 1024;
+  const float back = has_alpha_ || config_.background == "white" ? 1.f : 0.f;
+  Picture out;
+  out.width = view.camera.width;
+  out.height = view.camera.height;
+  for (int64_t begin = 0; begin < count; begin += block) {
+    const int64_t end = std::min(count, begin + block);
+    const auto part = [&](const Tensor& x) { return slice(x, 0, begin, end); };
+    const Tensor seen = shade({part(all.origins), part(all.directions), part(all.span)}, {seed_, 0, 0}, false).fine;
+    const std::vector<float> values = seen.to_host();
+    for (size_t i = 0; i + 5 <= values.size(); i += 5) {
+      for (size_t c = 0; c < 3; c++) out.rgb.push_back(std::clamp(values[i + c] + back * (1.f - values[i + 3]), 0.f, 1.f));
+      out.opacity.push_back(values[i + 3]);
+      out.depth.push_back(values[i + 3] > 1e-3f ? values[i + 4] / values[i + 3] / static_cast<float>(frame_.scale) : 0.f);
+    }
+  }
+  return out;
+}
+
+TensorMap Nerf::state() const {
+  TensorMap out = marching() ? occupancy_->state() : TensorMap{};
+  out["rays"] = named_integers({rays_});
+  return out;
+}
+
+void Nerf::restore(const TensorMap& state) {
+  if (marching()) occupancy_->restore(state);
+  rays_ = integers_from(state, "rays", 1)[0];
+}
+
+}  // namespace cloam

@@ -1,0 +1,59 @@
+// Methods and presets.
+#include "models/methods/registry.h"
+
+#include "models/data/paths.h"
+#include "models/methods/nerf.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+struct MethodRow {
+  const char* name;
+  std::unique_ptr<Method> (*create)();
+};
+
+const MethodRow kMethods[] = {
+    {"nerf", [] { return std::unique_ptr<Method>(std::make_unique<Nerf>()); }},
+};
+
+}  // namespace
+
+const std::vector<Preset>& presets() {
+  static const std::vector<Preset> rows = {
+      {"nerf", "nerf", "hash grid and occupancy grid: minutes on two cores", {}, 4000},
+      {"nerf-paper", "nerf", "the paper's 8x256 network, 64 + 128 samples",
+       {{"field.kind", "frequency"}, {"field.width", "256"}, {"sampling", "importance"}, {"batch.rays", "1024"},
+        {"train.rate", "5e-4"}, {"train.final_rate", "0.1"}, {"train.decay_start", "0"}}, 200000},
+  };
+  return rows;
+}
+
+std::vector<std::string> method_names() {
+  std::vector<std::string> names;
+  for (const MethodRow& row : kMethods) names.push_back(row.name);
+  return names;
+}
+
+const Preset& find_preset(const std::string& name) {
+  std::vector<std::string> names;
+  for (const Preset& preset : presets()) {
+    if (name == preset.name) return preset;
+    names.push_back(preset.name);
+  }
+  std::string known;
+  for (const std::string& n : names) known += " " + n;
+  const std::string nearest = nearest_name(name, names);
+  throw Error(Fault::usage, text("there is no preset ", name, nearest.empty() ? "" : "; did you mean ", nearest, "? Presets:", known));
+}
+
+std::unique_ptr<Method> make_method(const std::string& name) {
+  for (const MethodRow& row : kMethods)
+    if (name == row.name) return row.create();
+  const std::string nearest = nearest_name(name, method_names());
+  std::string known;
+  for (const std::string& n : method_names()) known += " " + n;
+  throw Error(Fault::usage, text("there is no method ", name, nearest.empty() ? "" : "; did you mean ", nearest, "? Methods:", known));
+}
+
+}  // namespace cloam

@@ -1,0 +1,30 @@
+// Linear, small perceptrons, frequency encoding.
+#include "models/nn/layers.h"
+
+#include <cmath>
+
+#include "runtime/ops.h"
+
+namespace cloam {
+
+Linear::Linear(const Scope& scope, int64_t in, int64_t out)
+    : weight(scope.uniform("weight", {in, out}, std::sqrt(6.f / static_cast<float>(in)))), bias(scope.constant("bias", {out}, 0.f)) {}
+
+Tensor Linear::operator()(const Tensor& x) const { return matmul(x, weight) + bias; }
+
+SmallMlp::SmallMlp(const Scope& scope, const std::vector<int64_t>& sizes) {
+  for (size_t i = 0; i + 1 < sizes.size(); i++)
+    weights.push_back(scope.uniform("weight" + std::to_string(i), {sizes[i], sizes[i + 1]}, std::sqrt(6.f / static_cast<float>(sizes[i]))));
+}
+
+Tensor SmallMlp::operator()(const Tensor& x) const { return mlp(x, weights); }
+
+Tensor frequency_encoding(const Tensor& x, int count) {
+  std::vector<float> scales;
+  for (int i = 0; i < count; i++) scales.push_back(std::ldexp(1.f, i));
+  const int64_t rows = x.dim(0), channels = x.dim(1);
+  const Tensor angles = reshape(unsqueeze(x, 1) * from_host(scales, {count, 1}), {rows, count * channels});
+  return concat({x, sin(angles), cos(angles)}, 1);
+}
+
+}  // namespace cloam

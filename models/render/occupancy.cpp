@@ -1,0 +1,57 @@
+// Occupancy grid.
+#include "models/render/occupancy.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include "models/train/tensors.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr int64_t kStride = 1000003;  // prime, so it divides no side^3 and the sweep repeats no cell
+
+}  // namespace
+
+OccupancyGrid::OccupancyGrid(const OccupancyOptions& options) : options_(options) {
+  const int64_t cells = int64_t{options.side} * options.side * options.side;
+  values_ = from_host(std::vector<float>(static_cast<size_t>(cells), 0.f), {cells});
+  mask_ = from_host(std::vector<uint8_t>(static_cast<size_t>(cells), 1), {cells});
+}
+
+void OccupancyGrid::update(const Density& density, const RandomKey& key) {
+  if (updates_ > 0) return visit_cells(density, key), refresh_mask();
+  const int64_t rounds = (values_.dim(0) + options_.cells_per_update - 1) / options_.cells_per_update;
+  for (int64_t i = 0; i < rounds; i++) visit_cells(density, {key.seed, key.step, key.stream + static_cast<uint32_t>(i)});
+  refresh_mask();
+}
+
+void OccupancyGrid::visit_cells(const Density& density, const RandomKey& key) {
+  const int64_t cells = values_.dim(0), count = std::min<int64_t>(options_.cells_per_update, cells);
+  const int64_t start = (updates_ * count % cells) * (kStride % cells) % cells;
+  const OccupancyCells visited = occupancy_cells(random_uniform({count, 3}, key), options_.side, start, kStride % cells);
+  const bool first_sweep = updates_ * count < cells;
+  occupancy_merge(values_, visited.cells, stop_gradient(density(visited.points)), first_sweep ? 0.f : options_.decay);
+  updates_++;
+}
+
+void OccupancyGrid::refresh_mask() {
+  // While all densities are low, what is clearly below their mean is empty (instant-ngp's rule).
+  const float average = mean(minimum(values_, 10.f * options_.threshold)).item();
+  mask_ = occupancy_mask(values_, std::min(options_.threshold, 0.5f * average));
+}
+
+double OccupancyGrid::occupied_share() const { return mean(cast(mask_, DType::f32)).item(); }
+
+TensorMap OccupancyGrid::state() const {
+  return {{"occupancy.values", named(values_)}, {"occupancy.updates", named_integers({updates_})}};
+}
+
+void OccupancyGrid::restore(const TensorMap& state) {
+  assign({{values_, tensor_from(state, "occupancy.values", values_.shape())}});
+  updates_ = integers_from(state, "occupancy.updates", 1)[0];
+  refresh_mask();
+}
+
+}  // namespace cloam

@@ -1,0 +1,37 @@
+// A grid of decayed density maxima that tells marching where nothing is (Mueller et al. 2022, appendix C).
+#pragma once
+#include <functional>
+
+#include "models/train/method.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+
+struct OccupancyOptions {
+  int side = 128;
+  int cells_per_update = 65536;
+  float decay = 0.9f;
+  float threshold = 1.f;  // density below which a cell counts as empty (never above the mean of all cells)
+};
+
+class OccupancyGrid {
+ public:
+  explicit OccupancyGrid(const OccupancyOptions& options);
+  const Tensor& mask() const { return mask_; }
+  using Density = std::function<Tensor(const Tensor& points)>;  // [S,3] in [0,1]^3 -> [S]
+  /// The first time looks into all cells; then into the next ones of a fixed sweep that visits every cell once before
+  /// any again. Until the first update everything counts as full.
+  void update(const Density& density, const RandomKey& key);
+  double occupied_share() const;
+  TensorMap state() const;
+  void restore(const TensorMap& state);
+
+ private:
+  void visit_cells(const Density& density, const RandomKey& key);
+  void refresh_mask();
+  OccupancyOptions options_;
+  int64_t updates_ = 0;
+  Tensor values_, mask_;
+};
+
+}  // namespace cloam

@@ -1,0 +1,14 @@
+// Between device tensors and the named tensors of checkpoint files.
+#pragma once
+#include "models/io/safetensors.h"
+#include "runtime/tensor.h"
+
+namespace cloam {
+
+NamedTensor named(const Tensor& tensor);
+NamedTensor named_integers(const std::vector<int64_t>& values);
+/// A leaf with the values stored under `name`. Fault::data naming what is missing or which shape was wanted.
+Tensor tensor_from(const TensorMap& map, const std::string& name, const Shape& shape);
+std::vector<int64_t> integers_from(const TensorMap& map, const std::string& name, size_t count);
+
+}  // namespace cloam

@@ -1,0 +1,206 @@
+// The training loop.
+#include "models/train/trainer.h"
+
+#include <chrono>
+#include <cmath>
+#include <set>
+
+#include "models/io/checkpoint.h"
+#include "models/train/optimiser.h"
+#include "models/train/tensors.h"
+#include "runtime/device.h"
+#include "runtime/error.h"
+#include "runtime/op.h"
+
+namespace cloam {
+namespace {
+
+constexpr char kParameter[] = "param.", kOptimiser[] = "adam.", kState[] = "state.";
+constexpr double kTimingShare = 0.12;  // of the budget is run before its horizon is chosen
+
+TensorMap with_prefix(const TensorMap& map, const std::string& prefix) {
+  TensorMap out;
+  for (const auto& [name, tensor] : map)
+    if (name.starts_with(prefix)) out[name.substr(prefix.size())] = tensor;
+  return out;
+}
+
+void add_prefixed(TensorMap& to, const TensorMap& from, const std::string& prefix) {
+  for (const auto& [name, tensor] : from) to[prefix + name] = tensor;
+}
+
+class Loop {
+ public:
+  Loop(const TrainRun& run, const TrainOptions& options, const TrainListener& listener)
+      : run_(run), options_(options), listener_(listener), optimiser_(run.method.parameters(), run.method.learning_rates({})) {}
+  TrainResult train();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  double seconds() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
+  void begin();
+  void one_step();
+  void choose_horizon();
+  bool finished();
+  void save();
+  std::optional<double> seconds_left() const;
+  double since_process_start() const { return options_.seconds_before + seconds(); }
+  double saving_seconds() const;
+  bool time_is_up() const { return options_.time_budget_seconds && since_process_start() + saving_seconds() + step_seconds_ >= *options_.time_budget_seconds; }
+
+  const TrainRun& run_;
+  const TrainOptions& options_;
+  const TrainListener& listener_;
+  Optimiser optimiser_;
+  Progress progress_;
+  Clock::time_point start_ = Clock::now();
+  TrainResult result_;
+  double step_seconds_ = 0, timed_from_ = 0;
+  int64_t timed_from_step_ = 0, saved_step_ = -1;
+  double save_cost_ = 0;
+};
+
+void Loop::begin() {
+  progress_.seed = options_.seed;
+  if (run_.resume) {
+    progress_ = restore_method(run_.method, *run_.resume);
+    optimiser_.restore(with_prefix(run_.resume->tensors, kOptimiser));
+    saved_step_ = progress_.step;
+  }
+  const bool by_time = options_.time_budget_seconds && !options_.steps;
+  if (progress_.horizon == 0 && !by_time) progress_.horizon = options_.steps.value_or(options_.default_steps);
+}
+
+/// Measured on the second half of the timing share: the first steps compile kernels and march through a full grid.
+void Loop::choose_horizon() {
+  if (progress_.horizon > 0) return;
+  const double budget = *options_.time_budget_seconds, now = since_process_start();
+  if (timed_from_ == 0 && now >= budget * kTimingShare / 2 && progress_.step >= 3) {
+    timed_from_ = now;
+    timed_from_step_ = progress_.step;
+  }
+  const int64_t timed = progress_.step - timed_from_step_;
+  if (timed_from_ == 0 || timed < 1 || now < budget * kTimingShare) return;
+  const double left = budget - now - saving_seconds() - 0.01 * budget;
+  progress_.horizon = progress_.step + std::max<int64_t>(1, static_cast<int64_t>(left / ((now - timed_from_) / static_cast<double>(timed))));
+}
+
+/// Reading back, checksums and fsync go at some 100 MB/s; measured once a save has been made.
+double Loop::saving_seconds() const {
+  if (save_cost_ > 0) return 1.5 * save_cost_;
+  return 0.5 + 3e-8 * static_cast<double>(run_.method.memory().parameters);
+}
+
+void Loop::one_step() {
+  const double before = seconds();
+  progress_.step++;
+  Tensors wanted;
+  for (const auto& [name, p] : run_.method.parameters()) wanted.push_back(p);
+  const Tensor loss = run_.method.loss(progress_);
+  Tensors all = grad(loss, wanted);
+  const Tensors observed = run_.method.observed();
+  Tensors results = all;
+  results.insert(results.end(), observed.begin(), observed.end());
+  results.push_back(loss);
+  eval(results);
+  optimiser_.step(run_.method.parameters(), all, run_.method.learning_rates(progress_), run_.method.adam(), progress_.step);
+  result_.loss = static_cast<double>(loss.item());
+  if (!std::isfinite(result_.loss))
+    throw Error(Fault::diverged, text("the loss became ", result_.loss, " at step ", progress_.step,
+                                      saved_step_ > 0 ? text("; the checkpoint of step ", saved_step_, " is good") : "; no checkpoint was saved yet",
+                                      ".\n  fix: a lower rate (--set train.rate=...); CLOAM_DEBUG=nan names the first bad op"));
+  run_.method.after_step(progress_);
+  step_seconds_ = seconds() - before;
+}
+
+bool Loop::finished() {
+  result_.interrupted = run_.stop && *run_.stop != 0;
+  result_.out_of_time = time_is_up() && progress_.horizon != progress_.step;
+  const bool stop_here = options_.stop_after > 0 && progress_.step >= options_.stop_after;
+  return result_.interrupted || result_.out_of_time || stop_here || (progress_.horizon > 0 && progress_.step >= progress_.horizon);
+}
+
+void Loop::save() {
+  const double before = seconds();
+  SafetensorsFile file;
+  for (const auto& [name, p] : run_.method.parameters()) file.tensors[kParameter + name] = named(p);
+  add_prefixed(file.tensors, optimiser_.state(), kOptimiser);
+  add_prefixed(file.tensors, run_.method.state(), kState);
+  file.metadata = run_.metadata;
+  file.metadata["step"] = std::to_string(progress_.step);
+  file.metadata["horizon"] = std::to_string(progress_.horizon);
+  file.metadata["seed"] = std::to_string(progress_.seed);
+  result_.checkpoint = save_checkpoint(run_.checkpoints, progress_.step, file);
+  saved_step_ = progress_.step;
+  save_cost_ = std::max(save_cost_, seconds() - before);
+  listener_.checkpoint(progress_.step, result_.checkpoint);
+}
+
+std::optional<double> Loop::seconds_left() const {
+  if (progress_.horizon == 0) return *options_.time_budget_seconds - since_process_start();
+  const int64_t done = progress_.step - timed_from_step_;
+  if (done < 5) return std::nullopt;
+  const int64_t last = options_.stop_after > 0 ? std::min(options_.stop_after, progress_.horizon) : progress_.horizon;
+  return (since_process_start() - timed_from_) / static_cast<double>(done) * static_cast<double>(last - progress_.step);
+}
+
+TrainResult Loop::train() {
+  begin();
+  const int64_t warm = progress_.step + 3;  // the steps that compile kernels would spoil the estimate
+  while (!finished()) {
+    one_step();
+    if (progress_.horizon == 0) choose_horizon();
+    else if (timed_from_ == 0 && progress_.step >= warm) timed_from_ = since_process_start(), timed_from_step_ = progress_.step;
+    listener_.step({progress_, result_.loss, seconds(), step_seconds_, seconds_left(), run_.method.metrics()});
+    if (options_.save_every > 0 && progress_.step % options_.save_every == 0) save();
+  }
+  if (saved_step_ != progress_.step) save();
+  result_.step = progress_.step;
+  result_.horizon = progress_.horizon;
+  result_.seconds = seconds();
+  return result_;
+}
+
+void compare_names(const std::set<std::string>& wanted, const std::set<std::string>& found) {
+  std::string message;
+  for (const std::string& name : wanted)
+    if (!found.contains(name)) message += text("\n  missing: ", name);
+  for (const std::string& name : found)
+    if (!wanted.contains(name)) message += text("\n  not of this model: ", name);
+  if (!message.empty()) throw Error(Fault::data, text("the checkpoint does not fit the model:", message, "\n  fix: use the preset and settings it was trained with"));
+}
+
+int64_t number_in(const SafetensorsFile& file, const std::string& key) {
+  const auto found = file.metadata.find(key);
+  if (found == file.metadata.end()) throw Error(Fault::data, text("the checkpoint's metadata has no \"", key, "\": it is not a checkpoint of cloam"));
+  try {
+    return std::stoll(found->second);
+  } catch (const std::exception&) {
+    throw Error(Fault::data, text("the checkpoint's metadata has ", key, " = \"", found->second, "\", want a number"));
+  }
+}
+
+}  // namespace
+
+TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainListener& listener) {
+  return Loop(run, options, listener).train();
+}
+
+Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {
+  const TensorMap stored = with_prefix(checkpoint.tensors, kParameter);
+  std::set<std::string> wanted, found;
+  for (const auto& [name, p] : method.parameters()) wanted.insert(name);
+  for (const auto& [name, t] : stored) found.insert(name);
+  compare_names(wanted, found);
+  std::vector<std::pair<Tensor, Tensor>> updates;
+  for (auto& [name, p] : method.parameters()) updates.push_back({p, tensor_from(stored, name, p.shape())});
+  assign(updates);
+  method.restore(with_prefix(checkpoint.tensors, kState));
+  Progress progress;
+  progress.step = number_in(checkpoint, "step");
+  progress.horizon = number_in(checkpoint, "horizon");
+  progress.seed = static_cast<uint64_t>(number_in(checkpoint, "seed"));
+  return progress;
+}
+
+}  // namespace cloam
