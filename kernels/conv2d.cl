@@ -1,0 +1,66 @@
+// Two-dimensional convolution (correlation, as networks mean it) and its two adjoints; any stride, padding and groups.
+//   y[n,k,p,q] = sum over c, r, s of x[n, c, p * stride + r - pad, q * stride + s - pad] * w[k, c, r, s]
+// version 1: a work-item is an element of the result. version 2 for CPU devices is conv2d_cpu.cl.
+// Channels C and K count all groups; x [N,C,H,W], w [K,C/groups,R,S], y [N,K,P,Q].
+
+__kernel void conv2d(__global const float* restrict x, __global const float* restrict w, __global float* restrict y, int C,
+                     int H, int W, int K, int R, int S, int P, int Q, int stride, int pad, int groups) {
+  const int pixel = get_global_id(0);
+  if (pixel >= P * Q) return;
+  const int n = get_global_id(1) / K, k = get_global_id(1) - n * K, p = pixel / Q, q = pixel - p * Q;
+  const int channels = C / groups, first = k / (K / groups) * channels;
+  float sum = 0.0f;
+  for (int c = 0; c < channels; c++)
+    for (int r = 0; r < R; r++) {
+      const int row = p * stride + r - pad;
+      if (row < 0 || row >= H) continue;
+      __global const float* from = x + (((size_t)n * C + first + c) * H + row) * W;
+      for (int s = 0; s < S; s++) {
+        const int column = q * stride + s - pad;
+        if (column >= 0 && column < W) sum += from[column] * w[(((size_t)k * channels + c) * R + r) * S + s];
+      }
+    }
+  y[((size_t)n * K + k) * P * Q + pixel] = sum;
+}
+
+__kernel void conv2d_dx(__global const float* restrict y, __global const float* restrict w, __global float* restrict x, int C,
+                        int H, int W, int K, int R, int S, int P, int Q, int stride, int pad, int groups) {
+  const int pixel = get_global_id(0);
+  if (pixel >= H * W) return;
+  const int n = get_global_id(1) / C, c = get_global_id(1) - n * C, row = pixel / W, column = pixel - row * W;
+  const int channels = C / groups, filters = K / groups, group = c / channels, first = group * filters;
+  float sum = 0.0f;
+  for (int k = first; k < first + filters; k++)
+    for (int r = 0; r < R; r++) {
+      const int p = (row + pad - r) / stride;
+      if (row + pad - r < 0 || p * stride != row + pad - r || p >= P) continue;
+      __global const float* from = y + (((size_t)n * K + k) * P + p) * Q;
+      for (int s = 0; s < S; s++) {
+        const int q = (column + pad - s) / stride;
+        const int hit = column + pad - s >= 0 && q * stride == column + pad - s && q < Q;
+        if (hit) sum += from[q] * w[(((size_t)k * channels + c - group * channels) * R + r) * S + s];
+      }
+    }
+  x[((size_t)n * C + c) * H * W + pixel] = sum;
+}
+
+__kernel void conv2d_dw(__global const float* restrict x, __global const float* restrict y, __global float* restrict w, int N, int C,
+                        int H, int W, int K, int R, int S, int P, int Q, int stride, int pad, int groups) {
+  const int channels = C / groups, element = get_global_id(0);
+  if (element >= channels * R * S) return;
+  const int k = get_global_id(1), c = element / (R * S), r = element / S - c * R, s = element % S;
+  const int channel = k / (K / groups) * channels + c;
+  float sum = 0.0f;
+  for (int n = 0; n < N; n++)
+    for (int p = 0; p < P; p++) {
+      const int row = p * stride + r - pad;
+      if (row < 0 || row >= H) continue;
+      __global const float* from = x + (((size_t)n * C + channel) * H + row) * W;
+      __global const float* g = y + (((size_t)n * K + k) * P + p) * Q;
+      for (int q = 0; q < Q; q++) {
+        const int column = q * stride + s - pad;
+        if (column >= 0 && column < W) sum += from[column] * g[q];
+      }
+    }
+  w[(size_t)k * channels * R * S + element] = sum;
+}
