@@ -93,9 +93,9 @@ class Baselines {
   }
 
   bool is_candidate(const FramePixels& frame, const FramePixels& other) const {
-    const bool itself = &frame == &other || (data_.scene.root == data_.train_scene.root &&
-                                             data_.scene.frames[frame.frame].image ==
-                                                 data_.train_scene.frames[other.frame].image);
+    const bool itself =
+        &frame == &other || (data_.scene.root == data_.train_scene.root &&
+                             data_.scene.frames[frame.frame].image == data_.train_scene.frames[other.frame].image);
     return !itself && frame.width == other.width && frame.height == other.height;
   }
 

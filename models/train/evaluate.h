@@ -43,8 +43,9 @@ struct EvaluationData {
 };
 
 /// Renders and measures every photo of data.photos; `seen` is called after each.
-Evaluation evaluate(Method& method, const EvaluationData& data,
-                    const std::function<void(const EvaluatedImage&)>& seen = [](const EvaluatedImage&) {});
+Evaluation evaluate(
+    Method& method, const EvaluationData& data,
+    const std::function<void(const EvaluatedImage&)>& seen = [](const EvaluatedImage&) {});
 
 /// PSNR of one photo, over what its mask keeps, and over all pixels.
 ImageScore score_image(const std::vector<float>& rgb, const std::vector<float>& truth, const FramePixels& frame);
