@@ -109,7 +109,7 @@ Sorted sort(const Tensor& keys, int bits) {
     throw Error(Fault::internal, text("[sort] keys ", to_string(keys.shape()), " ", name_of(keys.dtype()), " by ", bits,
                                       " bits: want one axis of uint32 or int32 by 1 to 32 bits, or of float32 by 32"));
   const Tensor order = make(std::make_shared<SortOrder>(bits), keys.shape(), {keys}, DType::i32);
-  return {keys.numel() > 0 ? gather_rows(keys, order) : keys, order};
+  return {gather_rows(keys, order), order};
 }
 
 Tensor segment_offsets(const Tensor& sorted_ids, int64_t count) {
