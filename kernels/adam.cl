@@ -1,5 +1,6 @@
-// Adam (Kingma and Ba, ICLR 2015) in place, with the decoupled weight decay of AdamW (Loshchilov and Hutter, ICLR 2019):
-//   m = b1 m + (1 - b1) g,  v = b2 v + (1 - b2) g^2,  p -= rate (m / (1 - b1^t) / (sqrt(v / (1 - b2^t)) + eps) + decay p).
+// Adam (Kingma and Ba, ICLR 2015) in place, with AdamW's decoupled weight decay (Loshchilov and Hutter, ICLR 2019):
+//   m = b1 m + (1 - b1) g,  v = b2 v + (1 - b2) g^2,
+//   p -= rate (m / (1 - b1^t) / (sqrt(v / (1 - b2^t)) + eps) + decay p).
 // version 1.
 inline void step_one(__global float* p, __global float* m, __global float* v, float g, float beta1, float beta2,
                      float rate_m, float scale_v, float epsilon, float shrink) {
@@ -11,22 +12,24 @@ inline void step_one(__global float* p, __global float* m, __global float* v, fl
 
 // rate_m = rate / (1 - b1^t), scale_v = 1 / sqrt(1 - b2^t), shrink = 1 - rate decay.
 __kernel FAT void adam(__global float* restrict p, __global float* restrict m, __global float* restrict v,
-                       __global const float* g, int n, float beta1, float beta2, float rate_m, float scale_v, float epsilon,
-                       float shrink, int chunk) {
+                       __global const float* g, int n, float beta1, float beta2, float rate_m, float scale_v,
+                       float epsilon, float shrink, int chunk) {
   for (int i = LOOP_LO(chunk); i < LOOP_HI(n, chunk); i += LOOP_STEP)
     step_one(p + i, m + i, v + i, g[i], beta1, beta2, rate_m, scale_v, epsilon, shrink);
 }
 
 // 1 - e^x for x <= 0 without cancellation near 0: the series there.
 inline float one_minus_exp(float x) {
-  const float series = -x * (1.0f + x * (0.5f + x * (1.0f / 6 + x * (1.0f / 24 + x * (1.0f / 120 + x * (1.0f / 720))))));
+  const float series =
+      -x * (1.0f + x * (0.5f + x * (1.0f / 6 + x * (1.0f / 24 + x * (1.0f / 120 + x * (1.0f / 720))))));
   return x > -0.3f ? series : 1.0f - m_exp(x);
 }
 
 // Rows with a gradient of zeros stay as they are; each other row counts its own steps t, and b^t = e^(t log b).
 __kernel FAT void adam_rows(__global float* restrict p, __global float* restrict m, __global float* restrict v,
                             __global int* restrict steps, __global const float* g, int rows, int width, float beta1,
-                            float beta2, float log_beta1, float log_beta2, float rate, float epsilon, float shrink, int chunk) {
+                            float beta2, float log_beta1, float log_beta2, float rate, float epsilon, float shrink,
+                            int chunk) {
   for (int row = LOOP_LO(chunk); row < LOOP_HI(rows, chunk); row += LOOP_STEP) {
     const size_t first = (size_t)row * width;
     int touched = 0;
@@ -35,7 +38,8 @@ __kernel FAT void adam_rows(__global float* restrict p, __global float* restrict
       const float t = (float)(++steps[row]);
       const float rate_m = rate / one_minus_exp(t * log_beta1), scale_v = 1.0f / sqrt(one_minus_exp(t * log_beta2));
       for (int c = 0; c < width; c++)
-        step_one(p + first + c, m + first + c, v + first + c, g[first + c], beta1, beta2, rate_m, scale_v, epsilon, shrink);
+        step_one(p + first + c, m + first + c, v + first + c, g[first + c], beta1, beta2, rate_m, scale_v, epsilon,
+                 shrink);
     }
   }
 }

@@ -1,6 +1,6 @@
-// Rows by number: gather_rows out[i,:] = table[rows[i],:], and its transpose, the sum of value rows that share a number.
-// Rows hold `width` numbers; row numbers outside the table count as its nearest row. A piece is a row on CPU devices, a
-// row's column on GPU devices, so no two work-items ever add into one place. version 1.
+// Rows by number: gather_rows out[i,:] = table[rows[i],:], and its transpose, the sum of value rows that share a
+// number. Rows hold `width` numbers; row numbers outside the table count as its nearest row. A piece is a row on CPU
+// devices, a row's column on GPU devices, so no two work-items ever add into one place. version 1.
 #if BYTES == 1
 typedef uchar element;
 #elif BYTES == 2
@@ -42,8 +42,8 @@ __kernel FAT void scatter_copies(__global const float* restrict values, __global
   }
 }
 
-__kernel FAT void add_copies(__global const float* restrict copies, __global float* restrict out, int numbers, int parts,
-                             int chunk) {
+__kernel FAT void add_copies(__global const float* restrict copies, __global float* restrict out, int numbers,
+                             int parts, int chunk) {
   const int end = LOOP_HI(numbers, chunk);
   for (int i = LOOP_LO(chunk); i < end; i += LOOP_STEP) out[i] = copies[i];
   for (int part = 1; part < parts; part++)

@@ -1,6 +1,7 @@
-// Counter-based random numbers: Philox4x32-10 (Salmon, Moraes, Dror, Shaw: "Parallel random numbers: as easy as 1, 2, 3",
-// SC 2011). Element i is word i % 4 of the block with counter (first + i / 4, step, stream) under the key `seed`, so
-// every number depends on its place alone. FORM 0 bits, 1 uniform, 2 normal, 3 below `limit`. version 1.
+// Counter-based random numbers: Philox4x32-10 (Salmon, Moraes, Dror, Shaw: "Parallel random numbers: as easy as 1, 2,
+// 3", SC 2011). Element i is word i % 4 of the block with counter (first + i / 4, step, stream) under the key `seed`,
+// so every number depends on its place alone. FORM 0 bits, 1 uniform, 2 normal, 3 below `limit`. version 1.
+
 // The upper half of a product. PoCL's mul_hi is five times slower.
 inline uint high(uint a, uint b) { return (uint)((ulong)a * b >> 32); }
 
@@ -39,8 +40,8 @@ typedef uint value;
 inline value shaped(uint a, uint b, int odd, uint limit) { return odd ? b : a; }
 #endif
 
-__kernel FAT void random(__global value* restrict out, int n, uint key_low, uint key_high, uint first_low, uint first_high,
-                         uint step, uint stream, uint limit, int chunk) {
+__kernel FAT void random(__global value* restrict out, int n, uint key_low, uint key_high, uint first_low,
+                         uint first_high, uint step, uint stream, uint limit, int chunk) {
   const int blocks = n / 4, end = LOOP_HI(blocks, chunk);
   for (int i = LOOP_LO(chunk); i < end; i += LOOP_STEP) {
     const uint low = first_low + (uint)i;

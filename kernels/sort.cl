@@ -1,11 +1,13 @@
 // Stable radix sort by digits of 8 bits, least significant first (Knuth, The Art of Computer Programming 3, 5.2.5), and
 // sums over segments of sorted rows. A sort pass: each chunk counts its digits into counts[digit][chunk], a running sum
-// over them all gives every chunk the first place of each of its digits, place moves the keys there in order. version 1.
+// over them all gives every chunk the first place of each of its digits, place moves the keys there in order.
+// version 1.
 
 // Bits whose unsigned order is the order of the keys. Kinds: 0 unsigned, 1 signed, 2 float (all NaN last, -0 before 0).
 inline uint ordered(uint bits, int kind) {
   const uint negative = bits >> 31;
-  const uint as_float_order = (bits & 0x7fffffffu) > 0x7f800000u ? 0xffffffffu : bits ^ (negative ? 0xffffffffu : 0x80000000u);
+  const uint as_float_order =
+      (bits & 0x7fffffffu) > 0x7f800000u ? 0xffffffffu : bits ^ (negative ? 0xffffffffu : 0x80000000u);
   return kind == 0 ? bits : (kind == 1 ? bits ^ 0x80000000u : as_float_order);
 }
 
@@ -21,9 +23,10 @@ __kernel FAT void count_digits(__global const uint* restrict keys, __global int*
 }
 
 // first_pass: the keys are as the caller gave them and their order is 0, 1, 2 ...
-__kernel FAT void place(__global const uint* restrict keys, __global const int* restrict order, __global const int* restrict bases,
-                        __global uint* restrict keys_out, __global int* restrict order_out, int n, int chunks, int length,
-                        int shift, int kind, int first_pass) {
+__kernel FAT void place(__global const uint* restrict keys, __global const int* restrict order,
+                        __global const int* restrict bases, __global uint* restrict keys_out,
+                        __global int* restrict order_out, int n, int chunks, int length, int shift, int kind,
+                        int first_pass) {
   const int chunk = get_global_id(0);
   if (chunk >= chunks) return;
   int next[256];
@@ -47,13 +50,16 @@ inline int first_at_least(__global const int* numbers, int low, int n, int value
   int high = low + min(step - 1, n - low);
   while (low < high) {
     const int middle = low + (high - low) / 2;
-    if (numbers[middle] < value) low = middle + 1;
-    else high = middle;
+    if (numbers[middle] < value)
+      low = middle + 1;
+    else
+      high = middle;
   }
   return low;
 }
 
-__kernel FAT void segment_offsets(__global const int* restrict ids, __global int* restrict offsets, int count, int n, int chunk) {
+__kernel FAT void segment_offsets(__global const int* restrict ids, __global int* restrict offsets, int count, int n,
+                                  int chunk) {
   int low = 0;
   for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
     low = first_at_least(ids, low, n, i);
@@ -61,8 +67,8 @@ __kernel FAT void segment_offsets(__global const int* restrict ids, __global int
   }
 }
 
-// out[segment,:] = the sum of its value rows (ORDERED: row order[k] for each place k). Chunks of places share the work, so
-// that one long segment keeps no work-item busy alone: what a chunk holds of a segment that began before it goes to
+// out[segment,:] = the sum of its value rows (ORDERED: row order[k] for each place k). Chunks of places share the work,
+// so that one long segment keeps no work-item busy alone: what a chunk holds of a segment that began before it goes to
 // heads[chunk,:], and join_heads adds these in order. A piece is a chunk, on GPU devices a chunk's column.
 __kernel FAT void segment_sum(__global const float* restrict values, __global const int* restrict order,
                               __global const int* restrict offsets, __global float* restrict out,
