@@ -5,7 +5,6 @@
 // The upper half of a product. PoCL's mul_hi is five times slower.
 inline uint high(uint a, uint b) { return (uint)((ulong)a * b >> 32); }
 
-// Scalars throughout: a loop over vector types is one that the compiler does not vectorise.
 inline void philox(uint* c, uint key_low, uint key_high) {
   UNROLL for (int round = 0; round < 10; round++) {
     const uint high0 = high(c[0], 0xD2511F53u), low0 = c[0] * 0xD2511F53u;
