@@ -3,8 +3,8 @@
 // version 1: a work-item is an element of the result. version 2 for CPU devices is conv2d_cpu.cl.
 // Channels C and K count all groups; x [N,C,H,W], w [K,C/groups,R,S], y [N,K,P,Q].
 
-__kernel void conv2d(__global const float* restrict x, __global const float* restrict w, __global float* restrict y, int C,
-                     int H, int W, int K, int R, int S, int P, int Q, int stride, int pad, int groups) {
+__kernel void conv2d(__global const float* restrict x, __global const float* restrict w, __global float* restrict y,
+                     int C, int H, int W, int K, int R, int S, int P, int Q, int stride, int pad, int groups) {
   const int pixel = get_global_id(0);
   if (pixel >= P * Q) return;
   const int n = get_global_id(1) / K, k = get_global_id(1) - n * K, p = pixel / Q, q = pixel - p * Q;
@@ -23,8 +23,8 @@ __kernel void conv2d(__global const float* restrict x, __global const float* res
   y[((size_t)n * K + k) * P * Q + pixel] = sum;
 }
 
-__kernel void conv2d_dx(__global const float* restrict y, __global const float* restrict w, __global float* restrict x, int C,
-                        int H, int W, int K, int R, int S, int P, int Q, int stride, int pad, int groups) {
+__kernel void conv2d_dx(__global const float* restrict y, __global const float* restrict w, __global float* restrict x,
+                        int C, int H, int W, int K, int R, int S, int P, int Q, int stride, int pad, int groups) {
   const int pixel = get_global_id(0);
   if (pixel >= H * W) return;
   const int n = get_global_id(1) / C, c = get_global_id(1) - n * C, row = pixel / W, column = pixel - row * W;
@@ -44,8 +44,9 @@ __kernel void conv2d_dx(__global const float* restrict y, __global const float* 
   x[((size_t)n * C + c) * H * W + pixel] = sum;
 }
 
-__kernel void conv2d_dw(__global const float* restrict x, __global const float* restrict y, __global float* restrict w, int N, int C,
-                        int H, int W, int K, int R, int S, int P, int Q, int stride, int pad, int groups) {
+__kernel void conv2d_dw(__global const float* restrict x, __global const float* restrict y, __global float* restrict w,
+                        int N, int C, int H, int W, int K, int R, int S, int P, int Q, int stride, int pad,
+                        int groups) {
   const int channels = C / groups, element = get_global_id(0);
   if (element >= channels * R * S) return;
   const int k = get_global_id(1), c = element / (R * S), r = element / S - c * R, s = element % S;

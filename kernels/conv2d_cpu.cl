@@ -1,6 +1,6 @@
-// Version 2 of conv2d.cl, for CPU devices: a work-item computes a tile of the result from a tile of the input that it has
-// packed, with its halo and zeros for padding, into local memory (scratch of one core). Registers hold MR output channels x
-// NVY rows x NVX vectors of VW pixels. No im2col: a tap of the kernel is an offset into the tile.
+// Version 2 of conv2d.cl, for CPU devices: a work-item computes a tile of the result from a tile of the input that it
+// has packed, with its halo and zeros for padding, into local memory (scratch of one core). Registers hold MR output
+// channels x NVY rows x NVX vectors of VW pixels. No im2col: a tap of the kernel is an offset into the tile.
 #define JOIN2(a, b) a##b
 #define JOIN(a, b) JOIN2(a, b)
 #define VECTOR JOIN(float, VW)
@@ -8,26 +8,39 @@
 #define STORE JOIN(vstore, VW)
 #define NV (NVX * NVY)
 
-// Weights -> [group][ceil(outputs / MR)][inputs][taps][MR], zeros beyond the last output. The strides tell where the weight
-// of (group, output, input) lies; `flip` turns the kernel by 180 degrees: the adjoint in x is a convolution with that.
-FAT __kernel void pack_weights(__global const float* restrict w, __global float* restrict packed, int outputs, int inputs,
-                               int taps, int group_stride, int output_stride, int input_stride, int flip) {
-  const int blocks = (outputs + MR - 1) / MR, group = get_group_id(0) / blocks, block = get_group_id(0) - group * blocks;
-  const int i = get_group_id(1);
-  __global const float* from = w + (size_t)group * group_stride + (size_t)block * MR * output_stride + (size_t)i * input_stride;
-  __global float* to = packed + ((size_t)get_group_id(0) * inputs + i) * taps * MR;
-  for (int t = 0; t < taps; t++)
-    for (int m = 0; m < MR; m++)
-      to[t * MR + m] = block * MR + m < outputs ? from[(size_t)m * output_stride + (flip ? taps - 1 - t : t)] : 0.0f;
+// Weights -> [group][ceil(outputs / MR)][inputs][taps][MR], zeros beyond the last output. The strides tell where the
+// weight of (group, output, input) lies; `flip` turns the kernel by 180 degrees: the adjoint in x is a convolution with
+// that.
+FAT __kernel void pack_weights(__global const float* restrict w, __global float* restrict packed, int outputs,
+                               int inputs, int taps, int group_stride, int output_stride, int input_stride, int flip,
+                               int chunk) {
+  const int blocks = (outputs + MR - 1) / MR, group = get_group_id(0) / blocks,
+            block = get_group_id(0) - group * blocks;
+  const int left = outputs - block * MR, step = flip ? -1 : 1;
+  const int begin = get_group_id(1) * chunk, end = min(inputs, begin + chunk);
+  w += (size_t)group * group_stride + (size_t)block * MR * output_stride + (flip ? taps - 1 : 0);
+  packed += (size_t)get_group_id(0) * inputs * taps * MR;
+  for (int i = begin; i < end; i++)
+    for (int t = 0; t < taps; t++) {
+      __global const float* from = w + (size_t)i * input_stride + t * step;
+      __global float* to = packed + ((size_t)i * taps + t) * MR;
+      if (left >= MR) {
+        UNROLL for (int m = 0; m < MR; m++) to[m] = from[(size_t)m * output_stride];
+      } else {
+        for (int m = 0; m < MR; m++) to[m] = m < left ? from[(size_t)m * output_stride] : 0.0f;
+      }
+    }
 }
 
 // One row of the input tile: element t of the (dilated, padded) row goes to phase t % stride, place t / stride, so that
-// neighbouring results read neighbouring floats. `first` is the input column of t = 0; only one of stride, dilation is not 1.
+// neighbouring results read neighbouring floats. `first` is the input column of t = 0; only one of stride, dilation is
+// not 1.
 inline void pack_row(__local float* restrict to, __global const float* restrict row, int width, int first, int stride,
                      int dilation, int places) {
   if (dilation > 1) {
     for (int t = 0; t < places; t++) to[t] = 0.0f;
-    for (int x = max(0, (first + dilation - 1) / dilation); x < width && x * dilation - first < places; x++) to[x * dilation - first] = row[x];
+    for (int x = max(0, (first + dilation - 1) / dilation); x < width && x * dilation - first < places; x++)
+      to[x * dilation - first] = row[x];
     return;
   }
   for (int phase = 0; phase < stride; phase++, to += places) {
@@ -46,8 +59,8 @@ inline void pack_row(__local float* restrict to, __global const float* restrict 
   }
 }
 
-inline void micro_tile(__local const float* restrict tile, __local const int* restrict taps, __global const float* restrict w,
-                       int count, int row_step, VECTOR acc[MR][NV]) {
+inline void micro_tile(__local const float* restrict tile, __local const int* restrict taps,
+                       __global const float* restrict w, int count, int row_step, VECTOR acc[MR][NV]) {
   UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = (VECTOR)(0.0f);
 #pragma unroll 2
   for (int t = 0; t < count; t++) {
@@ -61,13 +74,14 @@ inline void micro_tile(__local const float* restrict tile, __local const int* re
   }
 }
 
-// out[n, co, y, x] = sum of in[n, ci, y * stride + r - pad_y, ...] * packed weights, where `in` is spread `dilation` apart.
-// Group (t, b, n): tile t of tile_rows x tile_columns; b = group * blocks + block of block_outputs channels; image n.
-// `places` floats hold one phase of a row, tile_height rows are packed, `depth` input channels at a time.
-FAT __kernel void conv2d_tiles(__global const float* restrict in, __global const float* restrict packed, __global float* restrict out,
-                               int inputs, int in_height, int in_width, int outputs, int out_height, int out_width, int R, int S,
-                               int stride, int dilation, int pad_y, int pad_x, int tile_rows, int tile_columns, int tile_height,
-                               int places, int depth, int block_outputs, int groups) {
+// out[n, co, y, x] = sum of in[n, ci, y * stride + r - pad_y, ...] * packed weights, where `in` is spread `dilation`
+// apart. Group (t, b, n): tile t of tile_rows x tile_columns; b = group * blocks + block of block_outputs channels;
+// image n. `places` floats hold one phase of a row, tile_height rows are packed, `depth` input channels at a time.
+FAT __kernel void conv2d_tiles(__global const float* restrict in, __global const float* restrict packed,
+                               __global float* restrict out, int inputs, int in_height, int in_width, int outputs,
+                               int out_height, int out_width, int R, int S, int stride, int dilation, int pad_y,
+                               int pad_x, int tile_rows, int tile_columns, int tile_height, int places, int depth,
+                               int block_outputs, int groups) {
   __local float tile[TILE] __attribute__((aligned(64)));
   __local int taps[TAPS];
   __local float edge[MR * NV * VW] __attribute__((aligned(64)));
@@ -96,15 +110,16 @@ FAT __kernel void conv2d_tiles(__global const float* restrict in, __global const
         if (spread < 0 || y * dilation != spread || y >= in_height) {
           for (int q = 0; q < pitch; q++) to[q] = 0.0f;
         } else {
-          pack_row(to, in + ((size_t)(c0 + c) * in_height + y) * in_width, in_width, x0 * stride - pad_x, stride, dilation, places);
+          pack_row(to, in + ((size_t)(c0 + c) * in_height + y) * in_width, in_width, x0 * stride - pad_x, stride,
+                   dilation, places);
         }
       }
     for (int y = 0; y < y_end; y += NVY)
       for (int x = 0; x < x_end; x += NVX * VW)
         for (int co = first; co < last; co += MR) {
           VECTOR acc[MR][NV];
-          micro_tile(tile + y * stride * pitch + x, taps, packed + ((size_t)(co / MR) * inputs + c0) * R * S * MR, channels * R * S,
-                     stride * pitch, acc);
+          micro_tile(tile + y * stride * pitch + x, taps, packed + ((size_t)(co / MR) * inputs + c0) * R * S * MR,
+                     channels * R * S, stride * pitch, acc);
           __global float* to = out + co * out_plane + (size_t)y * out_width + x;
           if (co + MR <= last && y + NVY <= y_end && x + NVX * VW <= x_end) {
             UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) {
@@ -130,16 +145,18 @@ inline void transpose16(float16 r[16]) {
   UNROLL for (int stage = 0; stage < 4; stage++) {  // four perfect shuffles of rows make a transpose
     UNROLL for (int i = 0; i < 8; i++) {
       const float16 p = r[i], q = r[i + 8];
-      t[2 * i] = (float16)(p.s0, q.s0, p.s1, q.s1, p.s2, q.s2, p.s3, q.s3, p.s4, q.s4, p.s5, q.s5, p.s6, q.s6, p.s7, q.s7);
-      t[2 * i + 1] = (float16)(p.s8, q.s8, p.s9, q.s9, p.sa, q.sa, p.sb, q.sb, p.sc, q.sc, p.sd, q.sd, p.se, q.se, p.sf, q.sf);
+      t[2 * i] =
+          (float16)(p.s0, q.s0, p.s1, q.s1, p.s2, q.s2, p.s3, q.s3, p.s4, q.s4, p.s5, q.s5, p.s6, q.s6, p.s7, q.s7);
+      t[2 * i + 1] =
+          (float16)(p.s8, q.s8, p.s9, q.s9, p.sa, q.sa, p.sb, q.sb, p.sc, q.sc, p.sd, q.sd, p.se, q.se, p.sf, q.sf);
     }
     UNROLL for (int i = 0; i < 16; i++) r[i] = t[i];
   }
 }
 
 // Input tile -> [height][width][CB], channels innermost, zeros outside the image and beyond the last channel.
-inline void pack_pixels(__local float* restrict to, __global const float* restrict x, int channels, int H, int W, int y0, int x0,
-                        int height, int width) {
+inline void pack_pixels(__local float* restrict to, __global const float* restrict x, int channels, int H, int W,
+                        int y0, int x0, int height, int width) {
   for (int h = 0; h < height; h++)
     for (int q = 0; q < width; q += 16)
       for (int c = 0; c < CB; c += 16) {
@@ -154,7 +171,8 @@ inline void pack_pixels(__local float* restrict to, __global const float* restri
             float some[256];
             for (int i = 0; i < 16; i++)
               for (int j = 0; j < 16; j++)
-                some[i * 16 + j] = c + i < channels && column + j >= 0 && column + j < W ? from[(size_t)i * H * W + j] : 0.0f;
+                some[i * 16 + j] =
+                    c + i < channels && column + j >= 0 && column + j < W ? from[(size_t)i * H * W + j] : 0.0f;
             UNROLL for (int i = 0; i < 16; i++) r[i] = vload16(i, some);
           }
         }
@@ -165,12 +183,14 @@ inline void pack_pixels(__local float* restrict to, __global const float* restri
 }
 
 // Gradient of the weights. Group (p, b): part p of `parts` adds up tiles p, p + parts, .. of all images into its own
-// partial [R * S][K8][C8] (per group; K8, C8: rounded up to DR and CB), for the b-th (group, DR * DB filters, CB channels).
-// conv2d_dw_sum joins the parts. A matrix product with pixels as the depth: DR filters x CB channels in registers at a time.
+// partial [R * S][K8][C8] (per group; K8, C8: rounded up to DR and CB), for the b-th (group, DR * DB filters, CB
+// channels). conv2d_dw_sum joins the parts. A matrix product with pixels as the depth: DR filters x CB channels in
+// registers at a time.
 #define DV (CB < 32 ? 1 : 2)
-FAT __kernel void conv2d_dw_tiles(__global const float* restrict x, __global const float* restrict g, __global float* restrict partial,
-                                  int N, int channels, int H, int W, int filters, int P, int Q, int R, int S, int stride, int pad,
-                                  int tile_rows, int tile_columns, int block_filters, int groups, int parts) {
+FAT __kernel void conv2d_dw_tiles(__global const float* restrict x, __global const float* restrict g,
+                                  __global float* restrict partial, int N, int channels, int H, int W, int filters,
+                                  int P, int Q, int R, int S, int stride, int pad, int tile_rows, int tile_columns,
+                                  int block_filters, int groups, int parts) {
   __local float pixels[TILE] __attribute__((aligned(64)));
   __local float rows[DR * GROW] __attribute__((aligned(64)));
   const int k_blocks = (filters + block_filters - 1) / block_filters, c_blocks = (channels + CB - 1) / CB;
@@ -183,21 +203,24 @@ FAT __kernel void conv2d_dw_tiles(__global const float* restrict x, __global con
 
   for (int t = get_group_id(0); t < across * down * N; t += parts) {
     const int n = t / (across * down), ty = (t - n * across * down) / across, tx = t % across;
-    const int p0 = ty * tile_rows, q0 = tx * tile_columns, p_end = min(tile_rows, P - p0), q_end = min(tile_columns, Q - q0);
-    pack_pixels(pixels, x + (((size_t)n * groups + group) * channels + c_first) * H * W, min(CB, channels - c_first), H, W,
-                p0 * stride - pad, q0 * stride - pad, (p_end - 1) * stride + R, width);
+    const int p0 = ty * tile_rows, q0 = tx * tile_columns, p_end = min(tile_rows, P - p0),
+              q_end = min(tile_columns, Q - q0);
+    pack_pixels(pixels, x + (((size_t)n * groups + group) * channels + c_first) * H * W, min(CB, channels - c_first), H,
+                W, p0 * stride - pad, q0 * stride - pad, (p_end - 1) * stride + R, width);
     for (int k = k_first; k < k_last; k += DR) {
       for (int i = 0; i < DR; i++)
         for (int p = 0; p < p_end; p++) {
-          __global const float* from = g + ((((size_t)n * groups + group) * filters + min(k + i, filters - 1)) * P + p0 + p) * Q + q0;
+          __global const float* from =
+              g + ((((size_t)n * groups + group) * filters + min(k + i, filters - 1)) * P + p0 + p) * Q + q0;
           for (int q = 0; q < q_end; q++) rows[i * pitch + p * tile_columns + q] = from[q];
         }
       for (int tap = 0; tap < R * S; tap++)
         for (int c = 0; c < CB; c += DV * 16) {
           __global float* to = partial + ((size_t)tap * K8 + k) * C8 + c_first + c;
           float16 acc[DR][DV];
-          UNROLL for (int i = 0; i < DR; i++) UNROLL for (int v = 0; v < DV; v++)
-              acc[i][v] = t < parts ? (float16)(0.0f) : vload16(v, to + (size_t)i * C8);
+          UNROLL for (int i = 0; i < DR; i++) UNROLL for (int v = 0; v < DV; v++) {
+            acc[i][v] = t < parts ? (float16)(0.0f) : vload16(v, to + (size_t)i * C8);
+          }
           for (int p = 0; p < p_end; p++) {
             __local const float* b = pixels + ((size_t)(p * stride + tap / S) * width + tap % S) * CB + c;
             __local const float* a = rows + p * tile_columns;
@@ -211,15 +234,16 @@ FAT __kernel void conv2d_dw_tiles(__global const float* restrict x, __global con
               }
             }
           }
-          UNROLL for (int i = 0; i < DR; i++) UNROLL for (int v = 0; v < DV; v++) vstore16(acc[i][v], v, to + (size_t)i * C8);
+          UNROLL for (int i = 0; i < DR; i++) UNROLL for (int v = 0; v < DV; v++)
+              vstore16(acc[i][v], v, to + (size_t)i * C8);
         }
     }
   }
 }
 
 // dw[k][c][tap] = sum over parts, in order, of partial[part][group][tap][k][c]. Group (k, 0): one filter.
-FAT __kernel void conv2d_dw_sum(__global const float* restrict partial, __global float* restrict dw, int channels, int filters,
-                                int taps, int groups, int parts) {
+FAT __kernel void conv2d_dw_sum(__global const float* restrict partial, __global float* restrict dw, int channels,
+                                int filters, int taps, int groups, int parts) {
   const int K8 = (filters + DR - 1) / DR * DR, C8 = (channels + CB - 1) / CB * CB;
   const int group = get_group_id(0) / filters, k = get_group_id(0) - group * filters;
   const size_t size = (size_t)groups * taps * K8 * C8;
@@ -230,6 +254,7 @@ FAT __kernel void conv2d_dw_sum(__global const float* restrict partial, __global
       for (int part = 1; part < parts; part++) sum += vload16(0, from + part * size);
       float some[16];
       vstore16(sum, 0, some);
-      for (int i = 0; i < min(16, channels - c); i++) dw[((size_t)get_group_id(0) * channels + c + i) * taps + tap] = some[i];
+      for (int i = 0; i < min(16, channels - c); i++)
+        dw[((size_t)get_group_id(0) * channels + c + i) * taps + tap] = some[i];
     }
 }

@@ -1,10 +1,10 @@
 // C[b] = A[b] B[b] for any strides: element (i, k) of A lies at a_offset + b * a_batch + i * a_row + k * a_column.
-// version 1, matmul_reference: a work-item is an element of C. version 2, matmul_tiled: groups of TILE x TILE share tiles
-// of A and B in local memory (GPUs). version 3 is matmul_cpu.cl. C is dense [batch, m, n].
+// version 1, matmul_reference: a work-item is an element of C. version 2, matmul_tiled: groups of TILE x TILE share
+// tiles of A and B in local memory (GPUs). version 3 is matmul_cpu.cl. C is dense [batch, m, n].
 
-__kernel void matmul_reference(__global const float* restrict a, int a_offset, __global const float* restrict b, int b_offset,
-                               __global float* restrict c, int m, int n, int depth, int a_batch, int a_row, int a_column,
-                               int b_batch, int b_row, int b_column) {
+__kernel void matmul_reference(__global const float* restrict a, int a_offset, __global const float* restrict b,
+                               int b_offset, __global float* restrict c, int m, int n, int depth, int a_batch,
+                               int a_row, int a_column, int b_batch, int b_row, int b_column) {
   const int element = get_global_id(0);
   if (element >= m * n) return;
   const int i = element / n, j = element - i * n;
@@ -19,8 +19,9 @@ __kernel void matmul_reference(__global const float* restrict a, int a_offset, _
 #if !CLOAM_CPU
 #define TILE 16
 __attribute__((reqd_work_group_size(TILE, TILE, 1))) __kernel void matmul_tiled(
-    __global const float* restrict a, int a_offset, __global const float* restrict b, int b_offset, __global float* restrict c,
-    int m, int n, int depth, int a_batch, int a_row, int a_column, int b_batch, int b_row, int b_column) {
+    __global const float* restrict a, int a_offset, __global const float* restrict b, int b_offset,
+    __global float* restrict c, int m, int n, int depth, int a_batch, int a_row, int a_column, int b_batch, int b_row,
+    int b_column) {
   __local float a_tile[TILE][TILE + 1], b_tile[TILE][TILE + 1];
   const int x = get_local_id(0), y = get_local_id(1);
   const int i = get_global_id(1), j = get_global_id(0);

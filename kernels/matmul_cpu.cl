@@ -1,8 +1,13 @@
-// Version 3 of matmul.cl, for CPU devices: a work-item computes a tile of mc x nc elements of C, after Goto and van de Geijn,
-// "Anatomy of High-Performance Matrix Multiplication" (2008). Blocks of B and panels of A are packed into local memory
-// (scratch of one core), tails padded with zeros, so the inner loop knows neither tails nor strides; its MR x NV vectors of
-// 16 stay in registers. A_BY_COLUMN: the rows of A lie side by side (A is a transposed view). B_BY_COLUMN: the same of B.
+// Version 3 of matmul.cl, for CPU devices: a work-item computes a tile of mc x nc elements of C, after Goto and van de
+// Geijn, "Anatomy of High-Performance Matrix Multiplication" (2008). Blocks of B and panels of A are packed into local
+// memory (scratch of one core), tails padded with zeros, so the inner loop knows neither tails nor strides; its MR x NV
+// vectors of 16 stay in registers. A_BY_COLUMN: the rows of A lie side by side (A is a transposed view). B_BY_COLUMN:
+// the same of B.
 #define NR (NV * 16)
+// A^T B with a long depth streams both operands: what is packed next comes into the cache while this block is computed.
+#ifdef __clang__
+#define STREAM (A_BY_COLUMN && !B_BY_COLUMN)
+#endif
 // Packed A: AB rows at a time. + 16: rows a power of two apart would fall into one cache set.
 #if A_BY_COLUMN
 #define AB 64
@@ -19,8 +24,10 @@ inline void transpose16(float16 r[16]) {
   UNROLL for (int stage = 0; stage < 4; stage++) {  // four perfect shuffles of rows make a transpose
     UNROLL for (int i = 0; i < 8; i++) {
       const float16 p = r[i], q = r[i + 8];
-      t[2 * i] = (float16)(p.s0, q.s0, p.s1, q.s1, p.s2, q.s2, p.s3, q.s3, p.s4, q.s4, p.s5, q.s5, p.s6, q.s6, p.s7, q.s7);
-      t[2 * i + 1] = (float16)(p.s8, q.s8, p.s9, q.s9, p.sa, q.sa, p.sb, q.sb, p.sc, q.sc, p.sd, q.sd, p.se, q.se, p.sf, q.sf);
+      t[2 * i] =
+          (float16)(p.s0, q.s0, p.s1, q.s1, p.s2, q.s2, p.s3, q.s3, p.s4, q.s4, p.s5, q.s5, p.s6, q.s6, p.s7, q.s7);
+      t[2 * i + 1] =
+          (float16)(p.s8, q.s8, p.s9, q.s9, p.sa, q.sa, p.sb, q.sb, p.sc, q.sc, p.sd, q.sd, p.se, q.se, p.sf, q.sf);
     }
     UNROLL for (int i = 0; i < 16; i++) r[i] = t[i];
   }
@@ -40,7 +47,8 @@ inline void pack_b(__local float* restrict to, __global const float* restrict b,
         UNROLL for (int q = 0; q < 16; q++) vstore16(r[q], 0, panel + (k + q) * NR);
       } else {
         for (int v = 0; v < 16; v++)
-          for (int q = k; q < min(k + 16, depth); q++) panel[q * NR + v] = j + v < columns ? from[(size_t)v * pitch + q] : 0.0f;
+          for (int q = k; q < min(k + 16, depth); q++)
+            panel[q * NR + v] = j + v < columns ? from[(size_t)v * pitch + q] : 0.0f;
       }
     }
   }
@@ -78,34 +86,45 @@ inline void pack_a(__local float* restrict to, __global const float* restrict a,
 }
 #endif
 
-inline void micro_tile(__local const float* restrict a, __local const float* restrict b, __global float* restrict c, int pitch,
-                       int depth, int add, int rows, int columns, __local float* restrict edge) {
+// C tile (+)= packed A * packed B. `rows` and `columns` are what is left of C: beyond them nothing is stored. One line
+// of the rows at `fetch` is prefetched a step.
+inline void micro_tile(__local const float* restrict a, __local const float* restrict b, __global float* restrict c,
+                       int pitch, int depth, int add, int rows, int columns, __local float* restrict edge,
+                       __global const float* fetch, int fetch_pitch) {
   float16 acc[MR][NV];
   UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = (float16)(0.0f);
 #pragma unroll 4
   for (int k = 0; k < depth; k++) {
     float16 row[NV];
     UNROLL for (int v = 0; v < NV; v++) row[v] = vload16(v, b + k * NR);
+#if STREAM
+    __builtin_prefetch((__global const void*)(fetch + (size_t)k * fetch_pitch), 0, 2);
+#endif
     UNROLL for (int i = 0; i < MR; i++) {
       const float16 x = (float16)(a[A_AT(i, k)]);
       UNROLL for (int v = 0; v < NV; v++) acc[i][v] += x * row[v];
     }
   }
   if (rows >= MR && columns >= NR) {
-    if (add) UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] += vload16(v, c + (size_t)i * pitch);
-    UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) vstore16(acc[i][v], v, c + (size_t)i * pitch);
+    if (add) {
+      UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)
+          acc[i][v] += vload16(v, c + (size_t)i * pitch);
+    }
+    UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)
+        vstore16(acc[i][v], v, c + (size_t)i * pitch);
   } else {
     UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) vstore16(acc[i][v], v, edge + i * NR);
     for (int i = 0; i < min(rows, MR); i++)
-      for (int j = 0; j < min(columns, NR); j++) c[(size_t)i * pitch + j] = edge[i * NR + j] + (add ? c[(size_t)i * pitch + j] : 0.0f);
+      for (int j = 0; j < min(columns, NR); j++)
+        c[(size_t)i * pitch + j] = edge[i * NR + j] + (add ? c[(size_t)i * pitch + j] : 0.0f);
   }
 }
 
-// Group (x, y, z): columns from x * nc, rows from y * mc, z = batch * splits + split. A split sums k_each of the depth into
-// its own c[z]; add_splits joins them. nc <= NC.
-FAT __kernel void matmul_blocked(__global const float* restrict a, int a_offset, __global const float* restrict b, int b_offset,
-                                 __global float* restrict c, int m, int n, int depth, int a_batch, int a_pitch, int b_batch,
-                                 int b_pitch, int mc, int nc, int splits, int k_each) {
+// Group (x, y, z): columns from x * nc, rows from y * mc, z = batch * splits + split. A split sums k_each of the depth
+// into its own c[z]; add_splits joins them. nc <= NC.
+FAT __kernel void matmul_blocked(__global const float* restrict a, int a_offset, __global const float* restrict b,
+                                 int b_offset, __global float* restrict c, int m, int n, int depth, int a_batch,
+                                 int a_pitch, int b_batch, int b_pitch, int mc, int nc, int splits, int k_each) {
   __local float b_block[KC * NC] __attribute__((aligned(64)));
   __local float a_block[A_SIZE] __attribute__((aligned(64)));
   __local float edge[MR * NR] __attribute__((aligned(64)));
@@ -121,17 +140,38 @@ FAT __kernel void matmul_blocked(__global const float* restrict a, int a_offset,
     pack_b(b_block, B_BY_COLUMN ? b + (size_t)j0 * b_pitch + k0 : b + (size_t)k0 * b_pitch + j0, b_pitch, kc, columns);
     for (int ib = i0; ib < i_end; ib += AB) {
       const int block_end = min(i_end, ib + AB);
-      pack_a(a_block, A_BY_COLUMN ? a + (size_t)k0 * a_pitch + ib : a + (size_t)ib * a_pitch + k0, a_pitch, kc, block_end - ib);
+      pack_a(a_block, A_BY_COLUMN ? a + (size_t)k0 * a_pitch + ib : a + (size_t)ib * a_pitch + k0, a_pitch, kc,
+             block_end - ib);
+#if STREAM
+      // The next block, line by line of its rows: of B and A at the next depth, or of the next rows of A.
+      const int last = block_end == i_end, next = !last || k0 + KC < k_end;
+      const int b_lines = last ? columns / 16 : 0, lines = b_lines + min(AB, last ? i_end - i0 : i_end - ib - AB) / 16;
+      const int tiles = ((block_end - ib + MR - 1) / MR) * ((columns + NR - 1) / NR);
+      __global const float* next_b = b + (size_t)(k0 + KC) * b_pitch + j0;
+      __global const float* next_a = last ? a + (size_t)(k0 + KC) * a_pitch + i0 : a + (size_t)k0 * a_pitch + ib + AB;
+      int t = 0;
+#endif
       for (int i = ib; i < block_end; i += MR)
-        for (int j = 0; j < columns; j += NR)
-          micro_tile(a_block + A_AT(i - ib, 0), b_block + (j / NR) * (KC * NR), c + (size_t)i * n + j0 + j, n, kc, k0 > k_begin,
-                     block_end - i, columns - j, edge);
+        for (int j = 0; j < columns; j += NR) {
+          __global const float* fetch = c;
+          int fetch_pitch = 0;
+#if STREAM
+          const int line = t++ * lines / tiles;
+          if (next) {
+            fetch = line < b_lines ? next_b + line * 16 : next_a + (line - b_lines) * 16;
+            fetch_pitch = line < b_lines ? b_pitch : a_pitch;
+          }
+#endif
+          micro_tile(a_block + A_AT(i - ib, 0), b_block + (j / NR) * (KC * NR), c + (size_t)i * n + j0 + j, n, kc,
+                     k0 > k_begin, block_end - i, columns - j, edge, fetch, fetch_pitch);
+        }
     }
   }
 }
 
 // c[b][e] = sum over s of parts[b][s][e], in the order of s.
-FAT __kernel void add_splits(__global const float* restrict parts, __global float* restrict c, int count, int splits, int chunk) {
+FAT __kernel void add_splits(__global const float* restrict parts, __global float* restrict c, int count, int splits,
+                             int chunk) {
   const size_t batch = get_group_id(1);
   parts += batch * splits * count;
   c += batch * count;

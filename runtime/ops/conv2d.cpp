@@ -90,9 +90,10 @@ void run_tiles(const Pass& p, const Tiling& t, const Tensors& in, const Tensor& 
                                {"TAPS", room.taps}, {"CB", 16},   {"DR", 1},      {"GROW", 1}};
   const int64_t taps = p.R * p.S, blocks = ceil_div(p.outputs, t.mr), filter = taps * (p.flip ? p.outputs : p.inputs);
   const Tensor packed = empty({p.groups * blocks * t.mr, p.inputs * taps});
-  launch(kernel("conv2d_cpu", "pack_weights", constants), "pack_weights", range2(p.groups * blocks, p.inputs), in[1],
-         packed, p.outputs, p.inputs, taps, p.inputs * p.outputs * taps, p.flip ? taps : filter, p.flip ? filter : taps,
-         p.flip);
+  constexpr int64_t kChunk = 16;
+  launch(kernel("conv2d_cpu", "pack_weights", constants), "pack_weights",
+         range2(p.groups * blocks, ceil_div(p.inputs, kChunk)), in[1], packed, p.outputs, p.inputs, taps,
+         p.inputs * p.outputs * taps, p.flip ? taps : filter, p.flip ? filter : taps, p.flip, kChunk);
   Range range = range2(ceil_div(p.out_height, t.rows) * ceil_div(p.out_width, t.columns),
                        p.groups * ceil_div(p.outputs, t.block_outputs));
   range.global[2] = static_cast<size_t>(p.images);
