@@ -1,0 +1,97 @@
+// See capture.h.
+#include "cli/capture.h"
+
+#include <future>
+
+#include "cli/common.h"
+#include "models/data/read_scene.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+const char* lens_name(const Camera& camera) {
+  switch (camera.model) {
+    case CameraModel::pinhole:
+      return "pinhole";
+    case CameraModel::opencv:
+      return "OPENCV distortion";
+    case CameraModel::fisheye:
+      return "fisheye";
+  }
+  return "";
+}
+
+std::string size_text(const Camera& camera) { return text(camera.width, "x", camera.height); }
+
+std::string split_text(const Scene& scene, const RunData& how) {
+  const std::size_t test = frames_of(scene, Split::test).size();
+  if (how.holdout > 0) return text(test, " held out (every ", how.holdout, "th by name)");
+  return test > 0 ? text(test, " in the source's test split") : "none held out (--holdout 8 holds out every 8th)";
+}
+
+std::string camera_text(const Scene& scene) {
+  const Camera& first = scene.cameras.front();
+  if (scene.cameras.size() > 1) return text(scene.cameras.size(), " sets of intrinsics, the first ", lens_name(first));
+  return text(lens_name(first), ", focal length ", first.fx, " pixels at full size");
+}
+
+void check_memory(const Scene& scene, const RunData& how, uint64_t budget) {
+  const auto bytes = [&](int downscale) {
+    return image_bytes(scene, Split::train, downscale) + image_bytes(scene, Split::test, downscale);
+  };
+  if (budget == 0 || bytes(how.downscale) <= budget) return;
+  int fits = how.downscale;
+  while (fits < 64 && bytes(fits) > budget) ++fits;
+  throw Error(Fault::memory,
+              text("the images alone need ", words_for_bytes(bytes(how.downscale)), " of a budget of ",
+                   words_for_bytes(budget), "\n  fix: --downscale ", fits, " needs ", words_for_bytes(bytes(fits))));
+}
+
+}  // namespace
+
+Scene read_split_scene(const std::filesystem::path& data, const RunData& how) {
+  Scene scene = read_scene(data, {how.skip_bad});
+  if (how.holdout > 0) apply_holdout(scene, how.holdout);
+  return scene;
+}
+
+uint64_t image_bytes(const Scene& scene, Split split, int downscale) {
+  uint64_t pixels = 0;
+  for (const std::size_t index : frames_of(scene, split)) {
+    const Camera& camera = scene.cameras[static_cast<std::size_t>(scene.frames[index].camera)];
+    pixels += static_cast<uint64_t>(camera.width / downscale) * static_cast<uint64_t>(camera.height / downscale);
+  }
+  return 4 * pixels;
+}
+
+Capture read_capture(const std::filesystem::path& data, const RunData& how, uint64_t budget) {
+  Capture capture;
+  capture.scene = read_split_scene(data, how);
+  if (how.downscale < 1) throw Error(Fault::usage, text("--downscale ", how.downscale, ": want 1 or more"));
+  check_memory(capture.scene, how, budget);
+  const LoadOptions options{how.downscale, how.skip_bad};
+  auto test = std::async(std::launch::async, [&] { return load_images(capture.scene, Split::test, options); });
+  capture.train = load_images(capture.scene, Split::train, options);
+  capture.test = test.get();
+  if (capture.train.frames.empty()) throw Error(Fault::data, text(data.string(), ": no image is left to train on"));
+  capture.warnings = capture.scene.warnings;
+  for (const auto& more : {capture.train.warnings, capture.test.warnings, check_scene(capture.scene)}) {
+    capture.warnings.insert(capture.warnings.end(), more.begin(), more.end());
+  }
+  return capture;
+}
+
+std::vector<std::string> describe(const Scene& scene, const RunData& how) {
+  const Camera& camera = scene.cameras.front();
+  std::string images = text(scene.frames.size(), " images ", size_text(camera));
+  if (how.downscale > 1)
+    images += text(" -> ", size_text(scaled(camera, how.downscale)), " (--downscale ", how.downscale, ")");
+  if (scene.has_alpha) images += ", transparent where empty";
+  std::size_t masks = 0;
+  for (const Frame& frame : scene.frames) masks += frame.mask.has_value();
+  if (masks > 0) images += text(", ", masks, " masks");
+  return {images, split_text(scene, how), camera_text(scene), text("format ", scene.format)};
+}
+
+}  // namespace cloam

@@ -1,0 +1,15 @@
+// The commands. Each adds its parser to the program's and returns what runs when it was named; one file each.
+#pragma once
+#include "cli/common.h"
+
+namespace cloam {
+
+Command add_train(CLI::App& program);
+Command add_eval(CLI::App& program);
+Command add_render(CLI::App& program);
+Command add_check(CLI::App& program);
+Command add_demo(CLI::App& program);
+Command add_info(CLI::App& program);
+Command add_selftest(CLI::App& program);
+
+}  // namespace cloam

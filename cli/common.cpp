@@ -1,0 +1,168 @@
+// See common.h.
+#include "cli/common.h"
+
+#include <time.h>
+#include <unistd.h>
+
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <ctime>
+#include <fstream>
+#include <sstream>
+
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+const auto kLoaded = std::chrono::steady_clock::now();
+
+/// When the kernel started this process, in seconds since boot; it counts the loading of the libraries too.
+double start_time() {
+  std::ifstream file("/proc/self/stat");
+  std::string content((std::istreambuf_iterator<char>(file)), {});
+  const std::size_t name_end = content.rfind(')');  // the name may hold spaces
+  if (name_end == std::string::npos) return -1;
+  std::istringstream fields(content.substr(name_end + 1));
+  std::string field;
+  for (int i = 3; i <= 22; ++i) fields >> field;  // field 22 of proc(5): clock ticks since boot
+  const double ticks = static_cast<double>(sysconf(_SC_CLK_TCK));
+  return field.empty() ? -1 : std::strtod(field.c_str(), nullptr) / ticks;
+}
+
+std::string local_time(std::time_t when, const char* format) {
+  std::tm parts{};
+  localtime_r(&when, &parts);
+  char buffer[64];
+  return {buffer, std::strftime(buffer, sizeof buffer, format, &parts)};
+}
+
+/// The number at the front of `rest`, which is moved past it; negative if there is none.
+double take_number(std::string_view& rest) {
+  double value = -1;
+  const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), value);
+  if (error != std::errc() || !std::isfinite(value)) return -1;
+  rest.remove_prefix(static_cast<std::size_t>(end - rest.data()));
+  return value;
+}
+
+}  // namespace
+
+void add_common(CLI::App& parser, Common& common) {
+  const char* group = "Device and output";
+  parser.add_option("--device", common.device, "auto, cpu, gpu, N, P:D or a part of a name (cloam info lists them)")
+      ->group(group);
+  parser.add_option("--max-memory", common.max_memory, "Budget of device memory, as 600M or 6G")->group(group);
+  parser.add_flag("--json", common.json, "Data for programs on stdout")->group(group);
+  parser.add_flag("-q,--quiet", common.quiet, "Errors and warnings only")->group(group);
+  parser.add_flag("-v,--verbose", common.verbose, "More detail")->group(group);
+}
+
+void open_device(const Common& common) {
+  choose_device({common.device, common.max_memory.empty() ? 0 : parse_bytes(common.max_memory)});
+}
+
+void say(const Common& common, const std::string& line) {
+  if (!common.quiet) std::fprintf(stderr, "%s\n", line.c_str());
+}
+
+void warn(const std::string& warning) { std::fprintf(stderr, "warning: %s\n", warning.c_str()); }
+
+void put(std::string_view data) {
+  const bool written = std::fwrite(data.data(), 1, data.size(), stdout) == data.size();
+  if (!written || std::fflush(stdout) != 0) throw Error(Fault::write, "standard output cannot be written");
+}
+
+double parse_duration(const std::string& given) {
+  std::string_view rest = given;
+  double seconds = 0;
+  while (!rest.empty()) {
+    const double value = take_number(rest);
+    const char unit = rest.empty() ? 's' : rest.front();
+    const double factor = unit == 's' ? 1 : unit == 'm' ? 60 : unit == 'h' ? 3600 : -1;
+    if (value < 0 || factor < 0) throw Error(Fault::usage, text("\"", given, "\" is no time: want 90s, 5m or 1h30m"));
+    seconds += value * factor;
+    if (!rest.empty()) rest.remove_prefix(1);
+  }
+  if (seconds <= 0) throw Error(Fault::usage, text("\"", given, "\" is no time above 0: want 90s, 5m or 1h30m"));
+  return seconds;
+}
+
+uint64_t parse_bytes(const std::string& given) {
+  std::string_view rest = given;
+  const double value = take_number(rest);
+  const std::string_view units = "KMGT";
+  double factor = 1;
+  if (!rest.empty()) {
+    const std::size_t place = units.find(static_cast<char>(std::toupper(static_cast<unsigned char>(rest.front()))));
+    factor = place == std::string_view::npos ? -1 : std::pow(1024.0, static_cast<double>(place) + 1);
+    rest.remove_prefix(1);
+  }
+  const bool ended = rest.empty() || rest == "B" || rest == "iB";
+  if (value <= 0 || factor < 0 || !ended || value * factor > 1e18) {
+    throw Error(Fault::usage, text("\"", given, "\" is no size: want 600M or 6G"));
+  }
+  return static_cast<uint64_t>(value * factor);
+}
+
+std::string words_for_bytes(uint64_t bytes) {
+  const double mega = static_cast<double>(bytes) / (1 << 20);
+  char buffer[32];
+  if (mega < 1000)
+    std::snprintf(buffer, sizeof buffer, mega < 10 ? "%.1f MB" : "%.0f MB", mega);
+  else
+    std::snprintf(buffer, sizeof buffer, "%.1f GB", mega / 1024);
+  return buffer;
+}
+
+std::string words_for_seconds(double seconds) {
+  const long whole = std::lround(std::max(0.0, seconds));
+  char buffer[48];
+  if (whole < 60)
+    std::snprintf(buffer, sizeof buffer, "%lds", whole);
+  else if (whole < 3600)
+    std::snprintf(buffer, sizeof buffer, "%ldm%02lds", whole / 60, whole % 60);
+  else
+    std::snprintf(buffer, sizeof buffer, "%ldh%02ldm", whole / 3600, whole / 60 % 60);
+  return buffer;
+}
+
+std::string clock_after(double seconds) {
+  const std::time_t when = std::time(nullptr) + static_cast<std::time_t>(seconds);
+  return local_time(when, seconds > 20 * 3600 ? "%a %H:%M" : "%H:%M");
+}
+
+std::string time_stamp() {
+  const std::time_t now = std::time(nullptr);
+  std::tm parts{};
+  gmtime_r(&now, &parts);
+  char buffer[64];
+  return {buffer, std::strftime(buffer, sizeof buffer, "%Y-%m-%dT%H:%M:%SZ", &parts)};
+}
+
+double seconds_since_start() {
+  static const double started = start_time();
+  timespec now{};
+  const double since_load = std::chrono::duration<double>(std::chrono::steady_clock::now() - kLoaded).count();
+  if (started < 0 || clock_gettime(CLOCK_BOOTTIME, &now) != 0) return since_load;
+  return std::max(since_load, static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec) - started);
+}
+
+std::string device_spelling(const DeviceInfo& info) { return text("--device ", info.id, " or CLOAM_DEVICE=", info.id); }
+
+std::string& command_line() {
+  static std::string line;
+  return line;
+}
+
+std::string quoted(const std::string& word) {
+  const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./=:,+@%";
+  if (!word.empty() && word.find_first_not_of(plain) == std::string::npos) return word;
+  std::string out = "'";
+  for (const char c : word) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return out + "'";
+}
+
+}  // namespace cloam

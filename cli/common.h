@@ -1,0 +1,56 @@
+// What all commands share: the options every one has, talk on stderr, data on stdout, words for numbers.
+#pragma once
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "runtime/device.h"
+
+namespace cloam {
+
+constexpr char kVersion[] = "0.1.0";
+
+struct Common {
+  std::string device = "auto";
+  std::string max_memory;  // "6G"; empty: 80 % of what is free
+  bool json = false, quiet = false, verbose = false;
+};
+
+/// A sub-command: how it is parsed and what it does. run returns the exit code.
+struct Command {
+  CLI::App* parser = nullptr;
+  std::function<int()> run;
+};
+
+void add_common(CLI::App& parser, Common& common);
+/// Chooses the device and the memory budget. Fault::device, Fault::usage.
+void open_device(const Common& common);
+
+/// A line on stderr, unless -q.
+void say(const Common& common, const std::string& line);
+void warn(const std::string& warning);
+/// Data on stdout, at once. Fault::write if it cannot be written.
+void put(std::string_view data);
+
+/// "90", "90s", "5m", "1h30m" -> seconds. Fault::usage.
+double parse_duration(const std::string& text);
+/// "600M", "6G" -> bytes. Fault::usage.
+uint64_t parse_bytes(const std::string& text);
+std::string words_for_bytes(uint64_t bytes);
+std::string words_for_seconds(double seconds);
+/// "14:05", the local time that many seconds from now.
+std::string clock_after(double seconds);
+/// UTC, as 2024-05-31T12:00:00Z.
+std::string time_stamp();
+/// Since the program was started (not since main was reached).
+double seconds_since_start();
+/// --device and CLOAM_DEVICE that choose this device again.
+std::string device_spelling(const DeviceInfo& info);
+/// The command line as typed, in quotes where a shell needs them.
+std::string& command_line();
+/// A word as a shell takes it.
+std::string quoted(const std::string& word);
+
+}  // namespace cloam

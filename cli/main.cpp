@@ -1,0 +1,124 @@
+// The program: parses, runs one command, turns errors into one message and an exit code (docs/formats.md).
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <new>
+
+#include "cli/commands.h"
+#include "models/data/paths.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr char kIntroduction[] =
+    R"(cloam makes 3D scenes from photos on any OpenCL device. It needs no CUDA and no Python.
+
+  cloam demo                                     one minute: a scene that it makes itself, trained and rendered
+  cloam info                                     which devices there are, and which one would run
+  cloam check DATA                               is this folder a capture that can be trained?
+  cloam train nerf DATA -o runs/my               learn the scene (Ctrl-C saves; --resume goes on)
+  cloam train nerf DATA -o runs/my --time-budget 5m
+  cloam eval runs/my                             PSNR and SSIM on photos that were held out
+  cloam render runs/my -o pictures --path orbit  new views, and a turntable
+  cloam selftest --quick                         does this device compute right?
+
+DATA is a folder with transforms.json (instant-ngp, nerfstudio) or transforms_train.json (NeRF-synthetic).
+"cloam COMMAND --help" shows examples and options.
+)";
+
+int report(int code, std::string message) {
+  const std::string tag = "  [exit " + std::to_string(code) + "]";
+  const std::size_t line_end = std::min(message.find('\n'), message.size());
+  message.insert(line_end, tag);
+  std::fprintf(stderr, "error: %s\n", message.c_str());
+  return code;
+}
+
+std::vector<std::string> option_names(const CLI::App& parser) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : parser.get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  }
+  return names;
+}
+
+std::string did_you_mean(const std::string& word, const std::vector<std::string>& names) {
+  const std::string near = nearest_name(word.substr(0, word.find('=')), names);
+  return near.empty() ? "" : "; did you mean " + near + "?";
+}
+
+int unknown_words(const CLI::App& program) {
+  for (const CLI::App* command : program.get_subcommands()) {
+    for (const std::string& word : command->remaining()) {
+      const std::string kind = word[0] == '-' ? " has no option " : " takes no argument ";
+      return report(2, "cloam " + command->get_name() + kind + word + did_you_mean(word, option_names(*command)) +
+                           "\n  see cloam " + command->get_name() + " --help");
+    }
+  }
+  std::vector<std::string> names;
+  for (const CLI::App* command : program.get_subcommands({})) names.push_back(command->get_name());
+  const std::vector<std::string> words = program.remaining();
+  const std::string word = words.empty() ? "" : words.front();
+  return report(2, "there is no command " + word + did_you_mean(word, names) + "\n  see cloam --help");
+}
+
+int parse(CLI::App& program, int argc, char** argv) {
+  try {
+    program.parse(argc, argv);
+    return -1;
+  } catch (const CLI::ExtrasError&) { return unknown_words(program); } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return program.exit(error);  // --help, --version
+    return report(2, error.what());
+  }
+}
+
+int run(const std::function<int()>& command) {
+  try {
+    return command();
+  } catch (const Error& error) {
+    return report(static_cast<int>(error.fault()), error.what());
+  } catch (const std::bad_alloc&) {
+    return report(5, "the machine's memory is full; a larger --downscale needs less");
+  } catch (const std::exception& error) {
+    return report(1, std::string("internal error: ") + error.what() +
+                         "\n  please report this with the command and the output of cloam info");
+  }
+}
+
+int main_of(int argc, char** argv) {
+  std::signal(SIGPIPE, SIG_IGN);  // a reader of our output that goes away must not end a training
+  seconds_since_start();
+  for (int i = 0; i < argc; ++i) command_line() += (i ? " " : "") + (i ? quoted(argv[i]) : std::string("cloam"));
+  if (argc == 1) {
+    return run([] {
+      put(kIntroduction);
+      return 0;
+    });
+  }
+  CLI::App program("3D scenes from photos on any OpenCL device", "cloam");
+  program.set_version_flag("--version", std::string("cloam ") + kVersion);
+  program.require_subcommand(0, 1);
+  std::vector<Command> commands;
+  for (const auto add : {add_train, add_eval, add_render, add_check, add_demo, add_info, add_selftest}) {
+    commands.push_back(add(program));
+  }
+  const int parsed = parse(program, argc, argv);
+  if (parsed >= 0) return parsed;
+  for (const Command& command : commands) {
+    if (command.parser->parsed()) return run(command.run);
+  }
+  return unknown_words(program);
+}
+
+}  // namespace
+}  // namespace cloam
+
+int main(int argc, char** argv) {
+  try {
+    return cloam::main_of(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "error: %s  [exit 1]\n", error.what());
+    return 1;
+  }
+}

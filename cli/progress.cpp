@@ -1,0 +1,169 @@
+// See progress.h. Losses and speeds are means over the steps since the last line: single steps are noise.
+#include "cli/progress.h"
+
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+
+#include "models/data/paths.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr int kSchema = 1;
+constexpr double kBarSeconds = 0.2, kPlainSeconds = 5, kEventSeconds = 1;
+constexpr int64_t kFirstSteps = 3;  // always told: they show that it runs
+
+std::string formatted(const char* format, double value) {
+  char buffer[64];
+  std::snprintf(buffer, sizeof buffer, format, value);
+  return buffer;
+}
+
+int columns() {
+  winsize size{};
+  if (ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 20) return size.ws_col;
+  const char* given = std::getenv("COLUMNS");
+  return given && std::atoi(given) > 20 ? std::atoi(given) : 100;
+}
+
+bool coloured() {
+  const char* off = std::getenv("NO_COLOR");
+  return !(off && *off);
+}
+
+Event step_event(const StepReport& report, double loss, double step_seconds) {
+  Event event = {{"step", report.progress.step}, {"horizon", nullptr}, {"loss", loss}};
+  if (report.progress.horizon > 0) event["horizon"] = report.progress.horizon;
+  event["steps_per_second"] = step_seconds > 0 ? 1 / step_seconds : 0.0;
+  event["seconds_left"] = nullptr;
+  if (report.seconds_left) event["seconds_left"] = *report.seconds_left;
+  event["memory_bytes"] = device_stats().live_bytes;
+  event["metrics"] = report.metrics;
+  return event;
+}
+
+}  // namespace
+
+ProgressStyle progress_style(const std::string& wish, const Common& common) {
+  if (wish == "jsonl" || (wish == "auto" && common.json)) return ProgressStyle::jsonl;
+  if (wish == "none" || (wish == "auto" && common.quiet)) return ProgressStyle::none;
+  if (wish == "bar") return ProgressStyle::bar;
+  if (wish == "plain") return ProgressStyle::plain;
+  const std::vector<std::string> known = {"auto", "bar", "plain", "jsonl", "none"};
+  const std::string near = nearest_name(wish, known);
+  if (wish != "auto") {
+    throw Error(Fault::usage, text("--progress ", wish, ": want auto, bar, plain, jsonl or none",
+                                   near.empty() ? "" : "; did you mean " + near + "?"));
+  }
+  return isatty(STDERR_FILENO) ? ProgressStyle::bar : ProgressStyle::plain;
+}
+
+void EventLog::open(const std::filesystem::path& path) {
+  file_.reset(std::fopen(path.c_str(), "a"));
+  if (!file_) throw Error(Fault::write, text(path.string(), ": cannot be written: ", std::strerror(errno)));
+  write_line(before_open_);
+  before_open_.clear();
+}
+
+void EventLog::write(const std::string& name, const Event& fields) {
+  Event event = {{"schema_version", kSchema}, {"event", name}, {"t", seconds_since_start()}};
+  event.update(fields);
+  const std::string line = event.dump(-1, ' ', false, Event::error_handler_t::replace) + "\n";
+  if (on_stdout_) std::fwrite(line.data(), 1, line.size(), stdout);
+  if (on_stdout_) std::fflush(stdout);
+  if (file_)
+    write_line(line);
+  else
+    before_open_ += line;
+}
+
+void EventLog::write_line(const std::string& line) {
+  if (failed_) return;
+  const bool written = std::fwrite(line.data(), 1, line.size(), file_.get()) == line.size();
+  failed_ = !written || std::fflush(file_.get()) != 0;
+  if (failed_) warn("the log of the run cannot be written: " + std::string(std::strerror(errno)));
+}
+
+std::string ProgressView::line(const StepReport& report) const {
+  const double loss = loss_sum_ / static_cast<double>(std::max<int64_t>(1, untold_));
+  const double each = step_seconds_ / static_cast<double>(std::max<int64_t>(1, untold_));
+  const Progress& p = report.progress;
+  std::string out = p.horizon > 0 ? text("step ", p.step, "/", p.horizon, formatted("  %2.0f%%", 100.0 * p.fraction()))
+                                  : text("step ", p.step);
+  out += formatted("  loss %.5f", loss);
+  const auto psnr = report.metrics.find("psnr");
+  if (psnr != report.metrics.end()) out += formatted("  psnr %.1f", psnr->second);
+  if (each > 0) out += each < 1 ? formatted("  %.1f it/s", 1 / each) : formatted("  %.1f s/it", each);
+  out += "  mem " + words_for_bytes(device_stats().live_bytes);
+  if (report.seconds_left) {
+    out += "  left " + words_for_seconds(*report.seconds_left) + " (" + clock_after(*report.seconds_left) + ")";
+  }
+  return out;
+}
+
+void ProgressView::step(const StepReport& report) {
+  last_ = report;
+  ++told_steps_;
+  ++untold_;
+  loss_sum_ += report.loss;
+  step_seconds_ += report.step_seconds;
+  const double pause = style_ == ProgressStyle::bar ? kBarSeconds : kPlainSeconds;
+  const bool draws = style_ == ProgressStyle::bar || style_ == ProgressStyle::plain;
+  if (draws && (told_steps_ == 1 || since(drawn_) >= pause)) {
+    drawn_ = Clock::now();
+    const std::string now = line(report).substr(0, static_cast<std::size_t>(columns() - 1));
+    if (style_ == ProgressStyle::plain)
+      std::fprintf(stderr, "%s\n", now.c_str());
+    else
+      std::fprintf(stderr, coloured() ? "\r\033[36m%s\033[0m\033[K" : "\r%s\033[K", now.c_str());
+    line_open_ = style_ == ProgressStyle::bar;
+  }
+  if (told_steps_ <= kFirstSteps || since(logged_) >= kEventSeconds) tell();
+}
+
+void ProgressView::tell() {
+  if (untold_ == 0) return;
+  const double count = static_cast<double>(untold_);
+  log_.write("step", step_event(last_, loss_sum_ / count, step_seconds_ / count));
+  logged_ = Clock::now();
+  untold_ = 0;
+  loss_sum_ = step_seconds_ = 0;
+}
+
+void ProgressView::checkpoint(int64_t step, const std::filesystem::path& path, bool told) {
+  tell();
+  log_.write("checkpoint", {{"step", step}, {"path", path.filename().string()}});
+  if (!told) return;
+  end_line();
+  std::fprintf(stderr, "checkpoint %s\n", path.c_str());
+}
+
+void ProgressView::warning(const std::string& text) {
+  end_line();
+  warn(text);
+  log_.write("warning", {{"message", text}});
+}
+
+void ProgressView::finish() {
+  const bool draws = style_ == ProgressStyle::bar || style_ == ProgressStyle::plain;
+  if (draws && untold_ > 0) {
+    const std::string now = line(last_);
+    std::fprintf(stderr, style_ == ProgressStyle::bar ? "\r%s\033[K" : "%s\n", now.c_str());
+    line_open_ = style_ == ProgressStyle::bar;
+  }
+  tell();
+  end_line();
+}
+
+void ProgressView::end_line() {
+  if (line_open_) std::fprintf(stderr, "\n");
+  line_open_ = false;
+}
+
+}  // namespace cloam

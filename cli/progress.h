@@ -1,0 +1,68 @@
+// What a training tells while it runs: one line that is rewritten on a terminal, plain lines elsewhere, events as JSON
+// lines for programs and in the run's log. Events are documented in docs/formats.md.
+#pragma once
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "cli/common.h"
+#include "models/train/trainer.h"
+
+namespace cloam {
+
+using Event = nlohmann::ordered_json;
+
+enum class ProgressStyle { bar, plain, jsonl, none };
+
+/// auto: bar on a terminal, else plain; jsonl with --json; none with -q. Fault::usage.
+ProgressStyle progress_style(const std::string& wish, const Common& common);
+
+/// Events as JSON lines: on stdout if asked for, and in a file once one is opened. A log that cannot be written is
+/// said once and then left: it must not end a training.
+class EventLog {
+ public:
+  explicit EventLog(bool on_stdout) : on_stdout_(on_stdout) {}
+  void open(const std::filesystem::path& path);
+  /// Adds schema_version, event and t (seconds since the program's start) in front. What comes before open() is kept
+  /// for it.
+  void write(const std::string& name, const Event& fields);
+
+ private:
+  void write_line(const std::string& line);
+
+  bool on_stdout_;
+  std::unique_ptr<std::FILE, int (*)(std::FILE*)> file_{nullptr, std::fclose};
+  std::string before_open_;
+  bool failed_ = false;
+};
+
+class ProgressView {
+ public:
+  ProgressView(ProgressStyle style, EventLog& log) : style_(style), log_(log) {}
+  ~ProgressView() { end_line(); }
+  void step(const StepReport& report);
+  void checkpoint(int64_t step, const std::filesystem::path& path, bool tell);
+  void warning(const std::string& text);
+  /// Leaves the rewritten line, so that other text can follow. Tells the last steps, if some were not told.
+  void finish();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  std::string line(const StepReport& report) const;
+  void tell();
+  void end_line();
+  double since(Clock::time_point when) const { return std::chrono::duration<double>(Clock::now() - when).count(); }
+
+  ProgressStyle style_;
+  EventLog& log_;
+  StepReport last_;
+  int64_t told_steps_ = 0, untold_ = 0;
+  double loss_sum_ = 0, step_seconds_ = 0;
+  Clock::time_point drawn_{}, logged_{};
+  bool line_open_ = false;
+};
+
+}  // namespace cloam

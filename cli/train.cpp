@@ -1,0 +1,337 @@
+// cloam train: options, the run folder's life, signals.
+#include "cli/train.h"
+
+#include <unistd.h>
+
+#include <atomic>
+#include <csignal>
+#include <cstdlib>
+
+#include "cli/commands.h"
+#include "cli/progress.h"
+#include "cli/train_job.h"
+#include "models/io/checkpoint.h"
+#include "models/io/commit.h"
+#include "models/train/evaluate.h"
+#include "models/train/pictures.h"
+#include "models/train/restore_run.h"
+#include "models/train/scene_file.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kExamples[] = R"(Learn a scene from photos.
+
+Examples:
+  cloam train nerf data/fox -o runs/fox --downscale 4 --holdout 8
+  cloam train nerf data/fox -o runs/fox --time-budget 5m
+  cloam train --resume runs/fox
+  cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
+
+std::atomic<int> stop_signal{0};
+
+extern "C" void ask_to_stop(int signal) {
+  if (stop_signal.load() != 0) _exit(128 + signal);
+  stop_signal.store(signal);
+}
+
+/// SIGINT and SIGTERM finish the step and save, as long as this lives; a second one ends the program at once.
+class StopOnSignal {
+ public:
+  StopOnSignal() {
+    stop_signal.store(0);
+    struct sigaction action {};
+    action.sa_handler = ask_to_stop;
+    sigaction(SIGINT, &action, &old_interrupt_);
+    sigaction(SIGTERM, &action, &old_terminate_);
+  }
+  ~StopOnSignal() {
+    sigaction(SIGINT, &old_interrupt_, nullptr);
+    sigaction(SIGTERM, &old_terminate_, nullptr);
+  }
+  StopOnSignal(const StopOnSignal&) = delete;
+  StopOnSignal& operator=(const StopOnSignal&) = delete;
+
+ private:
+  struct sigaction old_interrupt_ {};
+  struct sigaction old_terminate_ {};
+};
+
+/// The photo that the preview is compared with: the first that is held out, else the first.
+struct PreviewFrame {
+  FramePixels photo;
+  View view;
+};
+
+PreviewFrame preview_frame(const Capture& capture) {
+  const Pixels& pixels = capture.test.frames.empty() ? capture.train : capture.test;
+  const FramePixels& photo = pixels.frames.front();
+  return {
+      photo,
+      {pixels.cameras[static_cast<std::size_t>(photo.camera)], capture.scene.frames[photo.frame].world_from_camera}};
+}
+
+/// A checkpoint to go on from; none (with a warning) if the run was ended before its first.
+std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView& view) {
+  std::error_code error;
+  if (!fs::exists(RunPaths{job.folder}.checkpoints(), error)) {
+    view.warning("the run has no checkpoint yet: it starts from its first step");
+    return std::nullopt;
+  }
+  LoadedCheckpoint checkpoint = load_latest_checkpoint(RunPaths{job.folder}.checkpoints());
+  check_belongs(checkpoint, job.record);
+  if (!checkpoint.warning.empty()) view.warning(checkpoint.warning);
+  return checkpoint;
+}
+
+void check_data_unchanged(const TrainJob& job, const TrainRequest& request, const std::string& now,
+                          ProgressView& view) {
+  const std::string& before = job.record.data.fingerprint;
+  if (before.empty() || before == now) return;
+  const std::string difference =
+      text("the data differs from what the run was trained on (", before, "; now ", now, ")");
+  if (request.new_data.empty()) {
+    throw Error(Fault::data, text(difference, "\n  fix: to go on with it all the same: --data ", job.data.string()));
+  }
+  view.warning(difference);
+}
+
+void begin_folder(TrainJob& job, const Capture& capture, const TrainRequest& request) {
+  if (request.overwrite && is_run(job.folder)) clear_run(job.folder);
+  RunRecord& r = job.record;
+  std::error_code error;
+  r.state = "running";
+  r.version = kVersion;
+  r.command_line = command_line();
+  r.device = device().name + " (" + device().platform + ")";
+  r.driver = device().driver;
+  r.started = time_stamp();
+  r.ended = "";
+  r.data.fingerprint = fingerprint(capture.scene);
+  r.data.relative = fs::relative(capture.scene.root, fs::weakly_canonical(job.folder, error), error).string();
+  write_record(job.folder, r);
+  if (request.resume) return;
+  write_config(job.folder, job.config, text("Settings of ", r.method, ", preset ", r.preset, "; use with --config"));
+  write_scene(RunPaths{job.folder}.scene(), capture.scene);
+}
+
+TrainOptions options_of(const TrainJob& job, const TrainRequest& request) {
+  TrainOptions options;
+  options.steps = job.record.steps;
+  options.time_budget_seconds = job.record.time_budget_seconds;
+  options.seconds_before = seconds_since_start() - std::max(0.0, request.seconds_before);
+  options.stop_after = request.stop_after;
+  options.save_every = job.record.save_every;
+  options.default_steps = job.default_steps;
+  options.seed = job.record.seed;
+  return options;
+}
+
+std::string state_of(const TrainResult& result) {
+  if (result.horizon > 0 && result.step >= result.horizon) return "finished";
+  if (result.interrupted) return "interrupted";
+  return result.out_of_time ? "out of time" : "stopped";
+}
+
+void end_record(TrainJob& job, const std::string& state, const TrainResult& result) {
+  job.record.state = state;
+  job.record.ended = time_stamp();
+  if (result.step > 0) job.record.step = result.step;
+  if (result.horizon > 0) job.record.horizon = result.horizon;
+  write_record(job.folder, job.record);
+}
+
+/// Render and photo side by side. After the run is recorded: an interruption here loses nothing.
+void write_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& result, const Common& common,
+                   EventLog& log) {
+  const Picture picture = job.method->render(frame.view);
+  const std::vector<float> truth = on_white(frame.photo);
+  const ImageScore score = score_image(picture.rgb, truth, frame.photo);
+  const int w = picture.width, h = picture.height;
+  char name[40];
+  std::snprintf(name, sizeof name, "step_%06lld.png", static_cast<long long>(result.step));
+  const fs::path path = RunPaths{job.folder}.preview() / name;
+  write_png(path, contact_sheet({to_image(picture.rgb, w, h), to_image(truth, w, h)}, 2));
+  log.write(
+      "eval",
+      {{"step", result.step}, {"images", 1}, {"psnr", score.psnr}, {"ssim", score.ssim}, {"picture", path.string()}});
+  say(common, text("preview ", path.string(), "  (render | photo)"));
+}
+
+void tell_end(const TrainJob& job, const TrainResult& result, const Common& common) {
+  const std::string folder = quoted(job.folder.string());
+  say(common, text("checkpoint ", result.checkpoint.string(), "  (step ", result.step, " of ", result.horizon, ", ",
+                   words_for_seconds(seconds_since_start()), ")"));
+  if (job.record.state == "finished") return say(common, "next: cloam eval " + folder);
+  std::fprintf(stderr, "Continue: cloam train --resume %s\n", folder.c_str());
+}
+
+TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOptions& options, ProgressView& view,
+                             EventLog& log) {
+  TrainListener listener;
+  listener.step = [&](const StepReport& report) {
+    job.record.step = report.progress.step;
+    view.step(report);
+  };
+  listener.checkpoint = [&](int64_t step, const fs::path& path) { view.checkpoint(step, path, false); };
+  listener.warning = [&](const std::string& warning) { view.warning(warning); };
+  try {
+    return train(run, options, listener);
+  } catch (const Error& error) {
+    view.finish();
+    log.write("end", {{"state", "failed"}, {"exit", static_cast<int>(error.fault())}, {"message", error.what()}});
+    try {
+      end_record(job, "failed", {});
+    } catch (const Error&) {  // the disk may be the trouble; what is told is the first error
+    }
+    throw;
+  }
+}
+
+void take_progress(TrainJob& job, const LoadedCheckpoint& checkpoint, const TrainRequest& request) {
+  const auto horizon = checkpoint.file.metadata.find("horizon");
+  job.record.step = checkpoint.step;
+  if (horizon != checkpoint.file.metadata.end())
+    job.record.horizon = std::strtoll(horizon->second.c_str(), nullptr, 10);
+  // The horizon that a budget chose stands; only a new budget limits what is left of it.
+  if (job.record.horizon > 0 && request.time_budget.empty()) job.record.time_budget_seconds.reset();
+}
+
+bool has_time_for_preview(const TrainJob& job, const TrainResult& result) {
+  return !result.interrupted && !job.record.time_budget_seconds;
+}
+
+/// From here on files are written. Everything was read and checked before.
+int train_in_folder(TrainJob& job, Capture capture, const TrainRequest& request, const Common& common, EventLog& log,
+                    ProgressView& view) {
+  const PreviewFrame preview = preview_frame(capture);
+  job.method->load_data({capture.scene, std::move(capture.train)});
+  const FolderLock lock(job.folder);
+  if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
+  const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
+  if (checkpoint) take_progress(job, *checkpoint, request);
+  begin_folder(job, capture, request);
+  mend_log(RunPaths{job.folder}.events());
+  log.open(RunPaths{job.folder}.events());
+  log.write("start", {{"step", job.record.step}, {"command_line", command_line()}, {"device", job.record.device}});
+  TrainRun run{*job.method, RunPaths{job.folder}.checkpoints(), checkpoint_metadata(job.record)};
+  run.resume = checkpoint ? &checkpoint->file : nullptr;
+  run.stop = &stop_signal;
+  TrainResult result;
+  {
+    const StopOnSignal signals;
+    result = train_and_record(job, run, options_of(job, request), view, log);
+    view.finish();
+    end_record(job, state_of(result), result);
+  }
+  if (has_time_for_preview(job, result)) write_preview(job, preview, result, common, log);
+  log.write("end", {{"state", job.record.state},
+                    {"step", result.step},
+                    {"horizon", result.horizon},
+                    {"loss", result.loss},
+                    {"seconds", result.seconds},
+                    {"checkpoint", result.checkpoint.filename().string()}});
+  tell_end(job, result, common);
+  return result.interrupted ? 128 + stop_signal.load() : 0;
+}
+
+}  // namespace
+
+int run_train(TrainRequest request, const Common& common) {
+  const ProgressStyle style = progress_style(request.progress, common);
+  TrainJob job = request.resume ? resumed_job(request) : new_job(request);
+  if (job.finished) {
+    say(common, text(job.folder.string(), " is finished (", job.record.step,
+                     " steps): nothing to do.\nnext: cloam eval ", quoted(job.folder.string())));
+    return 0;
+  }
+  open_device(common);
+  EventLog log(style == ProgressStyle::jsonl);
+  ProgressView view(style, log);
+  Capture capture = read_capture(job.data, job.record.data, memory_budget());
+  check_data_unchanged(job, request, fingerprint(capture.scene), view);
+  job.method->build(capture.scene, job.record.seed);
+  tell_plan(job, capture, common, log);
+  if (!request.dry_run) return train_in_folder(job, std::move(capture), request, common, log, view);
+  say(common, "dry run: nothing was written");
+  return 0;
+}
+
+namespace {
+
+/// --resume takes a value or not, and the run folder may be told by it or by -o.
+void resolve_resume(TrainRequest& request, const CLI::Option& option) {
+  request.resume = option.count() > 0;
+  if (!request.resume) return;
+  const std::string named = option.results().empty() ? "" : option.results().front();
+  const bool has_value = !named.empty() && named != "{}" && named != "true";
+  if (has_value && request.out.empty()) request.out = named;
+  if (request.out.empty()) throw Error(Fault::usage, "--resume wants a run folder: cloam train --resume RUN");
+}
+
+void add_data_options(CLI::App& parser, TrainRequest& r) {
+  const char* group = "Data";
+  parser.add_option("--downscale", r.downscale, "Shrink the images by this factor")
+      ->check(CLI::Range(1, 256))
+      ->group(group);
+  parser.add_option("--holdout", r.holdout, "Hold out every Nth image, sorted by name")
+      ->check(CLI::Range(2, 1 << 20))
+      ->group(group);
+  parser.add_flag("--skip-bad", r.skip_bad, "Drop damaged images with a warning")->group(group);
+  parser.add_option("--data", r.new_data, "Where a resumed run finds its data now")->group(group);
+}
+
+void add_run_options(CLI::App& parser, TrainRequest& r) {
+  const char* group = "Run";
+  parser.add_option("-o,--out", r.out, "Run folder (default runs/DATA-METHOD)")->group(group);
+  parser.add_option("--steps", r.steps, "Steps in all; schedules are stretched over them")
+      ->check(CLI::PositiveNumber)
+      ->group(group);
+  parser.add_option("--time-budget", r.time_budget, "Be done in 90s, 5m, 1h30m, counted from the program's start")
+      ->group(group);
+  parser.add_option("--stop-after", r.stop_after, "Stop (and save) after this step")
+      ->check(CLI::PositiveNumber)
+      ->group(group);
+  parser.add_option("--save-every", r.save_every, "Save a checkpoint every N steps")
+      ->check(CLI::PositiveNumber)
+      ->group(group);
+  parser.add_option("--seed", r.seed, "Of all random numbers (default 42)")
+      ->check(CLI::NonNegativeNumber)
+      ->group(group);
+  parser.add_flag("--overwrite", r.overwrite, "Replace the run in the folder")->group(group);
+  parser.add_flag("--dry-run", r.dry_run, "Check the data, show the plan, write nothing")->group(group);
+  parser.add_option("--progress", r.progress, "auto, bar, plain, jsonl or none")->group(group);
+}
+
+void add_method_options(CLI::App& parser, TrainRequest& r) {
+  const char* group = "Method";
+  parser.add_option("METHOD", r.method, "nerf");
+  parser.add_option("DATA", r.data, "Folder of the capture");
+  parser.add_option("--preset", r.preset, "nerf, nerf-paper (default: as the method)")->group(group);
+  parser.add_option("--config", r.config_file, "TOML file with settings")->group(group);
+  parser.add_option("--set", r.settings, "key=value, may be repeated; RUN/config.toml lists the keys")
+      ->allow_extra_args(false)
+      ->group(group);
+}
+
+}  // namespace
+
+Command add_train(CLI::App& program) {
+  CLI::App* parser = program.add_subcommand("train", kExamples);
+  const auto request = std::make_shared<TrainRequest>();
+  const auto common = std::make_shared<Common>();
+  add_method_options(*parser, *request);
+  add_run_options(*parser, *request);
+  const CLI::Option* resume = parser->add_option("--resume", "Go on with a run")->expected(0, 1)->group("Run");
+  add_data_options(*parser, *request);
+  add_common(*parser, *common);
+  return {parser, [=] {
+            resolve_resume(*request, *resume);
+            return run_train(*request, *common);
+          }};
+}
+
+}  // namespace cloam

@@ -1,0 +1,32 @@
+// A training as a request: what the command line, a resumed run and the demo fill in.
+#pragma once
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "cli/capture.h"
+#include "cli/common.h"
+#include "models/train/method.h"
+
+namespace cloam {
+
+struct TrainRequest {
+  std::string method;
+  std::vector<std::string> data;
+  std::string new_data;  // --data: where a resumed run finds its data now
+  std::string out, preset, config_file;
+  std::optional<int64_t> steps;
+  std::string time_budget;  // as typed
+  std::optional<int64_t> seed, save_every;
+  std::optional<int> downscale, holdout;
+  int64_t stop_after = 0;
+  bool skip_bad = false, resume = false, overwrite = false, dry_run = false;
+  std::vector<std::string> settings;  // key=value
+  std::string progress = "auto";
+  double seconds_before = -1;  // where the time budget starts to count; negative: at the program's start
+};
+
+/// Returns the exit code: 0, or 130 and 143 after a signal with everything saved. Errors as the program's faults.
+int run_train(TrainRequest request, const Common& common);
+
+}  // namespace cloam
