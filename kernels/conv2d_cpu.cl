@@ -241,20 +241,27 @@ FAT __kernel void conv2d_dw_tiles(__global const float* restrict x, __global con
   }
 }
 
-// dw[k][c][tap] = sum over parts, in order, of partial[part][group][tap][k][c]. Group (k, 0): one filter.
+// dw[k][c][tap] = sum over parts, in order, of partial[part][group][tap][k][c]. Group (k, c): a filter, CB channels.
+// Through local memory, so that both sides are walked along their lines.
+#define TAPS_AT_ONCE 32
 FAT __kernel void conv2d_dw_sum(__global const float* restrict partial, __global float* restrict dw, int channels,
                                 int filters, int taps, int groups, int parts) {
+  __local float sums[TAPS_AT_ONCE * CB] __attribute__((aligned(64)));
   const int K8 = (filters + DR - 1) / DR * DR, C8 = (channels + CB - 1) / CB * CB;
-  const int group = get_group_id(0) / filters, k = get_group_id(0) - group * filters;
+  const int group = get_group_id(0) / filters, k = get_group_id(0) - group * filters, c = get_group_id(1) * CB;
   const size_t size = (size_t)groups * taps * K8 * C8;
-  for (int tap = 0; tap < taps; tap++)
-    for (int c = 0; c < channels; c += 16) {
-      __global const float* from = partial + (((size_t)group * taps + tap) * K8 + k) * C8 + c;
-      float16 sum = vload16(0, from);
-      for (int part = 1; part < parts; part++) sum += vload16(0, from + part * size);
-      float some[16];
-      vstore16(sum, 0, some);
-      for (int i = 0; i < min(16, channels - c); i++)
-        dw[((size_t)get_group_id(0) * channels + c + i) * taps + tap] = some[i];
+  for (int begin = 0; begin < taps; begin += TAPS_AT_ONCE) {
+    const int count = min(TAPS_AT_ONCE, taps - begin);
+    for (int tap = 0; tap < count; tap++) {
+      __global const float* from = partial + (((size_t)group * taps + begin + tap) * K8 + k) * C8 + c;
+      for (int i = 0; i < CB; i += 16) {
+        float16 sum = vload16(0, from + i);
+        for (int part = 1; part < parts; part++) sum += vload16(0, from + part * size + i);
+        vstore16(sum, 0, sums + tap * CB + i);
+      }
     }
+    for (int i = 0; i < min(CB, channels - c); i++)
+      for (int tap = 0; tap < count; tap++)
+        dw[((size_t)get_group_id(0) * channels + c + i) * taps + begin + tap] = sums[tap * CB + i];
+  }
 }

@@ -71,7 +71,8 @@ std::optional<Tiling> tiling(const Pass& p) {
   t.rows = std::min<int64_t>(8, round_up(p.out_height, t.nvy));
   const auto plane = [&] {
     t.height = (t.rows - 1) * p.stride + p.R;
-    t.places = round_up(t.columns + (p.S - 1) / p.stride, 16);
+    t.places = t.columns + (p.S - 1) / p.stride;
+    if (t.columns > 8) t.places = round_up(t.places, 16);
     return t.height * p.stride * t.places;
   };
   while (plane() * std::min<int64_t>(p.inputs, 32) > room.tile && t.rows > t.nvy)
@@ -79,8 +80,9 @@ std::optional<Tiling> tiling(const Pass& p) {
   t.depth = std::min({p.inputs, room.tile / plane(), room.taps / (p.R * p.S)});
   if (t.depth < 1) return std::nullopt;
   const int64_t tiles = ceil_div(p.out_height, t.rows) * ceil_div(p.out_width, t.columns) * p.images * p.groups;
-  const int64_t wanted = std::clamp<int64_t>(64 / tiles, 1, ceil_div(p.outputs, t.mr));
-  t.block_outputs = std::min<int64_t>(128, round_up(ceil_div(p.outputs, wanted), t.mr));
+  // Enough work-items for the cores, but packing the input pays from 32 output channels on.
+  const int64_t wanted = std::max<int64_t>(1, 32 / tiles);
+  t.block_outputs = round_up(std::clamp<int64_t>(ceil_div(p.outputs, wanted), 32, 128), t.mr);
   return t;
 }
 
@@ -142,8 +144,8 @@ void run_gradient(const Sizes& z, const GradientTiling& t, const Tensors& in, co
   launch(kernel("conv2d_cpu", "conv2d_dw_tiles", constants), "conv2d_dw", range, in[0], in[1], partial, z.N,
          z.channels(), z.H, z.W, z.filters(), z.P, z.Q, z.R, z.S, z.with.stride, z.with.pad, t.rows, t.columns,
          t.block_filters, groups, t.parts);
-  launch(kernel("conv2d_cpu", "conv2d_dw_sum", constants), "conv2d_dw_sum", range1(z.K), partial, out, z.channels(),
-         z.filters(), taps, groups, t.parts);
+  launch(kernel("conv2d_cpu", "conv2d_dw_sum", constants), "conv2d_dw_sum", range2(z.K, ceil_div(z.channels(), t.cb)),
+         partial, out, z.channels(), z.filters(), taps, groups, t.parts);
 }
 
 enum class Part { forward, dx, dw };
