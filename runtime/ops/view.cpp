@@ -33,6 +33,7 @@ std::optional<Storage> Reshape::view(const Storage& in, const Shape& from, const
     }
   }
   Storage out{in.buffer, in.offset, Shape::filled(to.rank(), 0)};
+  if (numel(to) == 0) return out;
   int run = sizes.rank() - 1;
   int64_t left = run >= 0 ? sizes[run] : 1, step = run >= 0 ? strides[run] : 1;
   for (int i = to.rank() - 1; i >= 0; i--) {

@@ -1,0 +1,72 @@
+// Rows of concat, split and pad.
+#include "tests/op_cases/cases.h"
+
+namespace cloam {
+namespace {
+
+OpCase joining(const char* label, int axis, const std::vector<Shape>& parts) {
+  OpCase row{.op = "concat", .label = label};
+  for (const Shape& part : parts) row.inputs.push_back(normal(part));
+  row.run = [axis](const Tensors& in) { return concat(in, axis); };
+  row.reference = [axis](const HostArrays& in) {
+    Shape shape = in[0].shape;
+    shape[axis] = 0;
+    for (const HostArray& part : in) shape[axis] += part.dim(axis);
+    return from_index(shape, [&](Shape i) {
+      size_t part = 0;
+      while (i[axis] >= in[part].dim(axis)) i[axis] -= in[part++].dim(axis);
+      return in[part].at(i);
+    });
+  };
+  return row;
+}
+
+OpCase padding(const char* label, int axis, int64_t before, int64_t after) {
+  return {.op = "pad",
+          .label = label,
+          .inputs = {normal({3, 5, 7})},
+          .run = [=](const Tensors& in) { return pad(in[0], axis, before, after); },
+          .reference =
+              [=](const HostArrays& in) {
+                Shape shape = in[0].shape;
+                shape[axis] += before + after;
+                return from_index(shape, [&](Shape i) {
+                  i[axis] -= before;
+                  return i[axis] < 0 || i[axis] >= in[0].dim(axis) ? 0.0 : in[0].at(i);
+                });
+              },
+          .zero = {{0, 5, 7}}};
+}
+
+}  // namespace
+
+void add_join_cases(OpCases& rows) {
+  rows.push_back(joining("first axis", 0, {{3, 5}, {1, 5}, {4, 5}}));
+  rows.back().zero = {{0, 5}, {2, 5}, {0, 5}};
+  rows.push_back(joining("middle axis", 1, {{3, 2, 7}, {3, 5, 7}}));
+  rows.push_back(joining("last axis", 2, {{3, 5, 1}, {3, 5, 4}, {3, 5, 2}}));
+  OpCase bytes = joining("uint8", 1, {{3, 2}, {3, 5}});
+  for (InputSpec& input : bytes.inputs) input = below(input.shape, 256, DType::u8);
+  bytes.result = DType::u8;
+  rows.push_back(bytes);
+  rows.push_back(
+      {.op = "split",
+       .inputs = {normal({5, 9})},
+       .run =
+           [](const Tensors& in) {
+             const Tensors parts = split(in[0], 1, {2, 3, 4});
+             return concat({parts[2], parts[0] * 2.f, parts[1]}, 1);
+           },
+       .reference =
+           [](const HostArrays& in) {
+             return from_index({5, 9}, [&](const Shape& i) {
+               const int64_t k = i[1];
+               return k < 4 ? in[0].at({i[0], k + 5}) : k < 6 ? 2 * in[0].at({i[0], k - 4}) : in[0].at({i[0], k - 4});
+             });
+           }});
+  rows.push_back(padding("last axis", 2, 2, 3));
+  rows.push_back(padding("first axis", 0, 1, 0));
+  rows.push_back(padding("middle axis", 1, 0, 2));
+}
+
+}  // namespace cloam

@@ -1,0 +1,69 @@
+// cloam-selftest: every op on a device against float64 on the host. Needs OpenCL and the standard library only.
+#include <algorithm>
+#include <iostream>
+
+#include "runtime/device.h"
+#include "runtime/error.h"
+#include "tests/op_cases/selftest.h"
+
+namespace {
+
+using namespace cloam;
+
+struct Options {
+  bool quick = false, json = false, help = false;
+  std::string device = "auto";
+};
+
+Options parse(int count, char** words) {
+  Options out;
+  for (int i = 1; i < count; i++) {
+    const std::string word = words[i];
+    if (word == "--quick")
+      out.quick = true;
+    else if (word == "--json")
+      out.json = true;
+    else if (word == "--help")
+      out.help = true;
+    else if (word == "--device" && i + 1 < count)
+      out.device = words[++i];
+    else
+      throw Error(Fault::usage,
+                  text("unknown option ", word, "\n  fix: cloam-selftest [--quick] [--json] [--device D]"));
+  }
+  return out;
+}
+
+int run(const Options& options) {
+  choose_device({.device = options.device});
+  std::cerr << "device " << device().id << "  " << device().name << " (" << device().platform << ")\n";
+  const auto progress = [&](const SelftestRow& row, size_t, size_t) {
+    if (!options.json) print_row(std::cout, row), std::cout.flush();
+  };
+  const std::vector<SelftestRow> rows = run_selftest(options.quick, progress);
+  if (options.json) print_json(std::cout, rows);
+  const auto failed =
+      std::count_if(rows.begin(), rows.end(), [](const SelftestRow& row) { return !row.result.passed; });
+  std::cerr << rows.size() - static_cast<size_t>(failed) << " of " << rows.size() << " rows agree with float64\n";
+  return failed ? static_cast<int>(Fault::verification) : 0;
+}
+
+}  // namespace
+
+int main(int count, char** words) {
+  try {
+    const Options options = parse(count, words);
+    if (options.help) {
+      std::cout << "cloam-selftest [--quick] [--json] [--device D]: checks every op of a device against float64.\n"
+                   "Exit codes: 0 all agree, 4 no device, 7 an op differs.\n";
+      return 0;
+    }
+    return run(options);
+  } catch (const Error& error) {
+    std::cerr << "error: " << error.what() << "\n";
+    return static_cast<int>(error.fault());
+  } catch (const std::exception& error) {
+    std::cerr << "error: " << error.what() << "\n";
+    return 1;
+  }
+}
