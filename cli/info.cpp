@@ -1,0 +1,131 @@
+// cloam info: devices, which one runs and how to name it again; what a bug report needs.
+#include <cstdio>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "cli/commands.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+using Report = nlohmann::ordered_json;
+
+constexpr char kExamples[] = R"(Show the OpenCL devices and which one runs.
+
+Examples:
+  cloam info
+  cloam info --json
+  cloam info --device gpu)";
+
+constexpr uint64_t kNeededLocalBytes = 16 << 10;
+constexpr int kNeededWorkGroup = 64;
+const char* const kVariables[] = {"CLOAM_DEVICE",   "CLOAM_DEVICE_CLASS", "CLOAM_DEBUG",       "CLOAM_KERNEL_DIR",
+                                  "CLOAM_VARIANT",  "OCL_ICD_VENDORS",    "POCL_CACHE_DIR",    "POCL_MAX_PTHREAD_COUNT",
+                                  "RUSTICL_ENABLE", "POCL_AFFINITY",      "POCL_MEMORY_LIMIT", "NO_COLOR"};
+
+/// From limits alone; whether it computes right is what selftest finds.
+std::string verdict(const DeviceInfo& info) {
+  if (info.local_bytes < kNeededLocalBytes || info.max_work_group < kNeededWorkGroup) return "too small";
+  std::string notes;
+  if (info.name.find("llvmpipe") != std::string::npos) notes += "  slow (graphics in software)";
+  if (info.local_bytes <= (32 << 10)) notes += text("  local memory ", info.local_bytes >> 10, " KiB");
+  return "ok" + notes;
+}
+
+/// The device that a command would take; none (with the reason) if it cannot be chosen.
+std::optional<DeviceInfo> chosen_device(const Common& common, std::string& why_not) {
+  try {
+    open_device(common);
+    return device();
+  } catch (const Error& error) {
+    why_not = error.what();
+    return std::nullopt;
+  }
+}
+
+std::string row(const DeviceInfo& info, bool chosen) {
+  char buffer[256];
+  std::snprintf(buffer, sizeof buffer, "%s %-5s %-44.44s %-4s %9s  %5d  %s\n", chosen ? "*" : " ", info.id.c_str(),
+                (info.name + " (" + info.platform + ")").c_str(), info.is_cpu ? "cpu" : "gpu",
+                words_for_bytes(info.global_bytes).c_str(), info.compute_units, verdict(info).c_str());
+  return buffer;
+}
+
+std::string environment() {
+  std::string out;
+  for (const char* name : kVariables) {
+    if (const char* value = std::getenv(name)) out += text(" ", name, "=", value);
+  }
+  return out.empty() ? " nothing set" : out;
+}
+
+void put_table(const std::vector<DeviceInfo>& devices, const std::optional<DeviceInfo>& chosen) {
+  char head[160];
+  std::snprintf(head, sizeof head, "  %-5s %-44s %-4s %9s  %5s  %s\n", "id", "device", "type", "memory", "units",
+                "verdict");
+  std::string out = head;
+  for (const DeviceInfo& info : devices) out += row(info, chosen && chosen->id == info.id);
+  if (chosen) {
+    out += text("default: ", chosen->id, " (",
+                chosen->is_cpu ? "no GPU was found, or the CPU was asked for" : "a GPU goes before a CPU",
+                "). The same again: ", device_spelling(*chosen), "\n");
+    out += "memory budget " + words_for_bytes(memory_budget()) + " (--max-memory changes it), driver " +
+           chosen->driver + ", " + chosen->cl_version + "\n";
+  }
+  put(out + "version " + kVersion + ", gcc " + __VERSION__ + "; environment:" + environment() +
+      "\ncloam selftest --quick checks that the device computes right\n");
+}
+
+Report to_json(const DeviceInfo& info) {
+  return {{"id", info.id},
+          {"name", info.name},
+          {"platform", info.platform},
+          {"driver", info.driver},
+          {"cl_version", info.cl_version},
+          {"type", info.is_cpu ? "cpu" : "gpu"},
+          {"class", info.device_class == DeviceClass::cpu ? "cpu" : "gpu"},
+          {"global_bytes", info.global_bytes},
+          {"max_alloc_bytes", info.max_alloc_bytes},
+          {"local_bytes", info.local_bytes},
+          {"compute_units", info.compute_units},
+          {"max_work_group", info.max_work_group},
+          {"verdict", verdict(info)}};
+}
+
+void put_json(const std::vector<DeviceInfo>& devices, const std::optional<DeviceInfo>& chosen) {
+  Report json = {{"schema_version", 1}, {"version", kVersion}, {"default", nullptr}, {"memory_budget_bytes", nullptr}};
+  if (chosen) json["default"] = chosen->id;
+  if (chosen) json["memory_budget_bytes"] = memory_budget();
+  json["devices"] = Report::array();
+  for (const DeviceInfo& info : devices) json["devices"].push_back(to_json(info));
+  json["environment"] = Report::object();
+  for (const char* name : kVariables) {
+    if (const char* value = std::getenv(name)) json["environment"][name] = value;
+  }
+  put(json.dump(2, ' ', false, Report::error_handler_t::replace) + "\n");
+}
+
+int run_command(const Common& common) {
+  const std::vector<DeviceInfo> devices = list_devices();
+  std::string why_not;
+  const std::optional<DeviceInfo> chosen = chosen_device(common, why_not);
+  if (common.json)
+    put_json(devices, chosen);
+  else
+    put_table(devices, chosen);
+  if (!chosen) throw Error(Fault::device, why_not);
+  return 0;
+}
+
+}  // namespace
+
+Command add_info(CLI::App& program) {
+  CLI::App* parser = program.add_subcommand("info", kExamples);
+  const auto common = std::make_shared<Common>();
+  add_common(*parser, *common);
+  return {parser, [=] { return run_command(*common); }};
+}
+
+}  // namespace cloam
