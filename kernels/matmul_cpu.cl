@@ -5,7 +5,7 @@
 // the same of B.
 #define NR (NV * 16)
 // A^T B with a long depth streams both operands: what is packed next comes into the cache while this block is computed.
-#ifdef __clang__
+#if defined(__x86_64__) || defined(__aarch64__)  // compiled for the core itself: SPIR-V has no word for a prefetch
 #define STREAM (A_BY_COLUMN && !B_BY_COLUMN)
 #endif
 // Packed A: AB rows at a time. + 16: rows a power of two apart would fall into one cache set.

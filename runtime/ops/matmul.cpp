@@ -84,7 +84,7 @@ struct Tiling {
 Tiling tiling(const Problem& p) {
   constexpr int64_t kGroups = 32, kLeastDepth = 1024;
   Tiling t;
-  if (device().local_bytes < 300u << 10) t.kc = t.nc_max = 64;
+  if (device().local_bytes < 300u << 10) t.kc = 32, t.nc_max = 64;
   if (p.n <= 32) t.mr = 8, t.nv = p.n <= 16 ? 1 : 2;
   t.nc = std::min<int64_t>(t.nc_max, p.n);
   const auto tiles = [&] { return p.batch * ceil_div(p.m, t.mc) * ceil_div(p.n, t.nc); };
