@@ -1,0 +1,249 @@
+// Rows of the radiance field ops: perceptrons, grids, planes, volume rendering.
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "tests/op_cases/cases.h"
+
+namespace cloam {
+namespace {
+
+HostArray layer(const HostArray& x, const HostArray& w, bool relu) {
+  return from_index({x.dim(0), w.dim(1)}, [&](const Shape& i) {
+    double total = 0;
+    for (int64_t k = 0; k < w.dim(0); k++) total += x.at({i[0], k}) * w.at({k, i[1]});
+    return relu ? std::max(total, 0.0) : total;
+  });
+}
+
+HostArray perceptron(const HostArrays& in) {
+  HostArray x = in[0];
+  for (size_t i = 1; i < in.size(); i++) x = layer(x, in[i], i + 1 < in.size());
+  return x;
+}
+
+void add_perceptrons(OpCases& rows) {
+  OpCase fused{.op = "mlp",
+               .inputs = {normal({67, 5}), normal({5, 16}), normal({16, 16}), normal({16, 3})},
+               .run =
+                   [](const Tensors& in) {
+                     return mlp(in[0], {in[1], in[2], in[3]});
+                   },
+               .reference = perceptron};
+  OpCase composed = fused;
+  composed.op = "mlp_composed";
+  composed.inputs = {normal({7, 5}), normal({5, 6}), normal({6, 3})};
+  composed.run = [](const Tensors& in) { return mlp_composed(in[0], {in[1], in[2]}); };
+  rows.push_back(fused);
+  rows.push_back(composed);
+}
+
+const HashGrid kGrid{.levels = 3, .features = 2, .log2_rows = 6, .coarsest = 2, .finest = 9};
+
+/// Mueller et al. 2022, equations 2 to 4: N_l = floor(N_min b^l); a corner's row is its place in the dense grid of the
+/// level while that fits the table, else the XOR of its coordinates times primes.
+double grid_feature(const HostArrays& in, int64_t sample, int level, int64_t feature) {
+  const double growth = std::exp(std::log(9.0 / 2.0) / 2);
+  const auto cells = static_cast<int64_t>(std::floor(2 * std::pow(growth, level) + 1e-6));
+  const uint32_t side = static_cast<uint32_t>(cells) + 1, rows = 64;
+  std::array<uint32_t, 3> base{};
+  std::array<double, 3> part{};
+  for (int64_t axis = 0; axis < 3; axis++) {
+    const double at = in[0].at({sample, axis}) * static_cast<double>(cells);
+    base[static_cast<size_t>(axis)] =
+        static_cast<uint32_t>(std::clamp(std::floor(at), 0.0, static_cast<double>(cells - 1)));
+    part[static_cast<size_t>(axis)] = at - base[static_cast<size_t>(axis)];
+  }
+  double total = 0;
+  for (uint32_t corner = 0; corner < 8; corner++) {
+    double weight = 1;
+    std::array<uint32_t, 3> at{};
+    for (uint32_t axis = 0; axis < 3; axis++) {
+      const uint32_t up = corner >> axis & 1u;
+      at[axis] = base[axis] + up;
+      weight *= up ? part[axis] : 1 - part[axis];
+    }
+    const bool dense = side * side * side <= rows;
+    const uint32_t row =
+        dense ? at[0] + side * (at[1] + side * at[2]) : (at[0] ^ at[1] * 2654435761u ^ at[2] * 805459861u) % rows;
+    total += weight * in[1].at({level * 64 + row, feature});
+  }
+  return total;
+}
+
+void add_grids(OpCases& rows) {
+  rows.push_back({.op = "hash_grid",
+                  .inputs = {between({7, 3}, 0, 1), normal({192, 2})},
+                  .run = [](const Tensors& in) { return HashGridEncoder(kGrid)(in[0], in[1]); },
+                  .reference =
+                      [](const HostArrays& in) {
+                        return from_index({in[0].dim(0), 6}, [&](const Shape& i) {
+                          return grid_feature(in, i[0], static_cast<int>(i[1] / 2), i[1] % 2);
+                        });
+                      }});
+}
+
+/// Bilinear with half-pixel centres; beyond the outer centres the border value goes on.
+double texture(const HostArray& planes, int64_t plane, double u, double v, int64_t channel) {
+  const int64_t height = planes.dim(1), width = planes.dim(2);
+  const double x = std::clamp(u * static_cast<double>(width) - 0.5, 0.0, static_cast<double>(width - 1));
+  const double y = std::clamp(v * static_cast<double>(height) - 0.5, 0.0, static_cast<double>(height - 1));
+  double total = 0;
+  for (int64_t row = 0; row < height; row++)
+    for (int64_t column = 0; column < width; column++) {
+      const double weight = std::max(0.0, 1 - std::abs(x - static_cast<double>(column))) *
+                            std::max(0.0, 1 - std::abs(y - static_cast<double>(row)));
+      total += weight * planes.at({plane, row, column, channel});
+    }
+  return total;
+}
+
+void add_planes(OpCases& rows) {
+  rows.push_back(
+      {.op = "sample_planes",
+       .inputs = {normal({3, 5, 4, 2}), between({11, 3}, 0, 1)},
+       .run = [](const Tensors& in) { return sample_planes(in[0], in[1]); },
+       .reference =
+           [](const HostArrays& in) {
+             constexpr std::array<std::array<int64_t, 2>, 3> kAxes{{{0, 1}, {0, 2}, {1, 2}}};
+             return from_index({in[1].dim(0), 6}, [&](const Shape& i) {
+               const auto& axes = kAxes[static_cast<size_t>(i[1] / 2)];
+               return texture(in[0], i[1] / 2, in[1].at({i[0], axes[0]}), in[1].at({i[0], axes[1]}), i[1] % 2);
+             });
+           }});
+}
+
+/// NeRF's equation 3: w_i = exp(-sum of sigma dt before i) (1 - exp(-sigma_i dt_i)).
+HostArray weights(const HostArray& sigma, const HostArray& dt, const HostArray& offsets) {
+  HostArray out(sigma.shape);
+  for (int64_t ray = 0; ray + 1 < offsets.size(); ray++) {
+    double depth = 0;
+    for (auto s = static_cast<int64_t>(offsets[ray]); s < static_cast<int64_t>(offsets[ray + 1]); s++) {
+      out[s] = std::exp(-depth) * (1 - std::exp(-sigma[s] * dt[s]));
+      depth += sigma[s] * dt[s];
+    }
+  }
+  return out;
+}
+
+HostArray rendered(const HostArrays& in) {  // sigma, rgb, t, dt, offsets
+  const HostArray w = weights(in[0], in[3], in[4]);
+  HostArray out({in[4].dim(0) - 1, 5});
+  for (int64_t ray = 0; ray < out.dim(0); ray++)
+    for (auto s = static_cast<int64_t>(in[4][ray]); s < static_cast<int64_t>(in[4][ray + 1]); s++) {
+      for (int64_t c = 0; c < 3; c++) out.at({ray, c}) += w[s] * in[1].at({s, c});
+      out.at({ray, 3}) += w[s];
+      out.at({ray, 4}) += w[s] * in[2][s];
+    }
+  return out;
+}
+
+void add_volumes(OpCases& rows) {
+  const InputSpec offsets = given({5}, {0, 4, 4, 5, 11}, DType::i32), sigma = between({11}, 0, 5),
+                  dt = constant(between({11}, 0.05, 0.5));
+  rows.push_back({.op = "composite",
+                  .inputs = {sigma, between({11, 3}, 0, 1), constant(between({11}, 1, 4)), dt, offsets},
+                  .run =
+                      [](const Tensors& in) {
+                        return composite({in[0], in[1], in[2], in[3], in[4]});
+                      },
+                  .reference = rendered,
+                  .zero = {{0}, {0, 3}, {0}, {0}, {1}}});
+  rows.push_back({.op = "composite_weights",
+                  .inputs = {sigma, dt, offsets},
+                  .run = [](const Tensors& in) { return composite_weights(in[0], in[1], in[2]); },
+                  .reference = [](const HostArrays& in) { return weights(in[0], in[1], in[2]); },
+                  .gradient = false});
+}
+
+/// The place whose share of all weight before it is u, and the old edges, in order. Every bin gets 1e-5 more, so that
+/// none is without weight (bmild/nerf, run_nerf_helpers.py, sample_pdf).
+HostArray resampled(const HostArrays& in) {
+  const int64_t rays = in[0].dim(0), bins = in[1].dim(1), fresh = in[2].dim(1);
+  HostArray out({rays, bins + 1 + fresh});
+  for (int64_t ray = 0; ray < rays; ray++) {
+    std::vector<double> cdf = {0}, edges;
+    for (int64_t b = 0; b < bins; b++) cdf.push_back(cdf.back() + in[1].at({ray, b}) + 1e-5);
+    for (int64_t b = 0; b <= bins; b++) edges.push_back(in[0].at({ray, b}));
+    std::vector<double> merged = edges;
+    for (int64_t k = 0; k < fresh; k++) {
+      const double goal = in[2].at({ray, k}) * cdf.back();
+      size_t b = 0;
+      while (b + 2 < cdf.size() && cdf[b + 1] < goal) b++;
+      merged.push_back(edges[b] + (edges[b + 1] - edges[b]) * (goal - cdf[b]) / (cdf[b + 1] - cdf[b]));
+    }
+    std::sort(merged.begin(), merged.end());
+    for (size_t k = 0; k < merged.size(); k++) out.at({ray, static_cast<int64_t>(k)}) = merged[k];
+  }
+  return out;
+}
+
+void add_sampling(OpCases& rows) {
+  rows.push_back(
+      {.op = "importance_edges",
+       .inputs = {given({2, 5}, {0, 0.5, 1, 2, 4, 1, 1.5, 2, 2.5, 3}), given({2, 4}, {0.1, 0, 0.7, 0.2, 0, 0, 1, 0}),
+                  given({2, 3}, {0.05, 0.4, 0.95, 0.01, 0.5, 0.99})},
+       .run = [](const Tensors& in) { return importance_edges(in[0], in[1], in[2]); },
+       .reference = resampled,
+       .gradient = false});
+  for (bool contract : {false, true})
+    rows.push_back({.op = "unit_points",
+                    .label = contract ? "contracted" : "as they are",
+                    .inputs = {between({23, 3}, -3, 3)},
+                    .run = [contract](const Tensors& in) { return unit_points(in[0], contract); },
+                    .reference =
+                        [contract](const HostArrays& in) {
+                          return from_index(in[0].shape, [&](const Shape& i) {
+                            double longest = 0;  // mip-NeRF 360, equation 10, with the maximum norm
+                            for (int64_t k = 0; k < 3; k++) longest = std::max(longest, std::abs(in[0].at({i[0], k})));
+                            const double x = in[0].at(i);
+                            if (!contract) return (x + 1) / 2;
+                            return ((longest <= 1 ? x : (2 - 1 / longest) * x / longest) + 2) / 4;
+                          });
+                        },
+                    .gradient = false});
+}
+
+/// (-1)^m K P_l^|m|(cos theta) cos or sin of |m| phi, from the definition.
+double harmonic(int l, int m, double x, double y, double z) {
+  const auto order = static_cast<unsigned>(std::abs(m));
+  double ratio = 1;  // (l - |m|)! / (l + |m|)!
+  for (int k = l - std::abs(m) + 1; k <= l + std::abs(m); k++) ratio /= k;
+  const double k =
+      std::sqrt((2 * l + 1) / (4 * M_PI) * ratio) * std::assoc_legendre(static_cast<unsigned>(l), order, z);
+  const double phi = std::atan2(y, x), sign = order % 2 ? -1 : 1;
+  if (m == 0) return k;
+  return sign * std::sqrt(2.0) * k * (m > 0 ? std::cos(order * phi) : std::sin(order * phi));
+}
+
+void add_harmonics(OpCases& rows) {
+  rows.push_back({.op = "spherical_harmonics",
+                  .inputs = {normal({23, 3})},
+                  .run =
+                      [](const Tensors& in) {
+                        return spherical_harmonics(in[0] * rsqrt(sum(square(in[0]), {{1}, true})));
+                      },
+                  .reference =
+                      [](const HostArrays& in) {
+                        return from_index({23, 16}, [&](const Shape& i) {
+                          const double x = in[0].at({i[0], 0}), y = in[0].at({i[0], 1}), z = in[0].at({i[0], 2});
+                          const double length = std::sqrt(x * x + y * y + z * z);
+                          const int l = static_cast<int>(std::sqrt(static_cast<double>(i[1])));
+                          return harmonic(l, static_cast<int>(i[1]) - l * l - l, x / length, y / length, z / length);
+                        });
+                      },
+                  .gradient = false});
+}
+
+}  // namespace
+
+void add_field_cases(OpCases& rows) {
+  add_perceptrons(rows);
+  add_grids(rows);
+  add_planes(rows);
+  add_volumes(rows);
+  add_sampling(rows);
+  add_harmonics(rows);
+}
+
+}  // namespace cloam
