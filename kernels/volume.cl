@@ -83,26 +83,65 @@ inline int cell_of(float3 u, int side) {
   return (c.z * side + c.y) * side + c.x;
 }
 
-// Steps along each ray, keeps the intervals whose middle lies in an occupied cell. span [R,2]: near, far; jitter [R].
-// The step grows with distance: dt = clamp(t * cone, min_step, max_step). scratch [R, capacity] takes the kept t;
-// interval lengths follow from t. counts [R].
+// Steps along each ray, keeps the intervals whose middle lies in a cell above the threshold. span [R,2]: near, far;
+// jitter [R]; cells [side^3]: optical thickness of one smallest step. The step grows with distance:
+// dt = clamp(t * cone, min_step, max_step). A ray ends where the cells it met add up to `opaque`.
+// scratch [R, capacity] takes the kept t; interval lengths follow from t. counts [R].
 FAT __kernel void march(__global const float* restrict origins, __global const float* restrict directions, __global const float* restrict span,
-                        __global const float* restrict jitter, __global const uchar* restrict occupied, __global float* restrict scratch,
+                        __global const float* restrict jitter, __global const float* restrict cells, __global float* restrict scratch,
                         __global int* restrict counts, int rays, int chunk, int side, int contract, int capacity, float min_step, float max_step,
-                        float cone) {
+                        float cone, float threshold, float opaque) {
   const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
   for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
     const float3 o = vload3(r, origins), d = vload3(r, directions);
     const float far = span[2 * r + 1];
     int kept = 0;
-    float t = span[2 * r];
+    float t = span[2 * r], met = 0.0f;
     t += jitter[r] * clamp(t * cone, min_step, max_step);
-    while (t < far && kept < capacity) {
+    while (t < far && kept < capacity && met < opaque) {
       const float dt = clamp(t * cone, min_step, max_step);
-      if (occupied[cell_of(to_unit(o + (t + 0.5f * dt) * d, contract), side)]) scratch[(size_t)r * capacity + kept++] = t;
+      const float thickness = cells[cell_of(to_unit(o + (t + 0.5f * dt) * d, contract), side)];
+      if (thickness > threshold) {
+        scratch[(size_t)r * capacity + kept++] = t;
+        met += thickness;
+      }
       t += dt;
     }
     counts[r] = kept;
+  }
+}
+
+// How many samples of each ray still receive light: transmittance before them above `least`. counts [R].
+FAT __kernel void visible_counts(__global const float* restrict sigma, __global const float* restrict dt, __global const int* restrict offsets,
+                                 __global int* restrict counts, int rays, int chunk, float least) {
+  const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
+    float thickness = 0.0f;
+    int s = offsets[r];
+    const int end = offsets[r + 1];
+    const float limit = -m_log(least);
+    while (s < end && thickness < limit) {
+      thickness += sigma[s] * dt[s];
+      s++;
+    }
+    counts[r] = s - offsets[r];
+  }
+}
+
+// The first samples of each ray, packed anew.
+FAT __kernel void keep_visible(__global const float* restrict points, __global const float* restrict t, __global const float* restrict dt,
+                               __global const int* restrict offsets, __global const int* restrict kept, __global float* restrict points_out,
+                               __global float* restrict t_out, __global float* restrict dt_out, __global int* restrict ray_of, int rays,
+                               int chunk) {
+  const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
+    const int from = offsets[r], to = kept[r], count = kept[r + 1] - to;
+    for (int k = 0; k < count; k++) {
+      vstore3(vload3(from + k, points), to + k, points_out);
+      t_out[to + k] = t[from + k];
+      dt_out[to + k] = dt[from + k];
+      ray_of[to + k] = r;
+    }
   }
 }
 
@@ -209,16 +248,11 @@ __kernel void occupancy_cells(__global const float* restrict jitter, __global in
   vstore3((corner + vload3(i, jitter)) / (float)side, i, points);
 }
 
-// Occupancy: density estimates of some cells, decayed maxima, and the byte mask above a threshold.
+// Occupancy: estimates of some cells, decayed maxima.
 // cells [n] int, density [n]; values [side^3] in place.
 __kernel void occupancy_merge(__global const int* restrict cells, __global const float* restrict density, __global float* restrict values, int n, float decay) {
   const int i = get_global_id(0);
   if (i >= n) return;
   const int c = cells[i];
   values[c] = fmax(values[c] * decay, density[i]);
-}
-
-__kernel void occupancy_mask(__global const float* restrict values, __global uchar* restrict occupied, int n, float threshold) {
-  const int i = get_global_id(0);
-  if (i < n) occupied[i] = values[i] > threshold;
 }

@@ -109,6 +109,8 @@ struct MarchOptions {
   bool contract = false;  // the unbounded scene folded into [-2,2]^3, else [-1,1]^3 as it is
   int capacity = 1024;    // samples a ray keeps at most
   float min_step = 0.01f, max_step = 1e9f, cone = 0.f;  // dt = clamp(t * cone, min_step, max_step)
+  float threshold = 0.f;  // cells above it are stepped through
+  float opaque = 1e9f;    // a ray ends where the values of its cells add up to this
 };
 /// Samples of all rays side by side; ray r owns [offsets[r], offsets[r+1]).
 struct RaySamples {
@@ -117,9 +119,11 @@ struct RaySamples {
   Tensor ray;      // [S] int32
   Tensor offsets;  // [R+1] int32
 };
-/// Stratified steps through the occupied cells. jitter [R] in [0,1) shifts each ray; occupied [side^3] uint8.
-/// Runs at once (the number of samples is known only then); nothing is differentiable.
-RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& occupied, const MarchOptions& options);
+/// Stratified steps through the occupied cells. jitter [R] in [0,1) shifts each ray; cells [side^3]: optical thickness of
+/// one smallest step. Runs at once (the number of samples is known only then); nothing is differentiable.
+RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& cells, const MarchOptions& options);
+/// The samples of each ray up to where its transmittance falls below `least`. Runs at once.
+RaySamples visible(const RaySamples& samples, const Tensor& sigma, float least);
 
 struct Volume {
   Tensor sigma;    // [S] density >= 0
@@ -145,8 +149,6 @@ struct OccupancyCells {
 OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, int64_t stride);
 /// values [side^3] at the cells become max(decay * value, density), in place.
 void occupancy_merge(Tensor& values, const Tensor& cells, const Tensor& density, float decay);
-/// uint8 [n]: value > threshold.
-Tensor occupancy_mask(const Tensor& values, float threshold);
 
 // ---- Random numbers (ops/random.cpp): counter-based Philox4x32-10. Element i depends on (key, i) alone; bits, uniform and
 // below are the same on every device, normal up to the rounding of its sqrt.

@@ -316,6 +316,7 @@ Plan& plan_for(const Walk& graph) {
   for (auto& plan : plans[hash])
     if (plan->signature == graph.signature) {
       device_stats().plans_reused++;
+      if (debug().kernels) std::fprintf(stderr, "[plan] reused: %zu steps\n", plan->steps.size());
       return *plan;
     }
   auto plan = std::make_unique<Plan>(cut(graph));

@@ -14,6 +14,10 @@ namespace {
 // Streams of random numbers within a step.
 enum Stream : uint32_t { kPixels = 0, kJitter = 2, kBackground = 3, kPlace = 4, kFine = 5, kFinePlace = 6, kCells = 16 };
 
+constexpr float kLeastTransmittance = 1e-3f;
+constexpr float kOpaque = 40.f;  // optical thickness of cells (maxima, so far too high) behind which nothing can be seen
+constexpr double kRenderSamples = 400000;  // samples in memory while rendering
+
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
 
 }  // namespace
@@ -38,6 +42,7 @@ void Nerf::configure(Config& c) {
   c.bind("samples.coarse", config_.coarse_samples, "importance sampling: stratified samples a ray");
   c.bind("samples.fine", config_.fine_samples, "importance sampling: further samples a ray");
   c.bind("march.min_step", config_.min_step, "smallest step in normalised units, 0: by the kind of scene");
+  c.bind("march.cone", config_.cone, "unbounded scenes: step over distance");
   c.bind("occupancy.side", config_.occupancy.side, "cells an axis");
   c.bind("occupancy.cells", config_.occupancy.cells_per_update, "cells looked into an update");
   c.bind("occupancy.threshold", config_.occupancy.threshold, "density below which a cell is empty");
@@ -91,7 +96,9 @@ MarchOptions Nerf::march_options() const {
   m.side = config_.occupancy.side;
   m.contract = frame_.contract;
   m.min_step = config_.min_step > 0 ? config_.min_step : 0.01f;
-  m.cone = frame_.contract ? 0.015f : 0.f;
+  m.cone = frame_.contract ? config_.cone : 0.f;
+  m.threshold = occupancy_->threshold();
+  m.opaque = kOpaque / m.min_step;
   return m;
 }
 
@@ -102,7 +109,10 @@ Nerf::Rendered Nerf::shade(const Rays& rays, const RandomKey& key, bool jitter) 
 Nerf::Rendered Nerf::shade_marched(const Rays& rays, const RandomKey& key, bool jitter) const {
   const int64_t count = rays.origins.dim(0);
   const Tensor shift = jitter ? random_uniform({count}, stream(key, kJitter)) : full({count}, 0.5f);
-  const RaySamples s = march(rays, shift, occupancy_->mask(), march_options());
+  const RaySamples all = march(rays, shift, occupancy_->values(), march_options());
+  // What lies behind a surface gets no light and no gradient: a pass through the density alone finds it cheaply.
+  marched_ = all.t.dim(0);
+  const RaySamples s = visible(all, stop_gradient(field_->density(all.points)), kLeastTransmittance);
   const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
   return {composite({out.sigma, out.rgb, s.t, s.dt, s.offsets}), Tensor(), s.t.dim(0)};
 }
@@ -175,41 +185,63 @@ Tensor Nerf::loss(const Progress& progress) {
 
 void Nerf::after_step(const Progress& progress) {
   if (!marching()) return;
-  // Rays follow the samples they cost, slowly and in whole 64s, so that a step keeps its size.
+  // Rays follow the samples they cost, slowly, so that a step keeps its size.
   const double per_ray = static_cast<double>(last_samples_ + 1) / static_cast<double>(rays_);
   const double goal = std::clamp(config_.batch_samples / per_ray, 64.0, 16.0 * config_.batch_rays);
-  rays_ = std::max<int64_t>(64, static_cast<int64_t>(0.8 * static_cast<double>(rays_) + 0.2 * goal) / 64 * 64);
+  rays_ = std::max<int64_t>(64, std::llround(0.8 * static_cast<double>(rays_) + 0.2 * goal));
+  // The first steps rehearse the update, so that none of the later ones has to compile kernels.
+  if (progress.step <= 2) occupancy_->rehearse([this](const Tensor& points) { return thickness(points); }, {seed_, 0, kCells});
   const bool due = progress.step >= config_.occupancy_start && (progress.step - config_.occupancy_start) % config_.occupancy_every == 0;
   if (due)
-    occupancy_->update([this](const Tensor& points) { return field_->density(points); },
-                       {seed_, static_cast<uint32_t>(progress.step), kCells});
+    occupancy_->update([this](const Tensor& points) { return thickness(points); }, {seed_, static_cast<uint32_t>(progress.step), kCells});
+}
+
+/// Density times the local step over the smallest one: what decides whether a cell can be seen. Far cells of a
+/// contracted scene are crossed in long steps, so that a thin medium counts there. At [S,3] in [0,1]^3.
+Tensor Nerf::thickness(const Tensor& points) const {
+  const Tensor sigma = field_->density(points);
+  if (!frame_.contract) return sigma;
+  const MarchOptions m = march_options();
+  const Tensor folded = max(abs(points * 4.f - 2.f), {{1}});
+  const Tensor distance = 1.f / maximum(2.f - maximum(folded, 1.f), 1e-2f);
+  return sigma * maximum(distance * (m.cone / m.min_step), 1.f);
 }
 
 std::map<std::string, double> Nerf::metrics() const {
   std::map<std::string, double> out = {{"rays", static_cast<double>(rays_)}, {"samples", static_cast<double>(last_samples_)}};
+  if (marching()) out["occupied"] = occupancy_->occupied_share(), out["threshold"] = occupancy_->threshold(), out["marched"]=double(marched_);
   if (last_error_ && last_error_.evaluated()) out["psnr"] = -10 * std::log10(static_cast<double>(last_error_.item()) + 1e-12);
   return out;
 }
 
 Picture Nerf::render(const View& view) {
   const Rays all = view_rays(view, frame_, range_);
-  const int64_t count = all.directions.dim(0), block = marching() ? 16384 : 1024;
-  const float back = has_alpha_ || config_.background == "white" ? 1.f : 0.f;
+  const int64_t count = all.directions.dim(0);
   Picture out;
   out.width = view.camera.width;
   out.height = view.camera.height;
-  for (int64_t begin = 0; begin < count; begin += block) {
+  int64_t block = marching() ? 2048 : 512;
+  for (int64_t begin = 0; begin < count;) {
     const int64_t end = std::min(count, begin + block);
     const auto part = [&](const Tensor& x) { return slice(x, 0, begin, end); };
-    const Tensor seen = shade({part(all.origins), part(all.directions), part(all.span)}, {seed_, 0, 0}, false).fine;
-    const std::vector<float> values = seen.to_host();
-    for (size_t i = 0; i + 5 <= values.size(); i += 5) {
-      for (size_t c = 0; c < 3; c++) out.rgb.push_back(std::clamp(values[i + c] + back * (1.f - values[i + 3]), 0.f, 1.f));
-      out.opacity.push_back(values[i + 3]);
-      out.depth.push_back(values[i + 3] > 1e-3f ? values[i + 4] / values[i + 3] / static_cast<float>(frame_.scale) : 0.f);
-    }
+    const Rendered seen = shade({part(all.origins), part(all.directions), part(all.span)}, {seed_, 0, 0}, false);
+    append_pixels(out, seen.fine.to_host());
+    // The next block is as large as keeps the samples at hand within kRenderSamples.
+    const double per_ray = static_cast<double>(seen.samples + 1) / static_cast<double>(end - begin);
+    block = std::clamp<int64_t>(static_cast<int64_t>(kRenderSamples / per_ray), 256, 2 * block);
+    begin = end;
   }
   return out;
+}
+
+void Nerf::append_pixels(Picture& picture, const std::vector<float>& values) const {
+  const float back = has_alpha_ || config_.background == "white" ? 1.f : 0.f;
+  for (size_t i = 0; i + 5 <= values.size(); i += 5) {
+    const float opacity = values[i + 3];
+    for (size_t c = 0; c < 3; c++) picture.rgb.push_back(std::clamp(values[i + c] + back * (1.f - opacity), 0.f, 1.f));
+    picture.opacity.push_back(opacity);
+    picture.depth.push_back(opacity > 1e-3f ? values[i + 4] / opacity / static_cast<float>(frame_.scale) : 0.f);
+  }
 }
 
 TensorMap Nerf::state() const {

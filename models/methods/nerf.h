@@ -20,6 +20,7 @@ struct NerfConfig {
   int batch_samples = 65536;            // occupancy: samples a step aims at
   int coarse_samples = 64, fine_samples = 128;
   float min_step = 0.f;                 // in normalised units; 0: chosen by the kind of scene
+  float cone = 0.03f;                   // unbounded scenes: step length over distance
   float learning_rate = 1e-2f, final_rate = 0.03f;  // factor reached at the horizon
   float decay_start = 0.3f;             // share of the horizon before the rate falls
   std::string loss = "square";          // square | charbonnier
@@ -55,6 +56,8 @@ class Nerf final : public Method {
   Rendered shade_marched(const Rays& rays, const RandomKey& key, bool jitter) const;
   Rendered shade_importance(const Rays& rays, const RandomKey& key, bool jitter) const;
   Tensor shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place, Tensor* weights) const;
+  Tensor thickness(const Tensor& points) const;
+  void append_pixels(Picture& picture, const std::vector<float>& values) const;
   Tensor background_for(int64_t rays, const RandomKey& key) const;
   Tensor pixel_loss(const Tensor& rendered, const Tensor& truth, const Tensor& used) const;
 
@@ -69,6 +72,7 @@ class Nerf final : public Method {
   std::unique_ptr<RayBank> bank_;
   int64_t rays_ = 0;           // of the next step: follows the samples a ray costs
   int64_t last_samples_ = 0;
+  mutable int64_t marched_ = 0;
   Tensor last_error_;          // mean squared error of the last step
 };
 

@@ -17,14 +17,13 @@ constexpr int64_t kStride = 1000003;  // prime, so it divides no side^3 and the 
 OccupancyGrid::OccupancyGrid(const OccupancyOptions& options) : options_(options) {
   const int64_t cells = int64_t{options.side} * options.side * options.side;
   values_ = from_host(std::vector<float>(static_cast<size_t>(cells), 0.f), {cells});
-  mask_ = from_host(std::vector<uint8_t>(static_cast<size_t>(cells), 1), {cells});
 }
 
 void OccupancyGrid::update(const Density& density, const RandomKey& key) {
-  if (updates_ > 0) return visit_cells(density, key), refresh_mask();
+  if (updates_ > 0) return visit_cells(density, key), refresh_threshold();
   const int64_t rounds = (values_.dim(0) + options_.cells_per_update - 1) / options_.cells_per_update;
   for (int64_t i = 0; i < rounds; i++) visit_cells(density, {key.seed, key.step, key.stream + static_cast<uint32_t>(i)});
-  refresh_mask();
+  refresh_threshold();
 }
 
 void OccupancyGrid::visit_cells(const Density& density, const RandomKey& key) {
@@ -36,13 +35,21 @@ void OccupancyGrid::visit_cells(const Density& density, const RandomKey& key) {
   updates_++;
 }
 
-void OccupancyGrid::refresh_mask() {
-  // While all densities are low, what is clearly below their mean is empty (instant-ngp's rule).
-  const float average = mean(minimum(values_, 10.f * options_.threshold)).item();
-  mask_ = occupancy_mask(values_, std::min(options_.threshold, 0.5f * average));
+void OccupancyGrid::rehearse(const Density& density, const RandomKey& key) {
+  if (updates_ > 0) return;
+  visit_cells(density, key);
+  refresh_threshold();
+  updates_ = 0;
+  threshold_ = -1.f;
 }
 
-double OccupancyGrid::occupied_share() const { return mean(cast(mask_, DType::f32)).item(); }
+void OccupancyGrid::refresh_threshold() {
+  // While all densities are low, what is clearly below their mean is empty (instant-ngp's rule).
+  const float average = mean(minimum(values_, 10.f * options_.threshold)).item();
+  threshold_ = std::min(options_.threshold, 0.5f * average);
+}
+
+double OccupancyGrid::occupied_share() const { return mean(cast(values_ > threshold_, DType::f32)).item(); }
 
 TensorMap OccupancyGrid::state() const {
   return {{"occupancy.values", named(values_)}, {"occupancy.updates", named_integers({updates_})}};
@@ -51,7 +58,7 @@ TensorMap OccupancyGrid::state() const {
 void OccupancyGrid::restore(const TensorMap& state) {
   assign({{values_, tensor_from(state, "occupancy.values", values_.shape())}});
   updates_ = integers_from(state, "occupancy.updates", 1)[0];
-  refresh_mask();
+  refresh_threshold();
 }
 
 }  // namespace cloam

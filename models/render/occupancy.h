@@ -17,21 +17,26 @@ struct OccupancyOptions {
 class OccupancyGrid {
  public:
   explicit OccupancyGrid(const OccupancyOptions& options);
-  const Tensor& mask() const { return mask_; }
+  /// [side^3] decayed maxima, and the value above which a cell counts as occupied.
+  const Tensor& values() const { return values_; }
+  float threshold() const { return threshold_; }
   using Density = std::function<Tensor(const Tensor& points)>;  // [S,3] in [0,1]^3 -> [S]
   /// The first time looks into all cells; then into the next ones of a fixed sweep that visits every cell once before
   /// any again. Until the first update everything counts as full.
   void update(const Density& density, const RandomKey& key);
+  /// Runs what update() runs, to no effect.
+  void rehearse(const Density& density, const RandomKey& key);
   double occupied_share() const;
   TensorMap state() const;
   void restore(const TensorMap& state);
 
  private:
   void visit_cells(const Density& density, const RandomKey& key);
-  void refresh_mask();
+  void refresh_threshold();
   OccupancyOptions options_;
   int64_t updates_ = 0;
-  Tensor values_, mask_;
+  Tensor values_;
+  float threshold_ = -1.f;
 };
 
 }  // namespace cloam

@@ -88,25 +88,51 @@ int32_t last_value(const Tensor& offsets) {
 
 }  // namespace
 
-RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& occupied, const MarchOptions& m) {
-  match("march", {{"origins", rays.origins, "R 3"}, {"directions", rays.directions, "R 3"}, {"span", rays.span, "R 2"}, {"jitter", jitter, "R"}});
-  eval({rays.origins, rays.directions, rays.span, jitter, occupied});
-  const Tensor o = dense(rays.origins), d = dense(rays.directions), span = dense(rays.span), shift = dense(jitter), mask = dense(occupied);
-  const int64_t count = o.dim(0);
-  const auto [range, chunk] = chunks(count, 64);
-  const Tensor scratch = empty({count, m.capacity}), counts = empty({count}, DType::i32);
-  launch(kernel("volume", "march"), "march", range, o, d, span, shift, mask, scratch, counts, count, chunk, m.side, m.contract ? 1 : 0,
-         m.capacity, m.min_step, m.max_step, m.cone);
+namespace {
+
+/// Offsets from counts, and room for that many samples.
+RaySamples packed(const Tensor& counts) {
+  const int64_t rays = counts.dim(0);
   RaySamples out;
-  out.offsets = empty({count + 1}, DType::i32);
-  launch(kernel("volume", "ray_offsets"), "ray_offsets", range1(1), counts, out.offsets, count);
+  out.offsets = empty({rays + 1}, DType::i32);
+  launch(kernel("volume", "ray_offsets"), "ray_offsets", range1(1), counts, out.offsets, rays);
   const int64_t samples = last_value(out.offsets);
   out.points = empty({samples, 3});
   out.t = empty({samples});
   out.dt = empty({samples});
   out.ray = empty({samples}, DType::i32);
+  return out;
+}
+
+}  // namespace
+
+RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& cells, const MarchOptions& m) {
+  match("march", {{"origins", rays.origins, "R 3"}, {"directions", rays.directions, "R 3"}, {"span", rays.span, "R 2"}, {"jitter", jitter, "R"}});
+  if (cells.numel() != int64_t{m.side} * m.side * m.side)
+    throw Error(Fault::internal, text("[march] cells has shape ", to_string(cells.shape()), ", want ", m.side, "^3 values"));
+  eval({rays.origins, rays.directions, rays.span, jitter, cells});
+  const Tensor o = dense(rays.origins), d = dense(rays.directions), span = dense(rays.span), shift = dense(jitter), grid = dense(cells);
+  const int64_t count = o.dim(0);
+  const auto [range, chunk] = chunks(count, 64);
+  const Tensor scratch = empty({count, m.capacity}), counts = empty({count}, DType::i32);
+  launch(kernel("volume", "march"), "march", range, o, d, span, shift, grid, scratch, counts, count, chunk, m.side, m.contract ? 1 : 0,
+         m.capacity, m.min_step, m.max_step, m.cone, m.threshold, m.opaque);
+  const RaySamples out = packed(counts);
   launch(kernel("volume", "gather_samples"), "gather_samples", range, o, d, scratch, out.offsets, out.points, out.t, out.dt, out.ray, count,
          chunk, m.contract ? 1 : 0, m.capacity, m.min_step, m.max_step, m.cone);
+  return out;
+}
+
+RaySamples visible(const RaySamples& s, const Tensor& sigma, float least) {
+  match("visible", {{"sigma", sigma, "S"}, {"t", s.t, "S"}});
+  const Tensor density = dense(sigma);
+  const int64_t count = s.offsets.dim(0) - 1;
+  const auto [range, chunk] = chunks(count, 64);
+  const Tensor counts = empty({count}, DType::i32);
+  launch(kernel("volume", "visible_counts"), "visible_counts", range, density, s.dt, s.offsets, counts, count, chunk, least);
+  const RaySamples out = packed(counts);
+  launch(kernel("volume", "keep_visible"), "keep_visible", range, s.points, s.t, s.dt, s.offsets, out.offsets, out.points, out.t, out.dt,
+         out.ray, count, chunk);
   return out;
 }
 
@@ -149,12 +175,6 @@ OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, in
 void occupancy_merge(Tensor& values, const Tensor& cells, const Tensor& density, float decay) {
   const Tensor new_density = dense(density);
   launch(kernel("volume", "occupancy_merge"), "occupancy_merge", elements(cells.numel()), cells, new_density, values, cells.numel(), decay);
-}
-
-Tensor occupancy_mask(const Tensor& values, float threshold) {
-  Tensor out = empty(values.shape(), DType::u8);
-  launch(kernel("volume", "occupancy_mask"), "occupancy_mask", elements(values.numel()), values, out, values.numel(), threshold);
-  return out;
 }
 
 }  // namespace cloam
