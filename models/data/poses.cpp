@@ -28,7 +28,9 @@ Eigen::Matrix4d rigid(const Eigen::Matrix4d& world_from_camera, const std::strin
                                   determinant < 0 ? " (a mirrored axis)" : ""));
   }
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(turn / scale, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const double shear = (svd.singularValues() - Eigen::Vector3d::Ones()).cwiseAbs().maxCoeff();
+  // JacobiSVD stops without singular values when an entry is not finite.
+  const bool found = svd.info() == Eigen::Success;
+  const double shear = found ? (svd.singularValues() - Eigen::Vector3d::Ones()).cwiseAbs().maxCoeff() : 1e9;
   if (!(shear < kRotationTolerance)) {
     throw Error(Fault::data, text(where, ": the pose is no rotation: its axes differ in length by the factor ",
                                   1 + shear, " or are not at right angles"));
