@@ -27,7 +27,7 @@ struct SamplePlanesGrad final : Once {
     }
     const Tensor rows = empty({n * 12}, DType::i32), values = empty({n * 12, channels});
     launch(kernel("planes", "sample_planes_pairs"), "sample_planes_pairs", elements(n * 3), in[0], in[1], rows, values, n, height, width, channels);
-    const Tensor sums = scatter_add_rows(values, rows, 3 * height * width);
+    const Tensor sums = reshape(scatter_add_rows(values, rows, 3 * height * width), out.shape());
     eval({sums});
     out.node()->storage = dense(sums).node()->storage;
   }

@@ -29,7 +29,8 @@ void add_perceptrons(OpCases& rows) {
                    [](const Tensors& in) {
                      return mlp(in[0], {in[1], in[2], in[3]});
                    },
-               .reference = perceptron};
+               .reference = perceptron,
+               .composed = true};
   OpCase composed = fused;
   composed.op = "mlp_composed";
   composed.inputs = {normal({7, 5}), normal({5, 6}), normal({6, 3})};
