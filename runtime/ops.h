@@ -131,7 +131,8 @@ struct Volume {
   Tensor t, dt;    // [S]
   Tensor offsets;  // [R+1] int32
 };
-/// Front-to-back quadrature (Max 1995; NeRF eq. 3) -> [R,5]: colour, opacity, depth (sum of w t). No gradient to t, dt.
+/// Front-to-back quadrature (Max 1995; NeRF eq. 3) -> [R,6]: colour, opacity, depth (sum of w t), distortion (mip-NeRF 360
+/// eq. 15 over t / (1 + t)). No gradient to t, dt; once differentiable.
 Tensor composite(const Volume& volume);
 /// The weights T alpha of all samples [S]; no gradient.
 Tensor composite_weights(const Tensor& sigma, const Tensor& dt, const Tensor& offsets);
@@ -179,6 +180,21 @@ struct Conv2dParams {
 /// x [N,C,H,W], w [K,C/groups,R,S] -> [N,K,P,Q] with P = (H + 2 pad - R) / stride + 1, rounded down; no bias.
 /// y[n,k,p,q] = sum of x[n,c,p*stride+r-pad,q*stride+s-pad] * w[k,c,r,s]: the correlation that networks call convolution.
 Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params = {});
+
+// ---- Normalisation and attention (ops/norm.cpp, ops/attention.cpp): compositions, any number of times differentiable.
+Tensor softmax(const Tensor& x, int axis);
+Tensor log_softmax(const Tensor& x, int axis);
+/// x [..., C], gamma and beta [C]: mean 0 and variance 1 over the last axis, then scaled and shifted.
+Tensor layer_norm(const Tensor& x, const Tensor& gamma, const Tensor& beta, float epsilon = 1e-5f);
+/// x [N,C,...], gamma and beta [C]: the same over each of `groups` runs of channels and all that follows them.
+Tensor group_norm(const Tensor& x, int groups, const Tensor& gamma, const Tensor& beta, float epsilon = 1e-5f);
+/// softmax(q k^T scale) v: q [B,T,D], k [B,U,D], v [B,U,E] -> [B,T,E]; scale 0 is 1/sqrt(D).
+Tensor attention(const Tensor& q, const Tensor& k, const Tensor& v, float scale = 0.f);
+
+// ---- Resizing (ops/resize.cpp): x [N,C,H,W] -> [N,C,height,width], any factor. Half-pixel centres (align_corners=false),
+// borders go on. Bilinear reads two neighbours an axis however much smaller the result is: shrink by pooling first.
+Tensor resize_nearest(const Tensor& x, int64_t height, int64_t width);
+Tensor resize_bilinear(const Tensor& x, int64_t height, int64_t width);
 
 // ---- Rows by number (ops/index.cpp). Row numbers are int32; one outside the table, below 0 too, counts as its nearest row.
 /// table [L, ...] of any dtype, rows [...] -> [rows..., ...]: out[i] = table[rows[i]].

@@ -1,0 +1,191 @@
+// Rows of softmax, normalisations, attention and resizing.
+#include <algorithm>
+#include <cmath>
+
+#include "tests/op_cases/cases.h"
+
+namespace cloam {
+namespace {
+
+/// Softmax from its definition; safe for the small values it is given.
+HostArray soft(const HostArray& x, int axis) {
+  HostArray out(x.shape);
+  each_index(x.shape, [&](const Shape& index) {
+    Shape i = index;
+    double total = 0;
+    for (i[axis] = 0; i[axis] < x.shape[axis]; i[axis]++) total += std::exp(x.at(i) - x.at(index));
+    out.at(index) = 1 / total;
+  });
+  return out;
+}
+
+OpCase softening(const char* op, const char* label, const InputSpec& input, int axis, bool log) {
+  return {.op = op,
+          .label = label,
+          .inputs = {input},
+          .run = [=](const Tensors& in) { return log ? log_softmax(in[0], axis) : softmax(in[0], axis); },
+          .reference =
+              [=](const HostArrays& in) {
+                HostArray out = soft(in[0], axis);
+                if (log)
+                  for (double& value : out.values) value = std::log(value);
+                return out;
+              }};
+}
+
+void add_softmax(OpCases& rows) {
+  rows.push_back(softening("softmax", "last axis", normal({5, 7}), 1, false));
+  rows.back().second_order = true;
+  rows.back().zero = {{0, 7}};
+  rows.push_back(softening("softmax", "middle axis", normal({3, 5, 2}), 1, false));
+  rows.push_back(softening("softmax", "large values", given({2, 3}, {200, 201, 199, -300, -302, -301}), 1, false));
+  rows.push_back(softening("log_softmax", "", normal({5, 7}), 1, true));
+  rows.back().second_order = true;
+}
+
+constexpr double kEpsilon = 1e-5F;
+
+/// Mean 0 and variance 1 over each of the runs of `length` neighbouring values.
+HostArray standard(HostArray x, int64_t length) {
+  for (int64_t begin = 0; begin < x.size(); begin += length) {
+    double average = 0, variance = 0;
+    for (int64_t i = begin; i < begin + length; i++) average += x[i] / static_cast<double>(length);
+    for (int64_t i = begin; i < begin + length; i++)
+      variance += (x[i] - average) * (x[i] - average) / static_cast<double>(length);
+    for (int64_t i = begin; i < begin + length; i++) x[i] = (x[i] - average) / std::sqrt(variance + kEpsilon);
+  }
+  return x;
+}
+
+void add_norms(OpCases& rows) {
+  rows.push_back({.op = "layer_norm",
+                  .inputs = {normal({3, 5, 7}), normal({7}), normal({7})},
+                  .run = [](const Tensors& in) { return layer_norm(in[0], in[1], in[2]); },
+                  .reference =
+                      [](const HostArrays& in) {
+                        HostArray out = standard(in[0], 7);
+                        for (int64_t i = 0; i < out.size(); i++) out[i] = out[i] * in[1][i % 7] + in[2][i % 7];
+                        return out;
+                      },
+                  .zero = {{0, 5, 7}, {7}, {7}}});
+  rows.push_back({.op = "group_norm",
+                  .inputs = {normal({2, 6, 3, 5}), normal({6}), normal({6})},
+                  .run = [](const Tensors& in) { return group_norm(in[0], 3, in[1], in[2]); },
+                  .reference =
+                      [](const HostArrays& in) {
+                        HostArray out = standard(in[0], 2 * 15);
+                        for (int64_t i = 0; i < out.size(); i++)
+                          out[i] = out[i] * in[1][i / 15 % 6] + in[2][i / 15 % 6];
+                        return out;
+                      },
+                  .zero = {{0, 6, 3, 5}, {6}, {6}}});
+}
+
+HostArray attended(const HostArrays& in, double scale) {
+  const HostArray &q = in[0], &k = in[1], &v = in[2];
+  const HostArray scores = from_index({q.dim(0), q.dim(1), k.dim(1)}, [&](const Shape& i) {
+    double total = 0;
+    for (int64_t d = 0; d < q.dim(2); d++) total += q.at({i[0], i[1], d}) * k.at({i[0], i[2], d});
+    return total * scale;
+  });
+  const HostArray share = soft(scores, 2);
+  return from_index({q.dim(0), q.dim(1), v.dim(2)}, [&](const Shape& i) {
+    double total = 0;
+    for (int64_t u = 0; u < k.dim(1); u++) total += share.at({i[0], i[1], u}) * v.at({i[0], u, i[2]});
+    return total;
+  });
+}
+
+void add_attention(OpCases& rows) {
+  const std::vector<InputSpec> inputs = {normal({2, 5, 4}), normal({2, 7, 4}), normal({2, 7, 3})};
+  rows.push_back({.op = "attention",
+                  .inputs = inputs,
+                  .run = [](const Tensors& in) { return attention(in[0], in[1], in[2]); },
+                  .reference = [](const HostArrays& in) { return attended(in, 0.5); },
+                  .bench = {normal({8, 1024, 64}), normal({8, 1024, 64}), normal({8, 1024, 64})},
+                  .bench_flops = 4.0 * 8 * 1024 * 1024 * 64});
+  rows.push_back({.op = "attention",
+                  .label = "own scale",
+                  .inputs = inputs,
+                  .run = [](const Tensors& in) { return attention(in[0], in[1], in[2], 0.25f); },
+                  .reference = [](const HostArrays& in) { return attended(in, 0.25); }});
+}
+
+/// How much place i of `to` takes of place k of `from`: a box or a triangle around the centre, the borders going on.
+double share_of(bool bilinear, int64_t i, int64_t k, int64_t from, int64_t to) {
+  const double centre = (static_cast<double>(i) + 0.5) * static_cast<double>(from) / static_cast<double>(to);
+  if (!bilinear) return static_cast<int64_t>(std::floor(centre)) == k ? 1 : 0;
+  const double at = std::clamp(centre - 0.5, 0.0, static_cast<double>(from - 1));
+  return std::max(0.0, 1 - std::abs(at - static_cast<double>(k)));
+}
+
+/// Calls visit(from index, to index, weight) for every pair of pixels that meet.
+template <class Visit>
+void each_pair(const Shape& from, const Shape& to, bool bilinear, Visit visit) {
+  each_index(to, [&](const Shape& o) {
+    for (int64_t y = 0; y < from[2]; y++)
+      for (int64_t x = 0; x < from[3]; x++) {
+        const double weight = share_of(bilinear, o[2], y, from[2], to[2]) * share_of(bilinear, o[3], x, from[3], to[3]);
+        if (weight != 0) visit(Shape{o[0], o[1], y, x}, o, weight);
+      }
+  });
+}
+
+Tensor resized(const Tensor& x, const Shape& to, bool bilinear) {
+  return bilinear ? resize_bilinear(x, to[2], to[3]) : resize_nearest(x, to[2], to[3]);
+}
+
+OpCase resizing(const char* label, const Shape& from, const Shape& to, bool bilinear) {
+  return {.op = "resize",
+          .label = label,
+          .inputs = {normal(from)},
+          .run = [=](const Tensors& in) { return resized(in[0], to, bilinear); },
+          .reference =
+              [=](const HostArrays& in) {
+                HostArray out({in[0].dim(0), to[1], to[2], to[3]});
+                each_pair(in[0].shape, out.shape, bilinear,
+                          [&](const Shape& i, const Shape& o, double w) { out.at(o) += w * in[0].at(i); });
+                return out;
+              }};
+}
+
+OpCase resizing_back(const char* label, const Shape& from, const Shape& to, bool bilinear) {
+  return {.op = "resize_adjoint",
+          .label = label,
+          .inputs = {normal(to)},
+          .run =
+              [=](const Tensors& in) {
+                const Tensor x = parameter(std::vector<float>(static_cast<size_t>(numel(from))), from);
+                return grad(sum(resized(x, to, bilinear) * in[0]), {x})[0];
+              },
+          .reference =
+              [=](const HostArrays& in) {
+                HostArray out(from);
+                each_pair(from, to, bilinear,
+                          [&](const Shape& i, const Shape& o, double w) { out.at(i) += w * in[0].at(o); });
+                return out;
+              }};
+}
+
+void add_resizes(OpCases& rows) {
+  rows.push_back(resizing("nearest, twice as large", {2, 3, 3, 5}, {2, 3, 6, 10}, false));
+  rows.back().zero = {{0, 3, 3, 5}};
+  rows.push_back(resizing("nearest, odd factors", {1, 2, 5, 7}, {1, 2, 13, 3}, false));
+  rows.push_back(resizing("bilinear, larger", {2, 1, 3, 5}, {2, 1, 7, 11}, true));
+  rows.back().bench = {normal({4, 32, 64, 64})};
+  rows.push_back(resizing("bilinear, smaller", {1, 2, 11, 13}, {1, 2, 4, 5}, true));
+  rows.push_back(resizing("bilinear, one pixel", {1, 1, 1, 4}, {1, 1, 3, 1}, true));
+  rows.push_back(resizing_back("nearest", {1, 2, 5, 7}, {1, 2, 13, 3}, false));
+  rows.push_back(resizing_back("bilinear", {1, 2, 5, 4}, {1, 2, 17, 3}, true));
+}
+
+}  // namespace
+
+void add_norm_cases(OpCases& rows) {
+  add_softmax(rows);
+  add_norms(rows);
+  add_attention(rows);
+  add_resizes(rows);
+}
+
+}  // namespace cloam
