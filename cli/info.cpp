@@ -21,9 +21,9 @@ Examples:
 
 constexpr uint64_t kNeededLocalBytes = 16 << 10;
 constexpr int kNeededWorkGroup = 64;
-const char* const kVariables[] = {"CLOAM_DEVICE",   "CLOAM_DEVICE_CLASS", "CLOAM_DEBUG",       "CLOAM_KERNEL_DIR",
-                                  "CLOAM_VARIANT",  "OCL_ICD_VENDORS",    "POCL_CACHE_DIR",    "POCL_MAX_PTHREAD_COUNT",
-                                  "RUSTICL_ENABLE", "POCL_AFFINITY",      "POCL_MEMORY_LIMIT", "NO_COLOR"};
+const char* const kVariables[] = {"CLOAM_DEVICE",   "CLOAM_DEVICE_CLASS", "CLOAM_DEBUG",    "CLOAM_KERNEL_DIR",
+                                  "CLOAM_VARIANT",  "OCL_ICD_VENDORS",    "POCL_CACHE_DIR", "POCL_MAX_PTHREAD_COUNT",
+                                  "RUSTICL_ENABLE", "POCL_MEMORY_LIMIT",  "NO_COLOR"};
 
 /// From limits alone; whether it computes right is what selftest finds.
 std::string verdict(const DeviceInfo& info) {

@@ -14,11 +14,24 @@ void Config::add(const std::string& key, ConfigValue value, const std::string& h
   writers_.push_back(std::move(write));
 }
 
+namespace {
+
+/// The double with the fewest digits that is this float: 0.03, not 0.0299999993.
+double shortest(float value) {
+  char digits[32];
+  const char* end = std::to_chars(digits, digits + sizeof digits, value).ptr;
+  double out = 0;
+  std::from_chars(digits, end, out);
+  return out;
+}
+
+}  // namespace
+
 void Config::bind(const std::string& key, int& variable, const std::string& help) {
   add(key, int64_t{variable}, help, [&variable](const ConfigValue& v) { variable = static_cast<int>(std::get<int64_t>(v)); });
 }
 void Config::bind(const std::string& key, float& variable, const std::string& help) {
-  add(key, double{variable}, help, [&variable](const ConfigValue& v) { variable = static_cast<float>(std::get<double>(v)); });
+  add(key, shortest(variable), help, [&variable](const ConfigValue& v) { variable = static_cast<float>(std::get<double>(v)); });
 }
 void Config::bind(const std::string& key, bool& variable, const std::string& help) {
   add(key, variable, help, [&variable](const ConfigValue& v) { variable = std::get<bool>(v); });

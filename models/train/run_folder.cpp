@@ -45,7 +45,7 @@ RunData data_from(const Json& json, const std::string& where) {
 }
 
 Json options_to_json(const RunRecord& record) {
-  Json options = {{"save_every", record.save_every}, {"steps", nullptr}, {"time_budget_seconds", nullptr}};
+  Json options = {{"save_every", record.save_every}};
   if (record.steps) options["steps"] = *record.steps;
   if (record.time_budget_seconds) options["time_budget_seconds"] = *record.time_budget_seconds;
   return options;

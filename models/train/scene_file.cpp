@@ -79,7 +79,6 @@ void write_scene(const std::filesystem::path& path, const Scene& scene) {
                {"has_alpha", scene.has_alpha},
                {"has_test_split", scene.has_test_split},
                {"synthetic_bounds", scene.hints.synthetic_bounds},
-               {"aabb_scale", nullptr},
                {"up", {scene.up.x(), scene.up.y(), scene.up.z()}},
                {"cameras", Json::array()},
                {"frames", Json::array()}};
