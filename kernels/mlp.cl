@@ -3,6 +3,7 @@
 // version 1 is the composition of matmuls in runtime/ops/mlp.cpp; version 2 (here) is for CPU devices: a work-item takes
 // blocks of BLOCK samples through all layers, activations stay in its scratch, register tiles of 4 x 64.
 #define BLOCK 64
+#define UNROLL4 _Pragma("unroll 4")
 #define PAD16(n) (((n) + 15) / 16 * 16)
 #define IN_PAD PAD16(IN)
 #define OUT_PAD PAD16(OUT)
@@ -22,7 +23,7 @@
       for (int s = 0; s < BLOCK; s += ROWS) {                                                                         \
         float16 acc[ROWS][VECTORS];                                                                                   \
         UNROLL for (int i = 0; i < ROWS; i++) UNROLL for (int v = 0; v < VECTORS; v++) acc[i][v] = (float16)(0);      \
-        for (int k = 0; k < depth; k++) {                                                                             \
+        UNROLL4 for (int k = 0; k < depth; k++) {                                                                     \
           float16 b[VECTORS];                                                                                         \
           UNROLL for (int v = 0; v < VECTORS; v++) b[v] = vload16(v, w + k * COLS + o);                               \
           UNROLL for (int i = 0; i < ROWS; i++) {                                                                     \
@@ -57,7 +58,7 @@ LAYER(grad_in, __local, __local, IN_PAD, TILE_VECTORS(IN_PAD), TILE_ROWS(IN_PAD)
         float16 acc[ROWS][VECTORS];                                                                                   \
         UNROLL for (int i = 0; i < ROWS; i++) UNROLL for (int v = 0; v < VECTORS; v++)                                \
             acc[i][v] = vload16(v, dw + (k + i) * COLS + o);                                                          \
-        for (int s = 0; s < BLOCK; s++) {                                                                             \
+        UNROLL4 for (int s = 0; s < BLOCK; s++) {                                                                     \
           float16 b[VECTORS];                                                                                         \
           UNROLL for (int v = 0; v < VECTORS; v++) b[v] = vload16(v, dz + s * COLS + o);                              \
           UNROLL for (int i = 0; i < ROWS; i++) {                                                                     \
@@ -73,13 +74,26 @@ WEIGHT_GRAD(weight_grad_in, __local, WIDTH, TILE_VECTORS(WIDTH), TILE_ROWS(WIDTH
 WEIGHT_GRAD(weight_grad_hidden, __global, WIDTH, TILE_VECTORS(WIDTH), TILE_ROWS(WIDTH))
 WEIGHT_GRAD(weight_grad_out, __global, OUT_PAD, TILE_VECTORS(OUT_PAD), TILE_ROWS(OUT_PAD))
 
-// Rows [first, first + BLOCK) of x [n, cols] into a block of padded rows, zeros beyond.
+// Rows [first, first + BLOCK) of x [n, cols] into a block of padded rows, zeros beyond. Copies of whole rows are
+// vectors: element by element they would take as long as the layer itself.
 inline void load_block(__global const float* restrict x, int first, int n, int cols, int padded, __local float* restrict to) {
-  for (int s = 0; s < BLOCK; s++)
-    for (int i = 0; i < padded; i++) to[s * padded + i] = first + s < n && i < cols ? x[(size_t)(first + s) * cols + i] : 0.0f;
+  const int rows = min(BLOCK, n - first);
+  if (cols == padded) {
+    for (int i = 0; i < rows * cols; i += 16) vstore16(vload16(0, x + (size_t)first * cols + i), 0, to + i);
+  } else {
+    for (int s = 0; s < rows; s++) {
+      for (int i = 0; i < cols; i++) to[s * padded + i] = x[(size_t)(first + s) * cols + i];
+      for (int i = cols; i < padded; i++) to[s * padded + i] = 0.0f;
+    }
+  }
+  for (int i = max(rows, 0) * padded; i < BLOCK * padded; i++) to[i] = 0.0f;
 }
 inline void store_block(__local const float* restrict from, int first, int n, int cols, int padded, __global float* restrict y) {
   const int rows = min(BLOCK, n - first);
+  if (cols == padded) {
+    for (int i = 0; i < rows * cols; i += 16) vstore16(vload16(0, from + i), 0, y + (size_t)first * cols + i);
+    return;
+  }
   for (int s = 0; s < rows; s++)
     for (int i = 0; i < cols; i++) y[(size_t)(first + s) * cols + i] = from[s * padded + i];
 }

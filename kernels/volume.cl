@@ -1,26 +1,34 @@
 // Volume rendering along rays. Ragged: ray r owns the samples [offsets[r], offsets[r + 1]).
 // Every kernel: version 1, a work-item a ray (a chunk of rays on CPU devices).
 
+// Distance as seen by the distortion loss: near and far alike fill [0,1).
+inline float squashed(float t) { return t / (1.0f + t); }
+
 // Front-to-back quadrature (Max 1995; NeRF eq. 3): alpha = 1 - exp(-sigma dt), w = T alpha.
-// out [R, 5]: colour, opacity, depth (sum of w t, not divided by opacity).
+// out [R, 6]: colour, opacity, depth (sum of w t, not divided by opacity), distortion (mip-NeRF 360 eq. 15:
+// sum w_i w_j |s_i - s_j| + 1/3 sum w_i^2 ds_i, here with sums over what lies in front, since s ascends).
 FAT __kernel void composite(__global const float* restrict sigma, __global const float* restrict rgb, __global const float* restrict t,
                             __global const float* restrict dt, __global const int* restrict offsets, __global float* restrict out,
                             int rays, int chunk) {
   const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
   for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
-    float through = 1.0f, depth = 0.0f;
+    float through = 1.0f, depth = 0.0f, distortion = 0.0f, front = 0.0f, front_s = 0.0f;
     float3 colour = (float3)(0.0f);
     const int end = offsets[r + 1];
-    for (int s = offsets[r]; s < end; s++) {
-      const float alpha = 1.0f - m_exp(-sigma[s] * dt[s]);
-      const float w = through * alpha;
-      colour += w * vload3(s, rgb);
-      depth += w * t[s];
+    for (int i = offsets[r]; i < end; i++) {
+      const float alpha = 1.0f - m_exp(-sigma[i] * dt[i]);
+      const float w = through * alpha, s = squashed(t[i]), ds = squashed(t[i] + 0.5f * dt[i]) - squashed(t[i] - 0.5f * dt[i]);
+      colour += w * vload3(i, rgb);
+      depth += w * t[i];
+      distortion += w * (2.0f * (s * front - front_s) + w * ds * (1.0f / 3.0f));
+      front += w;
+      front_s += w * s;
       through *= 1.0f - alpha;
     }
-    vstore3(colour, 0, out + 5 * r);
-    out[5 * r + 3] = 1.0f - through;
-    out[5 * r + 4] = depth;
+    vstore3(colour, 0, out + 6 * r);
+    out[6 * r + 3] = 1.0f - through;
+    out[6 * r + 4] = depth;
+    out[6 * r + 5] = distortion;
   }
 }
 
@@ -39,32 +47,45 @@ FAT __kernel void composite_weights(__global const float* restrict sigma, __glob
   }
 }
 
-// Adjoint in one forward sweep: with u_s = <g, (c_s, 1, t_s)> and U = sum of w u, the sum behind s is U - sum up to s;
-// d sigma_s = dt_s (T_{s+1} u_s - sum_{j>s} w_j u_j).
+// Adjoint: with u_i the derivative by w_i and U = sum of w u, the sum behind i is U - sum up to i;
+// d sigma_i = dt_i (T_{i+1} u_i - sum_{j>i} w_j u_j). u takes in the distortion: d/dw_i = 2 sum_j w_j |s_i - s_j| + 2/3 w_i ds_i.
+// The first sweep finds the sums over the whole ray, the second U, the third the gradient.
 FAT __kernel void composite_grad(__global const float* restrict sigma, __global const float* restrict rgb, __global const float* restrict t,
                                  __global const float* restrict dt, __global const int* restrict offsets, __global const float* restrict g,
                                  __global float* restrict dsigma_rgb, int rays, int chunk) {
   const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
   for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
-    const float3 g_colour = vload3(0, g + 5 * r);
-    const float g_opacity = g[5 * r + 3], g_depth = g[5 * r + 4];
+    const float3 g_colour = vload3(0, g + 6 * r);
+    const float g_opacity = g[6 * r + 3], g_depth = g[6 * r + 4], g_distortion = g[6 * r + 5];
     const int begin = offsets[r], end = offsets[r + 1];
-    float through = 1.0f, total = 0.0f;
-    for (int s = begin; s < end; s++) {
-      const float alpha = 1.0f - m_exp(-sigma[s] * dt[s]);
-      total += through * alpha * (dot(g_colour, vload3(s, rgb)) + g_opacity + g_depth * t[s]);
+    float through = 1.0f, all = 0.0f, all_s = 0.0f;
+    for (int i = begin; i < end; i++) {
+      const float alpha = 1.0f - m_exp(-sigma[i] * dt[i]);
+      const float w = through * alpha;
+      dsigma_rgb[4 * i] = w;  // kept for the next sweeps, in the place of the result
+      all += w;
+      all_s += w * squashed(t[i]);
       through *= 1.0f - alpha;
+    }
+    float total = 0.0f, front = 0.0f, front_s = 0.0f;
+    for (int i = begin; i < end; i++) {
+      const float w = dsigma_rgb[4 * i], s = squashed(t[i]), ds = squashed(t[i] + 0.5f * dt[i]) - squashed(t[i] - 0.5f * dt[i]);
+      const float behind_w = all - front - w, behind_s = all_s - front_s - w * s;
+      const float spread = 2.0f * (s * front - front_s + behind_s - s * behind_w) + w * ds * (2.0f / 3.0f);
+      const float u = dot(g_colour, vload3(i, rgb)) + g_opacity + g_depth * t[i] + g_distortion * spread;
+      dsigma_rgb[4 * i + 1] = u;
+      total += w * u;
+      front += w;
+      front_s += w * s;
     }
     through = 1.0f;
     float behind = total;
-    for (int s = begin; s < end; s++) {
-      const float alpha = 1.0f - m_exp(-sigma[s] * dt[s]);
-      const float w = through * alpha;
-      const float u = dot(g_colour, vload3(s, rgb)) + g_opacity + g_depth * t[s];
-      through *= 1.0f - alpha;
+    for (int i = begin; i < end; i++) {
+      const float w = dsigma_rgb[4 * i], u = dsigma_rgb[4 * i + 1];
+      through -= w;
       behind -= w * u;
-      dsigma_rgb[4 * s] = dt[s] * (through * u - behind);
-      vstore3(w * g_colour, 0, dsigma_rgb + 4 * s + 1);
+      dsigma_rgb[4 * i] = dt[i] * (fmax(through, 0.0f) * u - behind);
+      vstore3(w * g_colour, 0, dsigma_rgb + 4 * i + 1);
     }
   }
 }

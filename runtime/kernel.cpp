@@ -45,7 +45,7 @@ std::string kernel_text(const std::string& stem) {
 }
 
 std::string options(const Constants& constants) {
-  std::string out = std::string("-cl-std=CL1.2 -DCLOAM_CPU=") + (is_cpu_class() ? "1" : "0");
+  std::string out = std::string("-cl-std=CL1.2 -w -DCLOAM_CPU=") + (is_cpu_class() ? "1" : "0");
   for (const auto& [name, value] : constants) out += text(" -D", name, "=", value);
   if (const char* extra = std::getenv("CLOAM_BUILD_OPTIONS")) out += text(" ", extra);
   return out;

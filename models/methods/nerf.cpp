@@ -14,6 +14,7 @@ namespace {
 // Streams of random numbers within a step.
 enum Stream : uint32_t { kPixels = 0, kJitter = 2, kBackground = 3, kPlace = 4, kFine = 5, kFinePlace = 6, kCells = 16 };
 
+constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, distortion
 constexpr float kLeastTransmittance = 1e-3f;
 constexpr float kOpaque = 40.f;  // optical thickness of cells (maxima, so far too high) behind which nothing can be seen
 constexpr double kRenderSamples = 400000;  // samples in memory while rendering
@@ -51,6 +52,7 @@ void Nerf::configure(Config& c) {
   c.bind("train.rate", config_.learning_rate, "learning rate of Adam");
   c.bind("train.final_rate", config_.final_rate, "factor on the rate at the last step");
   c.bind("train.decay_start", config_.decay_start, "share of the steps before the rate falls");
+  c.bind("train.distortion", config_.distortion, "weight of the distortion loss");
   c.bind("train.loss", config_.loss, "square | charbonnier");
 }
 
@@ -102,19 +104,17 @@ MarchOptions Nerf::march_options() const {
   return m;
 }
 
-Nerf::Rendered Nerf::shade(const Rays& rays, const RandomKey& key, bool jitter) const {
-  return marching() ? shade_marched(rays, key, jitter) : shade_importance(rays, key, jitter);
+Nerf::Rendered Nerf::shade(const Rays& rays, const Sampling& how) const {
+  return marching() ? shade_marched(rays, how) : shade_importance(rays, how);
 }
 
-Nerf::Rendered Nerf::shade_marched(const Rays& rays, const RandomKey& key, bool jitter) const {
+Nerf::Rendered Nerf::shade_marched(const Rays& rays, const Sampling& how) const {
   const int64_t count = rays.origins.dim(0);
-  const Tensor shift = jitter ? random_uniform({count}, stream(key, kJitter)) : full({count}, 0.5f);
+  const Tensor shift = how.jitter ? random_uniform({count}, stream(how.key, kJitter)) : full({count}, 0.5f);
   const RaySamples all = march(rays, shift, occupancy_->values(), march_options());
-  // What lies behind a surface gets no light and no gradient: a pass through the density alone finds it cheaply.
-  marched_ = all.t.dim(0);
-  const RaySamples s = visible(all, stop_gradient(field_->density(all.points)), kLeastTransmittance);
+  const RaySamples s = how.skim ? visible(all, stop_gradient(field_->density(all.points)), kLeastTransmittance) : all;
   const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
-  return {composite({out.sigma, out.rgb, s.t, s.dt, s.offsets}), Tensor(), s.t.dim(0)};
+  return {composite({out.sigma, out.rgb, s.t, s.dt, s.offsets}), Tensor(), s.t.dim(0), all.t.dim(0)};
 }
 
 /// One sample in each interval, at `place` [R,N] in [0,1) of it (NeRF eq. 2), composited.
@@ -132,14 +132,14 @@ Tensor Nerf::shade_edges(const Field& field, const Rays& rays, const Tensor& edg
   return composite({out.sigma, out.rgb, reshape(t, {count * n}), flat_length, offsets});
 }
 
-Nerf::Rendered Nerf::shade_importance(const Rays& rays, const RandomKey& key, bool jitter) const {
+Nerf::Rendered Nerf::shade_importance(const Rays& rays, const Sampling& how) const {
   const int64_t count = rays.origins.dim(0), coarse = config_.coarse_samples, fine = config_.fine_samples;
   std::vector<float> steps;
   for (int64_t i = 0; i <= coarse; i++) steps.push_back(static_cast<float>(i) / static_cast<float>(coarse));
   const Tensor near = slice(rays.span, 1, 0, 1), far = maximum(slice(rays.span, 1, 1, 2), near + 1e-3f);
   const Tensor edges = near + (far - near) * from_host(steps, {1, coarse + 1});
   const auto place = [&](int64_t n, uint32_t which) {
-    return jitter ? random_uniform({count, n}, stream(key, which)) : full({count, n}, 0.5f);
+    return how.jitter ? random_uniform({count, n}, stream(how.key, which)) : full({count, n}, 0.5f);
   };
   Rendered out;
   Tensor weights;
@@ -149,7 +149,7 @@ Nerf::Rendered Nerf::shade_importance(const Rays& rays, const RandomKey& key, bo
   const Tensor uniform = (from_host(ranks, {1, fine}) + place(fine, kFine)) * (1.f / static_cast<float>(fine));
   const Tensor all = importance_edges(edges, weights, uniform);
   out.fine = shade_edges(*field_, rays, all, place(coarse + fine, kFinePlace), nullptr);
-  out.samples = count * (2 * coarse + fine);
+  out.samples = out.marched = count * (2 * coarse + fine);
   return out;
 }
 
@@ -169,7 +169,10 @@ Tensor Nerf::pixel_loss(const Tensor& colour, const Tensor& truth, const Tensor&
 Tensor Nerf::loss(const Progress& progress) {
   const RandomKey key{seed_, static_cast<uint32_t>(progress.step), 0};
   const RayBatch batch = bank_->sample(rays_, stream(key, kPixels));
-  const Rendered seen = shade(batch.rays, key, true);
+  // What lies behind a surface gets no light and no gradient. A pass through the density alone finds it, and pays once
+  // a quarter of the samples are dark; until then it only looks now and then.
+  const bool skim = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
+  const Rendered seen = shade(batch.rays, {key, true, skim});
   const Tensor background = background_for(rays_, key);
   const Tensor alpha = slice(batch.rgba, 1, 3, 4);
   const Tensor truth = has_alpha_ ? slice(batch.rgba, 1, 0, 3) * alpha + background * (1.f - alpha) : slice(batch.rgba, 1, 0, 3);
@@ -179,7 +182,9 @@ Tensor Nerf::loss(const Progress& progress) {
   const Tensor fine = colour(seen.fine);
   last_error_ = mean(square(stop_gradient(fine) - truth));
   last_samples_ = seen.samples;
-  const Tensor loss = pixel_loss(fine, truth, batch.used);
+  if (skim) lit_permille_ = 1000 * (seen.samples + 1) / (seen.marched + 1);
+  const Tensor spread = mean(slice(seen.fine, 1, 5, 6)) * config_.distortion;
+  const Tensor loss = pixel_loss(fine, truth, batch.used) + spread;
   return seen.coarse ? loss + pixel_loss(colour(seen.coarse), truth, batch.used) : loss;
 }
 
@@ -209,7 +214,7 @@ Tensor Nerf::thickness(const Tensor& points) const {
 
 std::map<std::string, double> Nerf::metrics() const {
   std::map<std::string, double> out = {{"rays", static_cast<double>(rays_)}, {"samples", static_cast<double>(last_samples_)}};
-  if (marching()) out["occupied"] = occupancy_->occupied_share(), out["threshold"] = occupancy_->threshold(), out["marched"]=double(marched_);
+  if (marching()) out["lit"] = static_cast<double>(lit_permille_) / 1000;
   if (last_error_ && last_error_.evaluated()) out["psnr"] = -10 * std::log10(static_cast<double>(last_error_.item()) + 1e-12);
   return out;
 }
@@ -224,10 +229,10 @@ Picture Nerf::render(const View& view) {
   for (int64_t begin = 0; begin < count;) {
     const int64_t end = std::min(count, begin + block);
     const auto part = [&](const Tensor& x) { return slice(x, 0, begin, end); };
-    const Rendered seen = shade({part(all.origins), part(all.directions), part(all.span)}, {seed_, 0, 0}, false);
+    const Rendered seen = shade({part(all.origins), part(all.directions), part(all.span)}, {{seed_, 0, 0}, false, true});
     append_pixels(out, seen.fine.to_host());
     // The next block is as large as keeps the samples at hand within kRenderSamples.
-    const double per_ray = static_cast<double>(seen.samples + 1) / static_cast<double>(end - begin);
+    const double per_ray = static_cast<double>(seen.marched + 1) / static_cast<double>(end - begin);
     block = std::clamp<int64_t>(static_cast<int64_t>(kRenderSamples / per_ray), 256, 2 * block);
     begin = end;
   }
@@ -236,7 +241,7 @@ Picture Nerf::render(const View& view) {
 
 void Nerf::append_pixels(Picture& picture, const std::vector<float>& values) const {
   const float back = has_alpha_ || config_.background == "white" ? 1.f : 0.f;
-  for (size_t i = 0; i + 5 <= values.size(); i += 5) {
+  for (size_t i = 0; i + kChannels <= values.size(); i += kChannels) {
     const float opacity = values[i + 3];
     for (size_t c = 0; c < 3; c++) picture.rgb.push_back(std::clamp(values[i + c] + back * (1.f - opacity), 0.f, 1.f));
     picture.opacity.push_back(opacity);
@@ -246,13 +251,15 @@ void Nerf::append_pixels(Picture& picture, const std::vector<float>& values) con
 
 TensorMap Nerf::state() const {
   TensorMap out = marching() ? occupancy_->state() : TensorMap{};
-  out["rays"] = named_integers({rays_});
+  out["rays"] = named_integers({rays_, lit_permille_});
   return out;
 }
 
 void Nerf::restore(const TensorMap& state) {
   if (marching()) occupancy_->restore(state);
-  rays_ = integers_from(state, "rays", 1)[0];
+  const std::vector<int64_t> stored = integers_from(state, "rays", 2);
+  rays_ = stored[0];
+  lit_permille_ = stored[1];
 }
 
 }  // namespace cloam

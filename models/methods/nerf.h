@@ -23,6 +23,7 @@ struct NerfConfig {
   float cone = 0.03f;                   // unbounded scenes: step length over distance
   float learning_rate = 1e-2f, final_rate = 0.03f;  // factor reached at the horizon
   float decay_start = 0.3f;             // share of the horizon before the rate falls
+  float distortion = 0.005f;            // mip-NeRF 360: draws each ray's weights together
   std::string loss = "square";          // square | charbonnier
   int occupancy_every = 16, occupancy_start = 64;
 };
@@ -47,14 +48,18 @@ class Nerf final : public Method {
 
  private:
   struct Rendered {
-    Tensor fine, coarse;  // [R,5] colour, opacity, depth; coarse only with importance sampling
-    int64_t samples = 0;
+    Tensor fine, coarse;  // [R,6] of composite(); coarse only with importance sampling
+    int64_t samples = 0, marched = 0;  // shaded, and stepped to before the dark ones were left out
+  };
+  struct Sampling {
+    RandomKey key;
+    bool jitter = false, skim = true;  // skim: leave out samples behind surfaces
   };
   bool marching() const { return config_.sampling == "occupancy"; }
   MarchOptions march_options() const;
-  Rendered shade(const Rays& rays, const RandomKey& key, bool jitter) const;
-  Rendered shade_marched(const Rays& rays, const RandomKey& key, bool jitter) const;
-  Rendered shade_importance(const Rays& rays, const RandomKey& key, bool jitter) const;
+  Rendered shade(const Rays& rays, const Sampling& how) const;
+  Rendered shade_marched(const Rays& rays, const Sampling& how) const;
+  Rendered shade_importance(const Rays& rays, const Sampling& how) const;
   Tensor shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place, Tensor* weights) const;
   Tensor thickness(const Tensor& points) const;
   void append_pixels(Picture& picture, const std::vector<float>& values) const;
@@ -72,7 +77,7 @@ class Nerf final : public Method {
   std::unique_ptr<RayBank> bank_;
   int64_t rays_ = 0;           // of the next step: follows the samples a ray costs
   int64_t last_samples_ = 0;
-  mutable int64_t marched_ = 0;
+  int64_t lit_permille_ = 1000;  // of the samples marched to, those that get light
   Tensor last_error_;          // mean squared error of the last step
 };
 

@@ -20,6 +20,7 @@ struct Reshape final : ViewOp {
 
 /// Strides of the new shape exist when each run of new axes covers a run of old ones that is itself contiguous.
 std::optional<Storage> Reshape::view(const Storage& in, const Shape& from, const Shape& to) const {
+  if (numel(to) == 0) return Storage{in.buffer, in.offset, dense_strides(to)};
   Shape sizes, strides;
   for (int i = 0; i < from.rank(); i++) {
     if (from[i] == 1) continue;
@@ -39,7 +40,7 @@ std::optional<Storage> Reshape::view(const Storage& in, const Shape& from, const
   for (int i = to.rank() - 1; i >= 0; i--) {
     if (to[i] == 1) continue;
     if (left == 1 && run > 0) left = sizes[--run], step = strides[run];
-    if (to[i] == 0 || left % to[i] != 0) return std::nullopt;
+    if (left % to[i] != 0) return std::nullopt;
     out.strides[i] = step;
     step *= to[i];
     left /= to[i];

@@ -140,7 +140,7 @@ Tensor composite(const Volume& v) {
   match("composite", {{"sigma", v.sigma, "S"}, {"rgb", v.rgb, "S 3"}, {"t", v.t, "S"}, {"dt", v.dt, "S"}});
   if (v.offsets.rank() != 1 || v.offsets.dtype() != DType::i32 || v.offsets.dim(0) < 1)
     throw Error(Fault::internal, text("[composite] offsets has shape ", to_string(v.offsets.shape()), " ", name_of(v.offsets.dtype()), ", want [R+1] int32"));
-  return make(std::make_shared<Composite>(), {v.offsets.dim(0) - 1, 5}, {v.sigma, v.rgb, v.t, v.dt, v.offsets});
+  return make(std::make_shared<Composite>(), {v.offsets.dim(0) - 1, 6}, {v.sigma, v.rgb, v.t, v.dt, v.offsets});
 }
 
 Tensor composite_weights(const Tensor& sigma, const Tensor& dt, const Tensor& offsets) {
