@@ -3,7 +3,7 @@
 
 namespace cloam {
 
-Tensor density_activation(const Tensor& feature) { return exp(clamp(feature - 1.f, -15.f, 15.f)); }
+Tensor density_activation(const Tensor& feature) { return exp(clamp(feature - 3.f, -15.f, 15.f)); }
 
 SplitNetwork::SplitNetwork(const Scope& scope, int64_t in, int64_t width)
     : geometry(scope / "geometry", {in, width, 16}), colour(scope / "colour", {32, width, width, 3}) {}

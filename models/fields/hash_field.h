@@ -6,7 +6,8 @@
 
 namespace cloam {
 
-/// exp of the first feature, its argument kept where float32 and its gradient stay finite.
+/// exp of the first feature less 3 (an untrained scene is nearly empty: surfaces must earn their density), its argument
+/// kept where float32 and its gradient stay finite.
 Tensor density_activation(const Tensor& feature);
 
 /// Density network -> [S,16]; colour from those 16 and 16 spherical harmonics of the direction. Shared with the tri-plane.
