@@ -2,6 +2,7 @@
 // users; cut, never fail, when a kernel would read too many tensors.
 #include <algorithm>
 #include <set>
+#include <unordered_map>
 
 #include "runtime/plan.h"
 
@@ -21,6 +22,7 @@ class Cutter {
   Plan run();
 
  private:
+  using Values = std::unordered_map<int, int>;  // of one group: node -> place in its code
   struct State {
     std::vector<int> users;
     std::set<int> roots;        // kernels this pointwise node is part of
@@ -50,13 +52,13 @@ class Cutter {
   void add_reduce(int i);
   int find_group(int i);
   bool room(const Group& group, int i);
-  int value_of(Group& group, std::vector<int>& values, int i);
-  Operand operand_of(Group& group, std::vector<int>& values, int i);
+  int value_of(Group& group, Values& values, int i);
+  Operand operand_of(Group& group, Values& values, int i);
   void find_last_uses();
 
   const Walk& walk_;
   std::vector<State> state_;
-  std::vector<std::vector<int>> group_values_;  // per group: node -> value, -1 if absent
+  std::vector<Values> group_values_;
   std::vector<int> group_step_;
   Plan plan_;
 };
@@ -131,7 +133,7 @@ void Cutter::limit_inputs() {
     if (pointwise(i) || (pending(i) && kind(i) == OpKind::reduce)) at(i).leaves = leaves_of(i);
 }
 
-Operand Cutter::operand_of(Group& group, std::vector<int>& values, int i) {
+Operand Cutter::operand_of(Group& group, Values& values, int i) {
   const auto slot = [](std::vector<GroupInput>& list, int n, DType dtype) {
     for (size_t k = 0; k < list.size(); k++)
       if (list[k].node == n) return static_cast<int>(k);
@@ -139,19 +141,18 @@ Operand Cutter::operand_of(Group& group, std::vector<int>& values, int i) {
     return static_cast<int>(list.size()) - 1;
   };
   if (constant(i)) return {Operand::scalar, slot(group.scalars, i, node(i)->dtype)};
-  if (values[static_cast<size_t>(i)] >= 0 || at(i).inlined) return {Operand::value, value_of(group, values, i)};
+  if (values.contains(i) || at(i).inlined) return {Operand::value, value_of(group, values, i)};
   return {Operand::input, slot(group.inputs, i, node(i)->dtype)};
 }
 
-int Cutter::value_of(Group& group, std::vector<int>& values, int i) {
-  int& value = values[static_cast<size_t>(i)];
-  if (value >= 0) return value;
+int Cutter::value_of(Group& group, Values& values, int i) {
+  if (const auto found = values.find(i); found != values.end()) return found->second;
   Instruction step;
   step.op = static_cast<const PointwiseOp*>(node(i)->op.get());
   step.dtype = node(i)->dtype;
   for (const Tensor& in : node(i)->in) step.operands.push_back(operand_of(group, values, in.node()->index));
   group.code.push_back(step);
-  return value = static_cast<int>(group.code.size()) - 1;
+  return values[i] = static_cast<int>(group.code.size()) - 1;
 }
 
 bool Cutter::room(const Group& group, int i) {
@@ -182,11 +183,11 @@ void Cutter::add_pointwise(int i) {
     group_step_.push_back(static_cast<int>(plan_.steps.size()));
     plan_.groups.emplace_back();
     plan_.groups.back().shape_node = i;
-    group_values_.emplace_back(static_cast<size_t>(size()), -1);
+    group_values_.emplace_back();
     plan_.steps.push_back({Step::group, g, {}});
   }
   Group& group = plan_.groups[static_cast<size_t>(g)];
-  std::vector<int>& values = group_values_[static_cast<size_t>(g)];
+  Values& values = group_values_[static_cast<size_t>(g)];
   int value = 0;
   if (constant(i)) {
     group.code.push_back({nullptr, {operand_of(group, values, i)}, node(i)->dtype});
@@ -201,7 +202,7 @@ void Cutter::add_pointwise(int i) {
 
 void Cutter::add_reduce(int i) {
   Group group;
-  std::vector<int> values(static_cast<size_t>(size()), -1);
+  Values values;
   const int source = node(i)->in[0].node()->index;
   operand_of(group, values, source);
   if (constant(source)) group.code.push_back({nullptr, {{Operand::scalar, 0}}, node(source)->dtype});

@@ -1,0 +1,222 @@
+// What the runtime promises beyond right values: few launches, plans and memory used again, clear ends, equal bits.
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <functional>
+
+#include "runtime/device.h"
+#include "runtime/error.h"
+#include "runtime/ops.h"
+#include "tests/runtime/child.h"
+
+using namespace cloam;
+
+namespace {
+
+std::vector<float> ramp(int64_t count) {
+  std::vector<float> out;
+  for (int64_t i = 0; i < count; i++) out.push_back(static_cast<float>(i % 17) * 0.25f - 2.f);
+  return out;
+}
+
+Tensor made(const Shape& shape) { return from_host(ramp(numel(shape)), shape); }
+
+template <class Work>
+int64_t launches(Work work) {
+  const int64_t before = device_stats().launches;
+  work();
+  return device_stats().launches - before;
+}
+
+std::string message_of(const std::function<void()>& work, Fault fault) {
+  try {
+    work();
+  } catch (const Error& error) {
+    CHECK(error.fault() == fault);
+    return error.what();
+  }
+  return "nothing was thrown";
+}
+
+bool contains(const std::string& whole, const std::string& part) { return whole.find(part) != std::string::npos; }
+
+/// A loss with shared values, a broadcast, a reduction inside and gradients: the shape of a training step.
+std::vector<float> step(int64_t rows, int64_t columns) {
+  const Tensor x = made({rows, columns}), w = parameter(ramp(columns), {columns});
+  const Tensor h = gelu(x * w) + 1.f;
+  const Tensor loss = mean(square(h - mean(h, {{1}, true})));
+  const Tensor g = grad(loss, {w})[0];
+  eval({loss, g});
+  return g.to_host();
+}
+
+}  // namespace
+
+TEST_CASE("views launch nothing") {
+  const Tensor x = made({6, 10});
+  const Tensor view = slice(transpose(reshape(x, {3, 2, 10}), 0, 2), 0, 1, 9, 2);
+  CHECK(launches([&] { eval({view}); }) == 0);
+  CHECK(view.shape() == Shape{4, 2, 3});
+  CHECK(view.to_host()[0] == ramp(60)[1]);
+}
+
+TEST_CASE("pointwise chains are one launch") {
+  const Tensor x = made({5, 7}), y = made({7});
+  CHECK(launches([&] { eval({gelu(x) + 1.f}); }) == 1);
+  CHECK(launches([&] { eval({sigmoid(x * y) - transpose(made({7, 5}))}); }) == 1);
+  CHECK(launches([&] { eval({x + y, x * y, tanh(x)}); }) == 1);  // siblings write side by side
+}
+
+TEST_CASE("a small reduction and what feeds it are one launch") {
+  const Tensor x = made({5, 7});
+  CHECK(launches([&] { eval({sum(square(x))}); }) == 1);
+  CHECK(launches([&] { eval({max(x * 2.f - 1.f, {{0}})}); }) == 1);
+}
+
+TEST_CASE("plans and kernels serve other extents") {
+  step(40, 50);
+  step(41, 53);
+  const DeviceStats before = device_stats();
+  step(59, 61);
+  step(40, 77);
+  CHECK(device_stats().plans_built == before.plans_built);
+  CHECK(device_stats().kernels_built == before.kernels_built);
+  CHECK(device_stats().plans_reused > before.plans_reused);
+}
+
+TEST_CASE("scalars are no part of a plan") {
+  const Tensor x = made({40});
+  eval({x * 2.f});
+  const DeviceStats before = device_stats();
+  CHECK((x * 3.f).to_host()[1] == 3.f * ramp(2)[1]);
+  CHECK(device_stats().plans_built == before.plans_built);
+  CHECK(device_stats().kernels_built == before.kernels_built);
+}
+
+TEST_CASE("memory is used again while sizes change") {
+  for (int64_t rows : {520, 500, 520}) step(rows, 100);
+  const uint64_t before = device_stats().allocated_bytes;
+  for (int64_t i = 0; i < 20; i++) step(500 + i, 100);
+  CHECK(device_stats().allocated_bytes == before);
+}
+
+TEST_CASE("nothing stays alive when the last handle goes") {
+  const uint64_t before = device_stats().live_bytes;
+  {
+    const Tensor x = made({100, 100});
+    step(100, 100);
+    sum(matmul(x, x)).item();
+    CHECK(device_stats().live_bytes > before);
+  }
+  CHECK(device_stats().live_bytes == before);
+}
+
+TEST_CASE("a tensor over the budget is refused with the numbers") {
+  const auto side = static_cast<int64_t>(std::sqrt(static_cast<double>(memory_budget()))) + 1000;
+  const Tensor column = made({side, 1}), row = made({side});
+  const std::string said = message_of([&] { eval({column + row}); }, Fault::memory);
+  CHECK(contains(said, text("budget of ", memory_budget() >> 20, " MiB")));
+  unsigned long long asked = 0;
+  REQUIRE(std::sscanf(said.c_str(), "out of memory: %*[^0-9]%llu MiB", &asked) == 1);
+  CHECK(asked >= static_cast<uint64_t>(side * side * 4) >> 20);
+  CHECK((made({3}) + 1.f).to_host().size() == 3);  // and goes on
+}
+
+TEST_CASE("gradients can be differentiated again") {
+  const Tensor x = parameter({-2.f, 0.5f, 3.f}, {3});
+  const Tensor first = grad(sum(x * x * x), {x})[0];
+  const Tensor second = grad(sum(first), {x})[0];
+  const Tensor third = grad(sum(second), {x})[0];
+  CHECK(first.to_host() == std::vector<float>{12.f, 0.75f, 27.f});
+  CHECK(second.to_host() == std::vector<float>{-12.f, 3.f, 18.f});
+  CHECK(third.to_host() == std::vector<float>{6.f, 6.f, 6.f});
+}
+
+TEST_CASE("gradients reach only what the loss reads") {
+  const Tensor x = parameter({1.f, 2.f}, {2}), unused = parameter({1.f}, {1});
+  const Tensors g = grad(sum(x * stop_gradient(x)), {x, unused});
+  CHECK(g[0].to_host() == std::vector<float>{1.f, 2.f});
+  CHECK(g[1].to_host() == std::vector<float>{0.f});
+}
+
+TEST_CASE("assign changes every handle and checks shapes") {
+  const Tensor x = parameter({1.f, 2.f}, {2}), y = parameter({5.f, 6.f}, {2}), other = x;
+  assign({{x, y * 2.f}, {y, x * 10.f}});  // both values are those from before
+  CHECK(other.to_host() == std::vector<float>{10.f, 12.f});
+  CHECK(y.to_host() == std::vector<float>{10.f, 20.f});
+  CHECK(contains(message_of([&] { assign({{x, made({3})}}); }, Fault::internal), "[2]"));
+}
+
+TEST_CASE("a chain of 50,000 ops is evaluated, differentiated and freed") {
+  const Tensor x = parameter({1.f, 2.f}, {2});
+  {
+    Tensor y = x;
+    for (int i = 0; i < 50000; i++) y = y + x;
+    CHECK(y.to_host() == std::vector<float>{50001.f, 100002.f});
+  }
+  Tensor y = x;
+  for (int i = 0; i < 50000; i++) y = -y;
+  CHECK(grad(sum(y), {x})[0].to_host() == std::vector<float>{1.f, 1.f});
+  Tensor never = x;
+  for (int i = 0; i < 50000; i++) never = never * x;  // freed without being evaluated
+}
+
+TEST_CASE("child: bits of sums" * doctest::skip()) {
+  const Tensor x = made({307, 211}), w = made({211, 67});
+  const Tensor image = made({2, 5, 33, 37}), filter = made({7, 5, 3, 3});
+  uint64_t hash = 14695981039346656037ull;
+  for (const Tensor& t : {sum(x * 0.1f), sum(exp(x), {{0}}), sum(exp(x), {{1}}), matmul(x * 0.1f, w),
+                          conv2d(image * 0.1f, filter), softmax(matmul(x, w), 1), sum(made({101, 1003}) * 0.1f)})
+    for (float value : t.to_host()) {
+      uint32_t word = 0;
+      std::memcpy(&word, &value, 4);
+      hash = (hash ^ word) * 1099511628211ull;
+    }
+  std::printf("bits %llx\n", static_cast<unsigned long long>(hash));
+}
+
+TEST_CASE("sums and products have the same bits with one thread and with two") {
+  const auto bits = [](const char* environment) {
+    const std::string out = output_of_child(environment, "child: bits of sums");
+    const size_t at = out.find("bits ");
+    return at == std::string::npos ? out : out.substr(at, out.find('\n', at) - at);
+  };
+  const std::string one = bits("POCL_MAX_PTHREAD_COUNT=1");
+  CHECK(one.substr(0, 5) == "bits ");
+  CHECK(bits("POCL_MAX_PTHREAD_COUNT=2") == one);
+}
+
+TEST_CASE("child: a logarithm below zero" * doctest::skip()) {
+  const Tensor x = made({2, 3}) + 2.5f;
+  std::printf("%s\n", message_of([&] { eval({sum(matmul(log(x - 100.f), made({3, 2})))}); }, Fault::diverged).c_str());
+}
+
+TEST_CASE("CLOAM_DEBUG=nan names the op that made the first one") {
+  const std::string out = output_of_child("CLOAM_DEBUG=nan", "child: a logarithm below zero");
+  CHECK_MESSAGE(contains(out, "first non-finite value: "), out);
+  CHECK_MESSAGE(contains(out, " of [2,3], made by [add subtract log]"), out);
+}
+
+TEST_CASE("child: any device" * doctest::skip()) {
+  try {
+    std::printf("device %s\n", device().name.c_str());
+  } catch (const Error& error) { std::printf("fault %d: %s\n", static_cast<int>(error.fault()), error.what()); }
+}
+
+TEST_CASE("a device that is not there is named, with what is") {
+  const std::string out = output_of_child("CLOAM_DEVICE='no such thing'", "child: any device");
+  CHECK_MESSAGE(contains(out, "fault 4: no OpenCL device matches --device \"no such thing\""), out);
+  CHECK_MESSAGE(contains(out, device().name), out);
+  const std::string none = output_of_child("OCL_ICD_VENDORS=/nonexistent", "child: any device");
+  CHECK_MESSAGE(contains(none, "fault 4: no OpenCL device found"), none);
+  CHECK_MESSAGE(contains(none, "fix: "), none);
+}
+
+TEST_CASE("CLOAM_DEBUG=poison,bounds changes no result") {
+  const std::string plain = output_of_child("", "child: bits of sums");
+  const std::string guarded = output_of_child("CLOAM_DEBUG=poison,bounds", "child: bits of sums");
+  REQUIRE(contains(plain, "bits "));
+  CHECK(guarded.substr(guarded.find("bits "), 12) == plain.substr(plain.find("bits "), 12));
+}
