@@ -127,23 +127,38 @@ HostArray weights(const HostArray& sigma, const HostArray& dt, const HostArray& 
   return out;
 }
 
+/// mip-NeRF 360, equation 15, over distances squashed to [0,1).
+double distortion(const HostArrays& in, const HostArray& w, int64_t begin, int64_t end) {
+  const auto squashed = [](double t) { return t / (1 + t); };
+  double total = 0;
+  for (int64_t i = begin; i < end; i++) {
+    for (int64_t j = begin; j < end; j++) total += w[i] * w[j] * std::abs(squashed(in[2][i]) - squashed(in[2][j]));
+    total += w[i] * w[i] * (squashed(in[2][i] + in[3][i] / 2) - squashed(in[2][i] - in[3][i] / 2)) / 3;
+  }
+  return total;
+}
+
 HostArray rendered(const HostArrays& in) {  // sigma, rgb, t, dt, offsets
   const HostArray w = weights(in[0], in[3], in[4]);
-  HostArray out({in[4].dim(0) - 1, 5});
-  for (int64_t ray = 0; ray < out.dim(0); ray++)
-    for (auto s = static_cast<int64_t>(in[4][ray]); s < static_cast<int64_t>(in[4][ray + 1]); s++) {
+  HostArray out({in[4].dim(0) - 1, 6});
+  for (int64_t ray = 0; ray < out.dim(0); ray++) {
+    const auto begin = static_cast<int64_t>(in[4][ray]), end = static_cast<int64_t>(in[4][ray + 1]);
+    for (int64_t s = begin; s < end; s++) {
       for (int64_t c = 0; c < 3; c++) out.at({ray, c}) += w[s] * in[1].at({s, c});
       out.at({ray, 3}) += w[s];
       out.at({ray, 4}) += w[s] * in[2][s];
     }
+    out.at({ray, 5}) = distortion(in, w, begin, end);
+  }
   return out;
 }
 
 void add_volumes(OpCases& rows) {
   const InputSpec offsets = given({5}, {0, 4, 4, 5, 11}, DType::i32), sigma = between({11}, 0, 5),
-                  dt = constant(between({11}, 0.05, 0.5));
+                  dt = constant(between({11}, 0.05, 0.5)),
+                  t = constant(given({11}, {1, 1.3, 2, 2.9, 1.7, 0.5, 0.8, 1.9, 2.2, 3.1, 4}));  // ascends in every ray
   rows.push_back({.op = "composite",
-                  .inputs = {sigma, between({11, 3}, 0, 1), constant(between({11}, 1, 4)), dt, offsets},
+                  .inputs = {sigma, between({11, 3}, 0, 1), t, dt, offsets},
                   .run =
                       [](const Tensors& in) {
                         return composite({in[0], in[1], in[2], in[3], in[4]});
