@@ -1,0 +1,166 @@
+// eval and render: figures with their baselines, pictures that are there and right.
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "models/io/image.h"
+#include "tests/cli/process.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+
+namespace {
+
+bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
+
+const fs::path& trained() {
+  static const fs::path run = [] {
+    const fs::path folder = scratch() / "trained";
+    REQUIRE(cloam_with(small_training(small_scene(), folder, {"--steps", "400"})).code == 0);
+    return folder;
+  }();
+  return run;
+}
+
+/// Mean over the test photos of the PSNR of a picture of the training photos' mean colour, from the files alone.
+double mean_colour_figure() {
+  const auto pixels = [](const char* split, int index) {
+    const Image image = read_image(small_scene() / split / ("r_" + std::to_string(index) + ".png"));
+    std::vector<double> rgb;
+    for (std::size_t i = 0; i < image.pixels.size(); i += 4) {
+      const double alpha = image.pixels[i + 3] / 255.0;
+      for (std::size_t c = 0; c < 3; ++c) rgb.push_back(alpha * image.pixels[i + c] / 255.0 + 1 - alpha);
+    }
+    return rgb;
+  };
+  double colour[3] = {0, 0, 0};
+  for (int view = 0; view < 8; ++view) {
+    const auto rgb = pixels("train", view);
+    for (std::size_t i = 0; i < rgb.size(); ++i) colour[i % 3] += rgb[i] / (8.0 * 24 * 24);
+  }
+  double sum = 0;
+  for (int view = 0; view < 2; ++view) {
+    const auto rgb = pixels("test", view);
+    double square = 0;
+    for (std::size_t i = 0; i < rgb.size(); ++i) square += std::pow(rgb[i] - colour[i % 3], 2);
+    sum += -10 * std::log10(square / static_cast<double>(rgb.size())) / 2;
+  }
+  return sum;
+}
+
+}  // namespace
+
+TEST_CASE("eval --json prints one object with figures and baselines, and writes its files") {
+  const Outcome outcome = cloam_with({"eval", trained().string(), "--json"});
+  REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+  const auto json = nlohmann::json::parse(outcome.out);
+  CHECK(json.at("schema_version") == 1);
+  CHECK(json.at("protocol") == "test-split");
+  CHECK(json.at("images") == 2);
+  CHECK(json.at("step") == 400);
+  CHECK(json.at("psnr").get<double>() > mean_colour_figure() + 3);  // it has learnt the scene
+  CHECK(json.at("ssim").get<double>() <= 1);
+  CHECK(json.at("baseline_mean_colour_psnr").get<double>() == doctest::Approx(mean_colour_figure()).epsilon(1e-4));
+  CHECK(json.at("baseline_nearest_frame_psnr").is_number());
+  const auto file = json_of(trained() / "eval" / "eval.json");
+  CHECK(file.at("per_image").size() == 2);
+  const double mean = (file["per_image"][0]["psnr"].get<double>() + file["per_image"][1]["psnr"].get<double>()) / 2;
+  CHECK(json.at("psnr").get<double>() == doctest::Approx(mean));
+  CHECK(contains(content_of(trained() / "eval" / "per_image.csv"), "test/r_1.png"));
+}
+
+TEST_CASE("eval's pictures show render, photo and error side by side") {
+  REQUIRE(cloam_with({"eval", trained().string(), "-q", "--images", (scratch() / "shown").string()}).code == 0);
+  const Image sheet = read_image(scratch() / "shown" / "test_r_0.png");
+  CHECK(sheet.height == 24);
+  CHECK(sheet.width == 3 * 24 + 2 * 4);
+  const Image photo = read_image(small_scene() / "test" / "r_0.png");
+  for (const std::size_t at : {std::size_t{0}, std::size_t{12 * 24 + 12}}) {
+    const std::size_t row = at / 24, column = at % 24;
+    const int alpha = photo.pixels[4 * at + 3];
+    const int wanted = (photo.pixels[4 * at] * alpha + 255 * (255 - alpha) + 127) / 255;
+    CHECK(std::abs(int{sheet.pixels[3 * (row * static_cast<std::size_t>(sheet.width) + 28 + column)]} - wanted) <= 1);
+  }
+}
+
+TEST_CASE("eval of a run without held-out photos says that they are the training photos") {
+  const fs::path data = copy_of_scene("no-test");
+  fs::rename(data / "transforms_train.json", data / "transforms.json");
+  fs::remove(data / "transforms_test.json");
+  const fs::path run = scratch() / "no-test-run";
+  REQUIRE(cloam_with(small_training(data, run, {"--steps", "5"})).code == 0);
+  const Outcome outcome = cloam_with({"eval", run.string(), "--json"});
+  REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+  CHECK(nlohmann::json::parse(outcome.out).at("protocol") == "train-images");
+  CHECK(contains(outcome.err, "training photos"));
+}
+
+TEST_CASE("--holdout N is the protocol holdout-N: every Nth by name") {
+  const fs::path data = copy_of_scene("held-out");
+  fs::rename(data / "transforms_train.json", data / "transforms.json");
+  fs::remove(data / "transforms_test.json");
+  const fs::path run = scratch() / "held-out-run";
+  REQUIRE(cloam_with(small_training(data, run, {"--steps", "5", "--holdout", "4"})).code == 0);
+  const Outcome outcome = cloam_with({"eval", run.string(), "--json"});
+  REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+  const auto json = nlohmann::json::parse(outcome.out);
+  CHECK(json.at("protocol") == "holdout-4");
+  CHECK(json.at("images") == 2);
+  const std::string csv = content_of(run / "eval" / "per_image.csv");
+  CHECK(contains(csv, "r_0"));
+  CHECK(contains(csv, "r_4"));
+}
+
+TEST_CASE("eval --data takes the other folder's test split, else all its photos") {
+  const Outcome split = cloam_with({"eval", trained().string(), "--json", "--data", small_scene().string()});
+  REQUIRE(split.code == 0);
+  CHECK(nlohmann::json::parse(split.out).at("images") == 2);
+  const fs::path data = copy_of_scene("other");
+  fs::rename(data / "transforms_train.json", data / "transforms.json");
+  fs::remove(data / "transforms_test.json");
+  const Outcome all = cloam_with({"eval", trained().string(), "--json", "--data", data.string()});
+  REQUIRE_MESSAGE(all.code == 0, all.err);
+  CHECK(nlohmann::json::parse(all.out).at("images") == 8);
+  CHECK(nlohmann::json::parse(all.out).at("protocol") == "all-images");
+}
+
+TEST_CASE("render writes the views, needs no photos for it, and EXR layers can be read") {
+  const fs::path out = scratch() / "views";
+  const Outcome outcome = cloam_with({"render", trained().string(), "-o", out.string(), "--split", "test", "--exr"});
+  REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+  CHECK(contains(outcome.err, out.string()));
+  for (const char* name : {"test_r_0", "test_r_1"}) {
+    CHECK(read_image(out / (std::string(name) + ".png")).width == 24);
+    for (const char* layer : {"R", "G", "B", "A", "depth.Z", "opacity.A"}) {
+      const auto values = read_exr_layer(out / (std::string(name) + ".exr"), layer);
+      REQUIRE(values.size() == 24 * 24);
+      CHECK(std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v) && v >= 0; }));
+    }
+  }
+}
+
+TEST_CASE("an orbit is rendered as pictures and as a GIF") {
+  const fs::path out = scratch() / "orbit";
+  REQUIRE(cloam_with({"render", trained().string(), "-o", out.string(), "--path", "orbit", "--frames", "3"}).code == 0);
+  CHECK(read_image(out / "orbit_0002.png").height == 24);
+  const std::string gif = content_of(out / "orbit.gif");
+  CHECK(gif.starts_with("GIF89a"));
+  CHECK(std::count(gif.begin(), gif.end(), '\x2c') >= 3);  // an image descriptor a frame
+}
+
+TEST_CASE("a camera file gives the view, and a damaged one is exit 3") {
+  const auto source = json_of(small_scene() / "transforms_test.json");
+  nlohmann::json camera = {{"w", 20}, {"h", 10}, {"camera_angle_x", 0.7}};
+  camera["transform_matrix"] = source.at("frames")[0].at("transform_matrix");
+  write_text(scratch() / "cam.json", camera.dump());
+  const fs::path out = scratch() / "camera";
+  REQUIRE(cloam_with({"render", trained().string(), "-o", out.string(), "--camera", (scratch() / "cam.json").string()})
+              .code == 0);
+  CHECK(read_image(out / "camera_0000.png").width == 20);
+  CHECK(read_image(out / "camera_0000.png").height == 10);
+  camera.erase("transform_matrix");
+  write_text(scratch() / "cam.json", camera.dump());
+  CHECK(cloam_with({"render", trained().string(), "-o", out.string(), "--camera", (scratch() / "cam.json").string()})
+            .code == 3);
+}

@@ -1,0 +1,239 @@
+// Training through the program: bytes that repeat, runs that are killed and go on, folders that nothing harms.
+#include <doctest/doctest.h>
+#include <signal.h>
+
+#include <algorithm>
+#include <chrono>
+#include <sstream>
+#include <thread>
+
+#include "models/io/commit.h"
+#include "tests/cli/process.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+
+namespace {
+
+const Words kSteps = {"--steps", "40", "--save-every", "10"};
+
+bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
+
+std::string checkpoint(const fs::path& run, const char* step) {
+  return content_of(run / "ckpt" / (std::string(step) + ".safetensors"));
+}
+
+/// The run that was left alone, which all others are held against.
+const fs::path& golden() {
+  static const fs::path run = [] {
+    const fs::path folder = scratch() / "golden";
+    REQUIRE(cloam_with(small_training(small_scene(), folder, kSteps)).code == 0);
+    return folder;
+  }();
+  return run;
+}
+
+Outcome resume(const fs::path& run, const Words& more = {}) {
+  Words words = {"train", "--resume", run.string(), "--progress", "plain"};
+  words.insert(words.end(), more.begin(), more.end());
+  return cloam_with(words);
+}
+
+std::string state_of(const fs::path& run) { return json_of(run / "run.json").at("state"); }
+
+}  // namespace
+
+TEST_CASE("a run folder holds the record, the settings, the log and the last three checkpoints") {
+  const auto record = json_of(golden() / "run.json");
+  CHECK(record.at("state") == "finished");
+  CHECK(record.at("step") == 40);
+  CHECK(record.at("seed") == 42);
+  CHECK(record.at("data").at("relative") == "../scene");
+  CHECK(record.at("settings").at("batch.rays") == "64");
+  CHECK(contains(content_of(golden() / "config.toml"), "batch.rays = 64  # --set"));
+  CHECK_FALSE(fs::exists(golden() / "ckpt" / "000010.safetensors"));
+  for (const char* step : {"000020", "000030", "000040"}) CHECK(!checkpoint(golden(), step).empty());
+  CHECK(fs::exists(golden() / "preview" / "step_000040.png"));
+  CHECK_FALSE(fs::exists(golden() / ".lock"));
+}
+
+TEST_CASE("equal seeds give equal bytes, whatever the thread count; other seeds others") {
+  const std::string wanted = checkpoint(golden(), "000040");
+  for (const char* threads : {"1", "2"}) {
+    CAPTURE(threads);
+    const fs::path run = scratch() / (std::string("threads") + threads);
+    const auto outcome =
+        cloam_with(small_training(small_scene(), run, kSteps), {std::string("POCL_MAX_PTHREAD_COUNT=") + threads});
+    REQUIRE(outcome.code == 0);
+    CHECK(checkpoint(run, "000040") == wanted);
+  }
+  const fs::path other = scratch() / "seed7";
+  REQUIRE(cloam_with(small_training(small_scene(), other, {"--steps", "40", "--seed", "7"})).code == 0);
+  CHECK(checkpoint(other, "000040") != wanted);
+}
+
+TEST_CASE("a checkpoint holds no path and no device name") {
+  const std::string bytes = checkpoint(golden(), "000040");
+  CHECK_FALSE(contains(bytes, scratch().string()));
+  CHECK_FALSE(contains(bytes, json_of(golden() / "run.json").at("device")));
+}
+
+TEST_CASE("a killed run that is resumed ends in the bytes of the one left alone") {
+  const fs::path run = scratch() / "killed";
+  Process process(small_training(small_scene(), run, kSteps));
+  REQUIRE(wait_for(run / "ckpt" / "000010.safetensors", process));
+  process.signal(SIGKILL);
+  CHECK(process.wait().code == -SIGKILL);
+  CHECK(state_of(run) == "running");
+  const Outcome outcome = resume(run);
+  CHECK_MESSAGE(outcome.code == 0, outcome.err);
+  CHECK(checkpoint(run, "000040") == checkpoint(golden(), "000040"));
+  CHECK(state_of(run) == "finished");
+}
+
+TEST_CASE("a run that was killed before its first checkpoint starts anew") {
+  const fs::path run = scratch() / "killed-early";
+  Process process(small_training(small_scene(), run, kSteps));
+  REQUIRE(wait_for(run / "metrics.jsonl", process));
+  process.signal(SIGKILL);
+  process.wait();
+  if (fs::exists(run / "ckpt" / "latest.txt")) return;  // it was quicker than the kill
+  const Outcome outcome = resume(run);
+  CHECK_MESSAGE(outcome.code == 0, outcome.err);
+  CHECK(checkpoint(run, "000040") == checkpoint(golden(), "000040"));
+}
+
+TEST_CASE("SIGINT and SIGTERM finish the step, save and say how to go on") {
+  for (const int number : {SIGINT, SIGTERM}) {
+    CAPTURE(number);
+    const fs::path run = scratch() / ("signal" + std::to_string(number));
+    Process process(small_training(small_scene(), run, {"--steps", "100000"}));
+    REQUIRE(wait_for(run / "metrics.jsonl", process));
+    std::this_thread::sleep_for(std::chrono::milliseconds(1500));  // some steps on
+    process.signal(number);
+    const Outcome outcome = process.wait();
+    CHECK(outcome.code == 128 + number);
+    CHECK(contains(outcome.err, "Continue: cloam train --resume " + run.string()));
+    CHECK(state_of(run) == "interrupted");
+    const auto before = json_of(run / "run.json").at("step").get<int64_t>();
+    const Outcome further = resume(run, {"--stop-after", std::to_string(before + 3)});
+    CHECK_MESSAGE(further.code == 0, further.err);
+    CHECK(json_of(run / "run.json").at("step") == before + 3);
+    CHECK(state_of(run) == "stopped");
+  }
+}
+
+TEST_CASE("--stop-after only stops: going on ends in the same bytes") {
+  const fs::path run = scratch() / "stopped";
+  Words words = kSteps;
+  words.insert(words.end(), {"--stop-after", "17"});
+  REQUIRE(cloam_with(small_training(small_scene(), run, words)).code == 0);
+  CHECK(json_of(run / "run.json").at("step") == 17);
+  CHECK(json_of(run / "run.json").at("horizon") == 40);
+  // The whole command again with --resume is taken as well as `train --resume RUN`.
+  words = kSteps;
+  words.push_back("--resume");
+  const Outcome outcome = cloam_with(small_training(small_scene(), run, words));
+  CHECK_MESSAGE(outcome.code == 0, outcome.err);
+  CHECK(checkpoint(run, "000040") == checkpoint(golden(), "000040"));
+}
+
+TEST_CASE("a resumed run refuses options that contradict it") {
+  const fs::path run = scratch() / "contradicted";
+  REQUIRE(cloam_with(small_training(small_scene(), run, {"--steps", "40", "--stop-after", "5"})).code == 0);
+  const auto before = snapshot(run);
+  for (const Words& more : {Words{"--seed", "3"}, Words{"--downscale", "2"}, Words{"--set", "batch.rays=65"},
+                            Words{"--steps", "50"}, Words{"--overwrite"}}) {
+    CAPTURE(more[0]);
+    CHECK(resume(run, more).code == 2);
+    CHECK(snapshot(run) == before);
+  }
+}
+
+TEST_CASE("a time budget is kept and chooses the steps") {
+  const fs::path run = scratch() / "budget";
+  const Outcome outcome = cloam_with(small_training(small_scene(), run, {"--time-budget", "8s"}));
+  REQUIRE(outcome.code == 0);
+  CHECK(json_of(run / "run.json").at("step").get<int>() > 10);
+}
+
+TEST_CASE("an existing run is refused and unchanged; --overwrite replaces it; a finished one has nothing left to do") {
+  const fs::path run = scratch() / "existing";
+  REQUIRE(cloam_with(small_training(small_scene(), run, {"--steps", "5"})).code == 0);
+  const auto before = snapshot(run);
+  const Outcome refused = cloam_with(small_training(small_scene(), run, {"--steps", "6"}));
+  CHECK(refused.code == 2);
+  CHECK(contains(refused.err, "finished at step 5"));
+  CHECK(snapshot(run) == before);
+  const Outcome resumed = resume(run);
+  CHECK(resumed.code == 0);
+  CHECK(contains(resumed.err, "nothing to do"));
+  CHECK(snapshot(run) == before);
+  CHECK(cloam_with(small_training(small_scene(), run, {"--steps", "6", "--overwrite"})).code == 0);
+  CHECK(json_of(run / "run.json").at("step") == 6);
+  CHECK_FALSE(fs::exists(run / "ckpt" / "000005.safetensors"));
+}
+
+TEST_CASE("a folder with other files is never written to, not even with --overwrite") {
+  const fs::path folder = scratch() / "other-files";
+  fs::create_directories(folder);
+  write_text(folder / "thesis.txt", "years of work");
+  const auto before = snapshot(folder);
+  CHECK(cloam_with(small_training(small_scene(), folder, {"--steps", "5", "--overwrite"})).code == 2);
+  CHECK(snapshot(folder) == before);
+}
+
+TEST_CASE("a run folder belongs to one process at a time") {
+  const fs::path run = scratch() / "held";
+  const FolderLock lock(run);
+  const Outcome outcome = cloam_with(small_training(small_scene(), run, {"--steps", "5"}));
+  CHECK(outcome.code == 2);
+  CHECK(contains(outcome.err, "in use by process"));
+}
+
+TEST_CASE("a dry run shows the plan and writes nothing") {
+  const fs::path run = scratch() / "dry";
+  const Outcome outcome = cloam_with(small_training(small_scene(), run, {"--dry-run"}));
+  CHECK(outcome.code == 0);
+  CHECK(contains(outcome.err, "10 images 24x24"));
+  CHECK(contains(outcome.err, "memory "));
+  CHECK_FALSE(fs::exists(run));
+}
+
+TEST_CASE("events for programs are JSON lines, one kind after the other") {
+  const fs::path run = scratch() / "events";
+  Words words = small_training(small_scene(), run, {"--steps", "6", "--save-every", "3"});
+  std::replace(words.begin(), words.end(), std::string("plain"), std::string("jsonl"));
+  const Outcome outcome = cloam_with(words);
+  REQUIRE(outcome.code == 0);
+  std::istringstream lines(outcome.out);
+  Words kinds;
+  for (std::string line; std::getline(lines, line);) {
+    const auto event = nlohmann::json::parse(line);
+    CHECK(event.at("schema_version") == 1);
+    kinds.push_back(event.at("event"));
+  }
+  REQUIRE(kinds.size() > 6);
+  CHECK(kinds[0] == "plan");
+  CHECK(kinds[1] == "start");
+  CHECK(kinds[2] == "step");
+  CHECK(std::count(kinds.begin(), kinds.end(), "checkpoint") == 2);
+  CHECK(kinds.back() == "end");
+  CHECK(content_of(run / "metrics.jsonl") == outcome.out);
+}
+
+TEST_CASE("run and data can be moved together, and data alone with --data") {
+  const fs::path place = scratch() / "place", moved = scratch() / "moved";
+  fs::create_directories(place);
+  fs::copy(small_scene(), place / "photos", fs::copy_options::recursive);
+  REQUIRE(cloam_with(small_training(place / "photos", place / "run", {"--steps", "40", "--stop-after", "5"})).code ==
+          0);
+  fs::rename(place, moved);
+  CHECK(resume(moved / "run", {"--stop-after", "8"}).code == 0);
+  fs::rename(moved / "photos", moved / "elsewhere");
+  const Outcome lost = resume(moved / "run", {"--stop-after", "9"});
+  CHECK(lost.code == 3);
+  CHECK(contains(lost.err, "--data"));
+  CHECK(resume(moved / "run", {"--stop-after", "9", "--data", (moved / "elsewhere").string()}).code == 0);
+  CHECK(resume(moved / "run", {"--stop-after", "10"}).code == 0);  // the new place was noted
+}
