@@ -90,50 +90,54 @@ void EventLog::write_line(const std::string& line) {
   if (failed_) warn("the log of the run cannot be written: " + std::string(std::strerror(errno)));
 }
 
-std::string ProgressView::line(const StepReport& report) const {
-  const double loss = loss_sum_ / static_cast<double>(std::max<int64_t>(1, untold_));
-  const double each = step_seconds_ / static_cast<double>(std::max<int64_t>(1, untold_));
-  const Progress& p = report.progress;
+void ProgressView::Window::add(const StepReport& report) {
+  ++steps;
+  loss_sum += report.loss;
+  seconds += report.step_seconds;
+}
+
+std::string ProgressView::line() const {
+  const Progress& p = last_.progress;
+  const double each = undrawn_.step_seconds();
   std::string out = p.horizon > 0 ? text("step ", p.step, "/", p.horizon, formatted("  %2.0f%%", 100.0 * p.fraction()))
                                   : text("step ", p.step);
-  out += formatted("  loss %.5f", loss);
-  const auto psnr = report.metrics.find("psnr");
-  if (psnr != report.metrics.end()) out += formatted("  psnr %.1f", psnr->second);
+  out += formatted("  loss %.5f", undrawn_.loss());
+  const auto psnr = last_.metrics.find("psnr");
+  if (psnr != last_.metrics.end()) out += formatted("  psnr %.1f", psnr->second);
   if (each > 0) out += each < 1 ? formatted("  %.1f it/s", 1 / each) : formatted("  %.1f s/it", each);
   out += "  mem " + words_for_bytes(device_stats().live_bytes);
-  if (report.seconds_left) {
-    out += "  left " + words_for_seconds(*report.seconds_left) + " (" + clock_after(*report.seconds_left) + ")";
+  if (last_.seconds_left) {
+    out += "  left " + words_for_seconds(*last_.seconds_left) + " (" + clock_after(*last_.seconds_left) + ")";
   }
   return out;
 }
 
+void ProgressView::draw() {
+  if (undrawn_.steps == 0) return;
+  const bool bar = style_ == ProgressStyle::bar;
+  const std::string now = bar ? line().substr(0, static_cast<std::size_t>(columns() - 1)) : line();
+  const char* format = !bar ? "%s\n" : coloured() ? "\r\033[36m%s\033[0m\033[K" : "\r%s\033[K";
+  std::fprintf(stderr, format, now.c_str());
+  line_open_ = bar;
+  undrawn_ = {};
+  drawn_ = Clock::now();
+}
+
 void ProgressView::step(const StepReport& report) {
   last_ = report;
-  ++told_steps_;
-  ++untold_;
-  loss_sum_ += report.loss;
-  step_seconds_ += report.step_seconds;
+  ++seen_steps_;
+  undrawn_.add(report);
+  untold_.add(report);
   const double pause = style_ == ProgressStyle::bar ? kBarSeconds : kPlainSeconds;
-  const bool draws = style_ == ProgressStyle::bar || style_ == ProgressStyle::plain;
-  if (draws && (told_steps_ == 1 || since(drawn_) >= pause)) {
-    drawn_ = Clock::now();
-    const std::string now = line(report).substr(0, static_cast<std::size_t>(columns() - 1));
-    if (style_ == ProgressStyle::plain)
-      std::fprintf(stderr, "%s\n", now.c_str());
-    else
-      std::fprintf(stderr, coloured() ? "\r\033[36m%s\033[0m\033[K" : "\r%s\033[K", now.c_str());
-    line_open_ = style_ == ProgressStyle::bar;
-  }
-  if (told_steps_ <= kFirstSteps || since(logged_) >= kEventSeconds) tell();
+  if (draws() && (seen_steps_ == 1 || since(drawn_) >= pause)) draw();
+  if (seen_steps_ <= kFirstSteps || since(logged_) >= kEventSeconds) tell();
 }
 
 void ProgressView::tell() {
-  if (untold_ == 0) return;
-  const double count = static_cast<double>(untold_);
-  log_.write("step", step_event(last_, loss_sum_ / count, step_seconds_ / count));
+  if (untold_.steps == 0) return;
+  log_.write("step", step_event(last_, untold_.loss(), untold_.step_seconds()));
   logged_ = Clock::now();
-  untold_ = 0;
-  loss_sum_ = step_seconds_ = 0;
+  untold_ = {};
 }
 
 void ProgressView::checkpoint(int64_t step, const std::filesystem::path& path, bool told) {
@@ -151,12 +155,7 @@ void ProgressView::warning(const std::string& text) {
 }
 
 void ProgressView::finish() {
-  const bool draws = style_ == ProgressStyle::bar || style_ == ProgressStyle::plain;
-  if (draws && untold_ > 0) {
-    const std::string now = line(last_);
-    std::fprintf(stderr, style_ == ProgressStyle::bar ? "\r%s\033[K" : "%s\n", now.c_str());
-    line_open_ = style_ == ProgressStyle::bar;
-  }
+  if (draws()) draw();
   tell();
   end_line();
 }

@@ -51,7 +51,17 @@ class ProgressView {
 
  private:
   using Clock = std::chrono::steady_clock;
-  std::string line(const StepReport& report) const;
+  /// Steps since something was told last.
+  struct Window {
+    int64_t steps = 0;
+    double loss_sum = 0, seconds = 0;
+    void add(const StepReport& report);
+    double loss() const { return loss_sum / static_cast<double>(steps); }
+    double step_seconds() const { return seconds / static_cast<double>(steps); }
+  };
+  bool draws() const { return style_ == ProgressStyle::bar || style_ == ProgressStyle::plain; }
+  std::string line() const;
+  void draw();
   void tell();
   void end_line();
   double since(Clock::time_point when) const { return std::chrono::duration<double>(Clock::now() - when).count(); }
@@ -59,8 +69,8 @@ class ProgressView {
   ProgressStyle style_;
   EventLog& log_;
   StepReport last_;
-  int64_t told_steps_ = 0, untold_ = 0;
-  double loss_sum_ = 0, step_seconds_ = 0;
+  Window undrawn_, untold_;
+  int64_t seen_steps_ = 0;
   Clock::time_point drawn_{}, logged_{};
   bool line_open_ = false;
 };
