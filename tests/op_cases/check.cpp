@@ -232,8 +232,8 @@ void check_all(const OpCase& row, Thorough how, Judge& judge) {
     // A vector has no transposed view; its sliced one then brings the gradients.
     const bool axes =
         std::any_of(truth.in.begin(), truth.in.end(), [](const HostArray& x) { return x.shape.rank() > 1; });
-    if (axes) trials.push_back(trial(row, truth, Lie::transposed, true, judge));
-    trials.push_back(trial(row, truth, Lie::sliced, !axes, judge));
+    if (axes) trials.push_back(trial(row, truth, Lie::transposed, row.strided_gradient, judge));
+    trials.push_back(trial(row, truth, Lie::sliced, !axes && row.strided_gradient, judge));
   }
   evaluate(trials);
   for (const Trial& t : trials) judge_trial(truth, t, judge);

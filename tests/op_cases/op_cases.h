@@ -45,10 +45,11 @@ struct OpCase {
   std::function<Tensor(const Tensors&)> run = {};
   Reference reference = {};
   DType result = DType::f32;
-  bool gradient = true;       // of every differentiable float input
-  bool second_order = false;  // the gradient of the gradient as well
-  bool relative = false;      // measure each value against itself, not against the mean of all
-  bool composed = false;      // some devices run a composition in the op's place
+  bool gradient = true;          // of every differentiable float input
+  bool second_order = false;     // the gradient of the gradient as well
+  bool strided_gradient = true;  // off where the gradient's kernels differ from other rows' in their text alone
+  bool relative = false;         // measure each value against itself, not against the mean of all
+  bool composed = false;         // some devices run a composition in the op's place
   double tolerance = 1e-5, gradient_tolerance = 1e-4;
   std::vector<Shape> zero = {};       // shapes of the inputs with no elements, where the op allows that
   std::vector<InputSpec> bench = {};  // inputs of the benchmark

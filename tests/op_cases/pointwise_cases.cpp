@@ -16,7 +16,7 @@ OpCase unary(const char* op, UnaryOp run, UnaryTruth truth, const InputSpec& inp
           .inputs = {input},
           .run = [run](const Tensors& in) { return run(in[0]); },
           .reference = elementwise([truth](const double* x) { return truth(x[0]); }),
-          .zero = {{0, 3}},
+          .strided_gradient = false,
           .bench = {{.shape = {1 << 22}, .kind = input.kind, .low = input.low, .high = input.high}}};
 }
 
@@ -25,7 +25,6 @@ OpCase ends(const char* op, UnaryOp run, UnaryTruth truth, const std::vector<dou
   OpCase row = unary(op, run, truth, given({static_cast<int64_t>(at.size())}, at));
   row.label = "ends of the range";
   row.relative = true;
-  row.zero = {};
   row.bench = {};
   return row;
 }
@@ -35,7 +34,7 @@ OpCase binary(const char* op, BinaryOp run, BinaryTruth truth, const InputSpec& 
           .inputs = {a, b},
           .run = [run](const Tensors& in) { return run(in[0], in[1]); },
           .reference = elementwise([truth](const double* x) { return truth(x[0], x[1]); }),
-          .zero = {{0, 7}, {1, 7}}};
+          .strided_gradient = false};
 }
 
 /// Every operand is the smaller one on some axis.
@@ -43,7 +42,8 @@ OpCase broadcast_row(OpCase row) {
   row.label = "broadcast";
   row.inputs[0].shape = {3, 1, 7};
   row.inputs[1].shape = {5, 1};
-  row.zero = {{3, 1, 0}, {5, 1}};
+  row.second_order = false;
+  row.strided_gradient = true;
   return row;
 }
 
