@@ -12,6 +12,7 @@
 #include "cli/train_job.h"
 #include "models/io/checkpoint.h"
 #include "models/io/commit.h"
+#include "models/methods/registry.h"
 #include "models/train/evaluate.h"
 #include "models/train/pictures.h"
 #include "models/train/restore_run.h"
@@ -30,6 +31,8 @@ Examples:
   cloam train nerf data/fox -o runs/fox --time-budget 5m
   cloam train --resume runs/fox
   cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
+
+constexpr double kPreviewUntil = 0.9;  // share of a time budget
 
 std::atomic<int> stop_signal{0};
 
@@ -169,14 +172,14 @@ void tell_end(const TrainJob& job, const TrainResult& result, const Common& comm
   std::fprintf(stderr, "Continue: cloam train --resume %s\n", folder.c_str());
 }
 
-TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOptions& options, ProgressView& view,
-                             EventLog& log) {
+TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOptions& options, bool verbose,
+                             ProgressView& view, EventLog& log) {
   TrainListener listener;
   listener.step = [&](const StepReport& report) {
     job.record.step = report.progress.step;
     view.step(report);
   };
-  listener.checkpoint = [&](int64_t step, const fs::path& path) { view.checkpoint(step, path, false); };
+  listener.checkpoint = [&](int64_t step, const fs::path& path) { view.checkpoint(step, path, verbose); };
   listener.warning = [&](const std::string& warning) { view.warning(warning); };
   try {
     return train(run, options, listener);
@@ -200,8 +203,11 @@ void take_progress(TrainJob& job, const LoadedCheckpoint& checkpoint, const Trai
   if (job.record.horizon > 0 && request.time_budget.empty()) job.record.time_budget_seconds.reset();
 }
 
-bool has_time_for_preview(const TrainJob& job, const TrainResult& result) {
-  return !result.interrupted && !job.record.time_budget_seconds;
+/// A preview is no reason to miss a time budget.
+bool has_time_for_preview(const TrainResult& result, const TrainOptions& options, double seconds_after_start) {
+  if (result.interrupted) return false;
+  const double used = options.seconds_before + seconds_after_start;
+  return !options.time_budget_seconds || used < kPreviewUntil * *options.time_budget_seconds;
 }
 
 /// From here on files are written. Everything was read and checked before.
@@ -220,14 +226,15 @@ int train_in_folder(TrainJob& job, Capture capture, const TrainRequest& request,
   TrainRun run{*job.method, RunPaths{job.folder}.checkpoints(), checkpoint_metadata(job.record)};
   run.resume = checkpoint ? &checkpoint->file : nullptr;
   run.stop = &stop_signal;
+  const TrainOptions options = options_of(job, request);
   TrainResult result;
   {
     const StopOnSignal signals;
-    result = train_and_record(job, run, options_of(job, request), view, log);
+    result = train_and_record(job, run, options, common.verbose, view, log);
     view.finish();
     end_record(job, state_of(result), result);
   }
-  if (has_time_for_preview(job, result)) write_preview(job, preview, result, common, log);
+  if (has_time_for_preview(result, options, result.seconds)) write_preview(job, preview, result, common, log);
   log.write("end", {{"state", job.record.state},
                     {"step", result.step},
                     {"horizon", result.horizon},
@@ -235,7 +242,8 @@ int train_in_folder(TrainJob& job, Capture capture, const TrainRequest& request,
                     {"seconds", result.seconds},
                     {"checkpoint", result.checkpoint.filename().string()}});
   tell_end(job, result, common);
-  return result.interrupted ? 128 + stop_signal.load() : 0;
+  const bool ended_early = result.interrupted && job.record.state != "finished";
+  return ended_early ? 128 + stop_signal.load() : 0;
 }
 
 }  // namespace
@@ -306,13 +314,25 @@ void add_run_options(CLI::App& parser, TrainRequest& r) {
   parser.add_option("--progress", r.progress, "auto, bar, plain, jsonl or none")->group(group);
 }
 
+std::vector<std::string> preset_names() {
+  std::vector<std::string> names;
+  for (const Preset& preset : presets()) names.push_back(preset.name);
+  return names;
+}
+
+std::string joined(const std::vector<std::string>& words) {
+  std::string out;
+  for (const std::string& word : words) out += (out.empty() ? "" : ", ") + word;
+  return out;
+}
+
 void add_method_options(CLI::App& parser, TrainRequest& r) {
   const char* group = "Method";
-  parser.add_option("METHOD", r.method, "nerf");
+  parser.add_option("METHOD", r.method, joined(method_names()));
   parser.add_option("DATA", r.data, "Folder of the capture");
-  parser.add_option("--preset", r.preset, "nerf, nerf-paper (default: as the method)")->group(group);
+  parser.add_option("--preset", r.preset, joined(preset_names()) + " (default: named as the method)")->group(group);
   parser.add_option("--config", r.config_file, "TOML file with settings")->group(group);
-  parser.add_option("--set", r.settings, "key=value, may be repeated; RUN/config.toml lists the keys")
+  parser.add_option("--set", r.settings, "key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
       ->allow_extra_args(false)
       ->group(group);
 }

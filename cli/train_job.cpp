@@ -231,6 +231,10 @@ void tell_plan(const TrainJob& job, const Capture& capture, const Common& common
                   words_for_bytes(plan.optimiser) + ", work " + words_for_bytes(plan.work) + ")");
   say(common,
       text("device ", device().name, " (", device().platform, "); the same again: ", device_spelling(device())));
+  for (const ConfigEntry& entry : job.config.entries()) {
+    if (common.verbose)
+      say(common, text("       ", entry.key, " = ", to_string(entry.value), "  (", entry.origin, ") ", entry.help));
+  }
   log.write("plan", plan_event(job, capture, plan));
   check_memory(plan, job, capture);
 }
