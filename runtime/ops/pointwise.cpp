@@ -1,5 +1,5 @@
 // The pointwise table: name | OpenCL C text | typing | gradients. A new pointwise op is one row here, one line in
-// ops.h and one row in tests/runtime/op_cases.cpp.
+// ops.h and one row in tests/op_cases/pointwise_cases.cpp.
 #include "runtime/ops/pointwise.h"
 
 #include <cmath>
