@@ -1,6 +1,6 @@
 // One axis of a tensor seen as [outer, from, inner] to [outer, to, inner], and the adjoint, which gathers: no two
-// work-items add into one place. A piece is a run of `inner` numbers on CPU devices, a number on GPU devices. version 1.
-// Half-pixel centres: place i of `to` lies at (i + 1/2) from / to - 1/2. In 32 bits exact for sizes up to 2^14.
+// work-items add into one place. A piece is a run of `inner` numbers on CPU devices, a number on GPU devices.
+// version 1. Half-pixel centres: place i of `to` lies at (i + 1/2) from / to - 1/2, exact in 32 bits for sizes up to 2^14.
 typedef struct {
   int low, high;
   float part;  // of the higher neighbour
