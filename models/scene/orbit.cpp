@@ -3,6 +3,7 @@
 
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -11,6 +12,9 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
+
+constexpr double kPi = std::numbers::pi;
+constexpr double kLargestGap = kPi * 150 / 180;
 
 Vector3d position(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
 Vector3d forward(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
@@ -46,25 +50,60 @@ Eigen::Matrix4d looking_at(const Vector3d& eye, const Vector3d& target, const Ve
   return pose;
 }
 
+/// The part of the circle that the cameras stand on: the angle of its middle about `up`, and its half width.
+struct Arc {
+  double middle = 0, half = kPi;
+};
+
+Arc covered_arc(const std::vector<double>& sorted) {
+  Arc arc;
+  double widest = kLargestGap;
+  for (std::size_t i = 0; i < sorted.size(); ++i) {
+    const double next = i + 1 < sorted.size() ? sorted[i + 1] : sorted[0] + 2 * kPi;
+    const double gap = next - sorted[i];
+    if (gap > widest) arc = {next - 2 * kPi + (2 * kPi - gap) / 2, (2 * kPi - gap) / 2};
+    widest = std::max(widest, gap);
+  }
+  return arc;
+}
+
+/// Where the cameras stand around `centre`: heights above it along `up`, distances from the axis, and angles about it.
+struct Ring {
+  Vector3d ahead, aside;  // angle 0, angle 90 degrees
+  double height = 0, radius = 0;
+  Arc arc;
+};
+
+Ring ring_of(const Scene& scene, const Vector3d& centre, const Vector3d& up) {
+  Ring ring;
+  ring.ahead = up.unitOrthogonal();
+  ring.aside = up.cross(ring.ahead);
+  std::vector<double> angles;
+  const auto count = static_cast<double>(scene.frames.size());
+  for (const Frame& frame : scene.frames) {
+    const Vector3d arm = position(frame) - centre;
+    ring.height += arm.dot(up) / count;
+    ring.radius += (arm - arm.dot(up) * up).norm() / count;
+    angles.push_back(std::atan2(arm.dot(ring.aside), arm.dot(ring.ahead)));
+  }
+  std::sort(angles.begin(), angles.end());
+  ring.arc = covered_arc(angles);
+  ring.radius = std::max(ring.radius, 1e-6);
+  return ring;
+}
+
 }  // namespace
 
 std::vector<Eigen::Matrix4d> orbit_poses(const Scene& scene, int count) {
   const Vector3d centre = focus(scene), up = mean_up(scene);
-  double height = 0, radius = 0;
-  for (const Frame& frame : scene.frames) {
-    const Vector3d arm = position(frame) - centre;
-    height += arm.dot(up);
-    radius += (arm - arm.dot(up) * up).norm();
-  }
-  height /= static_cast<double>(scene.frames.size());
-  radius = std::max(radius / static_cast<double>(scene.frames.size()), 1e-6);
-  Vector3d first = position(scene.frames.front()) - centre;
-  first -= first.dot(up) * up;
-  if (first.norm() < 1e-9) first = up.unitOrthogonal();
+  const Ring ring = ring_of(scene, centre, up);
+  const bool full = ring.arc.half >= kPi;
   std::vector<Eigen::Matrix4d> poses;
   for (int i = 0; i < count; ++i) {
-    const Eigen::AngleAxisd turn(2 * std::numbers::pi * i / count, up);
-    poses.push_back(looking_at(centre + turn * first.normalized() * radius + height * up, centre, up));
+    const double turn = 2 * kPi * i / count;
+    const double angle = ring.arc.middle + (full ? turn : ring.arc.half * std::sin(turn));
+    const Vector3d arm = std::cos(angle) * ring.ahead + std::sin(angle) * ring.aside;
+    poses.push_back(looking_at(centre + ring.radius * arm + ring.height * up, centre, up));
   }
   return poses;
 }
