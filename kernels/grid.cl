@@ -36,10 +36,16 @@ inline Cell cell_at(__global const float* restrict points, int s, float resoluti
   return c;
 }
 
-// Row of corner (bit 0: x, bit 1: y, bit 2: z). `side` = resolution + 1 corners an axis; 0: the level is hashed.
-inline uint corner_row(Cell c, int corner, uint side, uint rows) {
-  const uint x = c.x + (corner & 1), y = c.y + (corner >> 1 & 1), z = c.z + (corner >> 2);
-  return side ? x + side * (y + side * z) : (x ^ y * 2654435761u ^ z * 805459861u) & (rows - 1);
+// Rows of the eight corners (bit 0: x, bit 1: y, bit 2: z). `side` = resolution + 1 corners an axis; 0: the level is hashed.
+inline void corner_rows(Cell c, uint side, uint rows, uint row[8]) {
+  if (side) {
+    const uint base = c.x + side * (c.y + side * c.z);
+    UNROLL for (int k = 0; k < 8; k++) row[k] = base + (k & 1) + ((k >> 1 & 1) + (k >> 2) * side) * side;
+  } else {
+    const uint y0 = c.y * 2654435761u, z0 = c.z * 805459861u, mask = rows - 1;
+    UNROLL for (int k = 0; k < 8; k++)
+      row[k] = ((c.x + (k & 1)) ^ (y0 + (k >> 1 & 1) * 2654435761u) ^ (z0 + (k >> 2) * 805459861u)) & mask;
+  }
 }
 
 inline float corner_weight(Cell c, int corner) {
@@ -56,9 +62,13 @@ FAT __kernel void hash_grid(__global const float* restrict points, __global cons
   const int end = min(n, ((int)get_global_id(0) + 1) * chunk);
   for (int s = get_global_id(0) * chunk; s < end; s++) {
     const Cell c = cell_at(points, s, resolution);
-    feature sum = (feature)(0.0f);
-    UNROLL for (int k = 0; k < 8; k++) sum += corner_weight(c, k) * LOAD(corner_row(c, k, side, (uint)rows), t);
-    STORE(sum, s * level_count + level, out);
+    uint row[8];
+    corner_rows(c, side, (uint)rows, row);
+    feature v[8];
+    UNROLL for (int k = 0; k < 8; k++) v[k] = LOAD(row[k], t);
+    UNROLL for (int k = 0; k < 8; k += 2) v[k] += c.f.x * (v[k + 1] - v[k]);
+    const feature low = v[0] + c.f.y * (v[2] - v[0]), high = v[4] + c.f.y * (v[6] - v[4]);
+    STORE(low + c.f.z * (high - low), s * level_count + level, out);
   }
 }
 
@@ -74,9 +84,13 @@ FAT __kernel void hash_grid_dtable(__global const float* restrict points, __glob
   for (int s = 0; s < n; s++) {
     const Cell c = cell_at(points, s, resolution);
     const feature gs = LOAD(s * level_count + level, g);
-    UNROLL for (int k = 0; k < 8; k++) {
-      const uint row = corner_row(c, k, side, (uint)rows);
-      if (row >= lo && row < hi) STORE(LOAD(row, t) + corner_weight(c, k) * gs, row, t);
+    uint row[8];
+    corner_rows(c, side, (uint)rows, row);
+    if (parts == 1) {
+      UNROLL for (int k = 0; k < 8; k++) STORE(LOAD(row[k], t) + corner_weight(c, k) * gs, row[k], t);
+    } else {
+      UNROLL for (int k = 0; k < 8; k++)
+        if (row[k] >= lo && row[k] < hi) STORE(LOAD(row[k], t) + corner_weight(c, k) * gs, row[k], t);
     }
   }
 }
@@ -89,8 +103,10 @@ __kernel void hash_grid_pairs(__global const float* restrict points, __global co
   const int s = item / level_count, level = item % level_count;
   const Cell c = cell_at(points, s, (float)levels[2 * level]);
   const feature gs = LOAD(item, g);
+  uint row[8];
+  corner_rows(c, (uint)levels[2 * level + 1], (uint)rows, row);
   for (int k = 0; k < 8; k++) {
-    row_of[item * 8 + k] = level * rows + (int)corner_row(c, k, (uint)levels[2 * level + 1], (uint)rows);
+    row_of[item * 8 + k] = level * rows + (int)row[k];
     STORE(corner_weight(c, k) * gs, item * 8 + k, value);
   }
 }
@@ -105,8 +121,10 @@ FAT __kernel void hash_grid_dpoints(__global const float* restrict points, __glo
       const float resolution = (float)levels[2 * level];
       const Cell c = cell_at(points, s, resolution);
       const feature gs = LOAD(s * level_count + level, g);
+      uint row[8];
+      corner_rows(c, (uint)levels[2 * level + 1], (uint)rows, row);
       for (int k = 0; k < 8; k++) {
-        const float v = resolution * DOT(gs, LOAD(corner_row(c, k, (uint)levels[2 * level + 1], (uint)rows), table + (size_t)level * rows * FEATURES));
+        const float v = resolution * DOT(gs, LOAD(row[k], table + (size_t)level * rows * FEATURES));
         const float wx = (k & 1) ? c.f.x : 1.0f - c.f.x, wy = (k & 2) ? c.f.y : 1.0f - c.f.y, wz = (k & 4) ? c.f.z : 1.0f - c.f.z;
         total += v * (float3)((k & 1) ? wy * wz : -wy * wz, (k & 2) ? wx * wz : -wx * wz, (k & 4) ? wx * wy : -wx * wy);
       }

@@ -88,7 +88,7 @@ std::vector<LearningRate> Nerf::learning_rates(const Progress& progress) const {
   const float along = std::clamp((progress.fraction() - config_.decay_start) / (1.f - config_.decay_start), 0.f, 1.f);
   const float warm_up = std::min(1.f, static_cast<float>(progress.step) / 30.f);
   const float rate = config_.learning_rate * std::pow(config_.final_rate, along) * warm_up;
-  return {{"", rate}, {"field.grid.", rate, true}};
+  return {{"", rate}};
 }
 
 AdamSettings Nerf::adam() const { return config_.field.kind == "frequency" ? AdamSettings{} : AdamSettings{0.9f, 0.99f, 1e-15f}; }

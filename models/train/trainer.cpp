@@ -16,7 +16,7 @@ namespace cloam {
 namespace {
 
 constexpr char kParameter[] = "param.", kOptimiser[] = "adam.", kState[] = "state.";
-constexpr double kTimingShare = 0.12;  // of the budget is run before its horizon is chosen
+constexpr double kTimingShare = 0.25;  // of the budget is run before its horizon is chosen (schedules hold still till then)
 
 TensorMap with_prefix(const TensorMap& map, const std::string& prefix) {
   TensorMap out;
@@ -71,11 +71,11 @@ void Loop::begin() {
   if (progress_.horizon == 0 && !by_time) progress_.horizon = options_.steps.value_or(options_.default_steps);
 }
 
-/// Measured on the second half of the timing share: the first steps compile kernels and march through a full grid.
+/// Measured on the last part of the timing share: the first steps compile kernels and march through a full grid.
 void Loop::choose_horizon() {
   if (progress_.horizon > 0) return;
   const double budget = *options_.time_budget_seconds, now = since_process_start();
-  if (timed_from_ == 0 && now >= budget * kTimingShare / 2 && progress_.step >= 3) {
+  if (timed_from_ == 0 && now >= budget * kTimingShare * 0.6 && progress_.step >= 3) {
     timed_from_ = now;
     timed_from_step_ = progress_.step;
   }
