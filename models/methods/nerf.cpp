@@ -17,7 +17,6 @@ enum Stream : uint32_t { kPixels = 0, kJitter = 2, kBackground = 3, kPlace = 4, 
 constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, distortion
 constexpr float kLeastTransmittance = 1e-3f;
 constexpr float kOpaque = 40.f;  // optical thickness of cells (maxima, so far too high) behind which nothing can be seen
-constexpr float kRenderThreshold = 0.1f;  // pictures look into cells that training may skip: a thin surface can miss a probe
 constexpr double kRenderSamples = 400000;  // samples in memory while rendering
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
@@ -113,8 +112,7 @@ Nerf::Rendered Nerf::shade_marched(const Rays& rays, const Sampling& how) const 
   const int64_t count = rays.origins.dim(0);
   const Tensor shift = how.jitter ? random_uniform({count}, stream(how.key, kJitter)) : full({count}, 0.5f);
   MarchOptions steps = march_options();
-  if (how.jitter) steps.explore = static_cast<int>(how.key.step);
-  else steps.threshold *= kRenderThreshold;
+  steps.explore = how.jitter ? static_cast<int>(how.key.step) : 0;
   const RaySamples all = march(rays, shift, occupancy_->values(), steps);
   const RaySamples s = how.skim ? visible(all, stop_gradient(field_->density(all.points)), kLeastTransmittance) : all;
   const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
