@@ -92,17 +92,21 @@ void bench_steps(const DeviceLimits& limits) {
   const std::filesystem::path data = std::filesystem::temp_directory_path() / "cloam-benchmark-scene";
   if (!std::filesystem::exists(data / "transforms_test.json")) write_synthetic_scene(data, {});
   const StepCost fast = time_steps("nerf", data, 120, 60);
-  std::printf("step nerf        %9.1f ms  host %4.1f %%  %.0f launches\n", fast.ms, 100 * fast.host_share, fast.launches);
+  std::printf("step nerf        %9.1f ms  host %4.1f %%  %.0f launches\n", fast.ms, 100 * fast.host_share,
+              fast.launches);
   const StepCost paper = time_steps("nerf-paper", data, 1, 3);
   const double flops = 3 * 1024 * (64 + 192) * paper_flops_per_sample();
-  std::printf("step nerf-paper  %9.1f ms  host %4.1f %%  %.0f launches  %.2f TFLOP  %.0f GFLOP/s = %.0f %% of the measured peak\n", paper.ms,
-              100 * paper.host_share, paper.launches, flops * 1e-12, flops / paper.ms * 1e-6, 100 * flops / paper.ms * 1e-6 / limits.gflops);
+  std::printf(
+      "step nerf-paper  %9.1f ms  host %4.1f %%  %.0f launches  %.2f TFLOP  %.0f GFLOP/s = %.0f %% of the measured "
+      "peak\n",
+      paper.ms, 100 * paper.host_share, paper.launches, flops * 1e-12, flops / paper.ms * 1e-6,
+      100 * flops / paper.ms * 1e-6 / limits.gflops);
 }
 
 int run(int count, char** words) {
   const DeviceLimits limits = measure_limits();
-  std::printf("%s (%s)\npeak %.0f GFLOP/s fp32, copy %.0f GB/s, launch %.1f us\n", device().name.c_str(), device().driver.c_str(), limits.gflops,
-              limits.copy_gbps, limits.launch_us);
+  std::printf("%s (%s)\npeak %.0f GFLOP/s fp32, copy %.0f GB/s, launch %.1f us\n", device().name.c_str(),
+              device().driver.c_str(), limits.gflops, limits.copy_gbps, limits.launch_us);
   if (count < 2 || std::strcmp(words[1], "ops") == 0) bench_ops(limits);
   if (count < 2 || std::strcmp(words[1], "steps") == 0) bench_steps(limits);
   return 0;

@@ -82,7 +82,10 @@ class Arguments {
   void add(Strided strided);
   void add(LocalBytes local) { kernel_.setArg(next_++, cl::Local(local.bytes)); }
   void add(float value) { kernel_.setArg(next_++, value); }
-  template <std::integral I> void add(I value) { add_int(static_cast<int64_t>(value)); }
+  template <std::integral I>
+  void add(I value) {
+    add_int(static_cast<int64_t>(value));
+  }
   void add(uint32_t value) { kernel_.setArg(next_++, value); }
   void add(const Shape& sizes) {
     for (int64_t size : sizes) add_int(size);
@@ -99,7 +102,8 @@ class Arguments {
 void enqueue(cl::Kernel& k, const char* name, const Range& range, double bytes);
 
 /// Runs a kernel. Arguments in the kernel's order: tensors (dense), Strided, integers, floats, LocalBytes.
-template <class... Args> void launch(cl::Kernel& k, const char* name, const Range& range, const Args&... args) {
+template <class... Args>
+void launch(cl::Kernel& k, const char* name, const Range& range, const Args&... args) {
   Arguments arguments(k);
   (arguments.add(args), ...);
   enqueue(k, name, range, arguments.bytes());

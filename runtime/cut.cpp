@@ -9,12 +9,12 @@
 namespace cloam {
 namespace {
 
-constexpr size_t kMaxInputs = 16;     // tensors one generated kernel may read
-constexpr size_t kMaxOutputs = 6;     // and write
+constexpr size_t kMaxInputs = 16;  // tensors one generated kernel may read
+constexpr size_t kMaxOutputs = 6;  // and write
 constexpr size_t kMaxScalars = 24;
-constexpr int kMaxRecompute = 16;     // steps worth doing twice instead of storing
-constexpr size_t kMaxCode = 160;      // steps in one kernel: register pressure and compile time
-constexpr int kMergeWindow = 24;      // how many earlier groups a sibling looks back over
+constexpr int kMaxRecompute = 16;  // steps worth doing twice instead of storing
+constexpr size_t kMaxCode = 160;   // steps in one kernel: register pressure and compile time
+constexpr int kMergeWindow = 24;   // how many earlier groups a sibling looks back over
 
 class Cutter {
  public:
@@ -25,12 +25,12 @@ class Cutter {
   using Values = std::unordered_map<int, int>;  // of one group: node -> place in its code
   struct State {
     std::vector<int> users;
-    std::set<int> roots;        // kernels this pointwise node is part of
-    std::vector<int> leaves;    // tensors it reads when written into a kernel
+    std::set<int> roots;      // kernels this pointwise node is part of
+    std::vector<int> leaves;  // tensors it reads when written into a kernel
     int cost = 1;
     bool inlined = false, output = false, in_memory = false;
-    int ready = -1;             // step that produces it; -1: there from the start
-    int group = -1;             // group that produces it
+    int ready = -1;  // step that produces it; -1: there from the start
+    int group = -1;  // group that produces it
   };
 
   Node* node(int i) const { return walk_.nodes[static_cast<size_t>(i)]; }
@@ -74,7 +74,8 @@ void Cutter::find_users() {
 bool Cutter::joins_users(int i) {
   if (at(i).output || at(i).users.empty()) return false;
   for (int user : at(i).users) {
-    const bool same_space = (kind(user) == OpKind::pointwise && shape_id(user) == shape_id(i)) || kind(user) == OpKind::reduce;
+    const bool same_space =
+        (kind(user) == OpKind::pointwise && shape_id(user) == shape_id(i)) || kind(user) == OpKind::reduce;
     if (!same_space) return false;
   }
   return true;
@@ -101,8 +102,10 @@ std::vector<int> Cutter::leaves_of(int i) {
   for (const Tensor& in : node(i)->in) {
     const int at_in = in.node()->index;
     if (constant(at_in)) continue;
-    if (at(at_in).inlined) leaves.insert(leaves.end(), at(at_in).leaves.begin(), at(at_in).leaves.end());
-    else leaves.push_back(at_in);
+    if (at(at_in).inlined)
+      leaves.insert(leaves.end(), at(at_in).leaves.begin(), at(at_in).leaves.end());
+    else
+      leaves.push_back(at_in);
   }
   std::sort(leaves.begin(), leaves.end());
   leaves.erase(std::unique(leaves.begin(), leaves.end()), leaves.end());
@@ -118,7 +121,8 @@ void Cutter::limit_inputs() {
       int widest = -1;
       for (const Tensor& in : node(i)->in) {
         const int operand = in.node()->index;
-        if (at(operand).inlined && (widest < 0 || at(operand).leaves.size() > at(widest).leaves.size())) widest = operand;
+        if (at(operand).inlined && (widest < 0 || at(operand).leaves.size() > at(widest).leaves.size()))
+          widest = operand;
       }
       if (widest < 0) break;
       at(widest).inlined = false;
@@ -170,7 +174,8 @@ int Cutter::find_group(int i) {
     const Group& group = plan_.groups[static_cast<size_t>(g)];
     if (group.reduce || shape_id(group.shape_node) != shape_id(i)) continue;
     bool precede = true;
-    for (int leaf : at(i).leaves) precede &= at(leaf).group == g || at(leaf).ready < group_step_[static_cast<size_t>(g)];
+    for (int leaf : at(i).leaves)
+      precede &= at(leaf).group == g || at(leaf).ready < group_step_[static_cast<size_t>(g)];
     if (precede && room(group, i)) return g;
   }
   return -1;

@@ -72,9 +72,7 @@ std::vector<Candidate> candidates() {
     std::vector<cl::Device> devices;
     try {
       platforms[p].getDevices(CL_DEVICE_TYPE_ALL, &devices);
-    } catch (const cl::Error&) {
-      continue;
-    }
+    } catch (const cl::Error&) { continue; }
     for (size_t d = 0; d < devices.size(); d++)
       out.push_back({platforms[p], devices[d], describe(platforms[p], devices[d], text(p, ":", d))});
   }
@@ -112,8 +110,10 @@ Candidate choose(const std::vector<Candidate>& all, const std::string& wish) {
     throw Error(Fault::device, text("no OpenCL device matches --device \"", wish, "\". Found:", table(all)));
   const bool by_kind = wish == "auto" || lower(wish) == "cpu" || lower(wish) == "gpu";
   if (fit.size() > 1 && !by_kind)
-    throw Error(Fault::usage, text("--device \"", wish, "\" matches several devices; name one by its number:", table(fit)));
-  return *std::min_element(fit.begin(), fit.end(), [](const Candidate& a, const Candidate& b) { return rank(a) < rank(b); });
+    throw Error(Fault::usage,
+                text("--device \"", wish, "\" matches several devices; name one by its number:", table(fit)));
+  return *std::min_element(fit.begin(), fit.end(),
+                           [](const Candidate& a, const Candidate& b) { return rank(a) < rank(b); });
 }
 
 DeviceOptions wanted;

@@ -33,7 +33,7 @@ const DeviceInfo& device();
 struct DeviceStats {
   int64_t launches = 0, kernels_built = 0, plans_built = 0, plans_reused = 0;
   uint64_t live_bytes = 0, peak_bytes = 0, allocated_bytes = 0;  // allocated: asked from the driver so far
-  double wait_seconds = 0;                                      // host blocked on the device
+  double wait_seconds = 0;                                       // host blocked on the device
   double build_seconds = 0;
 };
 DeviceStats& device_stats();

@@ -6,7 +6,16 @@
 
 namespace cloam {
 
-enum class Fault { internal = 1, usage = 2, data = 3, device = 4, memory = 5, diverged = 6, verification = 7, write = 8 };
+enum class Fault {
+  internal = 1,
+  usage = 2,
+  data = 3,
+  device = 4,
+  memory = 5,
+  diverged = 6,
+  verification = 7,
+  write = 8
+};
 
 /// What went wrong, in one message that names what was looked for, what was found and how to mend it.
 class Error : public std::runtime_error {
@@ -19,7 +28,8 @@ class Error : public std::runtime_error {
 };
 
 /// Joins values into one string: text("need ", 3, " rows").
-template <class... Parts> std::string text(const Parts&... parts) {
+template <class... Parts>
+std::string text(const Parts&... parts) {
   std::ostringstream out;
   out.precision(9);
   (out << ... << parts);

@@ -12,11 +12,16 @@ namespace {
 
 const char* c_type(DType dtype) {
   switch (dtype) {
-    case DType::i32: return "int";
-    case DType::u32: return "uint";
-    case DType::u8: return "uchar";
-    case DType::f16: return "half";
-    default: return "float";
+    case DType::i32:
+      return "int";
+    case DType::u32:
+      return "uint";
+    case DType::u8:
+      return "uchar";
+    case DType::f16:
+      return "half";
+    default:
+      return "float";
   }
 }
 
@@ -40,9 +45,11 @@ struct Writer {
       if (layout.inner_kind(i) == 2) out << "int s" << i << "_" << inner() << ", ";
     }
     for (size_t i = 0; i < group.scalars.size(); i++) out << register_type(group.scalars[i].dtype) << " c" << i << ", ";
-    if (group.reduce) out << "__global " << c_type(group.reduce_dtype) << "* restrict y0, ";
+    if (group.reduce)
+      out << "__global " << c_type(group.reduce_dtype) << "* restrict y0, ";
     else
-      for (size_t i = 0; i < group.outputs.size(); i++) out << "__global " << c_type(group.outputs[i].dtype) << "* restrict y" << i << ", ";
+      for (size_t i = 0; i < group.outputs.size(); i++)
+        out << "__global " << c_type(group.outputs[i].dtype) << "* restrict y" << i << ", ";
     for (int axis = 0; axis < rank(); axis++) out << "int e" << axis << ", ";
   }
 
@@ -60,7 +67,8 @@ struct Writer {
   /// Index of input i: offset plus the outer axes in `axes`.
   std::string base(size_t i, const std::vector<int>& axes) {
     std::string text = "o" + std::to_string(i);
-    for (int axis : axes) text += " + i" + std::to_string(axis) + " * s" + std::to_string(i) + "_" + std::to_string(axis);
+    for (int axis : axes)
+      text += " + i" + std::to_string(axis) + " * s" + std::to_string(i) + "_" + std::to_string(axis);
     return text;
   }
 
@@ -85,39 +93,48 @@ struct Writer {
     std::string text;
     const std::string code = step.op->expression;
     for (size_t i = 0; i < code.size(); i++) {
-      const auto word = [&](size_t at) { return at < code.size() && (std::isalnum(static_cast<unsigned char>(code[at])) || code[at] == '_' || code[at] == '.'); };
+      const auto word = [&](size_t at) {
+        return at < code.size() &&
+               (std::isalnum(static_cast<unsigned char>(code[at])) || code[at] == '_' || code[at] == '.');
+      };
       const size_t which = static_cast<size_t>(code[i] - 'a');
       const bool is_operand = which < step.operands.size() && !(i > 0 && word(i - 1)) && !word(i + 1);
       // The condition of where() stays an integer even when the result is float.
       const bool condition = is_operand && which == 0 && std::strcmp(step.op->label, "where") == 0;
-      text += is_operand ? operand(step.operands[which], condition ? Typing::cast_to : step.op->typing, step.dtype) : std::string(1, code[i]);
+      text += is_operand ? operand(step.operands[which], condition ? Typing::cast_to : step.op->typing, step.dtype)
+                         : std::string(1, code[i]);
     }
     return text;
   }
 
   void values(const std::string& index, const char* indent) {
     for (size_t i = 0; i < group.inputs.size(); i++)
-      out << indent << "const " << register_type(group.inputs[i].dtype) << " a" << i << " = " << load(i, index) << ";\n";
+      out << indent << "const " << register_type(group.inputs[i].dtype) << " a" << i << " = " << load(i, index)
+          << ";\n";
     for (size_t i = 0; i < group.code.size(); i++)
-      out << indent << "const " << register_type(group.code[i].dtype) << " v" << i << " = (" << register_type(group.code[i].dtype)
-          << ")(" << expression(group.code[i]) << ");\n";
+      out << indent << "const " << register_type(group.code[i].dtype) << " v" << i << " = ("
+          << register_type(group.code[i].dtype) << ")(" << expression(group.code[i]) << ");\n";
   }
 
   void store(const GroupOutput& output, size_t i) {
-    if (output.dtype == DType::f16) out << "      vstore_half(v" << output.value << ", i, r" << i << ");\n";
-    else out << "      r" << i << "[i] = (" << c_type(output.dtype) << ")v" << output.value << ";\n";
+    if (output.dtype == DType::f16)
+      out << "      vstore_half(v" << output.value << ", i, r" << i << ");\n";
+    else
+      out << "      r" << i << "[i] = (" << c_type(output.dtype) << ")v" << output.value << ";\n";
   }
 
   std::vector<int> axes_where(bool reduced, bool with_inner) const {
     std::vector<int> axes;
     for (int axis = 0; axis < rank(); axis++)
-      if ((layout.reduced >> axis & 1u) == static_cast<uint32_t>(reduced) && (with_inner || axis != inner())) axes.push_back(axis);
+      if ((layout.reduced >> axis & 1u) == static_cast<uint32_t>(reduced) && (with_inner || axis != inner()))
+        axes.push_back(axis);
     return axes;
   }
 
   void pointers(const std::vector<int>& axes) {
     for (size_t i = 0; i < group.inputs.size(); i++)
-      out << "    __global const " << c_type(group.inputs[i].dtype) << "* p" << i << " = x" << i << " + " << base(i, axes) << ";\n";
+      out << "    __global const " << c_type(group.inputs[i].dtype) << "* p" << i << " = x" << i << " + "
+          << base(i, axes) << ";\n";
   }
 
   void pointwise();
@@ -125,9 +142,7 @@ struct Writer {
   void reduce_outer();
   std::string combine(const std::string& to, const std::string& value) const;
   const char* identity() const;
-  std::string reduced_value() const {
-    return group.code.empty() ? "a0" : "v" + std::to_string(group.code.size() - 1);
-  }
+  std::string reduced_value() const { return group.code.empty() ? "a0" : "v" + std::to_string(group.code.size() - 1); }
 };
 
 void Writer::pointwise() {
@@ -140,7 +155,8 @@ void Writer::pointwise() {
   decompose(outer, "row");
   pointers(outer);
   for (size_t i = 0; i < group.outputs.size(); i++)
-    out << "    __global " << c_type(group.outputs[i].dtype) << "* r" << i << " = y" << i << " + row * e" << inner() << ";\n";
+    out << "    __global " << c_type(group.outputs[i].dtype) << "* r" << i << " = y" << i << " + row * e" << inner()
+        << ";\n";
   out << "    const int end = LOOP_HI(e" << inner() << ", chunk);\n"
       << "    for (int i = LOOP_LO(chunk); i < end; i += LOOP_STEP) {\n";
   values("i", "      ");
@@ -174,8 +190,10 @@ void Writer::reduce_inner() {
       << "  const int k_end = min(kept, ((int)get_global_id(0) + 1) * per_item);\n"
       << "  for (int k = (int)get_global_id(0) * per_item; k < k_end; k++) {\n";
   decompose(kept, "k");
-  out << "    " << register_type(group.reduce_dtype) << " acc[" << lanes << "];\n    for (int l = 0; l < " << lanes << "; l++) acc[l] = " << identity() << ";\n"
-      << "    for (int t = (int)get_global_id(1) * length; t < t_end;) {\n    const int first = t % " << n << ", row = t / " << n << ";\n";
+  out << "    " << register_type(group.reduce_dtype) << " acc[" << lanes << "];\n    for (int l = 0; l < " << lanes
+      << "; l++) acc[l] = " << identity() << ";\n"
+      << "    for (int t = (int)get_global_id(1) * length; t < t_end;) {\n    const int first = t % " << n
+      << ", row = t / " << n << ";\n";
   decompose(rows, "row");
   std::vector<int> outer = axes_where(false, false);
   outer.insert(outer.end(), rows.begin(), rows.end());
@@ -191,7 +209,8 @@ void Writer::reduce_inner() {
     values("i", "        ");
     out << "        " << combine("acc[l]", reduced_value()) << "\n      }\n    }\n";
   }
-  out << "    }\n    for (int w = " << lanes << " / 2; w > 0; w >>= 1)\n      for (int l = 0; l < w; l++) { " << combine("acc[l]", "acc[l + w]") << " }\n"
+  out << "    }\n    for (int w = " << lanes << " / 2; w > 0; w >>= 1)\n      for (int l = 0; l < w; l++) { "
+      << combine("acc[l]", "acc[l + w]") << " }\n"
       << "    y0[(int)get_global_id(1) * kept + k] = acc[0];\n  }\n}\n";
 }
 
@@ -206,7 +225,8 @@ void Writer::reduce_outer() {
       << "  const int kept_row = (int)get_global_id(0) / strips, lo = ((int)get_global_id(0) % strips) * per_item;\n"
       << "  if (kept_row * " << n << " >= kept) return;\n  const int w = min(per_item, " << n << " - lo);\n";
   decompose(kept_rows, "kept_row");
-  out << "  " << register_type(group.reduce_dtype) << " acc[CLOAM_CPU ? " << kReduceColumns << " : 1];\n  for (int l = 0; l < w; l++) acc[l] = " << identity() << ";\n"
+  out << "  " << register_type(group.reduce_dtype) << " acc[CLOAM_CPU ? " << kReduceColumns
+      << " : 1];\n  for (int l = 0; l < w; l++) acc[l] = " << identity() << ";\n"
       << "  const int t_end = min(count, ((int)get_global_id(1) + 1) * length);\n"
       << "  for (int t = (int)get_global_id(1) * length; t < t_end; t++) {\n";
   decompose(reduced, "t");
@@ -216,7 +236,8 @@ void Writer::reduce_outer() {
   out << "    for (int l = 0; l < w; l++) {\n      const int i = lo + l;\n";
   values("i", "      ");
   out << "      " << combine("acc[l]", reduced_value()) << "\n    }\n  }\n"
-      << "  for (int l = 0; l < w; l++) y0[(int)get_global_id(1) * kept + kept_row * " << n << " + lo + l] = acc[l];\n}\n";
+      << "  for (int l = 0; l < w; l++) y0[(int)get_global_id(1) * kept + kept_row * " << n
+      << " + lo + l] = acc[l];\n}\n";
 }
 
 std::string hash_name(const std::string& text) {
@@ -231,9 +252,12 @@ std::string hash_name(const std::string& text) {
 
 Generated generate(const Group& group, const Layout& layout) {
   Writer writer{group, layout, {}};
-  if (!group.reduce) writer.pointwise();
-  else if (layout.inner_reduced()) writer.reduce_inner();
-  else writer.reduce_outer();
+  if (!group.reduce)
+    writer.pointwise();
+  else if (layout.inner_reduced())
+    writer.reduce_inner();
+  else
+    writer.reduce_outer();
   const std::string body = writer.out.str(), name = hash_name(body);
   return {name, "__kernel FAT void " + name + "(" + body};
 }

@@ -37,11 +37,11 @@ struct Group {
   std::vector<GroupInput> inputs;
   std::vector<GroupInput> scalars;
   std::vector<Instruction> code;
-  std::vector<GroupOutput> outputs;   // of a pointwise group
+  std::vector<GroupOutput> outputs;        // of a pointwise group
   std::shared_ptr<const ReduceOp> reduce;  // or: the last value (else the only input) is reduced ...
-  int reduce_node = -1;               // ... into this node,
-  DType reduce_dtype = DType::f32;    // summed in this type
-  int shape_node = 0;                 // the node whose shape is iterated over
+  int reduce_node = -1;                    // ... into this node,
+  DType reduce_dtype = DType::f32;         // summed in this type
+  int shape_node = 0;                      // the node whose shape is iterated over
 };
 
 constexpr int kReduceLanes = 64;       // partial results along a reduced inner axis: one fixed tree on every device

@@ -38,7 +38,8 @@ void accumulate(std::unordered_map<Node*, Tensor>& grads, const Tensor& input, c
 
 Tensors grad(const Tensor& loss, const Tensors& wrt) {
   if (loss.numel() != 1)
-    throw Error(Fault::internal, text("[grad] the loss must be one value, got shape ", to_string(loss.shape()), ": sum or mean it"));
+    throw Error(Fault::internal,
+                text("[grad] the loss must be one value, got shape ", to_string(loss.shape()), ": sum or mean it"));
   std::unordered_map<Node*, Tensor> grads;
   grads.emplace(loss.node(), broadcast_to(Tensor(1.f), loss.shape()));
   const std::vector<Tensor> order = tracked_order(loss);

@@ -66,9 +66,10 @@ cl::Program build(const std::string& what, const std::string& source, const Cons
   try {
     program.build({cl_device().device}, options(constants).c_str());
   } catch (const cl::Error& e) {
-    throw Error(Fault::device, text("[kernel ", what, "] does not compile on ", device().name, " (", e.err(), "), options ",
-                                    options(constants), "\n", program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device().device),
-                                    "\n", numbered(source)));
+    throw Error(Fault::device,
+                text("[kernel ", what, "] does not compile on ", device().name, " (", e.err(), "), options ",
+                     options(constants), "\n", program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device().device), "\n",
+                     numbered(source)));
   }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   device_stats().build_seconds += seconds;
@@ -145,7 +146,8 @@ void Arguments::add(Strided strided) {
 
 void Arguments::add_int(int64_t value) {
   if (value > std::numeric_limits<int32_t>::max() || value < std::numeric_limits<int32_t>::min())
-    throw Error(Fault::memory, text("[launch] a size of ", value, " elements does not fit 31 bits: use a smaller batch"));
+    throw Error(Fault::memory,
+                text("[launch] a size of ", value, " elements does not fit 31 bits: use a smaller batch"));
   kernel_.setArg(next_++, static_cast<cl_int>(value));
 }
 
@@ -155,8 +157,8 @@ void profile_line(const char* name, const Range& range, double bytes, const cl::
   event.wait();
   const double ms = 1e-6 * static_cast<double>(event.getProfilingInfo<CL_PROFILING_COMMAND_END>() -
                                                event.getProfilingInfo<CL_PROFILING_COMMAND_START>());
-  std::fprintf(stderr, "[launch] %-28s %9.3f ms %8.2f GB/s %8.2f GFLOP/s  range %zux%zux%zu\n", name, ms, bytes / ms * 1e-6,
-               range.flops / ms * 1e-6, range.global[0], range.global[1], range.global[2]);
+  std::fprintf(stderr, "[launch] %-28s %9.3f ms %8.2f GB/s %8.2f GFLOP/s  range %zux%zux%zu\n", name, ms,
+               bytes / ms * 1e-6, range.flops / ms * 1e-6, range.global[0], range.global[1], range.global[2]);
 }
 
 }  // namespace
@@ -176,9 +178,9 @@ void enqueue(cl::Kernel& k, const char* name, const Range& range, double bytes) 
     }
     if (debug().sync) finish();
   } catch (const cl::Error& e) {
-    throw Error(Fault::device, text("[launch ", name, "] ", e.what(), " gave ", e.err(), " for a range of ", range.global[0], "x",
-                                    range.global[1], "x", range.global[2], " in groups of ", range.local[0], "x",
-                                    range.local[1], " on ", device().name));
+    throw Error(Fault::device, text("[launch ", name, "] ", e.what(), " gave ", e.err(), " for a range of ",
+                                    range.global[0], "x", range.global[1], "x", range.global[2], " in groups of ",
+                                    range.local[0], "x", range.local[1], " on ", device().name));
   }
 }
 

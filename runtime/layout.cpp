@@ -23,7 +23,8 @@ int64_t Layout::kept_count() const {
 }
 
 uint64_t Layout::key() const {
-  uint64_t out = static_cast<uint64_t>(extents.rank()) | static_cast<uint64_t>(serial) << 4 | static_cast<uint64_t>(reduced) << 5;
+  uint64_t out =
+      static_cast<uint64_t>(extents.rank()) | static_cast<uint64_t>(serial) << 4 | static_cast<uint64_t>(reduced) << 5;
   for (size_t i = 0; i < strides.size(); i++) out = out * 3 + static_cast<uint64_t>(inner_kind(i));
   return out;
 }
@@ -60,7 +61,8 @@ Layout collapse(const Shape& shape, const std::vector<std::pair<Storage, Shape>>
     if (shape[axis] == 1) continue;
     const bool reduced = reduced_axes >> axis & 1u;
     const int last = out.extents.rank() - 1;
-    if (last >= 0 && (out.reduced >> last & 1u) == static_cast<uint32_t>(reduced) && joins(strides, out, axis, shape[axis])) {
+    if (last >= 0 && (out.reduced >> last & 1u) == static_cast<uint32_t>(reduced) &&
+        joins(strides, out, axis, shape[axis])) {
       out.extents[last] *= shape[axis];
       for (size_t i = 0; i < strides.size(); i++) out.strides[i][last] = strides[i][axis];
     } else {

@@ -53,7 +53,8 @@ uint64_t default_budget() {
 cl::Buffer guarded(size_t bytes) {
   const size_t page = static_cast<size_t>(sysconf(_SC_PAGESIZE));
   const size_t body = (bytes + page - 1) / page * page;
-  auto* base = static_cast<std::byte*>(mmap(nullptr, body + page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+  auto* base =
+      static_cast<std::byte*>(mmap(nullptr, body + page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
   if (base == MAP_FAILED) throw Error(Fault::memory, text("guarded buffer of ", bytes, " bytes: mmap failed"));
   mprotect(base + body, page, PROT_NONE);
   return cl::Buffer(cl_device().context, CL_MEM_READ_WRITE | CL_MEM_USE_HOST_PTR, bytes, base + body - bytes);
@@ -69,9 +70,10 @@ cl::Buffer fresh(size_t bytes) {
 
 [[noreturn]] void too_much(size_t bytes, const char* why) {
   const DeviceStats& s = device_stats();
-  throw Error(Fault::memory, text("out of memory: ", why, " for a buffer of ", bytes >> 20, " MiB; in use ", s.live_bytes >> 20,
-                                  " MiB of a budget of ", memory_budget() >> 20,
-                                  " MiB.\n  fix: a smaller --batch, a larger --downscale, or --max-memory if the machine has more"));
+  throw Error(Fault::memory,
+              text("out of memory: ", why, " for a buffer of ", bytes >> 20, " MiB; in use ", s.live_bytes >> 20,
+                   " MiB of a budget of ", memory_budget() >> 20,
+                   " MiB.\n  fix: a smaller --batch, a larger --downscale, or --max-memory if the machine has more"));
 }
 
 cl::Buffer obtain(size_t size) {
@@ -82,19 +84,16 @@ cl::Buffer obtain(size_t size) {
     pool().free.erase(found);
     return mem;
   }
-  if (size > device().max_alloc_bytes && !device().is_cpu) too_much(size, "larger than the device's largest allocation");
+  if (size > device().max_alloc_bytes && !device().is_cpu)
+    too_much(size, "larger than the device's largest allocation");
   if (device_stats().live_bytes + pool().free_bytes + size > memory_budget()) trim_memory();
   if (device_stats().live_bytes + size > memory_budget()) too_much(size, "over the budget");
   try {
     return fresh(size);
-  } catch (const cl::Error&) {
-    trim_memory();
-  }
+  } catch (const cl::Error&) { trim_memory(); }
   try {
     return fresh(size);
-  } catch (const cl::Error& e) {
-    too_much(size, e.what());
-  }
+  } catch (const cl::Error& e) { too_much(size, e.what()); }
 }
 
 void poison(const cl::Buffer& mem, size_t bytes) {

@@ -27,7 +27,8 @@ struct Op : std::enable_shared_from_this<Op> {
   virtual OpKind kind() const { return OpKind::kernel; }
   /// What changes the plan beyond name, ranks and shapes' equality (reduced axes, say). Scalars are no part of it.
   virtual uint64_t key() const { return 0; }
-  /// Kernel ops: launches work that fills `out` (allocated, dense). Inputs are evaluated, and dense unless strided_inputs().
+  /// Kernel ops: launches work that fills `out` (allocated, dense). Inputs are evaluated, and dense unless
+  /// strided_inputs().
   virtual void run(const Tensors& in, Tensor& out) const;
   virtual bool strided_inputs() const { return false; }
   /// View ops: where the result lies inside its input, or nothing when only a dense copy of the input has such a view.
@@ -44,7 +45,7 @@ struct Node {
   Tensors in;
   Storage storage;  // no buffer until evaluated
   bool tracked = false;
-  double value = 0;  // of a constant
+  double value = 0;    // of a constant
   uint64_t visit = 0;  // walk that saw this node last, and the place it got there
   int index = 0;
   ~Node();

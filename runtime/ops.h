@@ -5,7 +5,8 @@
 
 namespace cloam {
 
-// ---- Pointwise (ops/pointwise.cpp). Integer operands stay integers where C would keep them; comparisons give int32 0/1.
+// ---- Pointwise (ops/pointwise.cpp). Integer operands stay integers where C would keep them; comparisons give int32
+// 0/1.
 Tensor operator+(const Tensor& a, const Tensor& b);
 Tensor operator-(const Tensor& a, const Tensor& b);
 Tensor operator*(const Tensor& a, const Tensor& b);
@@ -49,7 +50,7 @@ Tensor permute(const Tensor& x, const Shape& axes);
 Tensor transpose(const Tensor& x, int axis_a = -1, int axis_b = -2);
 Tensor slice(const Tensor& x, int axis, int64_t begin, int64_t end, int64_t step = 1);
 Tensor broadcast_to(const Tensor& x, const Shape& shape);
-Tensor unsqueeze(const Tensor& x, int axis);  // a new axis of size 1 before `axis` (-1: last)
+Tensor unsqueeze(const Tensor& x, int axis);   // a new axis of size 1 before `axis` (-1: last)
 Tensor bitcast(const Tensor& x, DType dtype);  // same bytes, dtype of equal size
 
 // ---- New leaves.
@@ -74,13 +75,13 @@ Tensors split(const Tensor& x, int axis, const std::vector<int64_t>& sizes);
 Tensor pad(const Tensor& x, int axis, int64_t before, int64_t after);  // zeros
 
 // ---- Radiance fields (ops/mlp.cpp, ops/grid.cpp, ops/planes.cpp, ops/volume.cpp).
-/// x [S,I] through weights[0] [I,W], ReLU, ... weights.back() [W,O] -> [S,O]; no biases. One fused kernel on CPU devices
-/// for W in 16..128 (once differentiable); mlp_composed is its reference and has all derivatives.
+/// x [S,I] through weights[0] [I,W], ReLU, ... weights.back() [W,O] -> [S,O]; no biases. One fused kernel on CPU
+/// devices for W in 16..128 (once differentiable); mlp_composed is its reference and has all derivatives.
 Tensor mlp(const Tensor& x, const Tensors& weights);
 Tensor mlp_composed(const Tensor& x, const Tensors& weights);
 
-/// Multiresolution hash grid (Mueller et al. 2022, section 3). Level l has floor(coarsest * b^l) cells an axis; the last
-/// one has `finest`. Levels whose corners fit 2^log2_rows rows are dense, others hashed.
+/// Multiresolution hash grid (Mueller et al. 2022, section 3). Level l has floor(coarsest * b^l) cells an axis; the
+/// last one has `finest`. Levels whose corners fit 2^log2_rows rows are dense, others hashed.
 struct HashGrid {
   int levels = 8, features = 4, log2_rows = 16, coarsest = 16, finest = 1024;
 };
@@ -109,9 +110,9 @@ struct MarchOptions {
   bool contract = false;  // the unbounded scene folded into [-2,2]^3, else [-1,1]^3 as it is
   int capacity = 1024;    // samples a ray keeps at most
   float min_step = 0.01f, max_step = 1e9f, cone = 0.f;  // dt = clamp(t * cone, min_step, max_step)
-  float threshold = 0.f;  // cells above it are stepped through
-  float opaque = 1e9f;    // a ray ends where the values of its cells add up to this
-  int explore = 0;        // not 0: one empty cell in 64, chosen by this number, is stepped through as well
+  float threshold = 0.f;                                // cells above it are stepped through
+  float opaque = 1e9f;                                  // a ray ends where the values of its cells add up to this
+  int explore = 0;  // not 0: one empty cell in 64, chosen by this number, is stepped through as well
 };
 /// Samples of all rays side by side; ray r owns [offsets[r], offsets[r+1]).
 struct RaySamples {
@@ -120,8 +121,8 @@ struct RaySamples {
   Tensor ray;      // [S] int32
   Tensor offsets;  // [R+1] int32
 };
-/// Stratified steps through the occupied cells. jitter [R] in [0,1) shifts each ray; cells [side^3]: optical thickness of
-/// one smallest step. Runs at once (the number of samples is known only then); nothing is differentiable.
+/// Stratified steps through the occupied cells. jitter [R] in [0,1) shifts each ray; cells [side^3]: optical thickness
+/// of one smallest step. Runs at once (the number of samples is known only then); nothing is differentiable.
 RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& cells, const MarchOptions& options);
 /// The samples of each ray up to where its transmittance falls below `least`. Runs at once.
 RaySamples visible(const RaySamples& samples, const Tensor& sigma, float least);
@@ -132,12 +133,13 @@ struct Volume {
   Tensor t, dt;    // [S]
   Tensor offsets;  // [R+1] int32
 };
-/// Front-to-back quadrature (Max 1995; NeRF eq. 3) -> [R,6]: colour, opacity, depth (sum of w t), distortion (mip-NeRF 360
-/// eq. 15 over t / (1 + t)). No gradient to t, dt; once differentiable.
+/// Front-to-back quadrature (Max 1995; NeRF eq. 3) -> [R,6]: colour, opacity, depth (sum of w t), distortion (mip-NeRF
+/// 360 eq. 15 over t / (1 + t)). No gradient to t, dt; once differentiable.
 Tensor composite(const Volume& volume);
 /// The weights T alpha of all samples [S]; no gradient.
 Tensor composite_weights(const Tensor& sigma, const Tensor& dt, const Tensor& offsets);
-/// NeRF's inverse-CDF sampling: edges [R,n+1], weights [R,n], ascending uniform [R,m] -> merged edges [R,n+1+m]; no gradient.
+/// NeRF's inverse-CDF sampling: edges [R,n+1], weights [R,n], ascending uniform [R,m] -> merged edges [R,n+1+m]; no
+/// gradient.
 Tensor importance_edges(const Tensor& edges, const Tensor& weights, const Tensor& uniform);
 /// Scene points [S,3] to [0,1]^3, contracted or not (MarchOptions::contract); no gradient.
 Tensor unit_points(const Tensor& points, bool contract);
@@ -152,8 +154,8 @@ OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, in
 /// values [side^3] at the cells become max(decay * value, density), in place.
 void occupancy_merge(Tensor& values, const Tensor& cells, const Tensor& density, float decay);
 
-// ---- Random numbers (ops/random.cpp): counter-based Philox4x32-10. Element i depends on (key, i) alone; bits, uniform and
-// below are the same on every device, normal up to the rounding of its sqrt.
+// ---- Random numbers (ops/random.cpp): counter-based Philox4x32-10. Element i depends on (key, i) alone; bits, uniform
+// and below are the same on every device, normal up to the rounding of its sqrt.
 struct RandomKey {
   uint64_t seed = 0;
   uint32_t step = 0;    // of training
@@ -161,7 +163,7 @@ struct RandomKey {
 };
 Tensor random_bits(const Shape& shape, const RandomKey& key, uint64_t first_block = 0);  // uint32; a block is 4 numbers
 Tensor random_uniform(const Shape& shape, const RandomKey& key);                         // [0,1), multiples of 2^-24
-Tensor random_normal(const Shape& shape, const RandomKey& key);                          // mean 0, deviation 1, |z| < 5.8
+Tensor random_normal(const Shape& shape, const RandomKey& key);            // mean 0, deviation 1, |z| < 5.8
 Tensor random_below(const Shape& shape, int64_t n, const RandomKey& key);  // int32 in [0,n), bias < n / 2^32
 
 // ---- Running sums (ops/scan.cpp).
@@ -179,7 +181,8 @@ struct Conv2dParams {
   int stride = 1, pad = 0, groups = 1;  // pad: zeros on every side
 };
 /// x [N,C,H,W], w [K,C/groups,R,S] -> [N,K,P,Q] with P = (H + 2 pad - R) / stride + 1, rounded down; no bias.
-/// y[n,k,p,q] = sum of x[n,c,p*stride+r-pad,q*stride+s-pad] * w[k,c,r,s]: the correlation that networks call convolution.
+/// y[n,k,p,q] = sum of x[n,c,p*stride+r-pad,q*stride+s-pad] * w[k,c,r,s]: the correlation that networks call
+/// convolution.
 Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params = {});
 
 // ---- Normalisation and attention (ops/norm.cpp, ops/attention.cpp): compositions, any number of times differentiable.
@@ -192,12 +195,14 @@ Tensor group_norm(const Tensor& x, int groups, const Tensor& gamma, const Tensor
 /// softmax(q k^T scale) v: q [B,T,D], k [B,U,D], v [B,U,E] -> [B,T,E]; scale 0 is 1/sqrt(D).
 Tensor attention(const Tensor& q, const Tensor& k, const Tensor& v, float scale = 0.f);
 
-// ---- Resizing (ops/resize.cpp): x [N,C,H,W] -> [N,C,height,width], any factor. Half-pixel centres (align_corners=false),
-// borders go on. Bilinear reads two neighbours an axis however much smaller the result is: shrink by pooling first.
+// ---- Resizing (ops/resize.cpp): x [N,C,H,W] -> [N,C,height,width], any factor. Half-pixel centres
+// (align_corners=false), borders go on. Bilinear reads two neighbours an axis however much smaller the result is:
+// shrink by pooling first.
 Tensor resize_nearest(const Tensor& x, int64_t height, int64_t width);
 Tensor resize_bilinear(const Tensor& x, int64_t height, int64_t width);
 
-// ---- Rows by number (ops/index.cpp). Row numbers are int32; one outside the table, below 0 too, counts as its nearest row.
+// ---- Rows by number (ops/index.cpp). Row numbers are int32; one outside the table, below 0 too, counts as its nearest
+// row.
 /// table [L, ...] of any dtype, rows [...] -> [rows..., ...]: out[i] = table[rows[i]].
 Tensor gather_rows(const Tensor& table, const Tensor& rows);
 Tensor embedding(const Tensor& table, const Tensor& ids);  // gather_rows under its other name
@@ -211,7 +216,8 @@ struct Sorted {
 /// Ascending and stable, keys [n] of u32, i32 or f32 (-0 before 0, every NaN last). Keys from 0 to 2^bits - 1 need only
 /// `bits` bits: fewer passes. A gradient reaches the keys, none goes through the order.
 Sorted sort(const Tensor& keys, int bits = 32);
-/// sorted_ids int32 [n], ascending -> int32 [count+1]: the first place of each id. Ids outside [0,count) get no segment.
+/// sorted_ids int32 [n], ascending -> int32 [count+1]: the first place of each id. Ids outside [0,count) get no
+/// segment.
 Tensor segment_offsets(const Tensor& sorted_ids, int64_t count);
 /// values [n, ...] f32, offsets int32 [L+1] ascending -> [L, ...]: the sum of each segment, in a fixed order.
 Tensor segment_sum(const Tensor& values, const Tensor& offsets);

@@ -56,7 +56,8 @@ void record(Walk& out, Node* node, ShapeNumbers& shapes) {
   out.nodes.push_back(node);
   const int shape_id = shapes.of(node->shape);
   out.shape_ids.push_back(shape_id);
-  uint64_t word = mix(static_cast<uint64_t>(node->dtype) << 8 | static_cast<uint64_t>(node->shape.rank()), static_cast<uint64_t>(shape_id));
+  uint64_t word = mix(static_cast<uint64_t>(node->dtype) << 8 | static_cast<uint64_t>(node->shape.rank()),
+                      static_cast<uint64_t>(shape_id));
   if (leaf(node)) {
     word = mix(word, node->storage.dense(node->shape) ? 2 : 3);
   } else {
@@ -103,7 +104,8 @@ namespace {
 Node* at(const Walk& graph, int i) { return graph.nodes[static_cast<size_t>(i)]; }
 
 void allocate_for(Node* node) {
-  node->storage = {allocate(static_cast<size_t>(numel(node->shape)) * size_of(node->dtype)), 0, dense_strides(node->shape)};
+  node->storage = {allocate(static_cast<size_t>(numel(node->shape)) * size_of(node->dtype)), 0,
+                   dense_strides(node->shape)};
 }
 
 Tensor handle(const Walk& graph, int i) {
@@ -131,8 +133,10 @@ void add_inputs(Arguments& arguments, const Group& group, const Layout& layout, 
   }
   for (const GroupInput& scalar : group.scalars) {
     const double value = at(graph, scalar.node)->value;
-    if (scalar.dtype == DType::f32) arguments.add(static_cast<float>(value));
-    else arguments.add(static_cast<int64_t>(value));
+    if (scalar.dtype == DType::f32)
+      arguments.add(static_cast<float>(value));
+    else
+      arguments.add(static_cast<int64_t>(value));
   }
 }
 
@@ -198,7 +202,8 @@ Split split_reduction(const Layout& layout) {
   return s;
 }
 
-void launch_reduce(const Group& group, Step& step, const Walk& graph, const Layout& layout, const Split& split, const Tensor& to) {
+void launch_reduce(const Group& group, Step& step, const Walk& graph, const Layout& layout, const Split& split,
+                   const Tensor& to) {
   Arguments arguments(kernel_of(group, layout, step));
   add_inputs(arguments, group, layout, graph);
   arguments.add(to);
@@ -212,7 +217,8 @@ void launch_reduce(const Group& group, Step& step, const Walk& graph, const Layo
 /// [chunks, kept] -> [kept]: the same generated reduction with nothing before it.
 void reduce_partials(const Group& group, Tensor partial, const Tensor& to) {
   static std::unordered_map<uint64_t, Step> steps;
-  static const std::shared_ptr<const ReduceOp> over_rows[] = {std::make_shared<ReduceOp>(Reduction::sum, 1), std::make_shared<ReduceOp>(Reduction::max, 1),
+  static const std::shared_ptr<const ReduceOp> over_rows[] = {std::make_shared<ReduceOp>(Reduction::sum, 1),
+                                                              std::make_shared<ReduceOp>(Reduction::max, 1),
                                                               std::make_shared<ReduceOp>(Reduction::min, 1)};
   Group second;
   second.inputs = {{0, group.reduce_dtype}};
@@ -254,7 +260,8 @@ void run_view(Node* node) {
   const Tensor& base = node->in[0];
   std::optional<Storage> view = node->op->view(base.node()->storage, base.shape(), node->shape);
   if (!view) view = node->op->view(dense(base).node()->storage, base.shape(), node->shape);
-  if (!view) throw Error(Fault::internal, text("[", node->op->name(), "] has no view of a dense ", to_string(base.shape())));
+  if (!view)
+    throw Error(Fault::internal, text("[", node->op->name(), "] has no view of a dense ", to_string(base.shape())));
   node->storage = *view;
 }
 
@@ -262,7 +269,8 @@ std::string describe(const Step& step, const Plan& plan, const Walk& graph) {
   if (step.kind != Step::group) return at(graph, step.index)->op->name();
   std::string names;
   const Group& group = plan.groups[static_cast<size_t>(step.index)];
-  for (const Instruction& i : group.code) names += std::string(names.empty() ? "" : " ") + (i.op ? i.op->label : "fill");
+  for (const Instruction& i : group.code)
+    names += std::string(names.empty() ? "" : " ") + (i.op ? i.op->label : "fill");
   return group.reduce ? names + " " + group.reduce->name() : names;
 }
 
@@ -281,8 +289,8 @@ void check_finite(const Step& step, const Plan& plan, const Walk& graph) {
     read_buffer(*node->storage.buffer, 0, values.size() * 4, values.data());
     for (size_t k = 0; k < values.size(); k++)
       if (!std::isfinite(values[k]))
-        throw Error(Fault::diverged, text("first non-finite value: ", values[k], " at element ", k, " of ", to_string(node->shape),
-                                          ", made by [", describe(step, plan, graph), "]"));
+        throw Error(Fault::diverged, text("first non-finite value: ", values[k], " at element ", k, " of ",
+                                          to_string(node->shape), ", made by [", describe(step, plan, graph), "]"));
   }
 }
 
@@ -299,7 +307,8 @@ void compile(const Plan& plan, const Walk& graph) {
     if (step.kind == Step::view) {
       Node* node = at(graph, step.index);
       const Tensor& base = node->in[0];
-      if (auto view = node->op->view(base.node()->storage, base.shape(), node->shape)) node->storage.strides = view->strides, node->storage.offset = view->offset;
+      if (auto view = node->op->view(base.node()->storage, base.shape(), node->shape))
+        node->storage.strides = view->strides, node->storage.offset = view->offset;
     }
     if (step.kind != Step::group) continue;
     const Group& group = plan.groups[static_cast<size_t>(step.index)];
@@ -322,16 +331,20 @@ Plan& plan_for(const Walk& graph) {
   auto plan = std::make_unique<Plan>(cut(graph));
   device_stats().plans_built++;
   compile(*plan, graph);
-  if (debug().kernels) std::fprintf(stderr, "[plan] new: %zu nodes, %zu steps\n", graph.nodes.size(), plan->steps.size());
+  if (debug().kernels)
+    std::fprintf(stderr, "[plan] new: %zu nodes, %zu steps\n", graph.nodes.size(), plan->steps.size());
   plans[hash].push_back(std::move(plan));
   return *plans[hash].back();
 }
 
 void run(Plan& plan, const Walk& graph) {
   for (Step& step : plan.steps) {
-    if (step.kind == Step::group) run_group(plan.groups[static_cast<size_t>(step.index)], step, graph);
-    else if (step.kind == Step::kernel) run_kernel(at(graph, step.index));
-    else run_view(at(graph, step.index));
+    if (step.kind == Step::group)
+      run_group(plan.groups[static_cast<size_t>(step.index)], step, graph);
+    else if (step.kind == Step::kernel)
+      run_kernel(at(graph, step.index));
+    else
+      run_view(at(graph, step.index));
     if (debug().nan) check_finite(step, plan, graph);
     for (int i : step.last_uses) at(graph, i)->storage = {};
   }
@@ -340,8 +353,10 @@ void run(Plan& plan, const Walk& graph) {
 }  // namespace
 
 void run_group(const Group& group, Step& step, const Walk& graph) {
-  if (group.reduce) run_reduce(group, step, graph);
-  else run_pointwise(group, step, graph);
+  if (group.reduce)
+    run_reduce(group, step, graph);
+  else
+    run_pointwise(group, step, graph);
 }
 
 void eval(const Tensors& outputs) {
@@ -362,8 +377,9 @@ void assign(const std::vector<std::pair<Tensor, Tensor>>& updates) {
   Tensors values;
   for (const auto& [target, value] : updates) {
     if (!(target.shape() == value.shape()) || target.dtype() != value.dtype())
-      throw Error(Fault::internal, text("[assign] target has shape ", to_string(target.shape()), " ", name_of(target.dtype()), ", value ",
-                                        to_string(value.shape()), " ", name_of(value.dtype())));
+      throw Error(Fault::internal,
+                  text("[assign] target has shape ", to_string(target.shape()), " ", name_of(target.dtype()),
+                       ", value ", to_string(value.shape()), " ", name_of(value.dtype())));
     values.push_back(value);
   }
   eval(values);

@@ -19,8 +19,8 @@ Walk walk(const Tensors& outputs);
 
 struct Step {
   enum Kind : uint8_t { group, kernel, view } kind = group;
-  int index = 0;                // of the group, or of the node
-  std::vector<int> last_uses;   // nodes whose values nobody needs after this step
+  int index = 0;                                           // of the group, or of the node
+  std::vector<int> last_uses;                              // nodes whose values nobody needs after this step
   std::unordered_map<uint64_t, cl::Kernel*> kernels = {};  // by layout key
 };
 

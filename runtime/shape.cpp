@@ -57,8 +57,8 @@ Shape broadcast(const char* op, const Shape& a, const Shape& b) {
   for (int i = 1; i <= shorter.rank(); i++) {
     const int64_t one = longer[longer.rank() - i], two = shorter[shorter.rank() - i];
     if (one != two && one != 1 && two != 1)
-      throw Error(Fault::internal, text("[", op, "] shapes ", to_string(a), " and ", to_string(b), " do not broadcast: ",
-                                        one, " against ", two, " on axis -", i));
+      throw Error(Fault::internal, text("[", op, "] shapes ", to_string(a), " and ", to_string(b),
+                                        " do not broadcast: ", one, " against ", two, " on axis -", i));
     out[out.rank() - i] = one == 1 ? two : one;
   }
   return out;
@@ -95,7 +95,9 @@ void match_one(const char* op, const Want& want, std::map<std::string, Seen>& se
     const bool number = std::isdigit(static_cast<unsigned char>(name[0])) != 0;
     const auto [at, fresh] = seen.try_emplace(name, Seen{number ? std::stoll(name) : shape[i], want.name});
     if (at->second.size != shape[i])
-      mismatch(op, want, text(name, " is ", at->second.size, fresh ? "" : text(" in ", at->second.where), " but ", shape[i], " here"));
+      mismatch(
+          op, want,
+          text(name, " is ", at->second.size, fresh ? "" : text(" in ", at->second.where), " but ", shape[i], " here"));
   }
 }
 

@@ -10,9 +10,12 @@ namespace cloam {
 
 size_t size_of(DType dtype) {
   switch (dtype) {
-    case DType::u8: return 1;
-    case DType::f16: return 2;
-    default: return 4;
+    case DType::u8:
+      return 1;
+    case DType::f16:
+      return 2;
+    default:
+      return 4;
   }
 }
 
@@ -69,7 +72,9 @@ bool Storage::dense(const Shape& shape) const {
   return true;
 }
 
-void Op::run(const Tensors&, Tensor&) const { throw Error(Fault::internal, text("[", name(), "] has no kernel to run")); }
+void Op::run(const Tensors&, Tensor&) const {
+  throw Error(Fault::internal, text("[", name(), "] has no kernel to run"));
+}
 
 std::optional<Storage> Op::view(const Storage&, const Shape&, const Shape&) const { return std::nullopt; }
 
@@ -82,7 +87,9 @@ std::vector<std::string>& op_names() {
 Registered::Registered(const char* name) { op_names().push_back(name); }
 const std::vector<std::string>& registered_ops() { return op_names(); }
 
-void no_gradient(const char* op, const char* why) { throw Error(Fault::internal, text("[", op, "] has no gradient: ", why)); }
+void no_gradient(const char* op, const char* why) {
+  throw Error(Fault::internal, text("[", op, "] has no gradient: ", why));
+}
 
 Tensor make(std::shared_ptr<const Op> op, const Shape& shape, Tensors in, DType dtype) {
   auto node = std::make_shared<Node>();
@@ -111,7 +118,8 @@ Tensor from_bytes(const void* bytes, DType dtype, const Shape& shape) {
 
 namespace {
 
-template <class T> Tensor from_vector(const std::vector<T>& values, DType dtype, const Shape& shape) {
+template <class T>
+Tensor from_vector(const std::vector<T>& values, DType dtype, const Shape& shape) {
   if (static_cast<int64_t>(values.size()) != numel(shape))
     throw Error(Fault::internal, text("[from_host] ", values.size(), " values do not fill shape ", to_string(shape)));
   return from_bytes(values.data(), dtype, shape);
@@ -129,14 +137,16 @@ float half_to_float(uint16_t h) {
   return out;
 }
 
-template <class T> bool holds(DType dtype) {
+template <class T>
+bool holds(DType dtype) {
   if constexpr (std::is_same_v<T, float>) return dtype == DType::f32;
   if constexpr (std::is_same_v<T, int32_t>) return dtype == DType::i32;
   if constexpr (std::is_same_v<T, uint32_t>) return dtype == DType::u32;
   return std::is_same_v<T, uint8_t> && dtype == DType::u8;
 }
 
-template <class T> std::vector<T> read_all(const Tensor& packed) {
+template <class T>
+std::vector<T> read_all(const Tensor& packed) {
   std::vector<T> out(static_cast<size_t>(packed.numel()));
   read_buffer(*packed.node()->storage.buffer, 0, out.size() * sizeof(T), out.data());
   return out;
@@ -144,10 +154,18 @@ template <class T> std::vector<T> read_all(const Tensor& packed) {
 
 }  // namespace
 
-Tensor from_host(const std::vector<float>& values, const Shape& shape) { return from_vector(values, DType::f32, shape); }
-Tensor from_host(const std::vector<int32_t>& values, const Shape& shape) { return from_vector(values, DType::i32, shape); }
-Tensor from_host(const std::vector<uint32_t>& values, const Shape& shape) { return from_vector(values, DType::u32, shape); }
-Tensor from_host(const std::vector<uint8_t>& values, const Shape& shape) { return from_vector(values, DType::u8, shape); }
+Tensor from_host(const std::vector<float>& values, const Shape& shape) {
+  return from_vector(values, DType::f32, shape);
+}
+Tensor from_host(const std::vector<int32_t>& values, const Shape& shape) {
+  return from_vector(values, DType::i32, shape);
+}
+Tensor from_host(const std::vector<uint32_t>& values, const Shape& shape) {
+  return from_vector(values, DType::u32, shape);
+}
+Tensor from_host(const std::vector<uint8_t>& values, const Shape& shape) {
+  return from_vector(values, DType::u8, shape);
+}
 
 Tensor parameter(const std::vector<float>& values, const Shape& shape) {
   Tensor out = from_host(values, shape);
@@ -155,7 +173,8 @@ Tensor parameter(const std::vector<float>& values, const Shape& shape) {
   return out;
 }
 
-template <class T> std::vector<T> Tensor::to_host() const {
+template <class T>
+std::vector<T> Tensor::to_host() const {
   const Tensor packed = dense(*this);
   if constexpr (std::is_same_v<T, float>)
     if (packed.dtype() == DType::f16) {
@@ -167,7 +186,8 @@ template <class T> std::vector<T> Tensor::to_host() const {
       }()};
     }
   if (!holds<T>(packed.dtype()))
-    throw Error(Fault::internal, text("[to_host] the tensor holds ", name_of(packed.dtype()), ", another type was asked for"));
+    throw Error(Fault::internal,
+                text("[to_host] the tensor holds ", name_of(packed.dtype()), ", another type was asked for"));
   return read_all<T>(packed);
 }
 template std::vector<float> Tensor::to_host<float>() const;

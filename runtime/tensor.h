@@ -17,7 +17,8 @@ const char* name_of(DType dtype);
 struct Node;
 struct Op;
 
-/// Cheap to copy; two copies are one node. Values are immutable except through assign() and the optimiser's in-place step.
+/// Cheap to copy; two copies are one node. Values are immutable except through assign() and the optimiser's in-place
+/// step.
 class Tensor {
  public:
   Tensor() = default;
@@ -35,7 +36,8 @@ class Tensor {
   bool evaluated() const;
 
   /// Evaluates and copies to the host, row-major. T must fit the dtype (float for f32 and f16).
-  template <class T = float> std::vector<T> to_host() const;
+  template <class T = float>
+  std::vector<T> to_host() const;
   /// The single value of a tensor with one element.
   float item() const;
 

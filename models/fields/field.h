@@ -24,11 +24,11 @@ class Field {
 };
 
 struct FieldOptions {
-  std::string kind = "hash";  // hash | frequency | triplane
+  std::string kind = "hash";                                                   // hash | frequency | triplane
   int levels = 8, features = 4, log2_rows = 16, coarsest = 16, finest = 1024;  // hash
-  int width = 64;                                                            // of the small networks
-  int depth = 8, point_frequencies = 10, direction_frequencies = 4;          // frequency: paper's 8 x 256
-  int plane_channels = 16, plane_side = 256;                                 // triplane
+  int width = 64;                                                              // of the small networks
+  int depth = 8, point_frequencies = 10, direction_frequencies = 4;            // frequency: paper's 8 x 256
+  int plane_channels = 16, plane_side = 256;                                   // triplane
 };
 
 /// Fault::usage for an unknown kind.

@@ -20,7 +20,11 @@ FrequencyField::FrequencyField(const Scope& scope, const FieldOptions& o)
       colour_(scope / "colour", o.width / 2, 3) {
   const int64_t point = encoded_size(o.point_frequencies);
   for (int i = 0; i < o.depth; i++)
-    layers_.emplace_back(scope / ("layer" + std::to_string(i)), i == 0 ? point : i == kSkipAfter ? o.width + point : int64_t{o.width}, o.width);
+    layers_.emplace_back(scope / ("layer" + std::to_string(i)),
+                         i == 0            ? point
+                         : i == kSkipAfter ? o.width + point
+                                           : int64_t{o.width},
+                         o.width);
 }
 
 Tensor FrequencyField::trunk(const Tensor& points) const {
@@ -37,7 +41,9 @@ FieldOutput FrequencyField::operator()(const Tensor& points, const Tensor& direc
   return {reshape(relu(density_(h)), {points.dim(0)}), rgb};
 }
 
-Tensor FrequencyField::density(const Tensor& points) const { return reshape(relu(density_(trunk(points))), {points.dim(0)}); }
+Tensor FrequencyField::density(const Tensor& points) const {
+  return reshape(relu(density_(trunk(points))), {points.dim(0)});
+}
 
 int64_t FrequencyField::bytes_per_sample() const { return 4 * int64_t{options_.width} * (2 * options_.depth + 6); }
 

@@ -10,7 +10,8 @@ namespace cloam {
 /// kept where float32 and its gradient stay finite.
 Tensor density_activation(const Tensor& feature);
 
-/// Density network -> [S,16]; colour from those 16 and 16 spherical harmonics of the direction. Shared with the tri-plane.
+/// Density network -> [S,16]; colour from those 16 and 16 spherical harmonics of the direction. Shared with the
+/// tri-plane.
 struct SplitNetwork {
   SplitNetwork(const Scope& scope, int64_t in, int64_t width);
   FieldOutput operator()(const Tensor& encoded, const Tensor& directions, const Tensor& ray) const;

@@ -12,11 +12,20 @@ namespace cloam {
 namespace {
 
 // Streams of random numbers within a step.
-enum Stream : uint32_t { kPixels = 0, kJitter = 2, kBackground = 3, kPlace = 4, kFine = 5, kFinePlace = 6, kCells = 16 };
+enum Stream : uint32_t {
+  kPixels = 0,
+  kJitter = 2,
+  kBackground = 3,
+  kPlace = 4,
+  kFine = 5,
+  kFinePlace = 6,
+  kCells = 16
+};
 
 constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, distortion
 constexpr float kLeastTransmittance = 1e-3f;
-constexpr float kOpaque = 40.f;  // optical thickness of cells (maxima, so far too high) behind which nothing can be seen
+constexpr float kOpaque =
+    40.f;  // optical thickness of cells (maxima, so far too high) behind which nothing can be seen
 constexpr double kRenderSamples = 400000;  // samples in memory while rendering
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
@@ -64,8 +73,10 @@ void Nerf::build(const Scene& scene, uint64_t seed) {
   has_alpha_ = scene.has_alpha;
   const Scope root{params_, "", seed};
   field_ = make_field(root / "field", config_.field);
-  if (marching()) occupancy_ = std::make_unique<OccupancyGrid>(config_.occupancy);
-  else coarse_ = make_field(root / "coarse", config_.field);
+  if (marching())
+    occupancy_ = std::make_unique<OccupancyGrid>(config_.occupancy);
+  else
+    coarse_ = make_field(root / "coarse", config_.field);
   rays_ = config_.batch_rays;
 }
 
@@ -79,7 +90,9 @@ MemoryPlan Nerf::memory() const {
   for (const auto& [name, p] : params_) plan.parameters += static_cast<uint64_t>(p.numel()) * 4;
   plan.optimiser = 2 * plan.parameters;
   plan.images = image_bytes_;
-  const int64_t samples = marching() ? config_.batch_samples : int64_t{config_.batch_rays} * (2 * config_.coarse_samples + config_.fine_samples);
+  const int64_t samples = marching()
+                              ? config_.batch_samples
+                              : int64_t{config_.batch_rays} * (2 * config_.coarse_samples + config_.fine_samples);
   plan.work = 2 * plan.parameters + static_cast<uint64_t>(samples * (field_->bytes_per_sample() + 64));
   return plan;
 }
@@ -91,7 +104,9 @@ std::vector<LearningRate> Nerf::learning_rates(const Progress& progress) const {
   return {{"", rate}};
 }
 
-AdamSettings Nerf::adam() const { return config_.field.kind == "frequency" ? AdamSettings{} : AdamSettings{0.9f, 0.99f, 1e-15f}; }
+AdamSettings Nerf::adam() const {
+  return config_.field.kind == "frequency" ? AdamSettings{} : AdamSettings{0.9f, 0.99f, 1e-15f};
+}
 
 MarchOptions Nerf::march_options() const {
   MarchOptions m;
@@ -120,7 +135,8 @@ Nerf::Rendered Nerf::shade_marched(const Rays& rays, const Sampling& how) const 
 }
 
 /// One sample in each interval, at `place` [R,N] in [0,1) of it (NeRF eq. 2), composited.
-Tensor Nerf::shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place, Tensor* weights) const {
+Tensor Nerf::shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place,
+                         Tensor* weights) const {
   const int64_t count = edges.dim(0), n = edges.dim(1) - 1;
   const Tensor begin = slice(edges, 1, 0, n), length = slice(edges, 1, 1, n + 1) - begin;
   const Tensor t = begin + place * length;
@@ -129,7 +145,8 @@ Tensor Nerf::shade_edges(const Field& field, const Rays& rays, const Tensor& edg
   for (int64_t r = 0; r <= count; r++) first.push_back(static_cast<int32_t>(r * n));
   for (int64_t r = 0; r < count; r++) ray.insert(ray.end(), static_cast<size_t>(n), static_cast<int32_t>(r));
   const Tensor offsets = from_host(first, {count + 1}), flat_length = reshape(length, {count * n});
-  const FieldOutput out = field(unit_points(reshape(points, {count * n, 3}), frame_.contract), rays.directions, from_host(ray, {count * n}));
+  const FieldOutput out = field(unit_points(reshape(points, {count * n, 3}), frame_.contract), rays.directions,
+                                from_host(ray, {count * n}));
   if (weights) *weights = reshape(composite_weights(out.sigma, flat_length, offsets), {count, n});
   return composite({out.sigma, out.rgb, reshape(t, {count * n}), flat_length, offsets});
 }
@@ -177,7 +194,8 @@ Tensor Nerf::loss(const Progress& progress) {
   const Rendered seen = shade(batch.rays, {key, true, skim});
   const Tensor background = background_for(rays_, key);
   const Tensor alpha = slice(batch.rgba, 1, 3, 4);
-  const Tensor truth = has_alpha_ ? slice(batch.rgba, 1, 0, 3) * alpha + background * (1.f - alpha) : slice(batch.rgba, 1, 0, 3);
+  const Tensor truth =
+      has_alpha_ ? slice(batch.rgba, 1, 0, 3) * alpha + background * (1.f - alpha) : slice(batch.rgba, 1, 0, 3);
   const auto colour = [&](const Tensor& rendered) {
     return slice(rendered, 1, 0, 3) + background * (1.f - slice(rendered, 1, 3, 4));
   };
@@ -197,10 +215,13 @@ void Nerf::after_step(const Progress& progress) {
   const double goal = std::clamp(config_.batch_samples / per_ray, 64.0, 16.0 * config_.batch_rays);
   rays_ = std::max<int64_t>(64, std::llround(0.8 * static_cast<double>(rays_) + 0.2 * goal));
   // The first steps rehearse the update, so that none of the later ones has to compile kernels.
-  if (progress.step <= 2) occupancy_->rehearse([this](const Tensor& points) { return thickness(points); }, {seed_, 0, kCells});
-  const bool due = progress.step >= config_.occupancy_start && (progress.step - config_.occupancy_start) % config_.occupancy_every == 0;
+  if (progress.step <= 2)
+    occupancy_->rehearse([this](const Tensor& points) { return thickness(points); }, {seed_, 0, kCells});
+  const bool due = progress.step >= config_.occupancy_start &&
+                   (progress.step - config_.occupancy_start) % config_.occupancy_every == 0;
   if (due)
-    occupancy_->update([this](const Tensor& points) { return thickness(points); }, {seed_, static_cast<uint32_t>(progress.step), kCells});
+    occupancy_->update([this](const Tensor& points) { return thickness(points); },
+                       {seed_, static_cast<uint32_t>(progress.step), kCells});
 }
 
 /// Density times the local step over the smallest one: what decides whether a cell can be seen. Far cells of a
@@ -215,9 +236,11 @@ Tensor Nerf::thickness(const Tensor& points) const {
 }
 
 std::map<std::string, double> Nerf::metrics() const {
-  std::map<std::string, double> out = {{"rays", static_cast<double>(rays_)}, {"samples", static_cast<double>(last_samples_)}};
+  std::map<std::string, double> out = {{"rays", static_cast<double>(rays_)},
+                                       {"samples", static_cast<double>(last_samples_)}};
   if (marching()) out["lit"] = static_cast<double>(lit_permille_) / 1000;
-  if (last_error_ && last_error_.evaluated()) out["psnr"] = -10 * std::log10(static_cast<double>(last_error_.item()) + 1e-12);
+  if (last_error_ && last_error_.evaluated())
+    out["psnr"] = -10 * std::log10(static_cast<double>(last_error_.item()) + 1e-12);
   return out;
 }
 
@@ -231,7 +254,8 @@ Picture Nerf::render(const View& view) {
   for (int64_t begin = 0; begin < count;) {
     const int64_t end = std::min(count, begin + block);
     const auto part = [&](const Tensor& x) { return slice(x, 0, begin, end); };
-    const Rendered seen = shade({part(all.origins), part(all.directions), part(all.span)}, {{seed_, 0, 0}, false, true});
+    const Rendered seen =
+        shade({part(all.origins), part(all.directions), part(all.span)}, {{seed_, 0, 0}, false, true});
     append_pixels(out, seen.fine.to_host());
     // The next block is as large as keeps the samples at hand within kRenderSamples.
     const double per_ray = static_cast<double>(seen.marched + 1) / static_cast<double>(end - begin);

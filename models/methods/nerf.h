@@ -14,17 +14,17 @@ namespace cloam {
 struct NerfConfig {
   FieldOptions field;
   OccupancyOptions occupancy;
-  std::string sampling = "occupancy";   // occupancy | importance
-  std::string background = "auto";      // auto | white | random | none
-  int batch_rays = 1024;                // importance: rays a step; occupancy: at most 16 times as many
-  int batch_samples = 65536;            // occupancy: samples a step aims at
+  std::string sampling = "occupancy";  // occupancy | importance
+  std::string background = "auto";     // auto | white | random | none
+  int batch_rays = 1024;               // importance: rays a step; occupancy: at most 16 times as many
+  int batch_samples = 65536;           // occupancy: samples a step aims at
   int coarse_samples = 64, fine_samples = 128;
-  float min_step = 0.f;                 // in normalised units; 0: chosen by the kind of scene
-  float cone = 0.03f;                   // unbounded scenes: step length over distance
+  float min_step = 0.f;                             // in normalised units; 0: chosen by the kind of scene
+  float cone = 0.03f;                               // unbounded scenes: step length over distance
   float learning_rate = 1e-2f, final_rate = 0.03f;  // factor reached at the horizon
-  float decay_start = 0.3f;             // share of the horizon before the rate falls
-  float distortion = 0.005f;            // mip-NeRF 360: draws each ray's weights together
-  std::string loss = "square";          // square | charbonnier
+  float decay_start = 0.3f;                         // share of the horizon before the rate falls
+  float distortion = 0.005f;                        // mip-NeRF 360: draws each ray's weights together
+  std::string loss = "square";                      // square | charbonnier
   int occupancy_every = 16, occupancy_start = 64;
 };
 
@@ -48,7 +48,7 @@ class Nerf final : public Method {
 
  private:
   struct Rendered {
-    Tensor fine, coarse;  // [R,6] of composite(); coarse only with importance sampling
+    Tensor fine, coarse;               // [R,6] of composite(); coarse only with importance sampling
     int64_t samples = 0, marched = 0;  // shaded, and stepped to before the dark ones were left out
   };
   struct Sampling {
@@ -60,7 +60,8 @@ class Nerf final : public Method {
   Rendered shade(const Rays& rays, const Sampling& how) const;
   Rendered shade_marched(const Rays& rays, const Sampling& how) const;
   Rendered shade_importance(const Rays& rays, const Sampling& how) const;
-  Tensor shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place, Tensor* weights) const;
+  Tensor shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place,
+                     Tensor* weights) const;
   Tensor thickness(const Tensor& points) const;
   void append_pixels(Picture& picture, const std::vector<float>& values) const;
   Tensor background_for(int64_t rays, const RandomKey& key) const;
@@ -75,10 +76,10 @@ class Nerf final : public Method {
   std::unique_ptr<Field> field_, coarse_;
   std::unique_ptr<OccupancyGrid> occupancy_;
   std::unique_ptr<RayBank> bank_;
-  int64_t rays_ = 0;           // of the next step: follows the samples a ray costs
+  int64_t rays_ = 0;  // of the next step: follows the samples a ray costs
   int64_t last_samples_ = 0;
   int64_t lit_permille_ = 1000;  // of the samples marched to, those that get light
-  Tensor last_error_;          // mean squared error of the last step
+  Tensor last_error_;            // mean squared error of the last step
 };
 
 }  // namespace cloam

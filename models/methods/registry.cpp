@@ -22,9 +22,17 @@ const MethodRow kMethods[] = {
 const std::vector<Preset>& presets() {
   static const std::vector<Preset> rows = {
       {"nerf", "nerf", "hash grid and occupancy grid: minutes on two cores", {}, 4000},
-      {"nerf-paper", "nerf", "the paper's 8x256 network, 64 + 128 samples",
-       {{"field.kind", "frequency"}, {"field.width", "256"}, {"sampling", "importance"}, {"batch.rays", "1024"},
-        {"train.rate", "5e-4"}, {"train.final_rate", "0.1"}, {"train.decay_start", "0"}}, 200000},
+      {"nerf-paper",
+       "nerf",
+       "the paper's 8x256 network, 64 + 128 samples",
+       {{"field.kind", "frequency"},
+        {"field.width", "256"},
+        {"sampling", "importance"},
+        {"batch.rays", "1024"},
+        {"train.rate", "5e-4"},
+        {"train.final_rate", "0.1"},
+        {"train.decay_start", "0"}},
+       200000},
   };
   return rows;
 }
@@ -44,7 +52,8 @@ const Preset& find_preset(const std::string& name) {
   std::string known;
   for (const std::string& n : names) known += " " + n;
   const std::string nearest = nearest_name(name, names);
-  throw Error(Fault::usage, text("there is no preset ", name, nearest.empty() ? "" : "; did you mean ", nearest, "? Presets:", known));
+  throw Error(Fault::usage, text("there is no preset ", name, nearest.empty() ? "" : "; did you mean ", nearest,
+                                 "? Presets:", known));
 }
 
 std::unique_ptr<Method> make_method(const std::string& name) {
@@ -53,7 +62,8 @@ std::unique_ptr<Method> make_method(const std::string& name) {
   const std::string nearest = nearest_name(name, method_names());
   std::string known;
   for (const std::string& n : method_names()) known += " " + n;
-  throw Error(Fault::usage, text("there is no method ", name, nearest.empty() ? "" : "; did you mean ", nearest, "? Methods:", known));
+  throw Error(Fault::usage, text("there is no method ", name, nearest.empty() ? "" : "; did you mean ", nearest,
+                                 "? Methods:", known));
 }
 
 }  // namespace cloam

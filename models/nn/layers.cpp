@@ -8,13 +8,15 @@
 namespace cloam {
 
 Linear::Linear(const Scope& scope, int64_t in, int64_t out)
-    : weight(scope.uniform("weight", {in, out}, std::sqrt(6.f / static_cast<float>(in)))), bias(scope.constant("bias", {out}, 0.f)) {}
+    : weight(scope.uniform("weight", {in, out}, std::sqrt(6.f / static_cast<float>(in)))),
+      bias(scope.constant("bias", {out}, 0.f)) {}
 
 Tensor Linear::operator()(const Tensor& x) const { return matmul(x, weight) + bias; }
 
 SmallMlp::SmallMlp(const Scope& scope, const std::vector<int64_t>& sizes) {
   for (size_t i = 0; i + 1 < sizes.size(); i++)
-    weights.push_back(scope.uniform("weight" + std::to_string(i), {sizes[i], sizes[i + 1]}, std::sqrt(6.f / static_cast<float>(sizes[i]))));
+    weights.push_back(scope.uniform("weight" + std::to_string(i), {sizes[i], sizes[i + 1]},
+                                    std::sqrt(6.f / static_cast<float>(sizes[i]))));
 }
 
 Tensor SmallMlp::operator()(const Tensor& x) const { return mlp(x, weights); }

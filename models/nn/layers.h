@@ -20,8 +20,8 @@ struct SmallMlp {
   Tensors weights;
 };
 
-/// NeRF's encoding gamma (Mildenhall et al. 2020, eq. 4): identity, then sin and cos at 2^0 ... 2^(count-1), no factor pi.
-/// x [S, C] -> [S, C * (1 + 2 count)].
+/// NeRF's encoding gamma (Mildenhall et al. 2020, eq. 4): identity, then sin and cos at 2^0 ... 2^(count-1), no factor
+/// pi. x [S, C] -> [S, C * (1 + 2 count)].
 Tensor frequency_encoding(const Tensor& x, int count);
 
 }  // namespace cloam

@@ -16,7 +16,8 @@ uint64_t hash_of(const std::string& name, uint64_t seed) {
 
 Tensor add(const Scope& scope, const std::string& name, const Tensor& value) {
   const std::string full = (scope / name).path;
-  if (!scope.all.emplace(full, value).second) throw Error(Fault::internal, text("[params] the name ", full, " is taken"));
+  if (!scope.all.emplace(full, value).second)
+    throw Error(Fault::internal, text("[params] the name ", full, " is taken"));
   return value;
 }
 

@@ -11,7 +11,8 @@ namespace cloam {
 
 using Params = std::map<std::string, Tensor>;
 
-/// A place in the parameter tree. Initial values depend on the seed and the name alone, so adding a parameter shifts no other.
+/// A place in the parameter tree. Initial values depend on the seed and the name alone, so adding a parameter shifts no
+/// other.
 struct Scope {
   Params& all;
   std::string path;

@@ -22,14 +22,16 @@ OccupancyGrid::OccupancyGrid(const OccupancyOptions& options) : options_(options
 void OccupancyGrid::update(const Density& density, const RandomKey& key) {
   if (updates_ > 0) return visit_cells(density, key), refresh_threshold();
   const int64_t rounds = (values_.dim(0) + options_.cells_per_update - 1) / options_.cells_per_update;
-  for (int64_t i = 0; i < rounds; i++) visit_cells(density, {key.seed, key.step, key.stream + static_cast<uint32_t>(i)});
+  for (int64_t i = 0; i < rounds; i++)
+    visit_cells(density, {key.seed, key.step, key.stream + static_cast<uint32_t>(i)});
   refresh_threshold();
 }
 
 void OccupancyGrid::visit_cells(const Density& density, const RandomKey& key) {
   const int64_t cells = values_.dim(0), count = std::min<int64_t>(options_.cells_per_update, cells);
   const int64_t start = (updates_ * count % cells) * (kStride % cells) % cells;
-  const OccupancyCells visited = occupancy_cells(random_uniform({count, 3}, key), options_.side, start, kStride % cells);
+  const OccupancyCells visited =
+      occupancy_cells(random_uniform({count, 3}, key), options_.side, start, kStride % cells);
   const bool first_sweep = updates_ * count < cells;
   occupancy_merge(values_, visited.cells, stop_gradient(density(visited.points)), first_sweep ? 0.f : options_.decay);
   updates_++;

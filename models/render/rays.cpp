@@ -48,7 +48,8 @@ Rays world_rays(const Tensor& directions, const Tensor& poses, const SceneFrame&
 Rays view_rays(const View& view, const SceneFrame& frame, const RayRange& range) {
   std::vector<float> pose;
   append_pose(pose, view.world_from_camera, frame);
-  const Tensor directions = from_host(unit_directions(view.camera), {int64_t{view.camera.width} * view.camera.height, 3});
+  const Tensor directions =
+      from_host(unit_directions(view.camera), {int64_t{view.camera.width} * view.camera.height, 3});
   return world_rays(directions, from_host(pose, {1, 12}), frame, range);
 }
 
@@ -66,7 +67,8 @@ RayBank::RayBank(const Scene& scene, const Pixels& pixels, const SceneFrame& fra
   for (const FramePixels& f : pixels.frames) masked |= !f.mask.empty();
   for (const FramePixels& f : pixels.frames) {
     const size_t count = f.rgba.size() / 4;
-    frames.insert(frames.end(), {static_cast<int32_t>(rgba.size() / 4), static_cast<int32_t>(count), first_direction[static_cast<size_t>(f.camera)]});
+    frames.insert(frames.end(), {static_cast<int32_t>(rgba.size() / 4), static_cast<int32_t>(count),
+                                 first_direction[static_cast<size_t>(f.camera)]});
     append_pose(poses, scene.frames[f.frame].world_from_camera, frame);
     rgba.insert(rgba.end(), f.rgba.begin(), f.rgba.end());
     if (masked && f.mask.empty()) mask.insert(mask.end(), count, 255);
@@ -74,7 +76,8 @@ RayBank::RayBank(const Scene& scene, const Pixels& pixels, const SceneFrame& fra
   }
   if (frames.empty()) throw Error(Fault::data, "no training image is left");
   const auto pixel_count = static_cast<int64_t>(rgba.size() / 4);
-  if (pixel_count > int64_t{1} << 29) throw Error(Fault::memory, text(pixel_count, " training pixels are more than fit: use a larger --downscale"));
+  if (pixel_count > int64_t{1} << 29)
+    throw Error(Fault::memory, text(pixel_count, " training pixels are more than fit: use a larger --downscale"));
   rgba_ = from_host(rgba, {pixel_count, 4});
   if (masked) mask_ = from_host(mask, {pixel_count});
   directions_ = from_host(directions, {static_cast<int64_t>(directions.size() / 3), 3});
@@ -85,7 +88,8 @@ RayBank::RayBank(const Scene& scene, const Pixels& pixels, const SceneFrame& fra
 uint64_t RayBank::bytes(const Pixels& pixels) {
   uint64_t total = 0;
   for (const FramePixels& f : pixels.frames) total += f.rgba.size() + f.mask.size();
-  for (const Camera& c : pixels.cameras) total += 12ull * static_cast<uint64_t>(c.width) * static_cast<uint64_t>(c.height);
+  for (const Camera& c : pixels.cameras)
+    total += 12ull * static_cast<uint64_t>(c.width) * static_cast<uint64_t>(c.height);
   return total;
 }
 

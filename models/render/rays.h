@@ -31,10 +31,10 @@ class RayBank {
  private:
   SceneFrame frame_;
   RayRange range_;
-  Tensor rgba_, mask_;    // [P,4], [P] uint8
-  Tensor directions_;     // [D,3] of length 1, camera axes
-  Tensor poses_;          // [N,12] rotation by rows, position (normalised)
-  Tensor frames_;         // [N,3] int32: first pixel, pixels, first direction
+  Tensor rgba_, mask_;  // [P,4], [P] uint8
+  Tensor directions_;   // [D,3] of length 1, camera axes
+  Tensor poses_;        // [N,12] rotation by rows, position (normalised)
+  Tensor frames_;       // [N,3] int32: first pixel, pixels, first direction
   int64_t frame_count_;
 };
 

@@ -11,7 +11,8 @@ Eigen::Vector3d focus(const Scene& scene) {
   Eigen::Matrix3d normal = 1e-6 * Eigen::Matrix3d::Identity();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
   for (const Frame& frame : scene.frames) {
-    const Eigen::Vector3d direction = frame.world_from_camera.block<3, 1>(0, 2), origin = frame.world_from_camera.block<3, 1>(0, 3);
+    const Eigen::Vector3d direction = frame.world_from_camera.block<3, 1>(0, 2),
+                          origin = frame.world_from_camera.block<3, 1>(0, 3);
     const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - direction * direction.transpose();
     normal += across + 1e-6 * Eigen::Matrix3d::Identity();
     right += across * origin + 1e-6 * origin;

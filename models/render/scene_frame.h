@@ -11,8 +11,8 @@ struct SceneFrame {
   bool contract = false;
 };
 
-/// Object scenes keep their box [-1.5,1.5]^3. Others: centre = the point nearest to all optical axes, scale = 1 over the
-/// cameras' mean distance from it, contracted.
+/// Object scenes keep their box [-1.5,1.5]^3. Others: centre = the point nearest to all optical axes, scale = 1 over
+/// the cameras' mean distance from it, contracted.
 SceneFrame fit_scene(const Scene& scene);
 
 }  // namespace cloam

@@ -9,7 +9,8 @@
 
 namespace cloam {
 
-void Config::add(const std::string& key, ConfigValue value, const std::string& help, std::function<void(const ConfigValue&)> write) {
+void Config::add(const std::string& key, ConfigValue value, const std::string& help,
+                 std::function<void(const ConfigValue&)> write) {
   entries_.push_back({key, help, std::move(value)});
   writers_.push_back(std::move(write));
 }
@@ -28,10 +29,12 @@ double shortest(float value) {
 }  // namespace
 
 void Config::bind(const std::string& key, int& variable, const std::string& help) {
-  add(key, int64_t{variable}, help, [&variable](const ConfigValue& v) { variable = static_cast<int>(std::get<int64_t>(v)); });
+  add(key, int64_t{variable}, help,
+      [&variable](const ConfigValue& v) { variable = static_cast<int>(std::get<int64_t>(v)); });
 }
 void Config::bind(const std::string& key, float& variable, const std::string& help) {
-  add(key, shortest(variable), help, [&variable](const ConfigValue& v) { variable = static_cast<float>(std::get<double>(v)); });
+  add(key, shortest(variable), help,
+      [&variable](const ConfigValue& v) { variable = static_cast<float>(std::get<double>(v)); });
 }
 void Config::bind(const std::string& key, bool& variable, const std::string& help) {
   add(key, variable, help, [&variable](const ConfigValue& v) { variable = std::get<bool>(v); });
@@ -42,11 +45,14 @@ void Config::bind(const std::string& key, std::string& variable, const std::stri
 
 namespace {
 
-template <class T> T number(const std::string& key, const std::string& value) {
+template <class T>
+T number(const std::string& key, const std::string& value) {
   T out{};
   const char* end = value.data() + value.size();
   const auto [at, error] = std::from_chars(value.data(), end, out);
-  if (error != std::errc() || at != end) throw Error(Fault::usage, text("setting ", key, ": \"", value, "\" is no ", std::is_integral_v<T> ? "whole number" : "number"));
+  if (error != std::errc() || at != end)
+    throw Error(Fault::usage,
+                text("setting ", key, ": \"", value, "\" is no ", std::is_integral_v<T> ? "whole number" : "number"));
   return out;
 }
 

@@ -31,7 +31,8 @@ class Config {
   const std::vector<ConfigEntry>& entries() const { return entries_; }
 
  private:
-  void add(const std::string& key, ConfigValue value, const std::string& help, std::function<void(const ConfigValue&)> write);
+  void add(const std::string& key, ConfigValue value, const std::string& help,
+           std::function<void(const ConfigValue&)> write);
   std::vector<ConfigEntry> entries_;
   std::vector<std::function<void(const ConfigValue&)>> writers_;
 };

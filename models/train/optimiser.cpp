@@ -20,17 +20,21 @@ Optimiser::Optimiser(const Params& parameters, const std::vector<LearningRate>& 
     const std::vector<float> zero(static_cast<size_t>(p.numel()), 0.f);
     m_[name] = from_host(zero, p.shape());
     v_[name] = from_host(zero, p.shape());
-    if (rate_of(name, rates).sparse) steps_[name] = from_host(std::vector<int32_t>(static_cast<size_t>(p.dim(0)), 0), {p.dim(0)});
+    if (rate_of(name, rates).sparse)
+      steps_[name] = from_host(std::vector<int32_t>(static_cast<size_t>(p.dim(0)), 0), {p.dim(0)});
   }
 }
 
-void Optimiser::step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates, const AdamSettings& adam, int64_t step) {
+void Optimiser::step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates,
+                     const AdamSettings& adam, int64_t step) {
   size_t i = 0;
   for (auto& [name, p] : parameters) {
     AdamStep with{rate_of(name, rates).rate, adam.beta1, adam.beta2, adam.epsilon, 0.f, step};
     const Tensor& gradient = gradients[i++];
-    if (steps_.contains(name)) adam_step_rows(p, m_[name], v_[name], steps_[name], gradient, with);
-    else adam_step(p, m_[name], v_[name], gradient, with);
+    if (steps_.contains(name))
+      adam_step_rows(p, m_[name], v_[name], steps_[name], gradient, with);
+    else
+      adam_step(p, m_[name], v_[name], gradient, with);
   }
 }
 

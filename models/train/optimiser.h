@@ -9,7 +9,8 @@ class Optimiser {
   /// Zero moments for every parameter; rows of `sparse` ones count their own steps.
   Optimiser(const Params& parameters, const std::vector<LearningRate>& rates);
   /// One step (counted from 1) in place. gradients: evaluated, in the order of the map.
-  void step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates, const AdamSettings& adam, int64_t step);
+  void step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates,
+            const AdamSettings& adam, int64_t step);
   /// Tensors "m.NAME", "v.NAME", "steps.NAME".
   TensorMap state() const;
   void restore(const TensorMap& state);

@@ -10,15 +10,21 @@ namespace {
 
 const char* stored_type(DType dtype) {
   switch (dtype) {
-    case DType::i32: return "I32";
-    case DType::u32: return "U32";
-    case DType::u8: return "U8";
-    case DType::f16: return "F16";
-    default: return "F32";
+    case DType::i32:
+      return "I32";
+    case DType::u32:
+      return "U32";
+    case DType::u8:
+      return "U8";
+    case DType::f16:
+      return "F16";
+    default:
+      return "F32";
   }
 }
 
-template <class T> std::vector<std::byte> bytes_of(const std::vector<T>& values) {
+template <class T>
+std::vector<std::byte> bytes_of(const std::vector<T>& values) {
   std::vector<std::byte> out(values.size() * sizeof(T));
   std::memcpy(out.data(), values.data(), out.size());
   return out;
@@ -26,11 +32,16 @@ template <class T> std::vector<std::byte> bytes_of(const std::vector<T>& values)
 
 std::vector<std::byte> host_bytes(const Tensor& tensor) {
   switch (tensor.dtype()) {
-    case DType::i32: return bytes_of(tensor.to_host<int32_t>());
-    case DType::u32: return bytes_of(tensor.to_host<uint32_t>());
-    case DType::u8: return bytes_of(tensor.to_host<uint8_t>());
-    case DType::f32: return bytes_of(tensor.to_host<float>());
-    default: throw Error(Fault::internal, "[checkpoint] float16 tensors are not saved");
+    case DType::i32:
+      return bytes_of(tensor.to_host<int32_t>());
+    case DType::u32:
+      return bytes_of(tensor.to_host<uint32_t>());
+    case DType::u8:
+      return bytes_of(tensor.to_host<uint8_t>());
+    case DType::f32:
+      return bytes_of(tensor.to_host<float>());
+    default:
+      throw Error(Fault::internal, "[checkpoint] float16 tensors are not saved");
   }
 }
 
@@ -46,7 +57,9 @@ NamedTensor named(const Tensor& tensor) {
   return {stored_type(tensor.dtype()), {tensor.shape().begin(), tensor.shape().end()}, host_bytes(tensor)};
 }
 
-NamedTensor named_integers(const std::vector<int64_t>& values) { return {"I64", {static_cast<int64_t>(values.size())}, bytes_of(values)}; }
+NamedTensor named_integers(const std::vector<int64_t>& values) {
+  return {"I64", {static_cast<int64_t>(values.size())}, bytes_of(values)};
+}
 
 Tensor tensor_from(const TensorMap& map, const std::string& name, const Shape& shape) {
   const NamedTensor& stored = find(map, name);
@@ -55,14 +68,16 @@ Tensor tensor_from(const TensorMap& map, const std::string& name, const Shape& s
   for (DType candidate : {DType::i32, DType::u32, DType::u8})
     if (stored.dtype == stored_type(candidate)) dtype = candidate;
   if (stored.shape != want || stored.dtype != stored_type(dtype))
-    throw Error(Fault::data, text("the checkpoint's tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(), " bytes, want shape ", to_string(shape)));
+    throw Error(Fault::data, text("the checkpoint's tensor ", name, " has dtype ", stored.dtype, " and ",
+                                  stored.data.size(), " bytes, want shape ", to_string(shape)));
   return from_bytes(stored.data.data(), dtype, shape);
 }
 
 std::vector<int64_t> integers_from(const TensorMap& map, const std::string& name, size_t count) {
   const NamedTensor& stored = find(map, name);
   if (stored.dtype != "I64" || stored.data.size() != count * 8)
-    throw Error(Fault::data, text("the checkpoint's tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(), " bytes, want ", count, " of I64"));
+    throw Error(Fault::data, text("the checkpoint's tensor ", name, " has dtype ", stored.dtype, " and ",
+                                  stored.data.size(), " bytes, want ", count, " of I64"));
   std::vector<int64_t> out(count);
   std::memcpy(out.data(), stored.data.data(), stored.data.size());
   return out;

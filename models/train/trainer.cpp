@@ -16,7 +16,8 @@ namespace cloam {
 namespace {
 
 constexpr char kParameter[] = "param.", kOptimiser[] = "adam.", kState[] = "state.";
-constexpr double kTimingShare = 0.25;  // of the budget is run before its horizon is chosen (schedules hold still till then)
+constexpr double kTimingShare =
+    0.25;  // of the budget is run before its horizon is chosen (schedules hold still till then)
 
 TensorMap with_prefix(const TensorMap& map, const std::string& prefix) {
   TensorMap out;
@@ -32,7 +33,10 @@ void add_prefixed(TensorMap& to, const TensorMap& from, const std::string& prefi
 class Loop {
  public:
   Loop(const TrainRun& run, const TrainOptions& options, const TrainListener& listener)
-      : run_(run), options_(options), listener_(listener), optimiser_(run.method.parameters(), run.method.learning_rates({})) {}
+      : run_(run),
+        options_(options),
+        listener_(listener),
+        optimiser_(run.method.parameters(), run.method.learning_rates({})) {}
   TrainResult train();
 
  private:
@@ -46,7 +50,10 @@ class Loop {
   std::optional<double> seconds_left() const;
   double since_process_start() const { return options_.seconds_before + seconds(); }
   double saving_seconds() const;
-  bool time_is_up() const { return options_.time_budget_seconds && since_process_start() + saving_seconds() + step_seconds_ >= *options_.time_budget_seconds; }
+  bool time_is_up() const {
+    return options_.time_budget_seconds &&
+           since_process_start() + saving_seconds() + step_seconds_ >= *options_.time_budget_seconds;
+  }
 
   const TrainRun& run_;
   const TrainOptions& options_;
@@ -82,7 +89,9 @@ void Loop::choose_horizon() {
   const int64_t timed = progress_.step - timed_from_step_;
   if (timed_from_ == 0 || timed < 1 || now < budget * kTimingShare) return;
   const double left = 0.94 * (budget - now) - saving_seconds();  // a little early is better than a decay cut short
-  progress_.horizon = progress_.step + std::max<int64_t>(1, static_cast<int64_t>(left / ((now - timed_from_) / static_cast<double>(timed))));
+  progress_.horizon =
+      progress_.step +
+      std::max<int64_t>(1, static_cast<int64_t>(left / ((now - timed_from_) / static_cast<double>(timed))));
 }
 
 /// Reading back, checksums and fsync go at some 100 MB/s; measured once a save has been made.
@@ -103,12 +112,15 @@ void Loop::one_step() {
   results.insert(results.end(), observed.begin(), observed.end());
   results.push_back(loss);
   eval(results);
-  optimiser_.step(run_.method.parameters(), all, run_.method.learning_rates(progress_), run_.method.adam(), progress_.step);
+  optimiser_.step(run_.method.parameters(), all, run_.method.learning_rates(progress_), run_.method.adam(),
+                  progress_.step);
   result_.loss = static_cast<double>(loss.item());
   if (!std::isfinite(result_.loss))
-    throw Error(Fault::diverged, text("the loss became ", result_.loss, " at step ", progress_.step,
-                                      saved_step_ > 0 ? text("; the checkpoint of step ", saved_step_, " is good") : "; no checkpoint was saved yet",
-                                      ".\n  fix: a lower rate (--set train.rate=...); CLOAM_DEBUG=nan names the first bad op"));
+    throw Error(Fault::diverged,
+                text("the loss became ", result_.loss, " at step ", progress_.step,
+                     saved_step_ > 0 ? text("; the checkpoint of step ", saved_step_, " is good")
+                                     : "; no checkpoint was saved yet",
+                     ".\n  fix: a lower rate (--set train.rate=...); CLOAM_DEBUG=nan names the first bad op"));
   run_.method.after_step(progress_);
   step_seconds_ = seconds() - before;
 }
@@ -117,7 +129,8 @@ bool Loop::finished() {
   result_.interrupted = run_.stop && *run_.stop != 0;
   result_.out_of_time = time_is_up() && progress_.horizon != progress_.step;
   const bool stop_here = options_.stop_after > 0 && progress_.step >= options_.stop_after;
-  return result_.interrupted || result_.out_of_time || stop_here || (progress_.horizon > 0 && progress_.step >= progress_.horizon);
+  return result_.interrupted || result_.out_of_time || stop_here ||
+         (progress_.horizon > 0 && progress_.step >= progress_.horizon);
 }
 
 void Loop::save() {
@@ -149,8 +162,10 @@ TrainResult Loop::train() {
   const int64_t warm = progress_.step + 3;  // the steps that compile kernels would spoil the estimate
   while (!finished()) {
     one_step();
-    if (progress_.horizon == 0) choose_horizon();
-    else if (timed_from_ == 0 && progress_.step >= warm) timed_from_ = since_process_start(), timed_from_step_ = progress_.step;
+    if (progress_.horizon == 0)
+      choose_horizon();
+    else if (timed_from_ == 0 && progress_.step >= warm)
+      timed_from_ = since_process_start(), timed_from_step_ = progress_.step;
     listener_.step({progress_, result_.loss, seconds(), step_seconds_, seconds_left(), run_.method.metrics()});
     if (options_.save_every > 0 && progress_.step % options_.save_every == 0) save();
   }
@@ -167,12 +182,15 @@ void compare_names(const std::set<std::string>& wanted, const std::set<std::stri
     if (!found.contains(name)) message += text("\n  missing: ", name);
   for (const std::string& name : found)
     if (!wanted.contains(name)) message += text("\n  not of this model: ", name);
-  if (!message.empty()) throw Error(Fault::data, text("the checkpoint does not fit the model:", message, "\n  fix: use the preset and settings it was trained with"));
+  if (!message.empty())
+    throw Error(Fault::data, text("the checkpoint does not fit the model:", message,
+                                  "\n  fix: use the preset and settings it was trained with"));
 }
 
 int64_t number_in(const SafetensorsFile& file, const std::string& key) {
   const auto found = file.metadata.find(key);
-  if (found == file.metadata.end()) throw Error(Fault::data, text("the checkpoint's metadata has no \"", key, "\": it is not a checkpoint of cloam"));
+  if (found == file.metadata.end())
+    throw Error(Fault::data, text("the checkpoint's metadata has no \"", key, "\": it is not a checkpoint of cloam"));
   try {
     return std::stoll(found->second);
   } catch (const std::exception&) {

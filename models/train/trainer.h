@@ -22,15 +22,16 @@ struct TrainOptions {
 
 struct StepReport {
   Progress progress;
-  double loss = 0, seconds = 0;         // seconds since train() was called
-  double step_seconds = 0;              // of this step
-  std::optional<double> seconds_left;   // none until it can be told honestly
+  double loss = 0, seconds = 0;        // seconds since train() was called
+  double step_seconds = 0;             // of this step
+  std::optional<double> seconds_left;  // none until it can be told honestly
   std::map<std::string, double> metrics;
 };
 
 struct TrainListener {
   std::function<void(const StepReport&)> step = [](const StepReport&) {};
-  std::function<void(int64_t step, const std::filesystem::path&)> checkpoint = [](int64_t, const std::filesystem::path&) {};
+  std::function<void(int64_t step, const std::filesystem::path&)> checkpoint = [](int64_t,
+                                                                                  const std::filesystem::path&) {};
   std::function<void(const std::string&)> warning = [](const std::string&) {};
 };
 
@@ -41,9 +42,9 @@ struct TrainResult {
   std::filesystem::path checkpoint;
 };
 
-/// Trains `method` (built, with data). Saves to `checkpoints` (run/ckpt). `metadata` goes into every checkpoint as it is.
-/// Goes on from `resume` when given: parameters, optimiser, horizon and step are taken from it, the result is the same
-/// bytes as an uninterrupted run. `stop` is set by signal handlers: the step is finished, a checkpoint saved.
+/// Trains `method` (built, with data). Saves to `checkpoints` (run/ckpt). `metadata` goes into every checkpoint as it
+/// is. Goes on from `resume` when given: parameters, optimiser, horizon and step are taken from it, the result is the
+/// same bytes as an uninterrupted run. `stop` is set by signal handlers: the step is finished, a checkpoint saved.
 /// Errors: Fault::diverged when the loss is not finite (nothing is saved over the last good checkpoint).
 struct TrainRun {
   Method& method;

@@ -16,7 +16,8 @@ struct Level {
 
 std::vector<Level> levels_of(const HashGrid& grid) {
   const int64_t rows = int64_t{1} << grid.log2_rows;
-  const double growth = grid.levels > 1 ? std::exp(std::log(static_cast<double>(grid.finest) / grid.coarsest) / (grid.levels - 1)) : 1.0;
+  const double growth =
+      grid.levels > 1 ? std::exp(std::log(static_cast<double>(grid.finest) / grid.coarsest) / (grid.levels - 1)) : 1.0;
   std::vector<Level> levels;
   for (int l = 0; l < grid.levels; l++) {
     const int resolution = static_cast<int>(std::floor(grid.coarsest * std::pow(growth, l) + 1e-6));
@@ -44,8 +45,8 @@ struct HashGridGradTable final : GridOp {
   void run(const Tensors& in, Tensor& out) const override {
     // Parts only share out the work: every row's sum keeps the order of the samples, so they change no bits.
     const int parts = std::max(1, 2 * device().compute_units / shape.level_count);
-    launch(kernel("grid", "hash_grid_dtable", shape.constants()), name(), range1(int64_t{parts} * shape.level_count), in[0], in[1],
-           shape.levels, out, in[0].dim(0), shape.rows, shape.level_count, parts);
+    launch(kernel("grid", "hash_grid_dtable", shape.constants()), name(), range1(int64_t{parts} * shape.level_count),
+           in[0], in[1], shape.levels, out, in[0].dim(0), shape.rows, shape.level_count, parts);
   }
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
     no_gradient("hash_grid", "once differentiable; use finite differences of the field for normals");
@@ -58,8 +59,8 @@ struct HashGridPairs final : GridOp {
   void run(const Tensors& in, Tensor& out) const override {
     const int64_t n = in[0].dim(0), items = n * shape.level_count;
     const Tensor rows = empty({items * 8}, DType::i32), values = empty({items * 8, shape.features});
-    launch(kernel("grid", "hash_grid_pairs", shape.constants()), name(), elements(items), in[0], in[1], shape.levels, rows, values, n,
-           shape.rows, shape.level_count);
+    launch(kernel("grid", "hash_grid_pairs", shape.constants()), name(), elements(items), in[0], in[1], shape.levels,
+           rows, values, n, shape.rows, shape.level_count);
     const Tensor sums = scatter_add_rows(values, rows, shape.rows * shape.level_count);
     eval({sums});
     out.node()->storage = dense(sums).node()->storage;
@@ -90,7 +91,8 @@ struct HashGridForward final : GridOp {
     const int64_t n = in[0].dim(0);
     auto [range, chunk] = chunks(n, 1024);
     range.global[1] = static_cast<size_t>(shape.level_count);
-    launch(kernel("grid", "hash_grid", shape.constants()), name(), range, in[0], in[1], shape.levels, out, n, shape.rows, shape.level_count, chunk);
+    launch(kernel("grid", "hash_grid", shape.constants()), name(), range, in[0], in[1], shape.levels, out, n,
+           shape.rows, shape.level_count, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     const bool walk = is_cpu_class() && !reference_variants();
@@ -108,7 +110,9 @@ Tensor level_table(const HashGrid& grid) {
 
 }  // namespace
 
-Shape hash_grid_table_shape(const HashGrid& grid) { return {grid.levels * (int64_t{1} << grid.log2_rows), grid.features}; }
+Shape hash_grid_table_shape(const HashGrid& grid) {
+  return {grid.levels * (int64_t{1} << grid.log2_rows), grid.features};
+}
 
 HashGridEncoder::HashGridEncoder(const HashGrid& description) : grid(description), levels_(level_table(description)) {
   if (grid.features != 1 && grid.features != 2 && grid.features != 4)
@@ -118,9 +122,11 @@ HashGridEncoder::HashGridEncoder(const HashGrid& description) : grid(description
 Tensor HashGridEncoder::operator()(const Tensor& points, const Tensor& table) const {
   match("hash_grid", {{"points", points, "S 3"}, {"table", table, "L F"}});
   if (!(table.shape() == hash_grid_table_shape(grid)))
-    throw Error(Fault::internal, text("[hash_grid] table has shape ", to_string(table.shape()), ", want ", to_string(hash_grid_table_shape(grid))));
+    throw Error(Fault::internal, text("[hash_grid] table has shape ", to_string(table.shape()), ", want ",
+                                      to_string(hash_grid_table_shape(grid))));
   GridShape shape{levels_, int64_t{1} << grid.log2_rows, grid.levels, grid.features};
-  return make(std::make_shared<HashGridForward>(shape), {points.dim(0), int64_t{grid.levels} * grid.features}, {points, table});
+  return make(std::make_shared<HashGridForward>(shape), {points.dim(0), int64_t{grid.levels} * grid.features},
+              {points, table});
 }
 
 }  // namespace cloam

@@ -25,7 +25,8 @@ void copy_rows(const Tensor& part, const Tensor& out, int axis, int64_t begin) {
   const Constants size = {{"BYTES", static_cast<int>(size_of(out.dtype()))}};
   const int64_t per_item = is_cpu_class() ? std::max<int64_t>(1, 8192 / run) : 1;
   Range range = range1((rows.outer + per_item - 1) / per_item, is_cpu_class() ? 1 : 64);
-  launch(kernel("join", "copy_rows", size), "copy_rows", range, part, out, rows.outer, run, pitch, begin * rows.inner, per_item);
+  launch(kernel("join", "copy_rows", size), "copy_rows", range, part, out, rows.outer, run, pitch, begin * rows.inner,
+         per_item);
 }
 
 struct Concat final : Op {
@@ -55,7 +56,8 @@ struct Pad final : Op {
     const Constants size = {{"BYTES", static_cast<int>(size_of(out.dtype()))}};
     const int64_t per_item = is_cpu_class() ? std::max<int64_t>(1, 8192 / pitch) : 1;
     Range range = range1((rows.outer + per_item - 1) / per_item, is_cpu_class() ? 1 : 64);
-    launch(kernel("join", "pad_rows", size), "pad_rows", range, in[0], out, rows.outer, run_in, pitch, before * rows.inner, per_item);
+    launch(kernel("join", "pad_rows", size), "pad_rows", range, in[0], out, rows.outer, run_in, pitch,
+           before * rows.inner, per_item);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     return {slice(g, axis, before, before + in[0].dim(axis))};
@@ -74,10 +76,13 @@ Tensor concat(const Tensors& parts, int axis) {
   for (const Tensor& part : parts) {
     Shape others = part.shape();
     if (part.rank() != shape.rank() || part.dtype() != parts[0].dtype())
-      throw Error(Fault::internal, text("[concat] ", to_string(part.shape()), " ", name_of(part.dtype()), " does not join ", to_string(parts[0].shape()), " ", name_of(parts[0].dtype())));
+      throw Error(Fault::internal,
+                  text("[concat] ", to_string(part.shape()), " ", name_of(part.dtype()), " does not join ",
+                       to_string(parts[0].shape()), " ", name_of(parts[0].dtype())));
     others[on] = shape[on];
     if (!(others == shape))
-      throw Error(Fault::internal, text("[concat] ", to_string(part.shape()), " differs from ", to_string(parts[0].shape()), " beyond axis ", on));
+      throw Error(Fault::internal, text("[concat] ", to_string(part.shape()), " differs from ",
+                                        to_string(parts[0].shape()), " beyond axis ", on));
     shape[on] += part.dim(on);
   }
   return parts.size() == 1 ? parts[0] : make(std::make_shared<Concat>(on), shape, parts, parts[0].dtype());
@@ -90,14 +95,17 @@ Tensors split(const Tensor& x, int axis, const std::vector<int64_t>& sizes) {
     parts.push_back(slice(x, axis, begin, begin + size));
     begin += size;
   }
-  if (begin != x.dim(axis)) throw Error(Fault::internal, text("[split] the sizes add up to ", begin, ", axis ", axis, " of ", to_string(x.shape()), " has ", x.dim(axis)));
+  if (begin != x.dim(axis))
+    throw Error(Fault::internal, text("[split] the sizes add up to ", begin, ", axis ", axis, " of ",
+                                      to_string(x.shape()), " has ", x.dim(axis)));
   return parts;
 }
 
 Tensor pad(const Tensor& x, int axis, int64_t before, int64_t after) {
   const int on = axis_of("pad", x.rank(), axis);
   if (before == 0 && after == 0) return x;
-  if (before < 0 || after < 0) throw Error(Fault::internal, text("[pad] ", before, " before and ", after, " after: want none below 0"));
+  if (before < 0 || after < 0)
+    throw Error(Fault::internal, text("[pad] ", before, " before and ", after, " after: want none below 0"));
   Shape shape = x.shape();
   shape[on] += before + after;
   return make(std::make_shared<Pad>(on, before), shape, {x}, x.dtype());

@@ -13,7 +13,10 @@ struct Sizes {
   int64_t in, width, hidden, out;
   int64_t weights() const { return in * width + (hidden - 1) * width * width + width * out; }
   Constants constants() const {
-    return {{"IN", static_cast<int>(in)}, {"WIDTH", static_cast<int>(width)}, {"HIDDEN", static_cast<int>(hidden)}, {"OUT", static_cast<int>(out)}};
+    return {{"IN", static_cast<int>(in)},
+            {"WIDTH", static_cast<int>(width)},
+            {"HIDDEN", static_cast<int>(hidden)},
+            {"OUT", static_cast<int>(out)}};
   }
 };
 
@@ -39,7 +42,8 @@ Tensor MlpForward::forward(const Tensors& in, const Tensor& out, bool keep) cons
   const Tensor saved = empty({sizes.hidden, keep ? rows : 1, sizes.width});
   Range range = range1((rows + per_item - 1) / per_item);
   range.flops = 2.0 * static_cast<double>(n * sizes.weights());
-  launch(kernel("mlp", "mlp_forward", sizes.constants()), "mlp_forward", range, in[0], in[1], out, saved, n, rows, per_item, keep ? 1 : 0);
+  launch(kernel("mlp", "mlp_forward", sizes.constants()), "mlp_forward", range, in[0], in[1], out, saved, n, rows,
+         per_item, keep ? 1 : 0);
   return keep ? saved : Tensor();
 }
 
@@ -63,9 +67,10 @@ void MlpBackward::run(const Tensors& in, Tensor& out) const {
   const Tensor partial = empty({items, sizes.weights()});
   Range range = range1(items);
   range.flops = 4.0 * static_cast<double>(n * sizes.weights());
-  launch(kernel("mlp", "mlp_backward", sizes.constants()), "mlp_backward", range, in[0], in[1], hidden, in[2], out, partial, n, rows, per_item);
-  launch(kernel("mlp", "mlp_reduce", sizes.constants()), "mlp_reduce", range1((sizes.weights() + 1023) / 1024), partial, out,
-         n * sizes.in, sizes.weights(), items, 1024);
+  launch(kernel("mlp", "mlp_backward", sizes.constants()), "mlp_backward", range, in[0], in[1], hidden, in[2], out,
+         partial, n, rows, per_item);
+  launch(kernel("mlp", "mlp_reduce", sizes.constants()), "mlp_reduce", range1((sizes.weights() + 1023) / 1024), partial,
+         out, n * sizes.in, sizes.weights(), items, 1024);
 }
 
 Tensors MlpForward::vjp(const Tensors& in, const Tensor&, const Tensor& g) const {
@@ -77,12 +82,15 @@ Tensors MlpForward::vjp(const Tensors& in, const Tensor&, const Tensor& g) const
 }
 
 Sizes check(const Tensor& x, const Tensors& weights) {
-  if (weights.size() < 2) throw Error(Fault::internal, text("[mlp] ", weights.size(), " weights given, want one of a hidden layer and one of the output at least"));
+  if (weights.size() < 2)
+    throw Error(Fault::internal, text("[mlp] ", weights.size(),
+                                      " weights given, want one of a hidden layer and one of the output at least"));
   match("mlp", {{"x", x, "S I"}, {"weights[0]", weights[0], "I W"}});
   const int64_t width = weights[0].dim(1);
   for (size_t i = 1; i < weights.size(); i++)
     if (weights[i].rank() != 2 || weights[i].dim(0) != width || (i + 1 < weights.size() && weights[i].dim(1) != width))
-      throw Error(Fault::internal, text("[mlp] weights[", i, "] has shape ", to_string(weights[i].shape()), ", want [", width, i + 1 < weights.size() ? text(",", width, "]") : ",O]"));
+      throw Error(Fault::internal, text("[mlp] weights[", i, "] has shape ", to_string(weights[i].shape()), ", want [",
+                                        width, i + 1 < weights.size() ? text(",", width, "]") : ",O]"));
   return {x.dim(1), width, static_cast<int64_t>(weights.size()) - 1, weights.back().dim(1)};
 }
 

@@ -22,11 +22,13 @@ struct SamplePlanesGrad final : Once {
     const int64_t n = in[0].dim(0), height = out.dim(1), width = out.dim(2), channels = out.dim(3);
     if (is_cpu_class() && !reference_variants()) {
       const int64_t strips = std::clamp<int64_t>(2 * device().compute_units / 3 + 1, 1, height);
-      launch(kernel("planes", name()), name(), range1(3 * strips), in[0], in[1], out, n, height, width, channels, strips);
+      launch(kernel("planes", name()), name(), range1(3 * strips), in[0], in[1], out, n, height, width, channels,
+             strips);
       return;
     }
     const Tensor rows = empty({n * 12}, DType::i32), values = empty({n * 12, channels});
-    launch(kernel("planes", "sample_planes_pairs"), "sample_planes_pairs", elements(n * 3), in[0], in[1], rows, values, n, height, width, channels);
+    launch(kernel("planes", "sample_planes_pairs"), "sample_planes_pairs", elements(n * 3), in[0], in[1], rows, values,
+           n, height, width, channels);
     const Tensor sums = reshape(scatter_add_rows(values, rows, 3 * height * width), out.shape());
     eval({sums});
     out.node()->storage = dense(sums).node()->storage;
@@ -38,7 +40,8 @@ struct SamplePlanesGradPoints final : Once {
   const char* name() const override { return "sample_planes_dpoints"; }
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 512);
-    launch(kernel("planes", name()), name(), range, in[0], in[1], in[2], out, out.dim(0), in[0].dim(1), in[0].dim(2), in[0].dim(3), chunk);
+    launch(kernel("planes", name()), name(), range, in[0], in[1], in[2], out, out.dim(0), in[0].dim(1), in[0].dim(2),
+           in[0].dim(3), chunk);
   }
 };
 
@@ -46,7 +49,8 @@ struct SamplePlanes final : Op {
   const char* name() const override { return "sample_planes"; }
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 512);
-    launch(kernel("planes", name()), name(), range, in[0], in[1], out, out.dim(0), in[0].dim(1), in[0].dim(2), in[0].dim(3), chunk);
+    launch(kernel("planes", name()), name(), range, in[0], in[1], out, out.dim(0), in[0].dim(1), in[0].dim(2),
+           in[0].dim(3), chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     return {make(std::make_shared<SamplePlanesGrad>(), in[0].shape(), {in[1], g}),

@@ -70,46 +70,53 @@ static Tensor negate(T x);
 
 // One row: a static op object and the function that applies it. In the gradients a, b, c are the operands, y the
 // result, g the gradient that arrives.
-#define ROW1(fn, code, type, ...)                                                               \
-  static const auto row_##fn = row(#fn, code, type, [](In in, T y, T g) {                       \
-    T a = in[0]; (void)a, (void)y, (void)g; return Tensors{__VA_ARGS__}; });                    \
+#define ROW1(fn, code, type, ...)                                         \
+  static const auto row_##fn = row(#fn, code, type, [](In in, T y, T g) { \
+    T a = in[0];                                                          \
+    (void)a, (void)y, (void)g;                                            \
+    return Tensors{__VA_ARGS__};                                          \
+  });                                                                     \
   Tensor fn(T x) { return apply(row_##fn, {x}); }
-#define ROW2(fn, id, code, type, ...)                                                           \
-  static const auto row_##id = row(#id, code, type, [](In in, T y, T g) {                       \
-    T a = in[0]; T b = in[1]; (void)a, (void)b, (void)y, (void)g; return Tensors{__VA_ARGS__}; }); \
+#define ROW2(fn, id, code, type, ...)                                     \
+  static const auto row_##id = row(#id, code, type, [](In in, T y, T g) { \
+    T a = in[0];                                                          \
+    T b = in[1];                                                          \
+    (void)a, (void)b, (void)y, (void)g;                                   \
+    return Tensors{__VA_ARGS__};                                          \
+  });                                                                     \
   Tensor fn(T x, T z) { return apply(row_##id, {x, z}); }
 
 //   op          text                              type  gradients
-ROW2(operator+, add,     "a + b",                   kP, g, g)
-ROW2(operator-, subtract, "a - b",                  kP, g, -g)
-ROW2(operator*, multiply, "a * b",                  kP, g * b, g * a)
-ROW2(operator/, divide,  "a / b",                   kP, g / b, -(g * y / b))
-ROW2(minimum,   minimum, "(a < b ? a : b)",         kP, where(a < b, g, 0.f), where(a < b, 0.f, g))
-ROW2(maximum,   maximum, "(a > b ? a : b)",         kP, where(a > b, g, 0.f), where(a > b, 0.f, g))
-ROW2(pow,       pow,     "m_pow(a, b)",             kF, g * b * pow(a, b - 1.f), g * y * log(a))
-ROW2(atan2,     atan2,   "atan2(a, b)",             kF, g * b / (a * a + b * b), -(g * a / (a * a + b * b)))
-ROW2(modulo,    modulo,  "(a % b)",                 kP, Tensor(), Tensor())
-ROW2(operator<, less,    "(a < b)",                 kM, Tensor(), Tensor())
-ROW2(operator>, greater, "(a > b)",                 kM, Tensor(), Tensor())
-ROW2(operator<=, less_equal, "(a <= b)",            kM, Tensor(), Tensor())
-ROW2(equal,     equal,   "(a == b)",                kM, Tensor(), Tensor())
-ROW1(negate,     "-a",                              kP, -g)
-ROW1(abs,        "(a < 0 ? -a : a)",                kP, where(a < 0.f, -g, g))
-ROW1(sign,       "((a > 0) - (a < 0))",             kP, Tensor())
-ROW1(floor,      "floor(a)",                        kF, Tensor())
-ROW1(square,     "a * a",                           kP, g * a * 2.f)
-ROW1(sqrt,       "sqrt(a)",                         kF, g / y * 0.5f)
-ROW1(rsqrt,      "(1.0f / sqrt(a))",                kF, g * y * y * y * -0.5f)
-ROW1(exp,        "m_exp(a)",                        kF, g * y)
-ROW1(log,        "m_log(a)",                        kF, g / a)
-ROW1(sin,        "m_sin(a)",                        kF, g * cos(a))
-ROW1(cos,        "m_cos(a)",                        kF, -(g * sin(a)))
-ROW1(tanh,       "m_tanh(a)",                       kF, g * (1.f - y * y))
-ROW1(erf,        "m_erf(a)",                        kF, g * exp(-(a * a)) * float(M_2_SQRTPI))
-ROW1(sigmoid,    "m_sigmoid(a)",                    kF, g * y * (1.f - y))
-ROW1(softplus,   "m_softplus(a)",                   kF, g * sigmoid(a))
-ROW1(silu,       "a * m_sigmoid(a)",                kF, g * sigmoid(a) * (1.f + a * (1.f - sigmoid(a))))
-ROW1(relu,       "fmax(a, 0.0f)",                   kF, where(a > 0.f, g, 0.f))
+ROW2(operator+, add, "a + b", kP, g, g)
+ROW2(operator-, subtract, "a - b", kP, g, -g)
+ROW2(operator*, multiply, "a * b", kP, g* b, g* a)
+ROW2(operator/, divide, "a / b", kP, g / b, -(g* y / b))
+ROW2(minimum, minimum, "(a < b ? a : b)", kP, where(a < b, g, 0.f), where(a < b, 0.f, g))
+ROW2(maximum, maximum, "(a > b ? a : b)", kP, where(a > b, g, 0.f), where(a > b, 0.f, g))
+ROW2(pow, pow, "m_pow(a, b)", kF, g* b* pow(a, b - 1.f), g* y* log(a))
+ROW2(atan2, atan2, "atan2(a, b)", kF, g* b / (a * a + b * b), -(g* a / (a * a + b * b)))
+ROW2(modulo, modulo, "(a % b)", kP, Tensor(), Tensor())
+ROW2(operator<, less, "(a < b)", kM, Tensor(), Tensor())
+ROW2(operator>, greater, "(a > b)", kM, Tensor(), Tensor())
+ROW2(operator<=, less_equal, "(a <= b)", kM, Tensor(), Tensor())
+ROW2(equal, equal, "(a == b)", kM, Tensor(), Tensor())
+ROW1(negate, "-a", kP, -g)
+ROW1(abs, "(a < 0 ? -a : a)", kP, where(a < 0.f, -g, g))
+ROW1(sign, "((a > 0) - (a < 0))", kP, Tensor())
+ROW1(floor, "floor(a)", kF, Tensor())
+ROW1(square, "a * a", kP, g* a * 2.f)
+ROW1(sqrt, "sqrt(a)", kF, g / y * 0.5f)
+ROW1(rsqrt, "(1.0f / sqrt(a))", kF, g* y* y* y * -0.5f)
+ROW1(exp, "m_exp(a)", kF, g* y)
+ROW1(log, "m_log(a)", kF, g / a)
+ROW1(sin, "m_sin(a)", kF, g* cos(a))
+ROW1(cos, "m_cos(a)", kF, -(g* sin(a)))
+ROW1(tanh, "m_tanh(a)", kF, g*(1.f - y * y))
+ROW1(erf, "m_erf(a)", kF, g* exp(-(a* a)) * float(M_2_SQRTPI))
+ROW1(sigmoid, "m_sigmoid(a)", kF, g* y*(1.f - y))
+ROW1(softplus, "m_softplus(a)", kF, g* sigmoid(a))
+ROW1(silu, "a * m_sigmoid(a)", kF, g* sigmoid(a) * (1.f + a * (1.f - sigmoid(a))))
+ROW1(relu, "fmax(a, 0.0f)", kF, where(a > 0.f, g, 0.f))
 #undef ROW1
 #undef ROW2
 
@@ -118,7 +125,8 @@ static const auto row_where = row("where", "(a ? b : c)", kP, [](In in, T, T g) 
 });
 Tensor where(T condition, T yes, T no) {
   if (is_float(condition.dtype()))
-    throw Error(Fault::internal, text("[where] the condition has dtype ", name_of(condition.dtype()), ", want an integer mask"));
+    throw Error(Fault::internal,
+                text("[where] the condition has dtype ", name_of(condition.dtype()), ", want an integer mask"));
   Shape shape = broadcast("where", broadcast("where", condition.shape(), yes.shape()), no.shape());
   return make(row_where, shape, {condition, yes, no}, common({yes, no}));
 }

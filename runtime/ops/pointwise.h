@@ -16,7 +16,8 @@ enum class Typing : uint8_t {
 
 struct PointwiseOp final : Op {
   using Vjp = Tensors (*)(const Tensors& in, const Tensor& out, const Tensor& g);
-  PointwiseOp(const char* id, const char* code, Typing type, Vjp vjp_of) : label(id), expression(code), typing(type), grads(vjp_of) {}
+  PointwiseOp(const char* id, const char* code, Typing type, Vjp vjp_of)
+      : label(id), expression(code), typing(type), grads(vjp_of) {}
   const char* name() const override { return label; }
   OpKind kind() const override { return OpKind::pointwise; }
   Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override { return grads(in, out, g); }

@@ -6,7 +6,8 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("reshape"), Registered("permute"), Registered("slice"), Registered("broadcast_to"), Registered("bitcast")};
+const Registered kRegistered[] = {Registered("reshape"), Registered("permute"), Registered("slice"),
+                                  Registered("broadcast_to"), Registered("bitcast")};
 
 struct ViewOp : Op {
   OpKind kind() const override { return OpKind::view; }
@@ -115,7 +116,8 @@ struct Bitcast final : ViewOp {
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {Tensor()}; }
 };
 
-template <class V, class... Args> Tensor view_of(const Tensor& x, const Shape& shape, Args... args) {
+template <class V, class... Args>
+Tensor view_of(const Tensor& x, const Shape& shape, Args... args) {
   return make(std::make_shared<V>(args...), shape, {x}, x.dtype());
 }
 
@@ -123,13 +125,16 @@ Shape with_inferred(const Tensor& x, Shape shape) {
   int open = -1;
   int64_t known = 1;
   for (int i = 0; i < shape.rank(); i++) {
-    if (shape[i] == -1) open = i;
-    else known *= shape[i];
+    if (shape[i] == -1)
+      open = i;
+    else
+      known *= shape[i];
   }
   if (open >= 0 && known > 0) shape[open] = x.numel() / known;
   if (open >= 0 && known == 0) shape[open] = 0;
   if (numel(shape) != x.numel())
-    throw Error(Fault::internal, text("[reshape] ", to_string(x.shape()), " has ", x.numel(), " elements, ", to_string(shape), " wants ", numel(shape)));
+    throw Error(Fault::internal, text("[reshape] ", to_string(x.shape()), " has ", x.numel(), " elements, ",
+                                      to_string(shape), " wants ", numel(shape)));
   return shape;
 }
 
@@ -147,7 +152,9 @@ Tensor permute(const Tensor& x, const Shape& axes) {
     to[i] = x.dim(static_cast<int>(axes[i]));
     for (int j = 0; j < i; j++) complete &= axes[i] != axes[j];
   }
-  if (!complete) throw Error(Fault::internal, text("[permute] ", to_string(axes), " is no order of the axes of ", to_string(x.shape())));
+  if (!complete)
+    throw Error(Fault::internal,
+                text("[permute] ", to_string(axes), " is no order of the axes of ", to_string(x.shape())));
   return view_of<Permute>(x, to, axes);
 }
 
@@ -163,7 +170,8 @@ Tensor slice(const Tensor& x, int axis, int64_t begin, int64_t end, int64_t step
   const int on = axis_of("slice", x.rank(), axis);
   const int64_t size = x.dim(on);
   if (begin < 0 || end > size || begin > end || step < 1)
-    throw Error(Fault::internal, text("[slice] ", begin, ":", end, ":", step, " does not fit axis ", on, " of ", to_string(x.shape())));
+    throw Error(Fault::internal,
+                text("[slice] ", begin, ":", end, ":", step, " does not fit axis ", on, " of ", to_string(x.shape())));
   if (begin == 0 && end == size && step == 1) return x;
   Shape to = x.shape();
   to[on] = (end - begin + step - 1) / step;
@@ -173,7 +181,8 @@ Tensor slice(const Tensor& x, int axis, int64_t begin, int64_t end, int64_t step
 Tensor broadcast_to(const Tensor& x, const Shape& shape) {
   if (x.shape() == shape) return x;
   if (!(broadcast("broadcast_to", x.shape(), shape) == shape))
-    throw Error(Fault::internal, text("[broadcast_to] ", to_string(x.shape()), " does not broadcast to ", to_string(shape)));
+    throw Error(Fault::internal,
+                text("[broadcast_to] ", to_string(x.shape()), " does not broadcast to ", to_string(shape)));
   return view_of<Broadcast>(x, shape);
 }
 

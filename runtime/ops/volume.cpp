@@ -7,8 +7,9 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("composite"), Registered("composite_weights"), Registered("importance_edges"),
-                                  Registered("unit_points"), Registered("spherical_harmonics")};
+const Registered kRegistered[] = {Registered("composite"), Registered("composite_weights"),
+                                  Registered("importance_edges"), Registered("unit_points"),
+                                  Registered("spherical_harmonics")};
 
 struct CompositeGrad final : Op {
   const char* name() const override { return "composite_grad"; }
@@ -17,7 +18,9 @@ struct CompositeGrad final : Op {
     const auto [range, chunk] = chunks(rays, 64);
     launch(kernel("volume", name()), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], out, rays, chunk);
   }
-  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { no_gradient("composite", "it is once differentiable"); }
+  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
+    no_gradient("composite", "it is once differentiable");
+  }
 };
 
 struct Composite final : Op {
@@ -107,19 +110,24 @@ RaySamples packed(const Tensor& counts) {
 }  // namespace
 
 RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& cells, const MarchOptions& m) {
-  match("march", {{"origins", rays.origins, "R 3"}, {"directions", rays.directions, "R 3"}, {"span", rays.span, "R 2"}, {"jitter", jitter, "R"}});
+  match("march", {{"origins", rays.origins, "R 3"},
+                  {"directions", rays.directions, "R 3"},
+                  {"span", rays.span, "R 2"},
+                  {"jitter", jitter, "R"}});
   if (cells.numel() != int64_t{m.side} * m.side * m.side)
-    throw Error(Fault::internal, text("[march] cells has shape ", to_string(cells.shape()), ", want ", m.side, "^3 values"));
+    throw Error(Fault::internal,
+                text("[march] cells has shape ", to_string(cells.shape()), ", want ", m.side, "^3 values"));
   eval({rays.origins, rays.directions, rays.span, jitter, cells});
-  const Tensor o = dense(rays.origins), d = dense(rays.directions), span = dense(rays.span), shift = dense(jitter), grid = dense(cells);
+  const Tensor o = dense(rays.origins), d = dense(rays.directions), span = dense(rays.span), shift = dense(jitter),
+               grid = dense(cells);
   const int64_t count = o.dim(0);
   const auto [range, chunk] = chunks(count, 64);
   const Tensor scratch = empty({count, m.capacity}), counts = empty({count}, DType::i32);
-  launch(kernel("volume", "march"), "march", range, o, d, span, shift, grid, scratch, counts, count, chunk, m.side, m.contract ? 1 : 0,
-         m.capacity, m.min_step, m.max_step, m.cone, m.threshold, m.opaque, m.explore);
+  launch(kernel("volume", "march"), "march", range, o, d, span, shift, grid, scratch, counts, count, chunk, m.side,
+         m.contract ? 1 : 0, m.capacity, m.min_step, m.max_step, m.cone, m.threshold, m.opaque, m.explore);
   const RaySamples out = packed(counts);
-  launch(kernel("volume", "gather_samples"), "gather_samples", range, o, d, scratch, out.offsets, out.points, out.t, out.dt, out.ray, count,
-         chunk, m.contract ? 1 : 0, m.capacity, m.min_step, m.max_step, m.cone);
+  launch(kernel("volume", "gather_samples"), "gather_samples", range, o, d, scratch, out.offsets, out.points, out.t,
+         out.dt, out.ray, count, chunk, m.contract ? 1 : 0, m.capacity, m.min_step, m.max_step, m.cone);
   return out;
 }
 
@@ -129,17 +137,19 @@ RaySamples visible(const RaySamples& s, const Tensor& sigma, float least) {
   const int64_t count = s.offsets.dim(0) - 1;
   const auto [range, chunk] = chunks(count, 64);
   const Tensor counts = empty({count}, DType::i32);
-  launch(kernel("volume", "visible_counts"), "visible_counts", range, density, s.dt, s.offsets, counts, count, chunk, least);
+  launch(kernel("volume", "visible_counts"), "visible_counts", range, density, s.dt, s.offsets, counts, count, chunk,
+         least);
   const RaySamples out = packed(counts);
-  launch(kernel("volume", "keep_visible"), "keep_visible", range, s.points, s.t, s.dt, s.offsets, out.offsets, out.points, out.t, out.dt,
-         out.ray, count, chunk);
+  launch(kernel("volume", "keep_visible"), "keep_visible", range, s.points, s.t, s.dt, s.offsets, out.offsets,
+         out.points, out.t, out.dt, out.ray, count, chunk);
   return out;
 }
 
 Tensor composite(const Volume& v) {
   match("composite", {{"sigma", v.sigma, "S"}, {"rgb", v.rgb, "S 3"}, {"t", v.t, "S"}, {"dt", v.dt, "S"}});
   if (v.offsets.rank() != 1 || v.offsets.dtype() != DType::i32 || v.offsets.dim(0) < 1)
-    throw Error(Fault::internal, text("[composite] offsets has shape ", to_string(v.offsets.shape()), " ", name_of(v.offsets.dtype()), ", want [R+1] int32"));
+    throw Error(Fault::internal, text("[composite] offsets has shape ", to_string(v.offsets.shape()), " ",
+                                      name_of(v.offsets.dtype()), ", want [R+1] int32"));
   return make(std::make_shared<Composite>(), {v.offsets.dim(0) - 1, 6}, {v.sigma, v.rgb, v.t, v.dt, v.offsets});
 }
 
@@ -149,8 +159,11 @@ Tensor composite_weights(const Tensor& sigma, const Tensor& dt, const Tensor& of
 }
 
 Tensor importance_edges(const Tensor& edges, const Tensor& weights, const Tensor& uniform) {
-  const Dims d = match("importance_edges", {{"edges", edges, "R E"}, {"weights", weights, "R N"}, {"uniform", uniform, "R M"}});
-  if (d["E"] != d["N"] + 1) throw Error(Fault::internal, text("[importance_edges] ", d["E"], " edges for ", d["N"], " weights, want one more edge than weights"));
+  const Dims d =
+      match("importance_edges", {{"edges", edges, "R E"}, {"weights", weights, "R N"}, {"uniform", uniform, "R M"}});
+  if (d["E"] != d["N"] + 1)
+    throw Error(Fault::internal, text("[importance_edges] ", d["E"], " edges for ", d["N"],
+                                      " weights, want one more edge than weights"));
   return untracked(make(std::make_shared<ImportanceEdges>(), {d["R"], d["E"] + d["M"]}, {edges, weights, uniform}));
 }
 
@@ -168,13 +181,15 @@ OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, in
   const Tensor shift = dense(jitter);
   const int64_t n = shift.dim(0);
   OccupancyCells out{empty({n}, DType::i32), empty({n, 3})};
-  launch(kernel("volume", "occupancy_cells"), "occupancy_cells", elements(n), shift, out.cells, out.points, n, side, start, stride);
+  launch(kernel("volume", "occupancy_cells"), "occupancy_cells", elements(n), shift, out.cells, out.points, n, side,
+         start, stride);
   return out;
 }
 
 void occupancy_merge(Tensor& values, const Tensor& cells, const Tensor& density, float decay) {
   const Tensor new_density = dense(density);
-  launch(kernel("volume", "occupancy_merge"), "occupancy_merge", elements(cells.numel()), cells, new_density, values, cells.numel(), decay);
+  launch(kernel("volume", "occupancy_merge"), "occupancy_merge", elements(cells.numel()), cells, new_density, values,
+         cells.numel(), decay);
 }
 
 }  // namespace cloam

@@ -2,7 +2,6 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Geometry>
-
 #include <cmath>
 #include <filesystem>
 
@@ -21,7 +20,9 @@ namespace {
 
 struct Folder {
   std::filesystem::path path;
-  explicit Folder(const std::string& name) : path(std::filesystem::temp_directory_path() / ("cloam-" + name)) { std::filesystem::remove_all(path); }
+  explicit Folder(const std::string& name) : path(std::filesystem::temp_directory_path() / ("cloam-" + name)) {
+    std::filesystem::remove_all(path);
+  }
   ~Folder() { std::filesystem::remove_all(path); }
 };
 
@@ -59,17 +60,20 @@ Outcome train_small(const std::vector<std::pair<std::string, std::string>>& sett
   Outcome out;
   for (const FramePixels& frame : test.frames) {
     truth.push_back(on_white(frame));
-    const Picture picture = method->render({test.cameras[static_cast<size_t>(frame.camera)], scene.frames[frame.frame].world_from_camera});
+    const Picture picture =
+        method->render({test.cameras[static_cast<size_t>(frame.camera)], scene.frames[frame.frame].world_from_camera});
     out.psnr += psnr(picture.rgb, truth.back()) / static_cast<double>(test.frames.size());
   }
-  const std::vector<std::span<const float>> seen_views(seen.begin(), seen.end()), truth_views(truth.begin(), truth.end());
+  const std::vector<std::span<const float>> seen_views(seen.begin(), seen.end()),
+      truth_views(truth.begin(), truth.end());
   out.baseline = mean_colour_psnr(seen_views, truth_views, 3);
   return out;
 }
 
-const std::vector<std::pair<std::string, std::string>> kSmallHash = {{"field.levels", "6"},       {"field.log2_rows", "13"}, {"field.finest", "128"},
-                                                                     {"field.width", "32"},       {"batch.samples", "16384"}, {"batch.rays", "512"},
-                                                                     {"occupancy.side", "48"},    {"march.min_step", "0.03"}, {"occupancy.cells", "16384"}};
+const std::vector<std::pair<std::string, std::string>> kSmallHash = {
+    {"field.levels", "6"},    {"field.log2_rows", "13"},  {"field.finest", "128"},
+    {"field.width", "32"},    {"batch.samples", "16384"}, {"batch.rays", "512"},
+    {"occupancy.side", "48"}, {"march.min_step", "0.03"}, {"occupancy.cells", "16384"}};
 
 }  // namespace
 
@@ -81,15 +85,23 @@ TEST_CASE("nerf with the hash grid learns held-out views of a small scene") {
 
 TEST_CASE("nerf with tri-planes learns held-out views of a small scene") {
   auto settings = kSmallHash;
-  settings.insert(settings.end(), {{"field.kind", "triplane"}, {"field.plane_side", "64"}, {"field.plane_channels", "8"}});
+  settings.insert(settings.end(),
+                  {{"field.kind", "triplane"}, {"field.plane_side", "64"}, {"field.plane_channels", "8"}});
   const Outcome outcome = train_small(settings, 200);
   MESSAGE("psnr ", outcome.psnr, ", mean colour ", outcome.baseline);
   CHECK(outcome.psnr > outcome.baseline + 4);
 }
 
 TEST_CASE("the paper's sampling and network, made small, learn held-out views") {
-  const Outcome outcome = train_small({{"field.kind", "frequency"}, {"field.width", "64"}, {"field.depth", "6"}, {"sampling", "importance"}, {"batch.rays", "128"},
-                                       {"samples.coarse", "24"}, {"samples.fine", "24"}, {"train.rate", "3e-3"}}, 150);
+  const Outcome outcome = train_small({{"field.kind", "frequency"},
+                                       {"field.width", "64"},
+                                       {"field.depth", "6"},
+                                       {"sampling", "importance"},
+                                       {"batch.rays", "128"},
+                                       {"samples.coarse", "24"},
+                                       {"samples.fine", "24"},
+                                       {"train.rate", "3e-3"}},
+                                      150);
   MESSAGE("psnr ", outcome.psnr, ", mean colour ", outcome.baseline);
   CHECK(outcome.psnr > outcome.baseline + 3);
 }
@@ -115,7 +127,10 @@ TEST_CASE("rays of a view point where the camera projects them") {
       const size_t i = static_cast<size_t>(y * camera.width + x);
       Eigen::Vector3d point;
       for (int k = 0; k < 3; k++)
-        point[k] = (static_cast<double>(origins[3 * i + static_cast<size_t>(k)]) + 1.3 * static_cast<double>(directions[3 * i + static_cast<size_t>(k)])) / frame.scale + frame.centre[k];
+        point[k] = (static_cast<double>(origins[3 * i + static_cast<size_t>(k)]) +
+                    1.3 * static_cast<double>(directions[3 * i + static_cast<size_t>(k)])) /
+                       frame.scale +
+                   frame.centre[k];
       const Eigen::Vector3d in_camera = pose.block<3, 3>(0, 0).transpose() * (point - pose.block<3, 1>(0, 3));
       const Eigen::Vector2d pixel = project(camera, in_camera);
       CHECK(pixel.x() == doctest::Approx(x + 0.5).epsilon(1e-4));
@@ -129,8 +144,10 @@ TEST_CASE("a contracted scene is centred where the cameras look") {
   for (int i = 0; i < 8; i++) {
     const double angle = 0.7 * i;
     Frame frame;
-    const Eigen::Vector3d origin = focus + 2.5 * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0.3 * std::sin(2 * angle)).normalized();
-    const Eigen::Vector3d forward = (focus - origin).normalized(), right = forward.cross(Eigen::Vector3d::UnitZ()).normalized();
+    const Eigen::Vector3d origin =
+        focus + 2.5 * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0.3 * std::sin(2 * angle)).normalized();
+    const Eigen::Vector3d forward = (focus - origin).normalized(),
+                          right = forward.cross(Eigen::Vector3d::UnitZ()).normalized();
     frame.world_from_camera.block<3, 1>(0, 0) = right;
     frame.world_from_camera.block<3, 1>(0, 1) = forward.cross(right);
     frame.world_from_camera.block<3, 1>(0, 2) = forward;
