@@ -28,6 +28,7 @@ const std::vector<Preset>& presets() {
        {{"field.kind", "frequency"},
         {"field.width", "256"},
         {"sampling", "importance"},
+        {"background", "white"},
         {"batch.rays", "1024"},
         {"train.rate", "5e-4"},
         {"train.final_rate", "0.1"},
