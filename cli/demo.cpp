@@ -21,7 +21,7 @@ constexpr char kExamples[] = R"(Make a scene, train on it for a minute, and show
 
 Examples:
   cloam demo
-  cloam demo -o /tmp/demo --time-budget 2m)";
+  cloam demo -o showcase --time-budget 2m)";
 
 struct DemoRequest {
   std::string out = "demo", time_budget = "60s";
