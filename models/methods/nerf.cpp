@@ -61,6 +61,7 @@ void Nerf::configure(Config& c) {
   c.bind("train.rate", config_.learning_rate, "learning rate of Adam");
   c.bind("train.final_rate", config_.final_rate, "factor on the rate at the last step");
   c.bind("train.decay_start", config_.decay_start, "share of the steps before the rate falls");
+  c.bind("train.decay_steps", config_.decay_steps, "steps to the final rate, whatever the horizon (0: the horizon)");
   c.bind("train.distortion", config_.distortion, "weight of the distortion loss");
   c.bind("train.loss", config_.loss, "square | charbonnier");
 }
@@ -98,7 +99,10 @@ MemoryPlan Nerf::memory() const {
 }
 
 std::vector<LearningRate> Nerf::learning_rates(const Progress& progress) const {
-  const float along = std::clamp((progress.fraction() - config_.decay_start) / (1.f - config_.decay_start), 0.f, 1.f);
+  const float along =
+      config_.decay_steps > 0
+          ? static_cast<float>(progress.step) / static_cast<float>(config_.decay_steps)
+          : std::clamp((progress.fraction() - config_.decay_start) / (1.f - config_.decay_start), 0.f, 1.f);
   const float warm_up = std::min(1.f, static_cast<float>(progress.step) / 30.f);
   const float rate = config_.learning_rate * std::pow(config_.final_rate, along) * warm_up;
   return {{"", rate}};

@@ -23,8 +23,9 @@ struct NerfConfig {
   float cone = 0.03f;                               // unbounded scenes: step length over distance
   float learning_rate = 1e-2f, final_rate = 0.03f;  // factor reached at the horizon
   float decay_start = 0.3f;                         // share of the horizon before the rate falls
-  float distortion = 0.005f;                        // mip-NeRF 360: draws each ray's weights together
-  std::string loss = "square";                      // square | charbonnier
+  int decay_steps = 0;          // not 0: the rate reaches final_rate after so many steps, whatever the horizon
+  float distortion = 0.005f;    // mip-NeRF 360: draws each ray's weights together
+  std::string loss = "square";  // square | charbonnier
   int occupancy_every = 16, occupancy_start = 64;
 };
 

@@ -32,7 +32,7 @@ const std::vector<Preset>& presets() {
         {"batch.rays", "1024"},
         {"train.rate", "5e-4"},
         {"train.final_rate", "0.1"},
-        {"train.decay_start", "0"}},
+        {"train.decay_steps", "250000"}},
        200000},
   };
   return rows;
