@@ -51,8 +51,6 @@ void OccupancyGrid::refresh_threshold() {
   threshold_ = std::min(options_.threshold, 0.5f * average);
 }
 
-double OccupancyGrid::occupied_share() const { return mean(cast(values_ > threshold_, DType::f32)).item(); }
-
 TensorMap OccupancyGrid::state() const {
   return {{"occupancy.values", named(values_)}, {"occupancy.updates", named_integers({updates_})}};
 }

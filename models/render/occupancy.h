@@ -26,7 +26,6 @@ class OccupancyGrid {
   void update(const Density& density, const RandomKey& key);
   /// Runs what update() runs, to no effect.
   void rehearse(const Density& density, const RandomKey& key);
-  double occupied_share() const;
   TensorMap state() const;
   void restore(const TensorMap& state);
 

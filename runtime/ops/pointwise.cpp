@@ -19,11 +19,6 @@ struct ConstantOp final : Op {
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
 };
 
-std::vector<const PointwiseOp*>& table() {
-  static std::vector<const PointwiseOp*> rows;
-  return rows;
-}
-
 bool is_float(DType t) { return t == DType::f32 || t == DType::f16; }
 
 DType common(const Tensors& in) {
@@ -43,7 +38,6 @@ DType result_type(const PointwiseOp& row, const Tensors& in) {
 
 std::shared_ptr<PointwiseOp> row(const char* id, const char* code, Typing type, PointwiseOp::Vjp vjp) {
   auto op = std::make_shared<PointwiseOp>(id, code, type, vjp);
-  table().push_back(op.get());
   const Registered registered(id);
   return op;
 }
@@ -63,8 +57,6 @@ std::shared_ptr<const Op> constant_op() {
   static const auto op = std::make_shared<ConstantOp>();
   return op;
 }
-
-const std::vector<const PointwiseOp*>& pointwise_rows() { return table(); }
 
 static Tensor negate(T x);
 
