@@ -1,0 +1,79 @@
+// Whole training steps of the radiance fields, as the trainer takes them (without saving).
+#include <filesystem>
+#include <memory>
+
+#include "benchmarks/workload.h"
+#include "models/data/read_scene.h"
+#include "models/data/synthetic_scene.h"
+#include "models/methods/registry.h"
+#include "models/train/optimiser.h"
+
+namespace cloam {
+namespace {
+
+struct Training {
+  std::unique_ptr<Method> method;
+  std::unique_ptr<Optimiser> optimiser;
+  Progress progress{0, 1000, 42};
+};
+
+std::shared_ptr<Training> begin(const char* preset_name) {
+  const std::filesystem::path data = std::filesystem::temp_directory_path() / "cloam-benchmark-scene";
+  if (!std::filesystem::exists(data / "transforms_test.json")) write_synthetic_scene(data, {});
+  const Preset& preset = find_preset(preset_name);
+  auto training = std::make_shared<Training>();
+  training->method = make_method(preset.method);
+  Config config;
+  training->method->configure(config);
+  for (const auto& [key, value] : preset.settings) config.set(key, value, "preset");
+  const Scene scene = read_scene(data);
+  training->method->build(scene, 42);
+  training->method->load_data({scene, load_images(scene, Split::train)});
+  training->optimiser =
+      std::make_unique<Optimiser>(training->method->parameters(), training->method->learning_rates({}));
+  return training;
+}
+
+void step(Training& training) {
+  Method& method = *training.method;
+  training.progress.step++;
+  Tensors all;
+  for (const auto& [name, p] : method.parameters()) all.push_back(p);
+  const Tensor loss = method.loss(training.progress);
+  all = grad(loss, all);
+  all.push_back(loss);
+  eval(all);
+  all.pop_back();
+  training.optimiser->step(method.parameters(), all, method.learning_rates(training.progress), method.adam(),
+                           training.progress.step);
+  (void)loss.item();
+  method.after_step(training.progress);
+}
+
+/// `warm` steps first: the occupancy grid must settle before a step costs what it costs later.
+Workload training(const char* preset, int warm, double flops) {
+  return {std::string(preset) + ".step",
+          flops,
+          0,
+          [=]() -> Run {
+            auto state = begin(preset);
+            for (int i = 0; i < warm; i++) step(*state);
+            return [state] { step(*state); };
+          },
+          {}};
+}
+
+/// Multiply-adds of one sample through the frequency field (frequency_field.cpp), two operations each.
+double paper_flops_per_sample() {
+  const double point = 63, direction = 27, w = 256;
+  return 2 * (point * w + 6 * w * w + (w + point) * w + w + w * w + (w + direction) * w / 2 + w / 2 * 3);
+}
+
+}  // namespace
+
+void add_nerf_steps(Workloads& all) {
+  all.push_back(training("nerf", 120, 0));
+  all.push_back(training("nerf-paper", 1, 3 * 1024 * (64 + 192) * paper_flops_per_sample()));
+}
+
+}  // namespace cloam

@@ -1,0 +1,14 @@
+// Whole training steps, in the order of the report.
+#include "benchmarks/workload.h"
+
+namespace cloam {
+
+void add_nerf_steps(Workloads& all);
+
+Workloads step_workloads() {
+  Workloads all;
+  add_nerf_steps(all);
+  return all;
+}
+
+}  // namespace cloam
