@@ -9,6 +9,7 @@
 #include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/op.h"
+#include "runtime/variant.h"
 
 namespace cloam {
 
@@ -36,11 +37,14 @@ void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to);
 void write_buffer(const Buffer& buffer, const void* from, size_t bytes);
 void finish();
 
-/// Compile-time constants of a variant (tile sizes, widths): never tensor extents or scalars.
-using Constants = std::vector<std::pair<const char*, int>>;
-
 /// kernels/<stem>.cl, compiled once per set of constants.
 cl::Kernel& kernel(const char* stem, const char* name, const Constants& constants = {});
+/// The kernel of a chosen variant; `more`: constants that the op's code decides (transposes, say).
+cl::Kernel& kernel(const Variant& variant, const Constants& more = {});
+bool has_kernel_text(const std::string& stem);
+std::string kernel_text(const std::string& stem);
+/// What is kept between runs on this machine: tuned choices.
+std::string cache_folder();
 
 /// One generated kernel: its name is a hash of its text. Missing ones are compiled together, in one program.
 struct Generated {

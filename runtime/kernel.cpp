@@ -21,6 +21,27 @@ extern const KernelSource kKernelSources[];
 
 namespace {
 
+const char* embedded_text(const std::string& stem) {
+  for (const KernelSource* source = kKernelSources; source->stem; source++)
+    if (stem == source->stem) return source->text;
+  return nullptr;
+}
+
+}  // namespace
+
+bool has_kernel_text(const std::string& stem) { return embedded_text(stem) != nullptr; }
+
+std::string kernel_text(const std::string& stem) {
+  if (const char* folder = std::getenv("CLOAM_KERNEL_DIR")) {
+    std::ifstream file(std::string(folder) + "/" + stem + ".cl");
+    if (file) return {std::istreambuf_iterator<char>(file), {}};
+  }
+  if (const char* embedded = embedded_text(stem)) return embedded;
+  throw Error(Fault::internal, text("[kernel] there is no kernels/", stem, ".cl"));
+}
+
+namespace {
+
 struct Compiled {
   cl::Program program;
   std::map<std::string, cl::Kernel> kernels;
@@ -32,16 +53,6 @@ struct Cache {
 Cache& cache() {
   static Cache* const one = new Cache;
   return *one;
-}
-
-std::string kernel_text(const std::string& stem) {
-  if (const char* folder = std::getenv("CLOAM_KERNEL_DIR")) {
-    std::ifstream file(std::string(folder) + "/" + stem + ".cl");
-    if (file) return {std::istreambuf_iterator<char>(file), {}};
-  }
-  for (const KernelSource* source = kKernelSources; source->stem; source++)
-    if (stem == source->stem) return source->text;
-  throw Error(Fault::internal, text("[kernel] there is no kernels/", stem, ".cl"));
 }
 
 std::string options(const Constants& constants) {

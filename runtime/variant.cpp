@@ -1,0 +1,206 @@
+// Reading variant rows out of kernel texts, choosing among them, and remembering what tuning found.
+#include "runtime/variant.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <deque>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <optional>
+#include <set>
+#include <sstream>
+
+#include "runtime/cl.h"
+
+namespace cloam {
+namespace {
+
+constexpr char kMark[] = "//: variant ";
+
+const char* interned(const std::string& name) {
+  static auto* const names = new std::set<std::string>;
+  return names->insert(name).first->c_str();
+}
+
+[[noreturn]] void bad_row(const std::string& stem, const std::string& line) {
+  throw Error(Fault::internal, text("kernels/", stem, ".cl: \"", line,
+                                    "\"; want //: variant <kernel> <cpu|gpu|reference> <size> NAME=VALUE ..."));
+}
+
+Variant parse_row(const std::string& stem, const std::string& line) {
+  std::istringstream words(line.substr(std::strlen(kMark)));
+  Variant row;
+  row.stem = stem;
+  words >> row.kernel >> row.where >> row.size;
+  if (row.size.empty() || (row.where != "cpu" && row.where != "gpu" && row.where != "reference")) bad_row(stem, line);
+  for (std::string word; words >> word;) {
+    const size_t equal = word.find('=');
+    int value = 0;
+    if (equal == std::string::npos || std::sscanf(word.c_str() + equal + 1, "%d", &value) != 1) bad_row(stem, line);
+    row.constants.push_back({interned(word.substr(0, equal)), value});
+  }
+  return row;
+}
+
+void read_rows(const std::string& stem, std::deque<Variant>& rows) {
+  std::istringstream source(kernel_text(stem));
+  for (std::string line; std::getline(source, line);)
+    if (line.starts_with(kMark)) rows.push_back(parse_row(stem, line));
+}
+
+struct Family {
+  std::deque<Variant> rows;  // a deque: choices point into it
+  std::map<std::string, Choice> chosen;
+};
+
+Family& family_of(const std::string& name) {
+  static auto* const families = new std::map<std::string, Family>;
+  auto [at, fresh] = families->try_emplace(name);
+  if (!fresh) return at->second;
+  for (const char* suffix : {"", "_cpu", "_gpu"})
+    if (has_kernel_text(name + suffix)) read_rows(name + suffix, at->second.rows);
+  return at->second;
+}
+
+const char* class_here() {
+  if (reference_variants()) return "reference";
+  return is_cpu_class() ? "cpu" : "gpu";
+}
+
+/// The rows of one kernel: those of the device class whose size fits exactly, then "any", then the references.
+std::vector<const Variant*> fitting(const std::string& family, const std::string& size) {
+  for (const std::string& where : {std::string(class_here()), std::string("reference")})
+    for (const std::string& wanted : {size, std::string("any")}) {
+      std::vector<const Variant*> out;
+      for (const Variant& row : family_of(family).rows)
+        if (row.where == where && row.size == wanted && (out.empty() || row.kernel == out[0]->kernel))
+          out.push_back(&row);
+      if (!out.empty()) return out;
+    }
+  throw Error(Fault::internal, text("[variant] kernels/", family, "*.cl states no row for ", class_here(), " and size ",
+                                    size, ", and no reference"));
+}
+
+/// family|size|kernel NAME=VALUE ..., as save_tuned() writes it.
+using Tuned = std::map<std::pair<std::string, std::string>, std::string>;
+
+Tuned read_tuned() {
+  Tuned out;
+  const char* wish = std::getenv("CLOAM_TUNE");
+  if (wish && std::strcmp(wish, "off") == 0) return out;
+  std::ifstream file(tuned_file());
+  for (std::string line; std::getline(file, line);) {
+    const size_t first = line.find('|'), second = line.find('|', first + 1);
+    if (line.starts_with('#') || second == std::string::npos) continue;
+    out[{line.substr(0, first), line.substr(first + 1, second - first - 1)}] = line.substr(second + 1);
+  }
+  return out;
+}
+
+Choice first_choice(const std::string& family, const std::string& size) {
+  static auto* const tuned = new Tuned(read_tuned());
+  const std::vector<const Variant*> rows = fitting(family, size);
+  const auto found = tuned->find({family, size});
+  if (found != tuned->end() && !reference_variants())
+    for (const Variant* row : rows)
+      if (row->row() == found->second) return {family, size, row, "tuned"};
+  const char* why = reference_variants()            ? "CLOAM_VARIANT=reference"
+                    : rows[0]->where == "reference" ? "no row for this device class"
+                                                    : "built-in";
+  return {family, size, rows[0], why};
+}
+
+std::vector<Choice>* recorder = nullptr;
+
+void record(const Choice& choice) {
+  for (const Choice& known : *recorder)
+    if (known.family == choice.family && known.size == choice.size) return;
+  recorder->push_back(choice);
+}
+
+const Choice& choice_for(const char* family, const char* size) {
+  static auto* const quick = new std::map<std::pair<const char*, const char*>, const Choice*>;
+  const Choice*& known = (*quick)[{family, size}];
+  if (known) return *known;
+  std::map<std::string, Choice>& chosen = family_of(family).chosen;
+  const auto found = chosen.find(size);
+  known = found != chosen.end() ? &found->second : &chosen.emplace(size, first_choice(family, size)).first->second;
+  return *known;
+}
+
+}  // namespace
+
+int Variant::operator[](const char* name) const {
+  for (const auto& [known, value] : constants)
+    if (std::strcmp(known, name) == 0) return value;
+  throw Error(Fault::internal, text("[variant] ", kernel, " in kernels/", stem, ".cl states no ", name));
+}
+
+std::string Variant::row() const {
+  std::string out = text(kernel, " ", where, " ", size);
+  for (const auto& [name, value] : constants) out += text(" ", name, "=", value);
+  return out;
+}
+
+const Variant& choose(const char* family, const char* size) {
+  const Choice& choice = choice_for(family, size);
+  if (recorder) record(choice);
+  return *choice.variant;
+}
+
+std::vector<const Variant*> candidates(const std::string& family, const std::string& size) {
+  return fitting(family, size);
+}
+
+void prefer(const std::string& family, const std::string& size, const Variant& variant, const char* why) {
+  family_of(family).chosen[size] = {family, size, &variant, why};
+}
+
+void record_choices(std::vector<Choice>* into) { recorder = into; }
+
+cl::Kernel& kernel(const Variant& variant, const Constants& more) {
+  Constants all = variant.constants;
+  all.insert(all.end(), more.begin(), more.end());
+  return kernel(variant.stem.c_str(), variant.kernel.c_str(), all);
+}
+
+std::string cache_folder() {
+  const auto set = [](const char* name) -> std::optional<std::string> {
+    const char* value = std::getenv(name);
+    return value && *value ? std::optional<std::string>(value) : std::nullopt;
+  };
+  if (const auto own = set("CLOAM_CACHE_DIR")) return *own;
+  if (const auto xdg = set("XDG_CACHE_HOME")) return *xdg + "/cloam";
+  return set("HOME").value_or("/tmp") + "/.cache/cloam";
+}
+
+std::string tuned_file() {
+  uint64_t hash = 1469598103934665603ull;
+  for (unsigned char c : device().name + "|" + device().driver + "|" + class_here())
+    hash = (hash ^ c) * 1099511628211ull;
+  char name[40];
+  std::snprintf(name, sizeof name, "/tuned-%016llx.txt", static_cast<unsigned long long>(hash));
+  return cache_folder() + name;
+}
+
+void save_tuned(const std::vector<Choice>& tuned) {
+  const std::string path = tuned_file(), fresh = text(path, ".", getpid());
+  std::error_code ignored;
+  std::filesystem::create_directories(cache_folder(), ignored);
+  std::ofstream file(fresh);
+  file << "# " << device().name << ", driver " << device().driver << ": written by cloam tune; delete it to forget\n";
+  for (const Choice& choice : tuned)
+    file << choice.family << '|' << choice.size << '|' << choice.variant->row() << '\n';
+  file.close();
+  if (!file || std::rename(fresh.c_str(), path.c_str()) != 0) {
+    std::filesystem::remove(fresh, ignored);
+    throw Error(Fault::write, text("cannot write ", path, "; set CLOAM_CACHE_DIR to a folder that can be written"));
+  }
+}
+
+}  // namespace cloam
