@@ -133,3 +133,26 @@ inline float m_pow(float x, float y) {
   const float r = m_exp(y * m_log(x));
   return y == 0.0f ? 1.0f : (x == 0.0f ? (y > 0.0f ? 0.0f : INFINITY) : r);
 }
+
+// The end of products and convolutions (ops.h: Epilogue): activation(sum + bias + residual). Flags are an argument, so
+// that one kernel text serves all: tested once a tile, not once an element.
+#define EPILOGUE_BIAS 1
+#define EPILOGUE_RESIDUAL 2
+#define EPILOGUE_RELU 4
+#define EPILOGUE_SILU 8
+inline float activate(float x, int epilogue) {
+  if (epilogue & EPILOGUE_RELU) return fmax(x, 0.0f);
+  return epilogue & EPILOGUE_SILU ? x * m_sigmoid(x) : x;
+}
+#if CLOAM_CPU
+inline float16 activate16(float16 x, int epilogue) {
+  if (epilogue & EPILOGUE_RELU) return fmax(x, (float16)(0.0f));
+  if (epilogue & EPILOGUE_SILU) {
+    float lane[16];  // a loop that vectorises
+    vstore16(x, 0, lane);
+    for (int i = 0; i < 16; i++) lane[i] *= m_sigmoid(lane[i]);
+    x = vload16(0, lane);
+  }
+  return x;
+}
+#endif

@@ -177,6 +177,16 @@ Tensor cumsum(const Tensor& x, int axis, const Cumulative& how = {});
 // ---- Dense (ops/matmul.cpp, ops/conv2d.cpp). float32.
 /// a [..,M,K] x b [..,K,N] -> [..,M,N]; batch axes broadcast. Transposed operands are transpose() views: no copy.
 Tensor matmul(const Tensor& a, const Tensor& b);
+enum class Activation { none, relu, silu };
+/// What is done to a finished sum before it is stored: activation(sum + bias + residual).
+struct Epilogue {
+  Tensor bias = {};      // linear: [N]; conv2d: [K], or [N,K] for one of each image
+  Tensor residual = {};  // of the result's shape
+  Activation activation = Activation::none;
+};
+/// activation(x w + bias + residual): x [..,K], w [K,N] -> [..,N]; one launch, linear_composed is its reference.
+Tensor linear(const Tensor& x, const Tensor& w, const Epilogue& with = {});
+Tensor linear_composed(const Tensor& x, const Tensor& w, const Epilogue& with = {});
 struct Conv2dParams {
   int stride = 1, pad = 0, groups = 1;  // pad: zeros on every side
 };

@@ -2,7 +2,7 @@
 #include <algorithm>
 
 #include "runtime/cl.h"
-#include "runtime/ops.h"
+#include "runtime/ops/epilogue.h"
 
 namespace cloam {
 namespace {
@@ -171,5 +171,11 @@ Tensor matmul(const Tensor& a, const Tensor& b) {
     return reshape(matmul(reshape(a, {numel(batch_of(a)) * a.dim(-2), a.dim(-1)}), b), shape);
   return make(std::make_shared<Matmul>(), shape, {a, b});
 }
+
+Tensor linear_composed(const Tensor& x, const Tensor& w, const Epilogue& with) {
+  return composed_epilogue(matmul(x, w), with.bias, with);
+}
+
+Tensor linear(const Tensor& x, const Tensor& w, const Epilogue& with) { return linear_composed(x, w, with); }
 
 }  // namespace cloam

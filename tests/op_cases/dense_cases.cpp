@@ -1,4 +1,6 @@
 // Rows of matrix products and convolutions.
+#include <cmath>
+
 #include "tests/op_cases/cases.h"
 
 namespace cloam {
@@ -64,6 +66,54 @@ void add_products(OpCases& rows) {
                           return total;
                         });
                       }});
+}
+
+/// inputs: x, w, then the bias and the residual that the row is said to have.
+struct Ending {
+  const char* label;
+  bool bias, residual;
+  Activation activation;
+};
+
+Epilogue epilogue_of(const Ending& e, const Tensors& in) {
+  return {e.bias ? in[2] : Tensor(), e.residual ? in[e.bias ? 3 : 2] : Tensor(), e.activation};
+}
+
+HostArray finish(const Ending& e, const HostArrays& in, HostArray sums) {
+  for (int64_t i = 0; i < sums.size(); i++) {
+    double& y = sums.values[static_cast<size_t>(i)];
+    if (e.bias) y += in[2][i % sums.dim(-1)];
+    if (e.residual) y += in[e.bias ? 3 : 2][i];
+    if (e.activation == Activation::relu) y = std::max(y, 0.0);
+    if (e.activation == Activation::silu) y = y / (1 + std::exp(-y));
+  }
+  return sums;
+}
+
+OpCase linear_row(const Ending& e, const Shape& x, const Shape& w) {
+  std::vector<InputSpec> inputs = {normal(x), normal(w)};
+  if (e.bias) inputs.push_back(normal({w[1]}));
+  Shape y = x;
+  y[x.rank() - 1] = w[1];
+  if (e.residual) inputs.push_back(normal(y));
+  return {.op = "linear",
+          .label = e.label,
+          .inputs = inputs,
+          .run = [e](const Tensors& in) { return linear(in[0], in[1], epilogue_of(e, in)); },
+          .reference = [e](const HostArrays& in) { return finish(e, in, product(in)); },
+          .composed = true};
+}
+
+void add_linear(OpCases& rows) {
+  rows.push_back(linear_row({"bias", true, false, Activation::none}, {3, 7, 5}, {5, 11}));
+  rows.back().zero = {{0, 5}, {5, 3}, {3}};
+  rows.push_back(linear_row({"bias and ReLU", true, false, Activation::relu}, {7, 5}, {5, 3}));
+  rows.push_back(linear_row({"ReLU", false, false, Activation::relu}, {7, 5}, {5, 3}));
+  rows.back().second_order = true;
+  rows.push_back(linear_row({"residual", false, true, Activation::none}, {9, 6}, {6, 7}));
+  rows.push_back(linear_row({"bias, residual, SiLU", true, true, Activation::silu}, {37, 21}, {21, 67}));
+  rows.back().second_order = true;
+  rows.push_back(linear_row({"bias, residual, ReLU, long sum", true, true, Activation::relu}, {5, 2503}, {2503, 3}));
 }
 
 /// Calls visit(x index, w index, y index) for every product in a convolution.
@@ -167,6 +217,7 @@ void add_convolutions(OpCases& rows) {
 
 void add_dense_cases(OpCases& rows) {
   add_products(rows);
+  add_linear(rows);
   add_convolutions(rows);
 }
 
