@@ -6,9 +6,9 @@
 
 namespace cloam {
 
-/// y = x W + b. Initial weights uniform in +-sqrt(6 / in) (He), bias zero.
+/// y = x W + b. Initial weights uniform in +-gain * sqrt(6 / in) (gain 1: He; 0: zeros), bias zero.
 struct Linear {
-  Linear(const Scope& scope, int64_t in, int64_t out);
+  Linear(const Scope& scope, int64_t in, int64_t out, float gain = 1.f);
   Tensor operator()(const Tensor& x) const;
   Tensor weight, bias;
 };
@@ -23,5 +23,9 @@ struct SmallMlp {
 /// NeRF's encoding gamma (Mildenhall et al. 2020, eq. 4): identity, then sin and cos at 2^0 ... 2^(count-1), no factor
 /// pi. x [S, C] -> [S, C * (1 + 2 count)].
 Tensor frequency_encoding(const Tensor& x, int count);
+
+/// The Transformer's encoding as DDPM uses it for diffusion times: sin then cos of t * 10000^(-i / (channels/2 - 1)).
+/// t [N] float32, 0 to 1000 (below 8192, see ops.h: sin) -> [N, channels]; channels even, from 4.
+Tensor timestep_encoding(const Tensor& t, int64_t channels);
 
 }  // namespace cloam

@@ -1,0 +1,110 @@
+// The U-Net.
+#include "models/diffusion/unet.h"
+
+#include <cmath>
+
+#include "runtime/error.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+namespace {
+
+const float kUnitVariance = std::sqrt(3.f);  // uniform in +- this has variance 1
+
+std::string numbered(const char* name, size_t i) { return name + std::to_string(i); }
+
+}  // namespace
+
+UnetOptions small_unet() {
+  UnetOptions options;
+  options.base = 32;
+  options.multipliers = {1, 2};
+  options.groups = 8;
+  return options;
+}
+
+Unet::Unet(const Scope& scope, const UnetOptions& o)
+    : options_(o),
+      embedding_(4 * o.base),
+      time1_(scope / "time1", o.base, embedding_),
+      time2_(scope / "time2", embedding_, embedding_),
+      class_table_(scope.uniform("class", {o.classes + 1, embedding_}, kUnitVariance)),
+      time_of_day_table_(scope.uniform("time_of_day", {o.times_of_day + 1, embedding_}, kUnitVariance)),
+      enter_(scope / "enter", {o.channels, o.base}),
+      last_norm_(scope / "last_norm", o.base * o.multipliers.front(), o.groups),
+      leave_(scope / "leave", {o.base * o.multipliers.front(), o.channels, 3, 1, 0.f}) {
+  std::vector<int64_t> kept = {o.base};
+  const int64_t width = build_down(scope, kept);
+  const ResBlockShape middle = {width, width, o.groups, embedding_, true};
+  middle1_.emplace(scope / "middle.block0", middle);
+  attention_.emplace(scope / "middle.attention", AttentionShape{width, o.groups, true});
+  middle2_.emplace(scope / "middle.block1", middle);
+  build_up(scope, width, kept);
+}
+
+/// Collects in `kept` the widths of what the way up will join again; returns the width at the bottom.
+int64_t Unet::build_down(const Scope& scope, std::vector<int64_t>& kept) {
+  int64_t width = options_.base;
+  for (size_t level = 0; level < options_.multipliers.size(); level++) {
+    const Scope here = scope / numbered("down", level);
+    Down& down = down_.emplace_back();
+    for (int i = 0; i < options_.blocks; i++) {
+      const int64_t out = options_.base * options_.multipliers[level];
+      down.blocks.emplace_back(here / numbered("block", static_cast<size_t>(i)),
+                               ResBlockShape{width, out, options_.groups, embedding_, true});
+      kept.push_back(width = out);
+    }
+    if (level + 1 == options_.multipliers.size()) continue;
+    down.halve.emplace(here / "halve", ConvShape{width, width, 3, 2});
+    kept.push_back(width);
+  }
+  return width;
+}
+
+/// One block more a level than on the way down: the image that entered a level is joined too.
+void Unet::build_up(const Scope& scope, int64_t width, std::vector<int64_t>& kept) {
+  for (size_t level = options_.multipliers.size(); level-- > 0;) {
+    const Scope here = scope / numbered("up", level);
+    Up& up = up_.emplace_back();
+    for (int i = 0; i <= options_.blocks; i++) {
+      const int64_t out = options_.base * options_.multipliers[level];
+      up.blocks.emplace_back(here / numbered("block", static_cast<size_t>(i)),
+                             ResBlockShape{width + kept.back(), out, options_.groups, embedding_, true});
+      kept.pop_back();
+      width = out;
+    }
+    if (level > 0) up.after_doubling.emplace(here / "after_doubling", ConvShape{width, width});
+  }
+}
+
+/// What every residual block projects: silu of time, class and time of day together, [N, embedding].
+Tensor Unet::embed(const Tensor& t, const UnetCondition& condition) const {
+  const Tensor time = time2_(silu(time1_(timestep_encoding(t, options_.base))));
+  return silu(time + embedding(class_table_, condition.class_id) +
+              embedding(time_of_day_table_, condition.time_of_day));
+}
+
+Tensor Unet::operator()(const Tensor& noisy, const Tensor& t, const UnetCondition& condition) const {
+  const int64_t step = int64_t{1} << (down_.size() - 1);
+  if (noisy.rank() != 4 || noisy.dim(1) != options_.channels || noisy.dim(2) % step != 0 || noisy.dim(3) % step != 0)
+    throw Error(Fault::internal, text("[unet] noisy is ", to_string(noisy.shape()), ", want [N, ", options_.channels,
+                                      ", H, W] with H and W multiples of ", step));
+  const Tensor embedded = embed(t, condition);
+  Tensor h = enter_(noisy);
+  Tensors kept = {h};
+  for (const Down& level : down_) {
+    for (const ResBlock& block : level.blocks) kept.push_back(h = block(h, embedded));
+    if (level.halve) kept.push_back(h = (*level.halve)(h));
+  }
+  h = (*middle2_)((*attention_)((*middle1_)(h, embedded)), embedded);
+  for (const Up& level : up_) {
+    for (const ResBlock& block : level.blocks) {
+      h = block(concat({h, kept.back()}, 1), embedded);
+      kept.pop_back();
+    }
+    if (level.after_doubling) h = level.after_doubling->on_doubled(h);
+  }
+  return leave_(last_norm_.then_silu(h));
+}
+
+}  // namespace cloam

@@ -1,0 +1,45 @@
+// The asset decoder.
+#include "models/fields/asset_decoder.h"
+
+#include <cmath>
+
+#include "runtime/error.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+
+AssetDecoder::AssetDecoder(const Scope& scope, const AssetDecoderOptions& o)
+    : options_(o),
+      class_table_(scope.uniform("class", {o.classes, o.class_channels}, std::sqrt(3.f))),  // variance 1
+      enter_(scope / "enter", {o.latent_channels + o.class_channels, o.middle}),
+      middle1_(scope / "middle.block0", {o.middle, o.middle, o.groups}),
+      attention_(scope / "middle.attention", {o.middle, o.groups}),
+      middle2_(scope / "middle.block1", {o.middle, o.middle, o.groups}),
+      last_norm_(scope / "last_norm", o.widths.back(), o.groups),
+      leave_(scope / "leave", {o.widths.back(), o.plane_channels}) {
+  int64_t width = o.middle;
+  for (size_t i = 0; i < o.widths.size(); i++) {
+    const Scope here = scope / ("stage" + std::to_string(i));
+    std::optional<Conv2d> after;
+    if (i > 0 && o.up_convolutions) after.emplace(here / "after_doubling", ConvShape{width, width});
+    ResBlockShape shape = {width, o.widths[i], o.groups};
+    shape.doubles = i > 0 && !o.up_convolutions;
+    stages_.push_back({after, ResBlock(here, shape)});
+    width = o.widths[i];
+  }
+}
+
+Tensor AssetDecoder::operator()(const Tensor& latent, const Tensor& class_id) const {
+  const Dims d = match("asset_decoder", {{"latent", latent, "N C H W"}, {"class_id", class_id, "N"}});
+  if (d["C"] != options_.latent_channels)
+    throw Error(Fault::internal, text("[asset_decoder] latent is ", to_string(latent.shape()), ", want [N, ",
+                                      options_.latent_channels, ", H, W]"));
+  const Tensor of_class = reshape(embedding(class_table_, class_id), {d["N"], options_.class_channels, 1, 1});
+  const Tensor tiled = broadcast_to(of_class, {d["N"], options_.class_channels, d["H"], d["W"]});
+  Tensor h = middle1_(enter_(concat({latent, tiled}, 1)));
+  h = middle2_(attention_(h));
+  for (const Stage& stage : stages_) h = stage.block(stage.after_doubling ? stage.after_doubling->on_doubled(h) : h);
+  return leave_(last_norm_.then_silu(h));
+}
+
+}  // namespace cloam

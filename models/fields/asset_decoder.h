@@ -1,0 +1,40 @@
+// From an asset's latent code to its tri-planes (GenAssets, supplement A), after VQGAN's decoder (Esser et al. 2021).
+#pragma once
+#include <vector>
+
+#include "models/nn/image_layers.h"
+
+namespace cloam {
+
+struct AssetDecoderOptions {
+  int64_t latent_channels = 32, classes = 8, class_channels = 32;
+  int64_t middle = 256;                                   // width of the first two blocks and the attention
+  std::vector<int64_t> widths = {256, 128, 128, 64, 64};  // of the blocks; before each but the first the image doubles
+  int64_t plane_channels = 36;                            // three planes of 12
+  int groups = 32;
+  bool up_convolutions = false;  // a 3x3 after each doubling, as VQGAN: 5.9 M parameters instead of 4.9 M
+};
+
+class AssetDecoder {
+ public:
+  explicit AssetDecoder(const Scope& scope, const AssetDecoderOptions& options = {});
+  /// latent [N,latent_channels,H,W], class_id int32 [N] -> planes [N,plane_channels,16H,16W] (with four doublings).
+  Tensor operator()(const Tensor& latent, const Tensor& class_id) const;
+
+ private:
+  struct Stage {
+    std::optional<Conv2d> after_doubling;
+    ResBlock block;
+  };
+  AssetDecoderOptions options_;
+  Tensor class_table_;
+  Conv2d enter_;
+  ResBlock middle1_;
+  AttentionBlock attention_;
+  ResBlock middle2_;
+  std::vector<Stage> stages_;
+  GroupNorm last_norm_;
+  Conv2d leave_;
+};
+
+}  // namespace cloam

@@ -1,0 +1,101 @@
+// Layers on images.
+#include "models/nn/image_layers.h"
+
+#include <cmath>
+
+#include "runtime/error.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+namespace {
+
+float glorot(const ConvShape& s) {
+  return s.gain * std::sqrt(6.f / static_cast<float>((s.in + s.out) * s.side * s.side));
+}
+
+/// A number a channel [C] or a channel and image [N,C], in front of every place.
+Tensor over_places(const Tensor& x) {
+  const Shape& s = x.shape();
+  return reshape(x, x.rank() == 1 ? Shape{1, s[0], 1, 1} : Shape{s[0], s[1], 1, 1});
+}
+
+/// One axis of a 3x3 kernel, seen by an image whose pixels are all there twice. Even results meet pixels i-1, i, i and
+/// odd ones i, i, i+1: two taps each, the doubled one with the sum of two weights.
+Tensor two_taps(const Tensor& weight, int axis, bool odd) {
+  const Tensor a = slice(weight, axis, 0, 1), b = slice(weight, axis, 1, 2), c = slice(weight, axis, 2, 3);
+  return odd ? concat({a + b, c}, axis) : concat({a, b + c}, axis);
+}
+
+}  // namespace
+
+Conv2d::Conv2d(const Scope& scope, const ConvShape& s)
+    : weight(scope.uniform("weight", {s.out, s.in, s.side, s.side}, glorot(s))),
+      bias(scope.constant("bias", {s.out}, 0.f)),
+      stride(s.stride) {}
+
+Tensor Conv2d::operator()(const Tensor& x) const { return product(x) + over_places(bias); }
+
+Tensor Conv2d::product(const Tensor& x) const {
+  return conv2d(x, weight, {stride, static_cast<int>(weight.dim(2) / 2), 1});
+}
+
+// Results at even and odd rows and columns are four convolutions of the small image with 2x2 kernels: 4 multiply-adds
+// where the large image takes 9 (the sub-pixel convolution of Shi et al. 2016, run backwards).
+Tensor Conv2d::on_doubled(const Tensor& x) const {
+  const int64_t n = x.dim(0), h = x.dim(2), w = x.dim(3);
+  const Tensor padded = pad(pad(x, 2, 1, 1), 3, 1, 1);
+  Tensors inputs, kernels;
+  for (int64_t row : {0, 1})
+    for (int64_t column : {0, 1}) {
+      inputs.push_back(slice(slice(padded, 2, row, row + h + 1), 3, column, column + w + 1));
+      kernels.push_back(two_taps(two_taps(weight, 2, row == 1), 3, column == 1));
+    }
+  const Tensor quarters = conv2d(concat(inputs, 1), concat(kernels, 0), {1, 0, 4});  // [N, 2*2*K, H, W]
+  const int64_t k = weight.dim(0);
+  const Tensor woven = permute(reshape(quarters, {n, 2, 2, k, h, w}), {0, 3, 4, 1, 5, 2});
+  return reshape(woven, {n, k, 2 * h, 2 * w}) + over_places(bias);
+}
+
+GroupNorm::GroupNorm(const Scope& scope, int64_t channels, int number)
+    : scale(scope.constant("scale", {channels}, 1.f)),
+      shift(scope.constant("shift", {channels}, 0.f)),
+      groups(number) {}
+
+Tensor GroupNorm::operator()(const Tensor& x) const { return group_norm(x, groups, scale, shift); }
+Tensor GroupNorm::then_silu(const Tensor& x) const { return silu((*this)(x)); }
+
+ResBlock::ResBlock(const Scope& scope, const ResBlockShape& s)
+    : norm1(scope / "norm1", s.in, s.groups),
+      conv1(scope / "conv1", {s.in, s.out}),
+      norm2(scope / "norm2", s.out, s.groups),
+      conv2(scope / "conv2", {s.out, s.out, 3, 1, s.zero_last ? 0.f : 1.f}),
+      doubles(s.doubles) {
+  if (s.embedding > 0) project.emplace(scope / "project", s.embedding, s.out);
+  if (s.in != s.out) skip.emplace(scope / "skip", ConvShape{s.in, s.out, 1});
+}
+
+// Scaling up repeats pixels, so it changes neither the statistics of a norm nor what SiLU and a 1x1 do to a pixel: they
+// run on the small image.
+Tensor ResBlock::operator()(const Tensor& x, const Tensor& activated) const {
+  const Tensor entered = norm1.then_silu(x);
+  Tensor h = doubles ? conv1.on_doubled(entered) : conv1(entered);
+  if (project) h = h + over_places((*project)(activated));
+  h = conv2(norm2.then_silu(h));
+  const Tensor kept = skip ? (*skip)(x) : x;
+  return h + (doubles ? resize_nearest(kept, 2 * x.dim(2), 2 * x.dim(3)) : kept);
+}
+
+AttentionBlock::AttentionBlock(const Scope& scope, const AttentionShape& s)
+    : norm(scope / "norm", s.channels, s.groups),
+      qkv(scope / "qkv", s.channels, 3 * s.channels),
+      out(scope / "out", s.channels, s.channels, s.zero_last ? 0.f : 1.f) {}
+
+Tensor AttentionBlock::operator()(const Tensor& x) const {
+  const int64_t n = x.dim(0), c = x.dim(1), places = x.dim(2) * x.dim(3);
+  const Tensor rows = permute(reshape(norm(x), {n, c, places}), {0, 2, 1});
+  const Tensors parts = split(qkv(rows), 2, {c, c, c});
+  const Tensor mixed = out(attention(parts[0], parts[1], parts[2]));
+  return x + reshape(permute(mixed, {0, 2, 1}), x.shape());
+}
+
+}  // namespace cloam
