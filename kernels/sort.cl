@@ -1,126 +1,106 @@
-// Stable radix sort by digits of 8 bits, least significant first (Knuth, The Art of Computer Programming 3, 5.2.5), and
-// sums over segments of sorted rows. A sort pass: each chunk counts its digits into counts[digit][chunk], a running sum
-// over them all gives every chunk the first place of each of its digits, place moves the keys there in order.
-// version 1.
+// Stable radix sort by digits of BITS bits, least significant first (Knuth, The Art of Computer Programming 3, 5.2.5).
+// A pass: each chunk of keys counts its digits into counts[digit][chunk], a running sum over them all gives every chunk
+// the first place of each of its digits, `place` moves payload and keys there in order.
+// WIDE: keys of two words, the low one first. NUMBERED: the payload is 0, 1, 2 ... and not read.
+//: variant place reference any BITS=8 LENGTH=4096 CHUNKS=4096
+//: variant place gpu any BITS=8 LENGTH=256 CHUNKS=65536
+//: variant place_lines cpu any BITS=8 LENGTH=4096 CHUNKS=64
+#define BINS (1 << BITS)
+#if WIDE
+typedef ulong sort_key;
+#else
+typedef uint sort_key;
+#endif
 
-// Bits whose unsigned order is the order of the keys. Kinds: 0 unsigned, 1 signed, 2 float (all NaN last, -0 before 0).
-inline uint ordered(uint bits, int kind) {
-  const uint negative = bits >> 31;
-  const uint as_float_order =
-      (bits & 0x7fffffffu) > 0x7f800000u ? 0xffffffffu : bits ^ (negative ? 0xffffffffu : 0x80000000u);
-  return kind == 0 ? bits : (kind == 1 ? bits ^ 0x80000000u : as_float_order);
+// Bits whose unsigned order is the order of the keys. KIND: 0 unsigned, 1 signed, 2 float (all NaN last, -0 before 0).
+inline sort_key ordered(sort_key key) {
+#if KIND == 1
+  return key ^ 0x80000000u;
+#elif KIND == 2
+  return (key & 0x7fffffffu) > 0x7f800000u ? 0xffffffffu : key ^ (key >> 31 ? 0xffffffffu : 0x80000000u);
+#else
+  return key;
+#endif
 }
 
-__kernel FAT void count_digits(__global const uint* restrict keys, __global int* restrict counts, int n, int chunks,
-                               int length, int shift, int kind) {
+inline int digit_of(sort_key key, int shift) { return (int)(key >> shift) & (BINS - 1); }
+
+// keys [n]: words from keys_at on.
+__kernel FAT void count_digits(__global const uint* restrict key_words, __global int* restrict counts, int keys_at,
+                               int n, int chunks, int length, int shift) {
+  __global const sort_key* keys = (__global const sort_key*)(key_words + keys_at);
   const int chunk = get_global_id(0);
   if (chunk >= chunks) return;
-  int mine[256];
-  for (int digit = 0; digit < 256; digit++) mine[digit] = 0;
+  int mine[BINS];
+  for (int digit = 0; digit < BINS; digit++) mine[digit] = 0;
   const int end = min(n, (chunk + 1) * length);
-  for (int i = chunk * length; i < end; i++) mine[ordered(keys[i], kind) >> shift & 255]++;
-  for (int digit = 0; digit < 256; digit++) counts[digit * chunks + chunk] = mine[digit];
+  for (int i = chunk * length; i < end; i++) mine[digit_of(ordered(keys[i]), shift)]++;
+  for (int digit = 0; digit < BINS; digit++) counts[digit * chunks + chunk] = mine[digit];
 }
 
-// first_pass: the keys are as the caller gave them and their order is 0, 1, 2 ...
-__kernel FAT void place(__global const uint* restrict keys, __global const int* restrict order,
-                        __global const int* restrict bases, __global uint* restrict keys_out,
-                        __global int* restrict order_out, int n, int chunks, int length, int shift, int kind,
-                        int first_pass) {
+// out: the payload, then from out_at on the keys, with the bits `flip` turned over (the last pass gives signed keys back).
+// Version 1: each to its place at once.
+__kernel FAT void place(__global const uint* restrict key_words, __global const uint* restrict payload,
+                        __global const int* restrict bases, __global uint* restrict out, int keys_at, int out_at, int n,
+                        int chunks, int length, int shift, uint flip) {
+  __global const sort_key* keys = (__global const sort_key*)(key_words + keys_at);
+  __global sort_key* keys_out = (__global sort_key*)(out + out_at);
   const int chunk = get_global_id(0);
   if (chunk >= chunks) return;
-  int next[256];
-  for (int digit = 0; digit < 256; digit++) next[digit] = bases[digit * chunks + chunk];
+  int next[BINS];
+  for (int digit = 0; digit < BINS; digit++) next[digit] = bases[digit * chunks + chunk];
   const int end = min(n, (chunk + 1) * length);
   for (int i = chunk * length; i < end; i++) {
-    const uint key = ordered(keys[i], kind);
-    const int to = next[key >> shift & 255]++;
-    keys_out[to] = key;
-    order_out[to] = first_pass ? i : order[i];
+    const sort_key key = ordered(keys[i]);
+    const int to = next[digit_of(key, shift)]++;
+    keys_out[to] = key ^ flip;
+    out[to] = NUMBERED ? (uint)i : payload[i];
   }
 }
 
-// The first place from `low` on that holds `value` or more, in ascending numbers: steps that double, then bisection.
-inline int first_at_least(__global const int* numbers, int low, int n, int value) {
-  int step = 1;
-  while (step <= n - low && numbers[low + step - 1] < value) {
-    low += step;
-    step *= 2;
-  }
-  int high = low + min(step - 1, n - low);
-  while (low < high) {
-    const int middle = low + (high - low) / 2;
-    if (numbers[middle] < value)
-      low = middle + 1;
-    else
-      high = middle;
-  }
-  return low;
-}
+// The same by way of lines: what goes to one digit's places is gathered in the core's cache and leaves as whole cache
+// lines past the caches, which a key at a time would fetch first ("software write combining": Wassenberg and Sanders,
+// Engineering a Multi-core Radix Sort, 2011).
+#define LINE 16
 
-__kernel FAT void segment_offsets(__global const int* restrict ids, __global int* restrict offsets, int count, int n,
-                                  int chunk) {
-  int low = 0;
-  for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
-    low = first_at_least(ids, low, n, i);
-    offsets[i] = low;
-  }
-}
-
-// out[segment,:] = the sum of its value rows (ORDERED: row order[k] for each place k). Chunks of places share the work,
-// so that one long segment keeps no work-item busy alone: what a chunk holds of a segment that began before it goes to
-// heads[chunk,:], and join_heads adds these in order. A piece is a chunk, on GPU devices a chunk's column.
-__kernel FAT void segment_sum(__global const float* restrict values, __global const int* restrict order,
-                              __global const int* restrict offsets, __global float* restrict out,
-                              __global float* restrict heads, int pieces, int n, int segments, int width, int length) {
-  const int piece = get_global_id(0);
-  if (piece >= pieces) return;
-  const int part = CLOAM_CPU ? piece : piece / width;
-  const int left = CLOAM_CPU ? 0 : piece % width, right = CLOAM_CPU ? width : left + 1;
-  const int begin = part * length, end = min(min(n, begin + length), offsets[segments]);
-  int low = 0, stop = 0;
-  for (int k = max(begin, offsets[0]); k < end; k = stop) {
-    low = first_at_least(offsets, low, segments + 1, k + 1);
-    const int segment = clamp(low - 1, 0, segments - 1);
-    stop = max(k + 1, min(end, offsets[segment + 1]));
-    __global float* to = offsets[segment] < begin ? heads + (size_t)part * width : out + (size_t)segment * width;
-    for (int c = left; c < right; c++) to[c] = 0;
-    for (int i = k; i < stop; i++) {
-      __global const float* from = values + (size_t)(ORDERED ? order[i] : i) * width;
-      for (int c = left; c < right; c++) to[c] += from[c];
+// Sends the places [begin, end) of one line; begin > its start where the chunk's places begin within the line.
+inline void send_line(__local const sort_key* keys, __local const uint* payload, __global sort_key* keys_out,
+                      __global uint* out, int begin, int end) {
+  if (end - begin == LINE) {
+    for (int part = 0; part < LINE; part += 64 / sizeof(sort_key))
+      STORE_PAST_CACHES(*(__local const uint16*)(keys + part), (__global uint16*)(keys_out + begin + part));
+    STORE_PAST_CACHES(*(__local const uint16*)payload, (__global uint16*)(out + begin));
+  } else {
+    for (int i = begin; i < end; i++) {
+      keys_out[i] = keys[i & (LINE - 1)];
+      out[i] = payload[i & (LINE - 1)];
     }
   }
 }
 
-__kernel FAT void join_heads(__global const int* restrict offsets, __global const float* restrict heads,
-                             __global float* restrict out, int pieces, int n, int width, int length, int chunk) {
-  for (int piece = LOOP_LO(chunk); piece < LOOP_HI(pieces, chunk); piece += LOOP_STEP) {
-    const int segment = CLOAM_CPU ? piece : piece / width;
-    const int left = CLOAM_CPU ? 0 : piece % width, right = CLOAM_CPU ? width : left + 1;
-    const int begin = max(0, offsets[segment]), end = min(n, offsets[segment + 1]);
-    __global float* to = out + (size_t)segment * width;
-    for (int c = left; c < right && begin >= end; c++) to[c] = 0;
-    for (int part = begin / length + 1; part * length < end; part++)
-      for (int c = left; c < right; c++) to[c] += heads[(size_t)part * width + c];
+__kernel FAT void place_lines(__global const uint* restrict key_words, __global const uint* restrict payload,
+                              __global const int* restrict bases, __global uint* restrict out, int keys_at, int out_at,
+                              int n, int chunks, int length, int shift, uint flip) {
+  __global const sort_key* keys = (__global const sort_key*)(key_words + keys_at);
+  __global sort_key* keys_out = (__global sort_key*)(out + out_at);
+  __local sort_key line_keys[BINS * LINE] __attribute__((aligned(64)));
+  __local uint line_payload[BINS * LINE] __attribute__((aligned(64)));
+  const int chunk = get_global_id(0);
+  int first[BINS], next[BINS];
+  for (int digit = 0; digit < BINS; digit++) first[digit] = next[digit] = bases[digit * chunks + chunk];
+  const int end = min(n, (chunk + 1) * length);
+  for (int i = chunk * length; i < end; i++) {
+    const sort_key key = ordered(keys[i]);
+    const int digit = digit_of(key, shift), to = next[digit]++, line = digit * LINE, slot = to & (LINE - 1);
+    line_keys[line + slot] = key ^ flip;
+    line_payload[line + slot] = NUMBERED ? (uint)i : payload[i];
+    if (slot == LINE - 1)
+      send_line(line_keys + line, line_payload + line, keys_out, out, max(first[digit], to + 1 - LINE),
+                to + 1);
   }
-}
-
-// The transpose: out[i,:] = of[segment of i,:], zero where i is in no segment.
-__kernel FAT void segment_spread(__global const float* restrict of, __global const int* restrict offsets,
-                                 __global float* restrict out, int pieces, int segments, int any_width, int chunk) {
-  const int width = WIDTH ? WIDTH : any_width;
-  int low = 0;
-  for (int piece = LOOP_LO(chunk); piece < LOOP_HI(pieces, chunk); piece += LOOP_STEP) {
-    const int i = CLOAM_CPU ? piece : piece / width;
-    const int left = CLOAM_CPU ? 0 : piece % width, right = CLOAM_CPU ? width : left + 1;
-    low = first_at_least(offsets, low, segments + 1, i + 1);
-    const int segment = low - 1;
-    __global float* to = out + (size_t)i * width;
-    if (segment < 0 || segment >= segments) {
-      for (int c = left; c < right; c++) to[c] = 0;
-    } else {
-      __global const float* from = of + (size_t)segment * width;
-      for (int c = left; c < right; c++) to[c] = from[c];
-    }
+  for (int digit = 0; digit < BINS; digit++) {
+    const int to = next[digit], line = digit * LINE;
+    send_line(line_keys + line, line_payload + line, keys_out, out, max(first[digit], to & ~(LINE - 1)),
+              to);
   }
 }

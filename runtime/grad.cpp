@@ -40,16 +40,9 @@ Tensors grad(const Tensor& loss, const Tensors& wrt) {
   if (loss.numel() != 1)
     throw Error(Fault::internal,
                 text("[grad] the loss must be one value, got shape ", to_string(loss.shape()), ": sum or mean it"));
-  return grad(loss, wrt, broadcast_to(Tensor(1.f), loss.shape()));
-}
-
-Tensors grad(const Tensor& out, const Tensors& wrt, const Tensor& g) {
-  if (!(out.shape() == g.shape()))
-    throw Error(Fault::internal, text("[grad] out has shape ", to_string(out.shape()), " but its gradient ",
-                                      to_string(g.shape()), ", want the same"));
   std::unordered_map<Node*, Tensor> grads;
-  grads.emplace(out.node(), g);
-  const std::vector<Tensor> order = tracked_order(out);
+  grads.emplace(loss.node(), broadcast_to(Tensor(1.f), loss.shape()));
+  const std::vector<Tensor> order = tracked_order(loss);
   for (auto t = order.rbegin(); t != order.rend(); ++t) {
     Node* node = t->node();
     auto found = grads.find(node);
@@ -58,12 +51,12 @@ Tensors grad(const Tensor& out, const Tensors& wrt, const Tensor& g) {
     for (size_t i = 0; i < parts.size(); i++)
       if (parts[i] && node->in[i].tracked()) accumulate(grads, node->in[i], parts[i]);
   }
-  Tensors result;
+  Tensors out;
   for (const Tensor& w : wrt) {
     auto found = grads.find(w.node());
-    result.push_back(found == grads.end() ? zeros(w.shape()) : broadcast_to(found->second, w.shape()));
+    out.push_back(found == grads.end() ? zeros(w.shape()) : broadcast_to(found->second, w.shape()));
   }
-  return result;
+  return out;
 }
 
 }  // namespace cloam

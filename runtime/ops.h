@@ -195,20 +195,13 @@ struct Conv2dParams {
 /// convolution.
 Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params = {});
 
-// ---- Normalisation and attention (ops/norm.cpp, ops/attention.cpp): any number of times differentiable.
+// ---- Normalisation and attention (ops/norm.cpp, ops/attention.cpp): compositions, any number of times differentiable.
 Tensor softmax(const Tensor& x, int axis);
 Tensor log_softmax(const Tensor& x, int axis);
 /// x [..., C], gamma and beta [C]: mean 0 and variance 1 over the last axis, then scaled and shifted.
 Tensor layer_norm(const Tensor& x, const Tensor& gamma, const Tensor& beta, float epsilon = 1e-5f);
-struct GroupNormOptions {
-  Tensor scale = {}, shift = {};  // [N,C], of a time embedding, say: y * (1 + scale) + shift
-  bool silu = false;              // silu() of all that
-  float epsilon = 1e-5f;
-};
-/// x [N,C,...], gamma and beta [C] (either may be an empty handle): the same over each of `groups` runs of channels and
-/// all that follows them.
-Tensor group_norm(const Tensor& x, int groups, const Tensor& gamma, const Tensor& beta,
-                  const GroupNormOptions& with = {});
+/// x [N,C,...], gamma and beta [C]: the same over each of `groups` runs of channels and all that follows them.
+Tensor group_norm(const Tensor& x, int groups, const Tensor& gamma, const Tensor& beta, float epsilon = 1e-5f);
 /// softmax(q k^T scale) v: q [B,T,D], k [B,U,D], v [B,U,E] -> [B,T,E]; scale 0 is 1/sqrt(D).
 Tensor attention(const Tensor& q, const Tensor& k, const Tensor& v, float scale = 0.f);
 
@@ -226,13 +219,16 @@ Tensor embedding(const Tensor& table, const Tensor& ids);  // gather_rows under 
 /// values [n, ...] f32, rows [n] -> [count, ...]: out[r] = the sum of values[i] with rows[i] = r, in a fixed order.
 Tensor scatter_add_rows(const Tensor& values, const Tensor& rows, int64_t count);
 
-// ---- Sorting and segments (ops/sort.cpp). Segment l of values [n, ...] is the rows offsets[l] up to offsets[l+1].
+// ---- Sorting (ops/sort.cpp).
 struct Sorted {
   Tensor keys, order;  // keys = gather_rows(the keys given, order); order is int32
 };
-/// Ascending and stable, keys [n] of u32, i32 or f32 (-0 before 0, every NaN last). Keys from 0 to 2^bits - 1 need only
-/// `bits` bits: fewer passes. A gradient reaches the keys, none goes through the order.
-Sorted sort(const Tensor& keys, int bits = 32);
+/// Ascending and stable. Keys: u32, i32 or f32 [n] (-0 before 0, every NaN last), or u32 [n,2]: numbers of 64 bits, the
+/// low word first. Keys from 0 to 2^bits - 1 need only `bits` bits (0: all): fewer passes. A `payload` int32 [n], for
+/// keys of integers, takes the place of 0, 1, 2 ... in `order`. A gradient reaches keys of floats, none the order.
+Sorted sort(const Tensor& keys, int bits = 0, const Tensor& payload = {});
+
+// ---- Segments (ops/segments.cpp). Segment l of values [n, ...] is the rows offsets[l] up to offsets[l+1].
 /// sorted_ids int32 [n], ascending -> int32 [count+1]: the first place of each id. Ids outside [0,count) get no
 /// segment.
 Tensor segment_offsets(const Tensor& sorted_ids, int64_t count);

@@ -3,7 +3,7 @@
 
 #include "runtime/ops.h"
 #include "runtime/ops/share.h"
-#include "runtime/ops/sort.h"
+#include "runtime/ops/segments.h"
 
 namespace cloam {
 namespace {

@@ -1,6 +1,4 @@
-// Radix sort, and sums over segments: rows that lie one after another under one number.
-#include "runtime/ops/sort.h"
-
+// Radix sort of keys with a payload.
 #include "runtime/ops.h"
 #include "runtime/ops/scan.h"
 #include "runtime/ops/share.h"
@@ -8,130 +6,84 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("sort"), Registered("segment_offsets"), Registered("segment_sum"),
-                                  Registered("segment_spread")};
+const Registered kRegistered("sort");
 
-Constants form(bool ordered, int64_t width) { return {{"ORDERED", ordered}, {"WIDTH", width == 1}}; }
-
-/// Chunks of keys that are counted and moved in order, by one work-item each; a function of the count and device class.
-struct Chunks {
-  explicit Chunks(int64_t n) : length(is_cpu_class() ? std::max<int64_t>(4096, (n + 63) / 64) : 256) {
-    count = (n + length - 1) / length;
-  }
-  Range range() const { return range1(count, is_cpu_class() ? 1 : 64); }
-  int64_t length, count;
-};
-
-/// The order that sorts the keys by their lowest `bits` bits.
-struct SortOrder final : Op {
-  explicit SortOrder(int digits) : bits(digits) {}
+/// keys [n] or [n,2], payload [n] or none -> uint32 [keys_begin(n) + n or 2 n]: the payload in the order of the keys'
+/// lowest `bits` bits, and from keys_begin(n) on, where a cache line begins, the keys.
+struct SortPairs final : Op {
+  explicit SortPairs(int digits) : bits(digits) {}
   const char* name() const override { return "sort"; }
   void run(const Tensors& in, Tensor& out) const override;
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
   int bits;
 };
 
-void SortOrder::run(const Tensors& in, Tensor& out) const {
-  const int64_t n = out.numel();
-  const int passes = (bits + 7) / 8;
-  const Chunks chunks(n);
-  const Tensor counts = empty({256, chunks.count}, DType::i32), bases = empty({256, chunks.count}, DType::i32);
-  const Tensor keys[] = {empty({n}, DType::u32), empty({n}, DType::u32)}, orders[] = {out, empty({n}, DType::i32)};
+int64_t keys_begin(int64_t n) { return (n + 15) / 16 * 16; }
+
+/// Chunks of keys that are counted and moved in order, by one work-item each.
+struct Chunks {
+  Chunks(const Variant& v, int64_t n) : length(std::max<int64_t>(v["LENGTH"], (n + v["CHUNKS"] - 1) / v["CHUNKS"])) {
+    count = (n + length - 1) / length;
+  }
+  Range range() const { return range1(count, is_cpu_class() ? 1 : 64); }
+  int64_t length, count;
+};
+
+/// KIND of kernels/sort.cl.
+int kind_of(DType dtype) { return dtype == DType::u32 ? 0 : dtype == DType::i32 ? 1 : 2; }
+
+void SortPairs::run(const Tensors& in, Tensor& out) const {
+  const Variant& variant = choose("sort");
+  const int64_t n = in[0].dim(0), begin = keys_begin(n);
+  const int digit_bits = variant["BITS"], passes = (bits + digit_bits - 1) / digit_bits;
+  const Chunks chunks(variant, n);
+  const Tensor counts = empty({chunks.count << digit_bits}, DType::i32), bases = empty(counts.shape(), DType::i32);
+  const Tensor pairs[] = {out, empty(out.shape(), DType::u32)};
   for (int pass = 0; pass < passes; pass++) {
-    const int to = (passes - 1 - pass) % 2, from = 1 - to;  // the last pass writes to `out`
-    const int kind = pass > 0 || in[0].dtype() == DType::u32 ? 0 : in[0].dtype() == DType::i32 ? 1 : 2;
-    const Tensor& source = pass > 0 ? keys[from] : in[0];
-    launch(kernel("sort", "count_digits", form(false, 0)), "count_digits", chunks.range(), source, counts, n,
-           chunks.count, chunks.length, pass * 8, kind);
+    const bool first = pass == 0, last = pass == passes - 1, numbered = first && in.size() == 1;
+    const Tensor &to = pairs[(passes - 1 - pass) % 2], &from = pairs[(passes - pass) % 2];  // the last pass fills `out`
+    const Tensor &keys = first ? in[0] : from, &payload = first ? in.back() : from;
+    const int64_t keys_at = first ? 0 : begin;
+    const int shift = pass * digit_bits;
+    Constants form = variant.constants;
+    form.insert(form.end(),
+                {{"WIDE", in[0].rank() == 2}, {"NUMBERED", numbered}, {"KIND", first ? kind_of(in[0].dtype()) : 0}});
+    const uint32_t flip = last && in[0].dtype() == DType::i32 ? 0x80000000u : 0;
+    launch(kernel("sort", "count_digits", form), "count_digits", chunks.range(), keys, counts, keys_at, n, chunks.count,
+           chunks.length, shift);
     scan_rows(counts, bases, 1, {.exclusive = true});
-    launch(kernel("sort", "place", form(false, 0)), "place", chunks.range(), source, orders[from], bases, keys[to],
-           orders[to], n, chunks.count, chunks.length, pass * 8, kind, int{pass == 0});
+    launch(kernel("sort", variant.kernel.c_str(), form), variant.kernel.c_str(), chunks.range(), keys, payload, bases,
+           to, keys_at, begin, n, chunks.count, chunks.length, shift, flip);
   }
 }
 
-struct SegmentOffsets final : Op {
-  const char* name() const override { return "segment_offsets"; }
-  void run(const Tensors& in, Tensor& out) const override {
-    const Share work = share(out.numel(), 1024);
-    launch(kernel("sort", "segment_offsets", form(false, 0)), name(), work.range, in[0], out, out.numel(),
-           in[0].numel(), work.chunk);
-  }
-  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
-};
-
-struct SegmentSum final : Op {
-  const char* name() const override { return "segment_sum"; }
-  void run(const Tensors& in, Tensor& out) const override { sum_segments(in[0], {}, in[1], out); }
-  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    return {segment_spread(g, in[1], in[0].dim(0)), Tensor()};
-  }
-};
-
-struct SegmentSpread final : Op {
-  const char* name() const override { return "segment_spread"; }
-  void run(const Tensors& in, Tensor& out) const override {
-    const int64_t width = row_width(out.shape()), pieces = row_pieces(out.dim(0), width);
-    const Share work = share(pieces, 8192 / width);
-    launch(kernel("sort", "segment_spread", form(false, width)), name(), work.range, in[0], in[1], out, pieces,
-           in[0].dim(0), width, work.chunk);
-  }
-  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    return {segment_sum(g, in[1]), Tensor()};
-  }
-};
-
-void check_segments(const char* op, const Tensor& values, const Tensor& offsets, bool fits) {
-  if (!fits || values.dtype() != DType::f32 || offsets.dtype() != DType::i32 || offsets.rank() != 1 ||
-      offsets.dim(0) < 1)
-    throw Error(Fault::internal, text("[", op, "] values ", to_string(values.shape()), " ", name_of(values.dtype()),
-                                      ", offsets ", to_string(offsets.shape()), " ", name_of(offsets.dtype()),
-                                      ": want float32 rows and int32 offsets [segments + 1]"));
+void check(const Tensor& keys, int bits, const Tensor& payload) {
+  const bool wide = keys.rank() == 2 && keys.dim(1) == 2 && keys.dtype() == DType::u32;
+  const int most = wide ? 64 : 32, least = keys.dtype() == DType::f32 ? 32 : 1;
+  const bool known = keys.dtype() == DType::u32 || keys.dtype() == DType::i32 || keys.dtype() == DType::f32;
+  if ((keys.rank() != 1 && !wide) || !known || bits < least || bits > most)
+    throw Error(Fault::internal,
+                text("[sort] keys ", to_string(keys.shape()), " ", name_of(keys.dtype()), " by ", bits,
+                     " bits: want uint32 or int32 [n] by 1 to 32 bits, float32 [n] by 32 or uint32 [n,2] by 1 to 64"));
+  if (payload && (keys.dtype() == DType::f32 || payload.rank() != 1 || payload.dim(0) != keys.dim(0) ||
+                  payload.dtype() != DType::i32))
+    throw Error(Fault::internal,
+                text("[sort] payload ", to_string(payload.shape()), " ", name_of(payload.dtype()), " for keys ",
+                     to_string(keys.shape()), " ", name_of(keys.dtype()), ": want int32 [n] for n keys of integers"));
 }
 
 }  // namespace
 
-void sum_segments(const Tensor& values, const Tensor& order, const Tensor& offsets, const Tensor& out) {
-  const int64_t n = values.dim(0), width = row_width(out.shape()), count = out.dim(0);
-  const int64_t length = is_cpu_class() ? std::max<int64_t>(1024, (n + 63) / 64) : 128,
-                parts = (n + length - 1) / length;
-  const Tensor heads = empty({parts, width});
-  const int64_t pieces = row_pieces(parts, width), joins = row_pieces(count, width);
-  const Share work = share(joins, 4096 / width);
-  launch(kernel("sort", "segment_sum", form(bool{order}, 0)), "segment_sum", range1(pieces, is_cpu_class() ? 1 : 64),
-         values, order ? order : offsets, offsets, out, heads, pieces, n, count, width, length);
-  launch(kernel("sort", "join_heads", form(bool{order}, 0)), "join_heads", work.range, offsets, heads, out, joins, n,
-         width, length, work.chunk);
-}
-
-Sorted sort(const Tensor& keys, int bits) {
-  const bool known = keys.dtype() == DType::u32 || keys.dtype() == DType::i32 || keys.dtype() == DType::f32;
-  if (keys.rank() != 1 || !known || bits < 1 || bits > 32 || (keys.dtype() == DType::f32 && bits < 32))
-    throw Error(Fault::internal, text("[sort] keys ", to_string(keys.shape()), " ", name_of(keys.dtype()), " by ", bits,
-                                      " bits: want one axis of uint32 or int32 by 1 to 32 bits, or of float32 by 32"));
-  const Tensor order = make(std::make_shared<SortOrder>(bits), keys.shape(), {keys}, DType::i32);
-  return {gather_rows(keys, order), order};
-}
-
-Tensor segment_offsets(const Tensor& sorted_ids, int64_t count) {
-  if (sorted_ids.rank() != 1 || sorted_ids.dtype() != DType::i32 || count < 0)
-    throw Error(Fault::internal, text("[segment_offsets] ids ", to_string(sorted_ids.shape()), " ",
-                                      name_of(sorted_ids.dtype()), " for ", count, " segments: want int32 [n]"));
-  return make(std::make_shared<SegmentOffsets>(), {count + 1}, {sorted_ids}, DType::i32);
-}
-
-Tensor segment_sum(const Tensor& values, const Tensor& offsets) {
-  check_segments("segment_sum", values, offsets, values.rank() > 0);
-  Shape shape = values.shape();
-  shape[0] = offsets.dim(0) - 1;
-  return make(std::make_shared<SegmentSum>(), shape, {values, offsets});
-}
-
-Tensor segment_spread(const Tensor& of, const Tensor& offsets, int64_t n) {
-  check_segments("segment_spread", of, offsets,
-                 of.rank() > 0 && offsets.rank() == 1 && of.dim(0) + 1 == offsets.dim(0));
-  Shape shape = of.shape();
-  shape[0] = n;
-  return make(std::make_shared<SegmentSpread>(), shape, {of, offsets});
+Sorted sort(const Tensor& keys, int bits, const Tensor& payload) {
+  if (bits == 0) bits = keys.rank() == 2 ? 64 : 32;
+  check(keys, bits, payload);
+  const int64_t n = keys.dim(0), begin = keys_begin(n);
+  const Tensor pairs = make(std::make_shared<SortPairs>(bits), {begin + keys.numel()},
+                            payload ? Tensors{keys, payload} : Tensors{keys}, DType::u32);
+  const Tensor order = bitcast(slice(pairs, 0, 0, n), DType::i32);
+  // Keys that a gradient may reach are read again, in their order.
+  if (keys.dtype() == DType::f32) return {gather_rows(keys, order), order};
+  return {bitcast(reshape(slice(pairs, 0, begin, begin + keys.numel()), keys.shape()), keys.dtype()), order};
 }
 
 }  // namespace cloam

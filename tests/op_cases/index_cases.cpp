@@ -75,10 +75,15 @@ void add_rows_by_number(OpCases& rows) {
   rows.push_back(embedded);
 }
 
+/// Keys [n], or [n,2] with the low word first.
 std::vector<size_t> sorted_order(const HostArray& keys) {
-  std::vector<size_t> order(keys.values.size());
+  const size_t words = keys.shape.rank() == 2 ? 2 : 1;
+  std::vector<size_t> order(keys.values.size() / words);
   std::iota(order.begin(), order.end(), size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) { return keys.values[a] < keys.values[b]; });
+  std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) {
+    const double *x = &keys.values[a * words], *y = &keys.values[b * words];
+    return x[words - 1] < y[words - 1] || (x[words - 1] == y[words - 1] && x[0] < y[0]);
+  });
   return order;
 }
 
@@ -89,8 +94,8 @@ OpCase sorting(const char* label, const InputSpec& keys, int bits) {
           .run = [bits](const Tensors& in) { return sort(in[0], bits).order; },
           .reference =
               [](const HostArrays& in) {
-                HostArray out(in[0].shape);
                 const std::vector<size_t> order = sorted_order(in[0]);
+                HostArray out({in[0].dim(0)});
                 std::copy(order.begin(), order.end(), out.values.begin());
                 return out;
               },
@@ -114,6 +119,27 @@ void add_sorts(OpCases& rows) {
                         return out;
                       },
                   .zero = {{0}}});
+  rows.push_back(sorting("order of 64 bits", below({4999, 2}, int64_t{1} << 32, DType::u32), 64));
+  rows.push_back(sorting("order of 34 bits", below({1001, 2}, 4, DType::u32), 34));
+  rows.push_back({.op = "sort",
+                  .label = "keys and payload of 64 bits",
+                  .inputs = {below({1001, 2}, 23, DType::u32), below({1001}, 1 << 20)},
+                  .run =
+                      [](const Tensors& in) {
+                        const Sorted sorted = sort(in[0], 0, in[1]);
+                        return concat({bitcast(sorted.keys, DType::i32), unsqueeze(sorted.order, -1)}, 1);
+                      },
+                  .reference =
+                      [](const HostArrays& in) {
+                        const std::vector<size_t> order = sorted_order(in[0]);
+                        return from_index({1001, 3}, [&](const Shape& i) {
+                          const auto from = static_cast<int64_t>(order[static_cast<size_t>(i[0])]);
+                          return i[1] < 2 ? in[0].at({from, i[1]}) : in[1][from];
+                        });
+                      },
+                  .result = DType::i32,
+                  .gradient = false,
+                  .tolerance = 0});
 }
 
 void add_segments(OpCases& rows) {

@@ -179,6 +179,7 @@ TEST_CASE("row ops refuse what they cannot do") {
   CHECK_THROWS_AS(scatter_add_rows(ones({4, 2}), from_host(Ints(3), {3}), 5), Error);
   CHECK_THROWS_AS(sort(ones({2, 2})), Error);
   CHECK_THROWS_AS(sort(ones({2}), 8), Error);
+  CHECK_THROWS_AS(sort(from_host(Ints{1, 2, 3}, {3}), 0, from_host(Ints{1, 2}, {2})), Error);
   CHECK_THROWS_AS(segment_sum(ones({4}), ones({2})), Error);
 }
 
@@ -191,6 +192,25 @@ TEST_CASE("sort is std::stable_sort") {
     check_sort(integers(n, -1000000000, 1000000000));
     check_sort(integers(n, 0, 700), 10);
     check_sort(wild_floats(n));
+  }
+}
+
+TEST_CASE("sort of 64-bit keys carries a payload") {
+  for (int64_t n : {0, 1, 2, 255, 4097, 65537, 1000003}) {
+    CAPTURE(n);
+    std::vector<uint64_t> keys(n);
+    for (uint64_t& key : keys) key = (static_cast<uint64_t>(random_source()() % 97) << 32) + random_source()();
+    const Ints payload = integers(n, -1000, 1000);
+    std::vector<size_t> order(n);
+    std::iota(order.begin(), order.end(), size_t{0});
+    std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) { return keys[a] < keys[b]; });
+    const Sorted sorted = sort(from_bytes(keys.data(), DType::u32, {n, 2}), 0, from_host(payload, {n}));
+    const std::vector<uint32_t> words = sorted.keys.to_host<uint32_t>();
+    const Ints carried = sorted.order.to_host<int32_t>();
+    bool equal = words.size() == 2 * keys.size() && carried.size() == keys.size();
+    for (size_t i = 0; equal && i < order.size(); i++)
+      equal = (uint64_t{words[2 * i + 1]} << 32 | words[2 * i]) == keys[order[i]] && carried[i] == payload[order[i]];
+    CHECK(equal);
   }
 }
 
