@@ -1,39 +1,49 @@
-// cloam-benchmarks [PATTERN]: the device's limits, then every workload of the runtime whose name contains PATTERN.
+// cloam-benchmarks: what `cloam bench` does with the workloads of the runtime; needs no library but OpenCL.
 #include <cstdio>
+#include <cstdlib>
+#include <string>
 
-#include "benchmarks/measure.h"
+#include "benchmarks/command.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
-#include "runtime/limits.h"
 
-namespace cloam {
 namespace {
 
-void report(const Workload& workload, const DeviceLimits& limits) {
-  const Sampler sampler(workload.prepare());
-  std::vector<double> samples;
-  for (int i = 0; i < 9; i++) samples.push_back(sampler.sample());
-  const double ms = median(samples), gflops = workload.flops / ms * 1e-6, gbps = workload.bytes / ms * 1e-6;
-  std::printf("%-40s %10.3f ms %8.1f GFLOP/s %4.0f %% %8.1f GB/s\n", workload.name.c_str(), ms, gflops,
-              100 * gflops / limits.gflops, gbps);
-}
+using namespace cloam;
 
-void run(const std::string& pattern) {
-  const DeviceLimits limits = measure_limits();
-  std::printf("%s (%s)\npeak %.0f GFLOP/s fp32, copy %.0f GB/s, launch %.1f us\n", device().name.c_str(),
-              device().driver.c_str(), limits.gflops, limits.copy_gbps, limits.launch_us);
-  for (const Workload& workload : op_workloads())
-    if (workload.name.find(pattern) != std::string::npos) report(workload, limits);
+constexpr char kUsage[] =
+    "cloam-benchmarks [PART-OF-A-NAME ...] [--peers] [--json] [--rounds N] [--report FILE] [--device D]";
+
+BenchRequest parse(int count, char** words) {
+  BenchRequest out;
+  for (int i = 1; i < count; i++) {
+    const std::string word = words[i];
+    const bool more = i + 1 < count;
+    if (word == "--peers")
+      out.options.peers = true;
+    else if (word == "--json")
+      out.json = true;
+    else if (word == "--rounds" && more)
+      out.options.rounds = std::atoi(words[++i]);
+    else if (word == "--report" && more)
+      out.report = words[++i];
+    else if (word == "--device" && more)
+      choose_device({.device = words[++i]});
+    else if (word.starts_with("-"))
+      throw Error(Fault::usage, text("unknown option ", word, "\n  usage: ", kUsage));
+    else
+      out.options.patterns.push_back(word);
+  }
+  return out;
 }
 
 }  // namespace
-}  // namespace cloam
 
 int main(int count, char** words) {
   try {
-    cloam::run(count > 1 ? words[1] : "");
+    bench_command(op_workloads(), parse(count, words));
     return 0;
-  } catch (const cloam::Error& e) {
+  } catch (const Error& e) {
     std::fprintf(stderr, "error: %s\n", e.what());
     return static_cast<int>(e.fault());
   }

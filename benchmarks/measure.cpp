@@ -22,9 +22,10 @@ double Sampler::seconds(int repeats) const {
 }
 
 Sampler::Sampler(const Run& run) : run_(run) {
-  for (int i = 0; i < 3; i++) (void)seconds(1);
+  double last = seconds(1);
+  for (int i = 0; i < 2 || (i < 8 && last * i < 0.2); i++) last = seconds(1);
   constexpr double kLeast = 0.02;
-  repeats_ = std::clamp(static_cast<int>(kLeast / std::max(seconds(1), 1e-6)), 1, 1000);
+  repeats_ = std::clamp(static_cast<int>(kLeast / std::max(last, 1e-6)) + 1, 1, 1000);
 }
 
 double Sampler::sample() const { return 1e3 * seconds(repeats_) / repeats_; }

@@ -11,5 +11,6 @@ Command add_check(CLI::App& program);
 Command add_demo(CLI::App& program);
 Command add_info(CLI::App& program);
 Command add_selftest(CLI::App& program);
+Command add_bench(CLI::App& program);
 
 }  // namespace cloam

@@ -22,6 +22,7 @@ constexpr char kIntroduction[] =
   cloam eval runs/my                             PSNR and SSIM on photos that were held out
   cloam render runs/my -o pictures --path orbit  new views, and a turntable
   cloam selftest --quick                         does this device compute right?
+  cloam bench                                    how fast is it here?
 
 DATA is a folder with transforms.json (instant-ngp, nerfstudio) or transforms_train.json (NeRF-synthetic).
 "cloam COMMAND --help" shows examples and options.
@@ -100,7 +101,7 @@ int main_of(int argc, char** argv) {
   program.set_version_flag("--version", std::string("cloam ") + kVersion);
   program.require_subcommand(0, 1);
   std::vector<Command> commands;
-  for (const auto add : {add_train, add_eval, add_render, add_check, add_demo, add_info, add_selftest}) {
+  for (const auto add : {add_train, add_eval, add_render, add_check, add_demo, add_info, add_selftest, add_bench}) {
     commands.push_back(add(program));
   }
   const int parsed = parse(program, argc, argv);

@@ -1,0 +1,63 @@
+// cloam bench: how fast the kernels and training steps are here, against the device's limits and other libraries.
+#include <cstdlib>
+
+#include "benchmarks/command.h"
+#include "cli/commands.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr char kExamples[] =
+    R"(Time kernels and training steps against the device's measured limits and other libraries.
+Run it on a machine that does nothing else.
+
+Examples:
+  cloam bench                                    everything, without peers
+  cloam bench matmul conv --peers                rows with these parts in their names, beside OpenBLAS, oneDNN, libtorch
+  cloam bench --suite train                      whole training steps
+  cloam bench --peers --report docs/performance.md)";
+
+struct BenchArguments {
+  BenchRequest request;
+  std::string suite = "all";
+};
+
+Workloads workloads_of(const std::string& suite) {
+  Workloads all = suite == "train" ? Workloads() : op_workloads();
+  if (suite != "ops")
+    for (const Workload& step : step_workloads()) all.push_back(step);
+  return all;
+}
+
+int run_command(const BenchArguments& arguments, const Common& common) {
+  BenchRequest request = arguments.request;
+  request.json = common.json;
+  request.quiet = common.quiet;
+  const Workloads all = workloads_of(arguments.suite);
+  (void)chosen_workloads(all, request.options.patterns);
+  open_device(common);
+  const char* affinity = std::getenv("POCL_AFFINITY");
+  say(common, text("device ", device().name, " (", device().platform, "), POCL_AFFINITY=", affinity ? affinity : ""));
+  bench_command(all, request);
+  return 0;
+}
+
+}  // namespace
+
+Command add_bench(CLI::App& program) {
+  CLI::App* parser = program.add_subcommand("bench", kExamples);
+  const auto arguments = std::make_shared<BenchArguments>();
+  const auto common = std::make_shared<Common>();
+  BenchOptions& options = arguments->request.options;
+  parser->add_option("PATTERN", options.patterns, "Parts of names; all rows without");
+  parser->add_flag("--peers", options.peers, "Take turns with other libraries (those that the build found)");
+  parser->add_option("--suite", arguments->suite, "ops, train or all")->check(CLI::IsMember({"ops", "train", "all"}));
+  parser->add_option("--rounds", options.rounds, "Samples of each; default nine, five of what is slow")
+      ->check(CLI::Range(1, 1000));
+  parser->add_option("--report", arguments->request.report, "Write a page of markdown, and its plot beside it");
+  add_common(*parser, *common);
+  return {parser, [=] { return run_command(*arguments, *common); }};
+}
+
+}  // namespace cloam
