@@ -194,6 +194,10 @@ struct Conv2dParams {
 /// y[n,k,p,q] = sum of x[n,c,p*stride+r-pad,q*stride+s-pad] * w[k,c,r,s]: the correlation that networks call
 /// convolution.
 Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params = {});
+/// Its adjoints, the gradients by name: in x (also known as transposed convolution), from y [N,K,P,Q] and w; in w, from
+/// x and y. The shape wanted is named because several have the same y when the stride does not divide.
+Tensor conv2d_dx(const Tensor& y, const Tensor& w, const Shape& x_shape, Conv2dParams params = {});
+Tensor conv2d_dw(const Tensor& x, const Tensor& y, const Shape& w_shape, Conv2dParams params = {});
 
 // ---- Normalisation and attention (ops/norm.cpp, ops/attention.cpp): compositions, any number of times differentiable.
 Tensor softmax(const Tensor& x, int axis);

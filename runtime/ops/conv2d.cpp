@@ -227,12 +227,31 @@ Sizes check(const Tensor& x, const Tensor& w, const Conv2dParams& p) {
   return {d["N"], d["C"], d["H"], d["W"], d["K"], d["R"], d["S"], places(d["H"], d["R"]), places(d["W"], d["S"]), p};
 }
 
+void check_result(const char* op, const Tensor& y, const Sizes& z) {
+  const Shape wanted{z.N, z.K, z.P, z.Q};
+  if (y.shape() != wanted || y.dtype() != DType::f32)
+    throw Error(Fault::internal, text("[", op, "] y has shape ", to_string(y.shape()), " and dtype ",
+                                      name_of(y.dtype()), ", want float32 ", to_string(wanted)));
+}
+
 }  // namespace
 
 Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params) {
   const Sizes z = check(x, w, params);
   const Conv2d op(Part::forward, z);
   return op.make_part(Part::forward, x, w);
+}
+
+Tensor conv2d_dx(const Tensor& y, const Tensor& w, const Shape& x_shape, Conv2dParams params) {
+  const Sizes z = check(zeros(x_shape), w, params);
+  check_result("conv2d_dx", y, z);
+  return Conv2d(Part::dx, z).make_part(Part::dx, y, w);
+}
+
+Tensor conv2d_dw(const Tensor& x, const Tensor& y, const Shape& w_shape, Conv2dParams params) {
+  const Sizes z = check(x, zeros(w_shape), params);
+  check_result("conv2d_dw", y, z);
+  return Conv2d(Part::dw, z).make_part(Part::dw, x, y);
 }
 
 }  // namespace cloam
