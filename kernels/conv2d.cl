@@ -1,6 +1,7 @@
-// Two-dimensional convolution (correlation, as networks mean it) and its two adjoints; any stride, padding and groups.
+// Two-dimensional convolution (correlation, as networks mean it) and its adjoint in x; any stride, padding and groups.
 //   y[n,k,p,q] = sum over c, r, s of x[n, c, p * stride + r - pad, q * stride + s - pad] * w[k, c, r, s]
-// version 1: a work-item is an element of the result. version 2 for CPU devices is conv2d_cpu.cl.
+// version 1: a work-item is an element of the result.
+//: variant conv2d reference any
 // Channels C and K count all groups; x [N,C,H,W], w [K,C/groups,R,S], y [N,K,P,Q].
 
 __kernel void conv2d(__global const float* restrict x, __global const float* restrict w, __global float* restrict y,
@@ -42,26 +43,4 @@ __kernel void conv2d_dx(__global const float* restrict y, __global const float* 
       }
     }
   x[((size_t)n * C + c) * H * W + pixel] = sum;
-}
-
-__kernel void conv2d_dw(__global const float* restrict x, __global const float* restrict y, __global float* restrict w,
-                        int N, int C, int H, int W, int K, int R, int S, int P, int Q, int stride, int pad,
-                        int groups) {
-  const int channels = C / groups, element = get_global_id(0);
-  if (element >= channels * R * S) return;
-  const int k = get_global_id(1), c = element / (R * S), r = element / S - c * R, s = element % S;
-  const int channel = k / (K / groups) * channels + c;
-  float sum = 0.0f;
-  for (int n = 0; n < N; n++)
-    for (int p = 0; p < P; p++) {
-      const int row = p * stride + r - pad;
-      if (row < 0 || row >= H) continue;
-      __global const float* from = x + (((size_t)n * C + channel) * H + row) * W;
-      __global const float* g = y + (((size_t)n * K + k) * P + p) * Q;
-      for (int q = 0; q < Q; q++) {
-        const int column = q * stride + s - pad;
-        if (column >= 0 && column < W) sum += from[column] * g[q];
-      }
-    }
-  w[(size_t)k * channels * R * S + element] = sum;
 }

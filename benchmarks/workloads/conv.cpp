@@ -54,8 +54,8 @@ void add(Workloads& all, const Layer& layer) {
 void add_square(Workloads& all, int64_t taps, int64_t channels, int64_t height, int64_t width) {
   const std::string side = height == width ? text(width) : text(height, "x", width);
   for (int64_t batch : {1, 8})
-    add(all, {text(taps, "x", taps, ".", channels, ".", side, ".b", batch), batch, channels, channels, height, width,
-              taps});
+    add(all,
+        {text(taps, "x", taps, ".", channels, ".", side, ".b", batch), batch, channels, channels, height, width, taps});
 }
 
 }  // namespace

@@ -1,0 +1,151 @@
+// Convolutions on CPU devices: how they are cut into tiles, a function of the sizes alone.
+#include <algorithm>
+
+#include "runtime/ops/conv2d.h"
+#include "runtime/ops/epilogue.h"
+#include "runtime/variant.h"
+
+namespace cloam {
+namespace {
+
+/// Scratch in local memory: floats of a work-item's tile of the input, taps of it.
+struct Scratch {
+  int tile, taps;
+};
+Scratch scratch() { return device().local_bytes < 600u << 10 ? Scratch{5120, 1024} : Scratch{128 << 10, 4096}; }
+
+struct RowTiling {
+  int64_t rows, columns, block_outputs = 0;             // results of a work-item
+  int64_t height = 0, places = 0, used = 0, depth = 0;  // of the packed input tile
+};
+
+const Variant& rows_variant(const ConvPass& p) {
+  if (p.outputs <= 4) return choose("conv2d", p.outputs == 1 ? "one" : "few");
+  const int64_t width = ceil_div(p.out_width, p.dilation);
+  return choose("conv2d", round_up(width, 16) < round_up(width, 32) ? "narrow" : "wide");
+}
+
+/// Input rows or columns that the results of all classes at one place reach over.
+int64_t reach(int64_t taps, int64_t pad, int64_t dilation) {
+  const auto floor_div = [](int64_t a, int64_t b) { return a >= 0 ? a / b : -((-a + b - 1) / b); };
+  return floor_div(dilation + taps - 2 - pad, dilation) + floor_div(pad, dilation) + 1;
+}
+
+/// Nothing when even the smallest tile does not fit.
+std::optional<RowTiling> row_tiling(const ConvPass& p, const Variant& v) {
+  const Scratch room = scratch();
+  const int64_t width = ceil_div(p.out_width, p.dilation), height = ceil_div(p.out_height, p.dilation);
+  RowTiling t{.rows = std::min(round_up(8, v["NVY"]), round_up(height, v["NVY"])),
+              .columns = std::min<int64_t>(128, round_up(width, v["NVX"] * 16))};
+  const auto plane = [&] {
+    t.height = (t.rows - 1) * p.stride + reach(p.R, p.pad_y, p.dilation);
+    t.used = t.columns + (reach(p.S, p.pad_x, p.dilation) - 1) / p.stride;
+    t.places = round_up(t.used, 16);
+    return t.height * p.stride * t.places;
+  };
+  while (plane() * std::min<int64_t>(p.inputs, 32) > room.tile && t.columns > v["NVX"] * 16) t.columns -= v["NVX"] * 16;
+  while (plane() * std::min<int64_t>(p.inputs, 32) > room.tile && t.rows > v["NVY"]) t.rows -= v["NVY"];
+  t.depth = std::min({p.inputs, room.tile / plane(), room.taps / (p.R * p.S)});
+  if (t.depth < 1) return std::nullopt;
+  const int64_t tiles = ceil_div(height, t.rows) * ceil_div(width, t.columns) * p.images * p.groups;
+  // Enough work-items for the cores, but packing the input pays from 32 output channels on.
+  const int64_t wanted = std::max<int64_t>(1, 32 / tiles);
+  t.block_outputs = round_up(std::clamp<int64_t>(ceil_div(p.outputs, wanted), 32, 128), v["MR"]);
+  return t;
+}
+
+Range named(Range range, double flops) {
+  range.flops = flops;
+  return range;
+}
+
+bool run_rows(const ConvSizes& z, const ConvPass& p, int epilogue, const Tensors& in, const Tensor& out) {
+  const Variant& v = rows_variant(p);
+  const auto t = row_tiling(p, v);
+  if (!t) return false;
+  const Scratch room = scratch();
+  Constants constants = v.constants;
+  constants.insert(constants.end(), {{"TILE", room.tile}, {"TAPS", room.taps}});
+  const int64_t taps = p.R * p.S, blocks = ceil_div(p.outputs, v["MR"]),
+                filter = taps * (p.flip ? p.outputs : p.inputs);
+  const Tensor packed = empty({p.groups * blocks * v["MR"], p.inputs * taps});
+  constexpr int64_t kChunk = 16;
+  launch(kernel("conv2d_cpu", "pack_weights", constants), "conv2d_pack",
+         range2(p.groups * blocks, ceil_div(p.inputs, kChunk)), in[1], packed, p.outputs, p.inputs, p.R, p.S,
+         p.inputs * p.outputs * taps, p.flip ? taps : filter, p.flip ? filter : taps, p.flip, p.dilation, p.pad_y,
+         p.pad_x, kChunk);
+  Range range = range2(
+      ceil_div(ceil_div(p.out_height, p.dilation), t->rows) * ceil_div(ceil_div(p.out_width, p.dilation), t->columns),
+      p.groups * ceil_div(p.outputs, t->block_outputs));
+  range.global[2] = static_cast<size_t>(p.images);
+  const Tensor &bias = epilogue & kBias ? in[2] : in[1], &residual = epilogue & kResidual ? in.back() : in[1];
+  launch(kernel("conv2d_cpu", v.kernel.c_str(), constants), p.flip ? "conv2d_dx" : "conv2d", named(range, z.flops()),
+         in[0], packed, out, bias, residual, p.inputs, p.in_height, p.in_width, p.outputs, p.out_height, p.out_width,
+         p.R, p.S, p.stride, p.dilation, p.pad_y, p.pad_x, t->rows, t->columns, t->height, t->places, t->used, t->depth,
+         t->block_outputs, p.groups, bias.rank() == 2 ? p.groups * p.outputs : 0, epilogue);
+  return true;
+}
+
+struct GradientTiling {
+  int grow = 1024;
+  int64_t rows = 4, columns = 64, block_filters = 64, parts = 1, blocks = 1;
+};
+
+const Variant& gradient_variant(int64_t channels) {
+  if (channels <= 16) return choose("conv2d_dw", "narrow");
+  return choose("conv2d_dw", round_up(channels, 32) < round_up(channels, 64) ? "half" : "wide");
+}
+
+std::optional<GradientTiling> gradient_tiling(const ConvSizes& z, const Variant& v) {
+  GradientTiling t;
+  const int64_t channels = z.channels();
+  t.columns = std::min<int64_t>(64, z.Q);
+  t.rows = std::clamp<int64_t>(256 / t.columns, 1, z.P);
+  const int64_t room = scratch().tile;
+  const auto floats = [&] {
+    return ((t.rows - 1) * z.with.stride + z.R) * ((t.columns - 1) * z.with.stride + z.S) * v["CB"];
+  };
+  while (floats() > room && t.rows > 1) t.rows /= 2;
+  while (floats() > room && t.columns > 1) t.columns /= 2;
+  if (floats() > room) return std::nullopt;
+  if (room < 64 << 10) t.grow = 256;
+  const int64_t tiles = ceil_div(z.P, t.rows) * ceil_div(z.Q, t.columns) * z.N;
+  t.blocks = z.with.groups * ceil_div(z.filters(), t.block_filters) * ceil_div(channels, v["CB"]);
+  t.parts = std::clamp<int64_t>(ceil_div(16, t.blocks), 1, tiles);
+  return t;
+}
+
+}  // namespace
+
+ConvPass forward_pass(const ConvSizes& z) {
+  return {z.N, z.with.groups, z.channels(),  z.H, z.W,        z.filters(), z.P,  z.Q,
+          z.R, z.S,           z.with.stride, 1,   z.with.pad, z.with.pad,  false};
+}
+
+ConvPass backward_pass(const ConvSizes& z) {
+  return {z.N,           z.with.groups,        z.filters(),          z.P, z.Q, z.channels(), z.H, z.W, z.R, z.S, 1,
+          z.with.stride, z.R - 1 - z.with.pad, z.S - 1 - z.with.pad, true};
+}
+
+bool run_conv2d_cpu(const ConvSizes& sizes, const ConvPass& pass, int epilogue, const Tensors& in, const Tensor& out) {
+  return run_rows(sizes, pass, epilogue, in, out);
+}
+
+bool run_conv2d_dw_cpu(const ConvSizes& z, const Tensors& in, const Tensor& out) {
+  const Variant& v = gradient_variant(z.channels());
+  const auto t = gradient_tiling(z, v);
+  if (!t) return false;
+  Constants constants = v.constants;
+  constants.insert(constants.end(), {{"TILE", scratch().tile}, {"GROW", t->grow}});
+  const int64_t groups = z.with.groups, taps = z.R * z.S;
+  const Tensor partial =
+      empty({t->parts, groups * taps, round_up(z.filters(), v["DR"]), round_up(z.channels(), v["CB"])});
+  launch(kernel("conv2d_dw_cpu", v.kernel.c_str(), constants), "conv2d_dw",
+         named(range2(t->parts, t->blocks), z.flops()), in[0], in[1], partial, z.N, z.channels(), z.H, z.W, z.filters(),
+         z.P, z.Q, z.R, z.S, z.with.stride, z.with.pad, t->rows, t->columns, t->block_filters, groups, t->parts);
+  launch(kernel("conv2d_dw_cpu", "conv2d_dw_sum", constants), "conv2d_dw_sum",
+         range2(z.K, ceil_div(z.channels(), v["CB"])), partial, out, z.channels(), z.filters(), taps, groups, t->parts);
+  return true;
+}
+
+}  // namespace cloam
