@@ -13,6 +13,7 @@ void add_join_cases(OpCases& rows);
 void add_index_cases(OpCases& rows);
 void add_random_cases(OpCases& rows);
 void add_dense_cases(OpCases& rows);
+void add_conv_cases(OpCases& rows);
 void add_norm_cases(OpCases& rows);
 void add_field_cases(OpCases& rows);
 

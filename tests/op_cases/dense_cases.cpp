@@ -1,4 +1,4 @@
-// Rows of matrix products and convolutions.
+// Rows of matrix products.
 #include <cmath>
 
 #include "tests/op_cases/cases.h"
@@ -116,109 +116,11 @@ void add_linear(OpCases& rows) {
   rows.push_back(linear_row({"bias, residual, ReLU, long sum", true, true, Activation::relu}, {5, 2503}, {2503, 3}));
 }
 
-/// Calls visit(x index, w index, y index) for every product in a convolution.
-template <class Visit>
-void each_product(const Shape& x, const Shape& w, const Shape& y, const Conv2dParams& with, Visit visit) {
-  each_index(y, [&](const Shape& o) {
-    const int64_t group = o[1] / (w[0] / with.groups);
-    for (int64_t c = 0; c < w[1]; c++)
-      for (int64_t r = 0; r < w[2]; r++)
-        for (int64_t s = 0; s < w[3]; s++) {
-          const int64_t row = o[2] * with.stride + r - with.pad, column = o[3] * with.stride + s - with.pad;
-          if (row < 0 || row >= x[2] || column < 0 || column >= x[3]) continue;
-          visit(Shape{o[0], group * w[1] + c, row, column}, Shape{o[1], c, r, s}, o);
-        }
-  });
-}
-
-struct Convolution {
-  const char* label;
-  Shape x, w;
-  Conv2dParams with;
-  Shape y() const {
-    const auto places = [&](int64_t size, int64_t taps) { return (size + 2 * with.pad - taps) / with.stride + 1; };
-    return {x[0], w[0], places(x[2], w[2]), places(x[3], w[3])};
-  }
-};
-
-OpCase convolving(const Convolution& c) {
-  return {.op = "conv2d",
-          .label = c.label,
-          .inputs = {normal(c.x), normal(c.w)},
-          .run = [c](const Tensors& in) { return conv2d(in[0], in[1], c.with); },
-          .reference =
-              [c](const HostArrays& in) {
-                const Shape y{in[0].dim(0), c.y()[1], c.y()[2], c.y()[3]};
-                HostArray out(y);
-                each_product(in[0].shape, c.w, y, c.with, [&](const Shape& x, const Shape& w, const Shape& o) {
-                  out.at(o) += in[0].at(x) * in[1].at(w);
-                });
-                return out;
-              }};
-}
-
-/// The adjoints are reached through the gradient: of x from (y, w), of w from (x, y).
-OpCase adjoint_x(const Convolution& c) {
-  return {.op = "conv2d_dx",
-          .label = c.label,
-          .inputs = {normal(c.y()), normal(c.w)},
-          .run =
-              [c](const Tensors& in) {
-                const Tensor x = parameter(std::vector<float>(static_cast<size_t>(numel(c.x))), c.x);
-                return grad(sum(conv2d(x, in[1], c.with) * in[0]), {x})[0];
-              },
-          .reference =
-              [c](const HostArrays& in) {
-                HostArray out(c.x);
-                each_product(c.x, c.w, c.y(), c.with, [&](const Shape& x, const Shape& w, const Shape& o) {
-                  out.at(x) += in[0].at(o) * in[1].at(w);
-                });
-                return out;
-              }};
-}
-
-OpCase adjoint_w(const Convolution& c) {
-  return {.op = "conv2d_dw",
-          .label = c.label,
-          .inputs = {normal(c.x), normal(c.y())},
-          .run =
-              [c](const Tensors& in) {
-                const Tensor w = parameter(std::vector<float>(static_cast<size_t>(numel(c.w))), c.w);
-                return grad(sum(conv2d(in[0], w, c.with) * in[1]), {w})[0];
-              },
-          .reference =
-              [c](const HostArrays& in) {
-                HostArray out(c.w);
-                each_product(c.x, c.w, c.y(), c.with, [&](const Shape& x, const Shape& w, const Shape& o) {
-                  out.at(w) += in[0].at(x) * in[1].at(o);
-                });
-                return out;
-              }};
-}
-
-void add_convolutions(OpCases& rows) {
-  const Convolution same{"3x3", {2, 3, 7, 5}, {4, 3, 3, 3}, {.pad = 1}};
-  const Convolution stepped{"stride 2, groups", {2, 4, 7, 9}, {6, 2, 3, 3}, {.stride = 2, .pad = 1, .groups = 2}};
-  const Convolution point{"1x1", {2, 5, 3, 7}, {3, 5, 1, 1}, {}};
-  const Convolution deep{"a channel a group", {1, 5, 6, 6}, {5, 1, 3, 2}, {.groups = 5}};
-  const Convolution wide{"wide image", {1, 2, 19, 37}, {3, 2, 5, 3}, {.stride = 3, .pad = 2}};
-  for (const Convolution& c : {same, stepped, point, deep, wide}) rows.push_back(convolving(c));
-  rows[rows.size() - 5].second_order = true;
-  rows[rows.size() - 5].zero = {{0, 3, 7, 5}, same.w};
-  rows[rows.size() - 5].bench = {normal({4, 32, 64, 64}), normal({32, 32, 3, 3})};
-  rows[rows.size() - 5].bench_flops = 2.0 * 4 * 32 * 64 * 64 * 32 * 9;
-  for (const Convolution& c : {same, stepped, wide}) {
-    rows.push_back(adjoint_x(c));
-    rows.push_back(adjoint_w(c));
-  }
-}
-
 }  // namespace
 
 void add_dense_cases(OpCases& rows) {
   add_products(rows);
   add_linear(rows);
-  add_convolutions(rows);
 }
 
 }  // namespace cloam

@@ -1,0 +1,108 @@
+// Rows of convolutions and their adjoints.
+#include "tests/op_cases/cases.h"
+
+namespace cloam {
+namespace {
+
+/// Calls visit(x index, w index, y index) for every product in a convolution.
+template <class Visit>
+void each_product(const Shape& x, const Shape& w, const Shape& y, const Conv2dParams& with, Visit visit) {
+  each_index(y, [&](const Shape& o) {
+    const int64_t group = o[1] / (w[0] / with.groups);
+    for (int64_t c = 0; c < w[1]; c++)
+      for (int64_t r = 0; r < w[2]; r++)
+        for (int64_t s = 0; s < w[3]; s++) {
+          const int64_t row = o[2] * with.stride + r - with.pad, column = o[3] * with.stride + s - with.pad;
+          if (row < 0 || row >= x[2] || column < 0 || column >= x[3]) continue;
+          visit(Shape{o[0], group * w[1] + c, row, column}, Shape{o[1], c, r, s}, o);
+        }
+  });
+}
+
+struct Convolution {
+  const char* label;
+  Shape x, w;
+  Conv2dParams with;
+  Shape y() const {
+    const auto places = [&](int64_t size, int64_t taps) { return (size + 2 * with.pad - taps) / with.stride + 1; };
+    return {x[0], w[0], places(x[2], w[2]), places(x[3], w[3])};
+  }
+};
+
+OpCase convolving(const Convolution& c) {
+  return {.op = "conv2d",
+          .label = c.label,
+          .inputs = {normal(c.x), normal(c.w)},
+          .run = [c](const Tensors& in) { return conv2d(in[0], in[1], c.with); },
+          .reference =
+              [c](const HostArrays& in) {
+                const Shape y{in[0].dim(0), c.y()[1], c.y()[2], c.y()[3]};
+                HostArray out(y);
+                each_product(in[0].shape, c.w, y, c.with, [&](const Shape& x, const Shape& w, const Shape& o) {
+                  out.at(o) += in[0].at(x) * in[1].at(w);
+                });
+                return out;
+              }};
+}
+
+OpCase adjoint_x(const Convolution& c) {
+  return {.op = "conv2d_dx",
+          .label = c.label,
+          .inputs = {normal(c.y()), normal(c.w)},
+          .run = [c](const Tensors& in) { return conv2d_dx(in[0], in[1], c.x, c.with); },
+          .reference =
+              [c](const HostArrays& in) {
+                HostArray out(c.x);
+                each_product(c.x, c.w, c.y(), c.with, [&](const Shape& x, const Shape& w, const Shape& o) {
+                  out.at(x) += in[0].at(o) * in[1].at(w);
+                });
+                return out;
+              }};
+}
+
+OpCase adjoint_w(const Convolution& c) {
+  return {.op = "conv2d_dw",
+          .label = c.label,
+          .inputs = {normal(c.x), normal(c.y())},
+          .run = [c](const Tensors& in) { return conv2d_dw(in[0], in[1], c.w, c.with); },
+          .reference =
+              [c](const HostArrays& in) {
+                HostArray out(c.w);
+                each_product(c.x, c.w, c.y(), c.with, [&](const Shape& x, const Shape& w, const Shape& o) {
+                  out.at(w) += in[0].at(x) * in[1].at(o);
+                });
+                return out;
+              }};
+}
+
+}  // namespace
+
+void add_conv_cases(OpCases& rows) {
+  const std::vector<Convolution> all = {
+      {"3x3", {2, 3, 7, 5}, {4, 3, 3, 3}, {.pad = 1}},
+      {"stride 2, groups", {2, 4, 7, 9}, {6, 2, 3, 3}, {.stride = 2, .pad = 1, .groups = 2}},
+      {"1x1", {2, 5, 3, 7}, {3, 5, 1, 1}, {}},
+      {"1x1, stride 2, pad 1", {1, 2, 5, 4}, {7, 2, 1, 1}, {.stride = 2, .pad = 1}},
+      {"a channel a group", {2, 5, 6, 19}, {5, 1, 3, 2}, {.groups = 5}},
+      {"stride 3", {1, 2, 19, 37}, {3, 2, 5, 3}, {.stride = 3, .pad = 2}},
+      {"4x4, stride 2", {1, 3, 10, 36}, {9, 3, 4, 4}, {.stride = 2, .pad = 1}},
+      {"long rows", {1, 2, 9, 150}, {17, 2, 3, 3}, {.pad = 1}},
+      {"many channels", {1, 70, 5, 9}, {37, 70, 3, 3}, {.pad = 1}},
+      {"small images", {9, 5, 4, 4}, {35, 5, 3, 3}, {.pad = 1}},
+      {"few small images", {2, 5, 8, 8}, {35, 5, 3, 3}, {.pad = 1}},
+      {"small images, stride 2", {9, 19, 6, 6}, {20, 19, 3, 3}, {.stride = 2, .pad = 1}},
+  };
+  for (const Convolution& c : all) {
+    rows.push_back(convolving(c));
+    if (&c == &all[0]) {
+      rows.back().second_order = true;
+      rows.back().zero = {{0, 3, 7, 5}, c.w};
+      rows.back().bench = {normal({4, 32, 64, 64}), normal({32, 32, 3, 3})};
+      rows.back().bench_flops = 2.0 * 4 * 32 * 64 * 64 * 32 * 9;
+    }
+    rows.push_back(adjoint_x(c));
+    rows.push_back(adjoint_w(c));
+  }
+}
+
+}  // namespace cloam
