@@ -97,12 +97,19 @@ std::vector<TuneResult> tune(const Workloads& workloads, const TuneOptions& opti
 }
 
 std::string explain(const std::string& op, const Workloads& workloads) {
-  std::string out;
+  std::vector<std::pair<std::string, std::string>> blocks;  // what is said, and the names it is said of
+  const auto add = [&](const std::string& name, const std::vector<Choice>& choices) {
+    const std::string said = describe(choices);
+    for (auto& [known, names] : blocks)
+      if (known == said) return void(names += "\n" + name);
+    blocks.push_back({said, name});
+  };
   for (const Workload& workload : workloads)
-    if (workload.name.find(op) != std::string::npos)
-      out += text("workload ", workload.name, "\n", describe(choices_in(workload)));
+    if (workload.name.find(op) != std::string::npos) add("workload " + workload.name, choices_in(workload));
   for (const OpCase& row : op_cases())
-    if (row.op == op) out += text("row ", row.name(), "\n", describe(choices_of([&] { (void)bits_of(row); })));
+    if (row.op == op) add("row " + row.name(), choices_of([&] { (void)bits_of(row); }));
+  std::string out;
+  for (const auto& [said, names] : blocks) out += names + "\n" + said;
   return out;
 }
 
