@@ -101,8 +101,7 @@ int main_of(int argc, char** argv) {
   program.set_version_flag("--version", std::string("cloam ") + kVersion);
   program.require_subcommand(0, 1);
   std::vector<Command> commands;
-  for (const auto add :
-       {add_train, add_eval, add_render, add_check, add_demo, add_info, add_selftest, add_bench, add_tune}) {
+  for (const auto add : {add_train, add_eval, add_render, add_check, add_demo, add_info, add_selftest, add_bench}) {
     commands.push_back(add(program));
   }
   const int parsed = parse(program, argc, argv);

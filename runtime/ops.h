@@ -154,6 +154,27 @@ OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, in
 /// values [side^3] at the cells become max(decay * value, density), in place.
 void occupancy_merge(Tensor& values, const Tensor& cells, const Tensor& density, float decay);
 
+// ---- Gaussian splats (ops/splat.cpp).
+struct Splats {
+  Tensor means;      // [G,2] in pixels; the centre of the first pixel is (0.5, 0.5)
+  Tensor conics;     // [G,3]: a, b, c of the inverse covariance (a b; b c)
+  Tensor colours;    // [G,3]
+  Tensor opacities;  // [G]
+};
+/// What each tile of 16 x 16 pixels blends, front to back. Tiles row by row, those at the right and lower edge cut.
+struct SplatTiles {
+  Tensor ids;      // [P] int32 in [0,G): the gaussians of all tiles, one tile after another
+  Tensor offsets;  // [tiles+1] int32
+  int64_t height, width;
+};
+struct Blended {
+  Tensor image;          // [H,W,3]
+  Tensor transmittance;  // [H,W]: what of the background is seen
+};
+/// 3D Gaussian Splatting's blending (Kerbl et al. 2023; kernels/splat.cl has the formulas). Once differentiable in the
+/// splats; the gradients are the same bits each time.
+Blended splat_blend(const Splats& splats, const SplatTiles& tiles);
+
 // ---- Random numbers (ops/random.cpp): counter-based Philox4x32-10. Element i depends on (key, i) alone; bits, uniform
 // and below are the same on every device, normal up to the rounding of its sqrt.
 struct RandomKey {

@@ -1,0 +1,210 @@
+// Front-to-back blending of 2D Gaussians (Kerbl et al. 2023, 3D Gaussian Splatting, section 4). A tile is 16 x 16
+// pixels; tile t blends the gaussians ids[offsets[t]] ... ids[offsets[t + 1] - 1] in this order. At a pixel's centre
+//   power = -1/2 (a dx^2 + c dy^2) - b dx dy,   alpha = min(0.99, opacity exp(power)),   w = T alpha,   T' = T (1 - alpha);
+// passed over where power > 0 or alpha < 1/255; the pixel is done before T' would fall below 1e-4.
+// out [4,H,W]: red, green, blue, T. means [G,2] in pixels; conics [G,3]: a, b, c of the inverse covariance.
+//
+// The gradient: with u_i = g . colour_i and B_i what is blended behind i (all of g . out less what lies up to i),
+// d loss / d alpha_i = T_i u_i - B_i / (1 - alpha_i). It goes to [P,9], a row a pair of tile and gaussian: mean, conic,
+// colour, opacity; rows of one gaussian are summed afterwards, in a fixed order.
+//: variant blend_pixels reference forward
+//: variant gradient_tiles reference gradient
+//: variant blend_groups gpu forward
+//: variant gradient_groups gpu gradient
+#define TILE 16
+#define LEAST_ALPHA (1.0f / 255.0f)
+#define LEAST_THROUGH 1e-4f
+
+typedef struct {
+  float x, y, a, b, c, opacity, red, green, blue;
+} Splat;
+
+inline Splat splat_of(int id, __global const float* means, __global const float* conics, __global const float* colours,
+                      __global const float* opacities) {
+  return (Splat){means[2 * id],       means[2 * id + 1],   conics[3 * id],          conics[3 * id + 1],  conics[3 * id + 2],
+                 opacities[id], colours[3 * id], colours[3 * id + 1], colours[3 * id + 2]};
+}
+
+// exp(power) at a pixel, 0 where the gaussian is passed over.
+inline float falloff(Splat s, float dx, float dy) {
+  const float power = -0.5f * (s.a * dx * dx + s.c * dy * dy) - s.b * dx * dy;
+  const float e = m_exp(power);
+  return power > 0.0f || fmin(0.99f, s.opacity * e) < LEAST_ALPHA ? 0.0f : e;
+}
+
+// version 1: a work-item a pixel.
+__kernel void blend_pixels(__global const float* restrict means, __global const float* restrict conics,
+                           __global const float* restrict colours, __global const float* restrict opacities,
+                           __global const int* restrict ids, __global const int* restrict offsets,
+                           __global float* restrict out, int height, int width) {
+  const int i = get_global_id(0), x = i % width, y = i / width, plane = height * width;
+  if (i >= plane) return;
+  const int tile = y / TILE * ((width + TILE - 1) / TILE) + x / TILE, end = offsets[tile + 1];
+  float through = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f;
+  int done = 0;
+  for (int k = offsets[tile]; k < end && !done; k++) {
+    const Splat s = splat_of(ids[k], means, conics, colours, opacities);
+    const float alpha = fmin(0.99f, s.opacity * falloff(s, s.x - ((float)x + 0.5f), s.y - ((float)y + 0.5f)));
+    const float next = through * (1.0f - alpha), w = through * alpha;
+    done = next < LEAST_THROUGH;
+    if (!done) {
+      red += w * s.red;
+      green += w * s.green;
+      blue += w * s.blue;
+      through = next;
+    }
+  }
+  out[i] = red;
+  out[plane + i] = green;
+  out[2 * plane + i] = blue;
+  out[3 * plane + i] = through;
+}
+
+// version 1: a work-item a tile; a pixel at a time adds its part to the rows of the tile's pairs.
+__kernel void gradient_tiles(__global const float* restrict means, __global const float* restrict conics,
+                             __global const float* restrict colours, __global const float* restrict opacities,
+                             __global const int* restrict ids, __global const int* restrict offsets,
+                             __global const float* restrict out, __global const float* restrict g,
+                             __global float* restrict pairs, int height, int width) {
+  const int across = (width + TILE - 1) / TILE, tile = get_global_id(0), plane = height * width;
+  if (tile >= across * ((height + TILE - 1) / TILE)) return;
+  const int begin = offsets[tile], end = offsets[tile + 1];
+  for (int k = begin; k < end; k++)
+    for (int v = 0; v < 9; v++) pairs[9 * k + v] = 0.0f;
+  for (int p = 0; p < TILE * TILE; p++) {
+    const int x = tile % across * TILE + p % TILE, y = tile / across * TILE + p / TILE, i = y * width + x;
+    if (x >= width || y >= height) continue;
+    const float gr = g[i], gg = g[plane + i], gb = g[2 * plane + i], gt = g[3 * plane + i];
+    float through = 1.0f, behind = gr * out[i] + gg * out[plane + i] + gb * out[2 * plane + i] + gt * out[3 * plane + i];
+    int done = 0;
+    for (int k = begin; k < end && !done; k++) {
+      const Splat s = splat_of(ids[k], means, conics, colours, opacities);
+      const float dx = s.x - ((float)x + 0.5f), dy = s.y - ((float)y + 0.5f), full = s.opacity * falloff(s, dx, dy);
+      const float alpha = fmin(0.99f, full), next = through * (1.0f - alpha), w = through * alpha;
+      done = next < LEAST_THROUGH;
+      if (alpha > 0.0f && !done) {
+        const float u = gr * s.red + gg * s.green + gb * s.blue;
+        behind -= w * u;
+        const float d_power = full > 0.99f ? 0.0f : full * (through * u - behind / (1.0f - alpha));
+        __global float* to = pairs + 9 * k;
+        to[0] -= d_power * (s.a * dx + s.b * dy);
+        to[1] -= d_power * (s.c * dy + s.b * dx);
+        to[2] -= d_power * 0.5f * dx * dx;
+        to[3] -= d_power * dx * dy;
+        to[4] -= d_power * 0.5f * dy * dy;
+        to[5] += w * gr;
+        to[6] += w * gg;
+        to[7] += w * gb;
+        to[8] += d_power / s.opacity;  // blended: above 0
+        through = next;
+      }
+    }
+  }
+}
+
+// GPU devices: a group of 256 a tile, a lane a pixel; gaussians come in batches through local memory.
+#define LANES (TILE * TILE)
+
+__kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void blend_groups(
+    __global const float* restrict means, __global const float* restrict conics, __global const float* restrict colours,
+    __global const float* restrict opacities, __global const int* restrict ids, __global const int* restrict offsets,
+    __global float* restrict out, int height, int width) {
+  __local Splat batch[LANES];
+  const int across = (width + TILE - 1) / TILE, tile = get_group_id(0), lane = get_local_id(0), plane = height * width;
+  const int x = tile % across * TILE + lane % TILE, y = tile / across * TILE + lane / TILE, end = offsets[tile + 1];
+  float through = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f;
+  int done = 0;
+  for (int from = offsets[tile]; from < end; from += LANES) {
+    if (from + lane < end) batch[lane] = splat_of(ids[from + lane], means, conics, colours, opacities);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    const int count = min(LANES, end - from);
+    for (int k = 0; k < count && !done; k++) {
+      const Splat s = batch[k];
+      const float alpha = fmin(0.99f, s.opacity * falloff(s, s.x - ((float)x + 0.5f), s.y - ((float)y + 0.5f)));
+      const float next = through * (1.0f - alpha), w = through * alpha;
+      done = next < LEAST_THROUGH;
+      if (!done) {
+        red += w * s.red;
+        green += w * s.green;
+        blue += w * s.blue;
+        through = next;
+      }
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+  }
+  if (x < width && y < height) {
+    const int i = y * width + x;
+    out[i] = red;
+    out[plane + i] = green;
+    out[2 * plane + i] = blue;
+    out[3 * plane + i] = through;
+  }
+}
+
+// The lanes find d loss / d power and w of FEW gaussians at their pixels; then, turned round, PARTS lanes a gaussian sum
+// these over FEW pixels each, and a lane a number joins the parts.
+#define FEW 8
+#define PARTS (LANES / FEW)
+
+__kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void gradient_groups(
+    __global const float* restrict means, __global const float* restrict conics, __global const float* restrict colours,
+    __global const float* restrict opacities, __global const int* restrict ids, __global const int* restrict offsets,
+    __global const float* restrict out, __global const float* restrict g, __global float* restrict pairs, int height,
+    int width) {
+  __local Splat batch[FEW];
+  __local float d_power[FEW][LANES], weight[FEW][LANES], g_colour[3][LANES], parts[9][LANES];
+  const int across = (width + TILE - 1) / TILE, tile = get_group_id(0), lane = get_local_id(0), plane = height * width;
+  const int left = tile % across * TILE, top = tile / across * TILE, x = left + lane % TILE, y = top + lane / TILE;
+  const int inside = x < width && y < height, i = inside ? y * width + x : 0, end = offsets[tile + 1];
+  const float gr = inside ? g[i] : 0.0f, gg = inside ? g[plane + i] : 0.0f, gb = inside ? g[2 * plane + i] : 0.0f;
+  const float gt = inside ? g[3 * plane + i] : 0.0f;
+  float through = 1.0f, behind = gr * out[i] + gg * out[plane + i] + gb * out[2 * plane + i] + gt * out[3 * plane + i];
+  int done = 0;
+  g_colour[0][lane] = gr;
+  g_colour[1][lane] = gg;
+  g_colour[2][lane] = gb;
+  for (int from = offsets[tile]; from < end; from += FEW) {
+    const int count = min(FEW, end - from);
+    if (lane < count) batch[lane] = splat_of(ids[from + lane], means, conics, colours, opacities);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int k = 0; k < count; k++) {
+      const Splat s = batch[k];
+      const float full = s.opacity * falloff(s, s.x - ((float)x + 0.5f), s.y - ((float)y + 0.5f));
+      const float alpha = fmin(0.99f, full), next = through * (1.0f - alpha);
+      done |= next < LEAST_THROUGH;
+      const float w = done ? 0.0f : through * alpha, u = gr * s.red + gg * s.green + gb * s.blue;
+      behind -= w * u;
+      d_power[k][lane] = done || full > 0.99f ? 0.0f : full * (through * u - behind / (1.0f - alpha));
+      weight[k][lane] = w;
+      through = done ? through : next;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    const int mine = lane / PARTS, part = lane % PARTS;
+    float sums[9] = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
+    if (mine < count) {
+      const Splat s = batch[mine];
+      for (int p = part; p < LANES; p += PARTS) {
+        const float q = d_power[mine][p], w = weight[mine][p];
+        const float dx = s.x - ((float)(left + p % TILE) + 0.5f), dy = s.y - ((float)(top + p / TILE) + 0.5f);
+        sums[0] -= q * (s.a * dx + s.b * dy);
+        sums[1] -= q * (s.c * dy + s.b * dx);
+        sums[2] -= q * 0.5f * dx * dx;
+        sums[3] -= q * dx * dy;
+        sums[4] -= q * 0.5f * dy * dy;
+        sums[5] += w * g_colour[0][p];
+        sums[6] += w * g_colour[1][p];
+        sums[7] += w * g_colour[2][p];
+        sums[8] += q;
+      }
+    }
+    UNROLL for (int v = 0; v < 9; v++) parts[v][lane] = sums[v];
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (lane < 9 * count) {
+      float total = 0.0f;
+      for (int p = 0; p < PARTS; p++) total += parts[lane % 9][lane / 9 * PARTS + p];
+      const float opacity = batch[lane / 9].opacity;
+      pairs[9 * from + lane] = lane % 9 < 8 ? total : (opacity > 0.0f ? total / opacity : 0.0f);
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+  }
+}

@@ -1,0 +1,184 @@
+// Blending of 2D Gaussians (kernels/splat.cl says what is computed) on CPU devices. A work-item is a tile; the 16 pixels
+// of a row are one vector, conditions are masks. A gaussian visits the rows that it reaches; the pixels' state stays in
+// the core's first cache. A pixel that is done carries -T.
+//: variant blend_rows cpu forward
+//: variant gradient_rows cpu gradient
+#define TILE 16
+#define LEAST_ALPHA (1.0f / 255.0f)
+#define LEAST_THROUGH 1e-4f
+
+// A gaussian as a cache line: x, y, -a/2, -b, -c/2, opacity, colour, how far up and down and to the sides alpha is 1/255
+// or more. At dy the power is highest where its slope along x is 0, there -1/2 dy^2 det / a.
+#define RECORD 16
+
+__kernel FAT void splat_records(__global const float* restrict means, __global const float* restrict conics,
+                                __global const float* restrict colours, __global const float* restrict opacities,
+                                __global float* restrict records, int count, int chunk) {
+  for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
+    __global float* to = records + RECORD * (size_t)i;
+    const float a = conics[3 * i], b = conics[3 * i + 1], c = conics[3 * i + 2], determinant = a * c - b * b;
+    const float fall = 2.0f * m_log(opacities[i] * 255.0f) * 1.0001f + 1e-4f;  // 2 * (the lowest power still seen)
+    const int bounded = a > 0.0f && determinant > 1e-6f * a * c;
+    to[0] = means[2 * i];
+    to[1] = means[2 * i + 1];
+    to[2] = -0.5f * a;
+    to[3] = -b;
+    to[4] = -0.5f * c;
+    to[5] = opacities[i];
+    to[6] = colours[3 * i];
+    to[7] = colours[3 * i + 1];
+    to[8] = colours[3 * i + 2];
+    to[9] = !(fall > 0.0f) ? -1.0f : (bounded ? sqrt(fall * a / determinant) : 1e9f);
+    to[10] = !(fall > 0.0f) ? -1.0f : (bounded ? sqrt(fall * c / determinant) : 1e9f);
+  }
+}
+
+// exp for x <= 0, 2 ulp; below -87 about 1e-38.
+inline float16 exp_below(float16 x) {
+  const float16 c = fmax(x, (float16)(-87.0f)), t = c * 1.44269504089f + 12582912.0f, r = t - 12582912.0f;
+  const float16 f = (c - r * 0.693359375f) + r * 2.12194440e-4f;
+  float16 p = f * 1.9875691500e-4f + 1.3981999507e-3f;
+  p = p * f + 8.3334519073e-3f;
+  p = p * f + 4.1665795894e-2f;
+  p = p * f + 1.6666665459e-1f;
+  p = p * f + 5.0000001201e-1f;
+  p = p * f * f + f + 1.0f;
+  return p * as_float16((as_int16(t) - (0x4b400000 - 127)) << 23);
+}
+
+inline float16 centres(int left) {
+  return (float16)(0.5f, 1.5f, 2.5f, 3.5f, 4.5f, 5.5f, 6.5f, 7.5f, 8.5f, 9.5f, 10.5f, 11.5f, 12.5f, 13.5f, 14.5f, 15.5f) + (float)left;
+}
+
+// The rows [s0, s1) of a tile that a gaussian reaches: none where it lies to the side.
+inline int2 rows_reached(__global const float* s, int left, int top, int rows) {
+  const float middle = s[0] - (float)(left + TILE / 2), above = s[1] - s[9] - (float)top, below = s[1] + s[9] - (float)top;
+  if (fabs(middle) > s[10] + (float)(TILE / 2) || s[9] < 0.0f) return (int2)(0, 0);
+  return (int2)((int)clamp(above, 0.0f, (float)TILE), min(rows, (int)clamp(below + 1.0f, 0.0f, (float)TILE)));
+}
+
+inline int any_open(const float16* through) {
+  float16 most = through[0];
+  UNROLL for (int y = 1; y < TILE; y++) most = fmax(most, through[y]);
+  return any(most > 0.0f);
+}
+
+inline void store_row(float16 values, __global float* to, int count) {
+  if (count >= TILE) {
+    vstore16(values, 0, to);
+  } else {
+    float all[TILE];
+    vstore16(values, 0, all);
+    for (int x = 0; x < count; x++) to[x] = all[x];
+  }
+}
+
+inline float16 load_row(__global const float* from, int count) {
+  if (count >= TILE) return vload16(0, from);
+  float all[TILE];
+  for (int x = 0; x < TILE; x++) all[x] = x < count ? from[x] : 0.0f;
+  return vload16(0, all);
+}
+
+__kernel FAT void blend_rows(__global const float* restrict records, __global const int* restrict ids,
+                             __global const int* restrict offsets, __global float* restrict out, int height, int width) {
+  const int across = (width + TILE - 1) / TILE, tile = get_global_id(0), plane = height * width;
+  const int left = tile % across * TILE, top = tile / across * TILE, rows = min(TILE, height - top);
+  const float16 px = centres(left);
+  float16 through[TILE], red[TILE], green[TILE], blue[TILE];
+  for (int y = 0; y < TILE; y++) {
+    through[y] = (float16)(y < rows ? 1.0f : -1.0f);
+    red[y] = green[y] = blue[y] = (float16)(0.0f);
+  }
+  const int begin = offsets[tile], end = offsets[tile + 1];
+  for (int k = begin; k < end; k++) {
+    __global const float* s = records + RECORD * (size_t)ids[k];
+    const int2 reached = rows_reached(s, left, top, rows);
+    const float16 dx = s[0] - px, along = s[2] * dx * dx, slope = s[3] * dx;
+    for (int y = reached.x; y < reached.y; y++) {
+      const float dy = s[1] - ((float)(top + y) + 0.5f);
+      const float16 power = along + (slope * dy + s[4] * dy * dy), t = through[y];
+      const float16 alpha = fmin(s[5] * exp_below(power), (float16)(0.99f)), w = t * alpha, next = t - w;
+      const int16 seen = (power <= 0.0f) & (alpha >= LEAST_ALPHA), blended = seen & (next >= LEAST_THROUGH);
+      const float16 weight = select((float16)(0.0f), w, blended);
+      through[y] = select(select(t, -fabs(t), seen), next, blended);
+      red[y] += weight * s[6];
+      green[y] += weight * s[7];
+      blue[y] += weight * s[8];
+    }
+    if ((k & 15) == 15 && !any_open(through)) break;
+  }
+  for (int y = 0; y < rows; y++) {
+    __global float* to = out + (size_t)(top + y) * width + left;
+    store_row(red[y], to, width - left);
+    store_row(green[y], to + plane, width - left);
+    store_row(blue[y], to + 2 * (size_t)plane, width - left);
+    store_row(fabs(through[y]), to + 3 * (size_t)plane, width - left);
+  }
+}
+
+inline float sum16(float16 v) {
+  const float8 a = v.lo + v.hi;
+  const float4 b = a.lo + a.hi;
+  const float2 c = b.lo + b.hi;
+  return c.x + c.y;
+}
+
+__kernel FAT void gradient_rows(__global const float* restrict records, __global const int* restrict ids,
+                                __global const int* restrict offsets, __global const float* restrict out,
+                                __global const float* restrict g, __global float* restrict pairs, int height, int width) {
+  const int across = (width + TILE - 1) / TILE, tile = get_global_id(0), plane = height * width;
+  const int left = tile % across * TILE, top = tile / across * TILE, rows = min(TILE, height - top);
+  const float16 px = centres(left);
+  float16 through[TILE], behind[TILE], gr[TILE], gg[TILE], gb[TILE];
+  for (int y = 0; y < TILE; y++) {
+    through[y] = (float16)(y < rows ? 1.0f : -1.0f);
+    gr[y] = gg[y] = gb[y] = behind[y] = (float16)(0.0f);
+  }
+  for (int y = 0; y < rows; y++) {
+    const size_t at = (size_t)(top + y) * width + left;
+    gr[y] = load_row(g + at, width - left);
+    gg[y] = load_row(g + at + plane, width - left);
+    gb[y] = load_row(g + at + 2 * (size_t)plane, width - left);
+    behind[y] = gr[y] * load_row(out + at, width - left) + gg[y] * load_row(out + at + plane, width - left) +
+                gb[y] * load_row(out + at + 2 * (size_t)plane, width - left) +
+                load_row(g + at + 3 * (size_t)plane, width - left) * load_row(out + at + 3 * (size_t)plane, width - left);
+  }
+  const int begin = offsets[tile], end = offsets[tile + 1];
+  int open = 1;
+  for (int k = begin; k < end; k++) {
+    __global const float* s = records + RECORD * (size_t)ids[k];
+    const int2 reached = open ? rows_reached(s, left, top, rows) : (int2)(0, 0);
+    const float16 dx = s[0] - px, along = s[2] * dx * dx, slope = s[3] * dx;
+    float16 q0 = (float16)(0.0f), q1 = q0, q2 = q0, red = q0, green = q0, blue = q0;  // sums of q, q dy, q dy^2, w g
+    for (int y = reached.x; y < reached.y; y++) {
+      const float dy = s[1] - ((float)(top + y) + 0.5f);
+      const float16 power = along + (slope * dy + s[4] * dy * dy), t = through[y];
+      const float16 full = s[5] * exp_below(power), alpha = fmin(full, (float16)(0.99f)), w = t * alpha, next = t - w;
+      const int16 seen = (power <= 0.0f) & (alpha >= LEAST_ALPHA), blended = seen & (next >= LEAST_THROUGH);
+      const float16 weight = select((float16)(0.0f), w, blended);
+      const float16 u = gr[y] * s[6] + gg[y] * s[7] + gb[y] * s[8], rest = behind[y] - weight * u;
+      const float16 q = select((float16)(0.0f), full * (t * u - rest / (1.0f - alpha)), blended & (full <= 0.99f));
+      behind[y] = rest;
+      through[y] = select(select(t, -fabs(t), seen), next, blended);
+      q0 += q;
+      q1 += q * dy;
+      q2 += q * (dy * dy);
+      red += weight * gr[y];
+      green += weight * gg[y];
+      blue += weight * gb[y];
+    }
+    const float qx = sum16(q0 * dx), qy = sum16(q1);
+    __global float* to = pairs + 9 * (size_t)k;
+    to[0] = 2.0f * s[2] * qx + s[3] * qy;
+    to[1] = 2.0f * s[4] * qy + s[3] * qx;
+    to[2] = -0.5f * sum16(q0 * dx * dx);
+    to[3] = -sum16(q1 * dx);
+    to[4] = -0.5f * sum16(q2);
+    to[5] = sum16(red);
+    to[6] = sum16(green);
+    to[7] = sum16(blue);
+    to[8] = s[5] > 0.0f ? sum16(q0) / s[5] : 0.0f;
+    if ((k & 15) == 15 && open) open = any_open(through);
+  }
+}
