@@ -2,6 +2,7 @@
 #include <cstdlib>
 
 #include "benchmarks/command.h"
+#include "benchmarks/tune.h"
 #include "cli/commands.h"
 #include "runtime/error.h"
 
@@ -16,11 +17,12 @@ Examples:
   cloam bench                                    everything, without peers
   cloam bench matmul conv --peers                rows with these parts in their names, beside OpenBLAS, oneDNN, libtorch
   cloam bench --suite train                      whole training steps
-  cloam bench --peers --report docs/performance.md)";
+  cloam bench --peers --report docs/performance.md
+  cloam bench --explain matmul                   which variant of a kernel runs here, and why)";
 
 struct BenchArguments {
   BenchRequest request;
-  std::string suite = "all";
+  std::string suite = "all", explained;
 };
 
 Workloads workloads_of(const std::string& suite) {
@@ -30,7 +32,18 @@ Workloads workloads_of(const std::string& suite) {
   return all;
 }
 
+int explain_command(const std::string& op, const Common& common) {
+  open_device(common);
+  const std::string found = explain(op, op_workloads());
+  if (found.empty())
+    throw Error(Fault::usage, text("no workload's name contains \"", op,
+                                   "\", and no op is called so\n  see the names: ", "cloam bench, cloam selftest"));
+  put(found);
+  return 0;
+}
+
 int run_command(const BenchArguments& arguments, const Common& common) {
+  if (!arguments.explained.empty()) return explain_command(arguments.explained, common);
   BenchRequest request = arguments.request;
   request.json = common.json;
   request.quiet = common.quiet;
@@ -56,6 +69,7 @@ Command add_bench(CLI::App& program) {
   parser->add_option("--rounds", options.rounds, "Samples of each; default nine, five of what is slow")
       ->check(CLI::Range(1, 1000));
   parser->add_option("--report", arguments->request.report, "Write a page of markdown, and its plot beside it");
+  parser->add_option("--explain", arguments->explained, "Say which variants an op or workload runs with, and why");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*arguments, *common); }};
 }

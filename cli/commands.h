@@ -12,5 +12,6 @@ Command add_demo(CLI::App& program);
 Command add_info(CLI::App& program);
 Command add_selftest(CLI::App& program);
 Command add_bench(CLI::App& program);
+Command add_tune(CLI::App& program);
 
 }  // namespace cloam

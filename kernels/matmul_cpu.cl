@@ -1,22 +1,36 @@
 // Version 3 of matmul.cl, for CPU devices: a work-item computes a tile of mc x nc elements of C, after Goto and van de
-// Geijn, "Anatomy of High-Performance Matrix Multiplication" (2008). Blocks of B and panels of A are packed into local
-// memory (scratch of one core), tails padded with zeros, so the inner loop knows neither tails nor strides; its MR x NV
-// vectors of 16 stay in registers. A_BY_COLUMN: the rows of A lie side by side (A is a transposed view). B_BY_COLUMN:
-// the same of B.
+// Geijn, "Anatomy of High-Performance Matrix Multiplication" (2008). MR x NV vectors of 16 elements of C stay in
+// registers; each is one sum over k in ascending order, taken up from C at every block of KC, so that no choice of tiles
+// changes a bit. Panels of B are packed into local memory (scratch of one core) by the very first rows that use them.
+// A_BY_COLUMN: the rows of A lie side by side (A is a transposed view). B_BY_COLUMN: the same of B.
+// A_PACKED: so are the columns of A, where they lie far apart.
+//: variant matmul_blocked cpu wide MR=4 NV=4 KC=512 NC=256
+//: variant matmul_blocked cpu wide MR=4 NV=4 KC=256 NC=256
+//: variant matmul_blocked cpu wide MR=8 NV=2 KC=512 NC=256
+//: variant matmul_blocked cpu flat MR=4 NV=4 KC=576 NC=128
+//: variant matmul_blocked cpu flat MR=4 NV=4 KC=192 NC=256
+//: variant matmul_blocked cpu narrow MR=8 NV=2 KC=256 NC=256
+//: variant matmul_blocked cpu thin MR=8 NV=1 KC=256 NC=256
+//: variant matmul_blocked cpu compact MR=4 NV=4 KC=32 NC=64
 #define NR (NV * 16)
-// A^T B with a long depth streams both operands: what is packed next comes into the cache while this block is computed.
+#define ALWAYS_INLINE inline __attribute__((always_inline))
 #if defined(__x86_64__) || defined(__aarch64__)  // compiled for the core itself: SPIR-V has no word for a prefetch
-#define STREAM (A_BY_COLUMN && !B_BY_COLUMN)
+#define PREFETCH(p) __builtin_prefetch((__global const void*)(p), 0, 2)
+#define PREFETCH_WRITE(p) __builtin_prefetch((__global const void*)(p), 1, 2)
+#else
+#define PREFETCH_WRITE(p)
+#define PREFETCH(p)
 #endif
-// Packed A: AB rows at a time. + 16: rows a power of two apart would fall into one cache set.
-#if A_BY_COLUMN
+// Element (i, k) of a panel of A: at[i] + k * A_STEP. A by column with rows far apart is packed, AB rows at a time: its
+// columns would fall into few cache sets. + 16: so would those of the packed block.
+#if A_PACKED
 #define AB 64
-#define A_AT(i, k) ((k) * (AB + 16) + (i))
-#define A_SIZE (KC * (AB + 16))
+#define A_SPACE __local
+#define A_STEP(pitch) (AB + 16)
 #else
 #define AB MR
-#define A_AT(i, k) ((i) * (KC + 16) + (k))
-#define A_SIZE (MR * (KC + 16))
+#define A_SPACE __global
+#define A_STEP(pitch) (A_BY_COLUMN ? (pitch) : 1)
 #endif
 
 inline void transpose16(float16 r[16]) {
@@ -33,11 +47,11 @@ inline void transpose16(float16 r[16]) {
   }
 }
 
-// B block [depth, columns] -> panels [columns / NR][KC][NR].
+// Columns j .. j + NR of a block of B -> panel [depth][NR], zeros from `columns` on.
 #if B_BY_COLUMN
 inline void pack_b(__local float* restrict to, __global const float* restrict b, int pitch, int depth, int columns) {
-  for (int j = 0; j < columns; j += 16) {
-    __local float* panel = to + (j / NR) * (KC * NR) + j % NR;
+  for (int j = 0; j < NR; j += 16) {
+    __local float* panel = to + j;
     __global const float* from = b + (size_t)j * pitch;
     for (int k = 0; k < depth; k += 16) {
       if (j + 16 <= columns && k + 16 <= depth) {
@@ -46,139 +60,287 @@ inline void pack_b(__local float* restrict to, __global const float* restrict b,
         transpose16(r);
         UNROLL for (int q = 0; q < 16; q++) vstore16(r[q], 0, panel + (k + q) * NR);
       } else {
-        for (int v = 0; v < 16; v++)
-          for (int q = k; q < min(k + 16, depth); q++)
-            panel[q * NR + v] = j + v < columns ? from[(size_t)v * pitch + q] : 0.0f;
+        for (int q = k; q < min(k + 16, depth); q++)
+          for (int v = 0; v < 16; v++) panel[q * NR + v] = j + v < columns ? from[(size_t)v * pitch + q] : 0.0f;
       }
     }
   }
 }
 #else
 inline void pack_b(__local float* restrict to, __global const float* restrict b, int pitch, int depth, int columns) {
-  for (int k = 0; k < depth; k++) {
-    __global const float* from = b + (size_t)k * pitch;
-    int j = 0;
-    for (; j + 16 <= columns; j += 16) vstore16(vload16(0, from + j), 0, to + (j / NR) * (KC * NR) + k * NR + j % NR);
-    for (; j % 16 != 0 || j < columns; j++) to[(j / NR) * (KC * NR) + k * NR + j % NR] = j < columns ? from[j] : 0.0f;
-  }
+  for (int k = 0; k < depth; k++)
+    for (int j = 0; j < NR; j++) to[k * NR + j] = j < columns ? b[(size_t)k * pitch + j] : 0.0f;
 }
 #endif
 
-// Up to AB rows of A. The panel of a tail repeats what is there: those sums are not stored.
-#if A_BY_COLUMN
+#if A_PACKED
+// AB rows of A or what is left; zeros beyond, up to a whole panel.
 inline void pack_a(__local float* restrict to, __global const float* restrict a, int pitch, int depth, int rows) {
   for (int k = 0; k < depth; k++) {
     __global const float* from = a + (size_t)k * pitch;
     int i = 0;
-    for (; i + 16 <= rows; i += 16) vstore16(vload16(0, from + i), 0, to + A_AT(i, k));
-    for (; i < rows; i++) to[A_AT(i, k)] = from[i];
-    for (; i % MR != 0; i++) to[A_AT(i, k)] = 0.0f;
-  }
-}
-#else
-inline void pack_a(__local float* restrict to, __global const float* restrict a, int pitch, int depth, int rows) {
-  for (int i = 0; i < MR; i++) {
-    __global const float* from = a + (size_t)min(i, rows - 1) * pitch;
-    int k = 0;
-    for (; k + 16 <= depth; k += 16) vstore16(vload16(0, from + k), 0, to + A_AT(i, k));
-    for (; k < depth; k++) to[A_AT(i, k)] = from[k];
+    for (; i + 16 <= rows; i += 16) vstore16(vload16(0, from + i), 0, to + k * (AB + 16) + i);
+    for (; i < rows; i++) to[k * (AB + 16) + i] = from[i];
+    for (; i % MR != 0; i++) to[k * (AB + 16) + i] = 0.0f;
   }
 }
 #endif
 
-// C tile (+)= packed A * packed B. `rows` and `columns` are what is left of C: beyond them nothing is stored. One line
-// of the rows at `fetch` is prefetched a step.
-inline void micro_tile(__local const float* restrict a, __local const float* restrict b, __global float* restrict c,
-                       int pitch, int depth, int add, int rows, int columns, __local float* restrict edge,
-                       __global const float* fetch, int fetch_pitch) {
-  float16 acc[MR][NV];
-  UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = (float16)(0.0f);
-#pragma unroll 4
-  for (int k = 0; k < depth; k++) {
-    float16 row[NV];
-    UNROLL for (int v = 0; v < NV; v++) row[v] = vload16(v, b + k * NR);
-#if STREAM
-    __builtin_prefetch((__global const void*)(fetch + (size_t)k * fetch_pitch), 0, 2);
-#endif
-    UNROLL for (int i = 0; i < MR; i++) {
-      const float16 x = (float16)(a[A_AT(i, k)]);
-      UNROLL for (int v = 0; v < NV; v++) acc[i][v] += x * row[v];
-    }
-  }
-  if (rows >= MR && columns >= NR) {
-    if (add) {
-      UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)
-          acc[i][v] += vload16(v, c + (size_t)i * pitch);
-    }
-    UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)
-        vstore16(acc[i][v], v, c + (size_t)i * pitch);
+// What ends a sum (prelude.cl): `flags` 0 where this is not its last block. bias of the tile's columns, residual of its
+// elements.
+struct Ending {
+  int flags;
+  __global const float* bias;
+  __global const float* residual;
+};
+
+// Where the tile lies in C: beyond `rows` and `columns` nothing is read or stored.
+struct Place {
+  __global float* c;
+  int pitch, rows, columns;
+};
+
+ALWAYS_INLINE void load_tile(float16 acc[MR][NV], const struct Place p, __local float* edge) {
+  if (p.rows >= MR && p.columns >= NR) {
+    UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] =
+        vload16(v, p.c + (size_t)i * p.pitch);
   } else {
-    UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) vstore16(acc[i][v], v, edge + i * NR);
-    for (int i = 0; i < min(rows, MR); i++)
-      for (int j = 0; j < min(columns, NR); j++)
-        c[(size_t)i * pitch + j] = edge[i * NR + j] + (add ? c[(size_t)i * pitch + j] : 0.0f);
+    for (int i = 0; i < min(p.rows, MR); i++)
+      for (int j = 0; j < min(p.columns, NR); j++) edge[i * NR + j] = p.c[(size_t)i * p.pitch + j];
+    UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = vload16(v, edge + i * NR);
   }
 }
+
+ALWAYS_INLINE void store_tile(float16 acc[MR][NV], const struct Place p, const struct Ending end, __local float* edge) {
+  const int rows = min(p.rows, MR), columns = min(p.columns, NR);
+  if (rows == MR && columns == NR) {
+    if (end.flags & EPILOGUE_BIAS) {
+      UNROLL for (int v = 0; v < NV; v++) {
+        const float16 bias = vload16(v, end.bias);
+        UNROLL for (int i = 0; i < MR; i++) acc[i][v] += bias;
+      }
+    }
+    if (end.flags & EPILOGUE_RESIDUAL) {
+      UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)
+          acc[i][v] += vload16(v, end.residual + (size_t)i * p.pitch);
+    }
+    if (end.flags & EPILOGUE_RELU) {
+      UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = fmax(acc[i][v], 0.0f);
+    }
+    UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)
+        vstore16(acc[i][v], v, p.c + (size_t)i * p.pitch);
+  } else {
+    UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) vstore16(acc[i][v], v, edge + i * NR);
+    for (int i = 0; i < rows; i++)
+      for (int j = 0; j < columns; j++) {
+        float y = edge[i * NR + j];
+        if (end.flags & EPILOGUE_BIAS) y += end.bias[j];
+        if (end.flags & EPILOGUE_RESIDUAL) y += end.residual[(size_t)i * p.pitch + j];
+        p.c[(size_t)i * p.pitch + j] = end.flags & EPILOGUE_RELU ? fmax(y, 0.0f) : y;
+      }
+  }
+  if (end.flags & EPILOGUE_SILU)  // in memory: it would not fit beside the tile
+    for (int i = 0; i < rows; i++)
+      for (int j = 0; j < columns; j++) p.c[(size_t)i * p.pitch + j] = activate(p.c[(size_t)i * p.pitch + j], EPILOGUE_SILU);
+}
+
+// What the next tiles will read is brought into the cache while this one is computed: at every 16th k `count` lines,
+// `line` floats apart; the next step's lie `step` further on; for `steps` steps.
+struct Stream {
+  __global const float* from;
+  int step, line, count, steps;
+};
+struct Ahead {
+  struct Stream a, b;
+  __global float* c;  // the next tile, or null
+};
+
+ALWAYS_INLINE void fetch(const struct Ahead next, int pitch, int step) {
+  if (step < next.a.steps)
+    for (int l = 0; l < next.a.count; l++) PREFETCH(next.a.from + (size_t)step * next.a.step + (size_t)l * next.a.line);
+  if (step < next.b.steps)
+    for (int l = 0; l < next.b.count; l++) PREFETCH(next.b.from + (size_t)step * next.b.step + (size_t)l * next.b.line);
+  if (step < MR && next.c)
+    UNROLL for (int v = 0; v < NV; v++) PREFETCH_WRITE(next.c + (size_t)step * pitch + v * 16);
+}
+
+// Rows first to first + each, or up to `rows`, of a matrix whose rows lie `pitch` apart: `lines` lines of each, walked
+// along the rows (`pitch` apart in one step) or down.
+ALWAYS_INLINE struct Stream stream_of(__global const float* from, int pitch, int first, int each, int rows, int lines,
+                                      int along) {
+  const int count = max(0, min(each, rows - first));
+  from += (size_t)first * pitch;
+  const struct Stream s = {from, along ? 16 : pitch, along ? pitch : 16, along ? count : lines, along ? lines : count};
+  return s;
+}
+
+ALWAYS_INLINE void multiply(float16 acc[MR][NV], A_SPACE const float* restrict a, const int* at, const float16 row[NV],
+                            size_t k) {
+  UNROLL for (int i = 0; i < MR; i++) {
+    const float16 x = (float16)(a[at[i] + k]);
+    UNROLL for (int v = 0; v < NV; v++) acc[i][v] += x * row[v];
+  }
+}
+
+// C tile (+)= A * packed panel of B.
+inline void micro_tile(A_SPACE const float* restrict a, const int* at, int a_step, __local const float* restrict b, int depth,
+                       int add, const struct Place place, const struct Ending end, __local float* restrict edge,
+                       const struct Ahead next) {
+  float16 acc[MR][NV];
+  UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = (float16)(0.0f);
+  if (add) load_tile(acc, place, edge);
+  const int steps = depth / 16;
+  for (int step = 0; step < steps; step++) {
+    fetch(next, place.pitch, step);
+#pragma unroll 4
+    for (int k = step * 16; k < step * 16 + 16; k++) {
+      float16 row[NV];
+      UNROLL for (int v = 0; v < NV; v++) row[v] = vload16(v, b + k * NR);
+      multiply(acc, a, at, row, (size_t)k * a_step);
+    }
+  }
+#pragma unroll 1
+  for (int k = steps * 16; k < depth; k++) {
+    float16 row[NV];
+    UNROLL for (int v = 0; v < NV; v++) row[v] = vload16(v, b + k * NR);
+    multiply(acc, a, at, row, (size_t)k * a_step);
+  }
+  store_tile(acc, place, end, edge);
+}
+
+#if !B_BY_COLUMN
+// The same, with B read where it lies, and packed in passing.
+inline void micro_tile_packing(A_SPACE const float* restrict a, const int* at, int a_step, __global const float* restrict from,
+                               int pitch, __local float* restrict b, int depth, int add, const struct Place place,
+                               const struct Ending end, __local float* restrict edge, const struct Ahead next) {
+  float16 acc[MR][NV];
+  UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = (float16)(0.0f);
+  if (add) load_tile(acc, place, edge);
+  for (int step = 0; step < (depth + 15) / 16; step++) {
+    fetch(next, place.pitch, step);
+#pragma unroll 2
+    for (int k = step * 16; k < min(step * 16 + 16, depth); k++) {
+      float16 row[NV];
+      UNROLL for (int v = 0; v < NV; v++) row[v] = vload16(v, from + (size_t)k * pitch);
+      UNROLL for (int v = 0; v < NV; v++) PREFETCH(from + (size_t)(k + 16) * pitch + v * 16);
+      UNROLL for (int v = 0; v < NV; v++) vstore16(row[v], v, b + k * NR);
+      multiply(acc, a, at, row, (size_t)k * a_step);
+    }
+  }
+  store_tile(acc, place, end, edge);
+}
+#endif
 
 // Group (x, y, z): columns from x * nc, rows from y * mc, z = batch * splits + split. A split sums k_each of the depth
 // into its own c[z]; add_splits joins them. nc <= NC.
 FAT __kernel void matmul_blocked(__global const float* restrict a, int a_offset, __global const float* restrict b,
                                  int b_offset, __global float* restrict c, int m, int n, int depth, int a_batch,
-                                 int a_pitch, int b_batch, int b_pitch, int mc, int nc, int splits, int k_each) {
+                                 int a_pitch, int b_batch, int b_pitch, int mc, int nc, int splits, int k_each,
+                                 __global const float* restrict bias, __global const float* restrict residual,
+                                 int epilogue) {
   __local float b_block[KC * NC] __attribute__((aligned(64)));
-  __local float a_block[A_SIZE] __attribute__((aligned(64)));
+#if A_PACKED
+  __local float a_block[KC * (AB + 16)] __attribute__((aligned(64)));
+#endif
   __local float edge[MR * NR] __attribute__((aligned(64)));
   const int z = get_group_id(2), batch = z / splits;
-  const int j0 = get_group_id(0) * nc, columns = min(nc, n - j0);
-  const int i0 = get_group_id(1) * mc, i_end = min(m, i0 + mc);
+  const int j0 = get_group_id(0) * nc, columns = min(nc, n - j0), tiles = (columns + NR - 1) / NR;
+  const int i0 = get_group_id(1) * mc, i_end = min(m, i0 + mc), panels = (i_end - i0 + MR - 1) / MR;
   const int k_begin = (z - batch * splits) * k_each, k_end = min(depth, k_begin + k_each);
   a += a_offset + (size_t)batch * a_batch;
   b += b_offset + (size_t)batch * b_batch;
   c += (size_t)z * m * n;
+  residual += (size_t)batch * m * n;
+  const int a_row = A_BY_COLUMN ? 1 : a_pitch, a_column = A_BY_COLUMN ? a_pitch : 1;
+  const int b_row = B_BY_COLUMN ? 1 : b_pitch, b_column = B_BY_COLUMN ? b_pitch : 1;
+  const int each_of_columns = (columns + panels * tiles - 1) / (panels * tiles);
+#if A_PACKED
+  const int a_each = (KC + (AB / MR) * tiles - 1) / ((AB / MR) * tiles);
+#endif
+  const int each_of_k = (KC + panels * tiles - 1) / (panels * tiles);
   for (int k0 = k_begin; k0 < k_end; k0 += KC) {
-    const int kc = min(KC, k_end - k0);
-    pack_b(b_block, B_BY_COLUMN ? b + (size_t)j0 * b_pitch + k0 : b + (size_t)k0 * b_pitch + j0, b_pitch, kc, columns);
+    const int kc = min(KC, k_end - k0), add = k0 > k_begin, down = k0 + KC < depth;
+    const int flags = k0 + KC < k_end ? 0 : epilogue;
+    // The block of B that comes next: further down, or the first one of the next group.
+    const int next_k = down ? k0 + kc : k_begin, next_j = down ? j0 : j0 + nc;
+    const int k_left = next_j < n ? min(KC, depth - next_k) : 0;
+    __global const float* next_b = b + (size_t)next_k * b_row + (size_t)next_j * b_column;
     for (int ib = i0; ib < i_end; ib += AB) {
-      const int block_end = min(i_end, ib + AB);
-      pack_a(a_block, A_BY_COLUMN ? a + (size_t)k0 * a_pitch + ib : a + (size_t)ib * a_pitch + k0, a_pitch, kc,
-             block_end - ib);
-#if STREAM
-      // The next block, line by line of its rows: of B and A at the next depth, or of the next rows of A.
-      const int last = block_end == i_end, next = !last || k0 + KC < k_end;
-      const int b_lines = last ? columns / 16 : 0, lines = b_lines + min(AB, last ? i_end - i0 : i_end - ib - AB) / 16;
-      const int tiles = ((block_end - ib + MR - 1) / MR) * ((columns + NR - 1) / NR);
-      __global const float* next_b = b + (size_t)(k0 + KC) * b_pitch + j0;
-      __global const float* next_a = last ? a + (size_t)(k0 + KC) * a_pitch + i0 : a + (size_t)k0 * a_pitch + ib + AB;
-      int t = 0;
+#if A_PACKED
+      pack_a(a_block, a + (size_t)k0 * a_pitch + ib, a_pitch, kc, min(AB, i_end - ib));
 #endif
-      for (int i = ib; i < block_end; i += MR)
+      for (int i = ib; i < min(i_end, ib + AB); i += MR) {
+        int at[MR];  // of the last rows there may be fewer: they are read again, and not stored
+#if A_PACKED
+        __local const float* rows = a_block + i - ib;
+        UNROLL for (int q = 0; q < MR; q++) at[q] = q;
+#else
+        __global const float* rows = a + (size_t)i * a_row + (size_t)k0 * a_column;
+        UNROLL for (int q = 0; q < MR; q++) at[q] = min(q, m - 1 - i) * a_row;
+#endif
         for (int j = 0; j < columns; j += NR) {
-          __global const float* fetch = c;
-          int fetch_pitch = 0;
-#if STREAM
-          const int line = t++ * lines / tiles;
-          if (next) {
-            fetch = line < b_lines ? next_b + line * 16 : next_a + (line - b_lines) * 16;
-            fetch_pitch = line < b_lines ? b_pitch : a_pitch;
-          }
+          __local float* panel = b_block + (j / NR) * (KC * NR);
+          const size_t to = (size_t)i * n + j0 + j;
+          const struct Place place = {c + to, n, i_end - i, columns - j};
+          const struct Ending end = {flags, bias + j0 + j, residual + to};
+          const int part = (i - i0) / MR * tiles + j / NR;
+          struct Ahead next;
+          next.c = j + NR < columns ? place.c + NR : i + 2 * MR <= i_end ? c + (size_t)(i + MR) * n + j0 : 0;
+#if B_BY_COLUMN
+          next.b = stream_of(next_b, b_pitch, part * each_of_columns, each_of_columns, min(nc, n - next_j),
+                             k_left / 16, 1);
+#else
+          next.b = stream_of(next_b, b_pitch, part * each_of_k, each_of_k, k_left, min(nc, n - next_j) / 16, 0);
 #endif
-          micro_tile(a_block + A_AT(i - ib, 0), b_block + (j / NR) * (KC * NR), c + (size_t)i * n + j0 + j, n, kc,
-                     k0 > k_begin, block_end - i, columns - j, edge, fetch, fetch_pitch);
+#if A_PACKED
+          next.a = stream_of(ib + AB < i_end ? a + (size_t)k0 * a_pitch + ib + AB : a + (size_t)next_k * a_pitch + i0, a_pitch,
+             ((i - ib) / MR * tiles + j / NR) * a_each, a_each, ib + AB < i_end ? kc : k_left, AB / 16, 0);
+#elif A_BY_COLUMN
+          next.a = stream_of(a + (size_t)next_k * a_pitch + i0, a_pitch, part * each_of_k, each_of_k, k_left, (i_end - i0) / 16, 0);
+#else
+          next.a = stream_of(rows + (size_t)MR * a_pitch, a_pitch, j / NR * ((MR + tiles - 1) / tiles), (MR + tiles - 1) / tiles, min(MR, i_end - i - MR), kc / 16, 1);
+#endif
+          if (i == i0) {
+#if B_BY_COLUMN
+            pack_b(panel, b + (size_t)(j0 + j) * b_pitch + k0, b_pitch, kc, columns - j);
+#else
+            __global const float* from = b + (size_t)k0 * b_pitch + j0 + j;
+            if (columns - j >= NR) {
+              micro_tile_packing(rows, at, A_STEP(a_pitch), from, b_pitch, panel, kc, add, place, end, edge, next);
+              continue;
+            }
+            pack_b(panel, from, b_pitch, kc, columns - j);
+#endif
+          }
+          micro_tile(rows, at, A_STEP(a_pitch), panel, kc, add, place, end, edge, next);
         }
+      }
     }
   }
 }
 
-// c[b][e] = sum over s of parts[b][s][e], in the order of s.
-FAT __kernel void add_splits(__global const float* restrict parts, __global float* restrict c, int count, int splits,
-                             int chunk) {
-  const size_t batch = get_group_id(1);
+// c[b][i][j] = end of sum over s of parts[b][s][i][j], in the order of s; `chunk` rows a group.
+FAT __kernel void add_splits(__global const float* restrict parts, __global float* restrict c, int m, int n, int splits,
+                             int chunk, __global const float* restrict bias, __global const float* restrict residual,
+                             int epilogue) {
+  const size_t batch = get_group_id(1), count = (size_t)m * n;
   parts += batch * splits * count;
   c += batch * count;
-  const int end = min(count, ((int)get_group_id(0) + 1) * chunk);
-  for (int e = get_group_id(0) * chunk; e < end; e++) {
-    float sum = parts[e];
-    for (int s = 1; s < splits; s++) sum += parts[(size_t)s * count + e];
-    c[e] = sum;
-  }
+  residual += batch * count;
+  const int end = min(m, ((int)get_group_id(0) + 1) * chunk);
+  for (int i = get_group_id(0) * chunk; i < end; i++)
+    for (int j0 = 0; j0 < n; j0 += 16) {
+      const size_t e = (size_t)i * n + j0;
+      const int columns = min(16, n - j0);
+      float sum[16];
+      for (int j = 0; j < columns; j++) sum[j] = parts[e + j];
+      for (int s = 1; s < splits; s++) 
+        if (columns == 16) for (int j = 0; j < 16; j++) sum[j] += parts[s * count + e + j];
+        else for (int j = 0; j < columns; j++) sum[j] += parts[s * count + e + j];
+      for (int j = 0; j < columns; j++) {
+        if (epilogue & EPILOGUE_BIAS) sum[j] += bias[j0 + j];
+        if (epilogue & EPILOGUE_RESIDUAL) sum[j] += residual[e + j];
+        c[e + j] = activate(sum[j], epilogue);
+      }
+    }
 }

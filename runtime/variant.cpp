@@ -161,6 +161,16 @@ void prefer(const std::string& family, const std::string& size, const Variant& v
   family_of(family).chosen[size] = {family, size, &variant, why};
 }
 
+std::vector<Variant> all_variants() {
+  std::deque<Variant> rows;
+  for (const std::string& stem : kernel_stems()) read_rows(stem, rows);
+  return {rows.begin(), rows.end()};
+}
+
+bool states_kernel(const Variant& variant) {
+  return kernel_text(variant.stem).find(" " + variant.kernel + "(") != std::string::npos;
+}
+
 void record_choices(std::vector<Choice>* into) { recorder = into; }
 
 cl::Kernel& kernel(const Variant& variant, const Constants& more) {
@@ -189,13 +199,14 @@ std::string tuned_file() {
 }
 
 void save_tuned(const std::vector<Choice>& tuned) {
+  Tuned all = read_tuned();
+  for (const Choice& choice : tuned) all[{choice.family, choice.size}] = choice.variant->row();
   const std::string path = tuned_file(), fresh = text(path, ".", getpid());
   std::error_code ignored;
   std::filesystem::create_directories(cache_folder(), ignored);
   std::ofstream file(fresh);
   file << "# " << device().name << ", driver " << device().driver << ": written by cloam tune; delete it to forget\n";
-  for (const Choice& choice : tuned)
-    file << choice.family << '|' << choice.size << '|' << choice.variant->row() << '\n';
+  for (const auto& [place, row] : all) file << place.first << '|' << place.second << '|' << row << '\n';
   file.close();
   if (!file || std::rename(fresh.c_str(), path.c_str()) != 0) {
     std::filesystem::remove(fresh, ignored);

@@ -47,10 +47,16 @@ std::vector<const Variant*> candidates(const std::string& family, const std::str
 /// From now on `variant`, one of the candidates, serves; `why` is what explain says of it.
 void prefer(const std::string& family, const std::string& size, const Variant& variant, const char* why);
 
+/// Every row of every kernel file. Throws Fault::internal for one that cannot be read.
+std::vector<Variant> all_variants();
+/// Does the kernel file hold the kernel that the row names?
+bool states_kernel(const Variant& variant);
+
 /// Where tuned choices of this device and driver lie: $CLOAM_CACHE_DIR or $XDG_CACHE_HOME/cloam or ~/.cache/cloam.
 /// CLOAM_TUNE=off ignores the file. Rows that the kernel files no longer state are passed over.
 std::string tuned_file();
-/// Writes the choices to tuned_file(), whole or not at all. Throws Fault::write.
+/// Adds the choices to tuned_file(), in the place of earlier ones of the same family and size; the file is replaced
+/// whole or not at all. Throws Fault::write.
 void save_tuned(const std::vector<Choice>& tuned);
 
 void record_choices(std::vector<Choice>* into);  // null: stop

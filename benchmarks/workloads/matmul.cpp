@@ -24,6 +24,24 @@ void add(Workloads& all, const std::string& sizes, const Product& p) {
   all.push_back({text("matmul.", sizes, ".", p.form), flops, 0, [p] { return prepare(p); }, {"openblas", "onednn"}});
 }
 
+struct Batch {
+  int64_t count, m, n, k;
+};
+
+/// Heads of attention: [count,m,k] x [count,k,n], the second a turned view as in q k^T.
+Run prepare_batch(const Batch& p) {
+  const Tensor a = random_normal({p.count, p.m, p.k}, {1}), b = random_normal({p.count, p.n, p.k}, {2});
+  eval({a, b});
+  return [=] { eval({matmul(a, transpose(b))}); };
+}
+
+/// A layer with its bias and ReLU: [s,k] x [k,n].
+Run prepare_linear(int64_t s, int64_t n, int64_t k) {
+  const Tensor x = random_normal({s, k}, {1}), w = random_normal({k, n}, {2}), bias = random_normal({n}, {3});
+  eval({x, w, bias});
+  return [=] { eval({linear(x, w, {.bias = bias, .activation = Activation::relu})}); };
+}
+
 }  // namespace
 
 void add_matmul_workloads(Workloads& all) {
@@ -32,6 +50,14 @@ void add_matmul_workloads(Workloads& all) {
   for (const char* form : {"nn", "nt"}) add(all, "65536x64x64", {65536, 64, 64, form});
   add(all, "64x64x65536", {64, 64, 65536, "tn"});
   add(all, "64x16384x576", {64, 16384, 576, "nn"});
+  add(all, "256x1024x4096", {256, 1024, 4096, "nn"});
+  for (const char* form : {"nn", "nt"}) add(all, "32768x256x256", {32768, 256, 256, form});
+  add(all, "256x256x32768", {256, 256, 32768, "tn"});
+  const Batch heads = {32, 256, 256, 64};
+  all.push_back(
+      {"matmul.32x256x256x64.nt", 2.0 * 32 * 256 * 256 * 64, 0, [heads] { return prepare_batch(heads); }, {}});
+  all.push_back(
+      {"linear.32768x256x256.relu", 2.0 * 32768 * 256 * 256, 0, [] { return prepare_linear(32768, 256, 256); }, {}});
 }
 
 }  // namespace cloam

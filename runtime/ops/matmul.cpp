@@ -7,9 +7,10 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered("matmul");
+const Registered kMatmul("matmul"), kLinear("linear");
 
 int64_t ceil_div(int64_t a, int64_t b) { return (a + b - 1) / b; }
+int64_t padded(int64_t n, int64_t unit) { return ceil_div(n, unit) * unit; }
 
 /// An operand as the kernels walk it: one stride over the flattened batch, and those of its two inner axes.
 struct Operand {
@@ -54,91 +55,145 @@ Operand operand(const Tensor& x, const Shape& out) {
   return operand(dense(Tensor(spread)), out);
 }
 
+/// c = end of a b; bias and residual are empty where the epilogue's flags say nothing of them.
 struct Problem {
   Operand a, b;
+  Tensor c, bias, residual;
+  int epilogue = 0;
   int64_t batch, m, n, k;
   double flops() const { return 2.0 * static_cast<double>(batch * m) * static_cast<double>(n * k); }
+  /// Which of the two inner axes lies side by side; a lone row or column is either.
+  bool a_by_column() const { return a.column != 1 && k != 1; }
+  bool b_by_column() const { return b.column != 1 && n != 1; }
+  int64_t a_pitch() const { return a_by_column() ? a.column : a.row; }
+  int64_t b_pitch() const { return b_by_column() ? b.column : b.row; }
 };
 
-void run_any(const Problem& p, const Tensor& out) {
-  const bool tiled = !is_cpu_class() && !reference_variants();
+/// The long sums of few elements (weight gradients over many samples) are shared out in equal parts. A function of the
+/// shape and the device class alone: it fixes the order of summation.
+struct Splits {
+  int64_t count = 1, k_each = 0;
+};
+
+Splits splits_of(const Problem& p) {
+  const int64_t wanted_groups = is_cpu_class() ? 32 : 512, least_depth = is_cpu_class() ? 1024 : 256;
+  const int64_t tiles = p.batch * ceil_div(p.m, 64) * ceil_div(p.n, is_cpu_class() ? 256 : 64);
+  const int64_t wanted = std::clamp<int64_t>(wanted_groups / tiles, 1, std::max<int64_t>(1, p.k / least_depth));
+  const int64_t k_each = padded(ceil_div(p.k, wanted), 256);
+  return {ceil_div(p.k, k_each), k_each};
+}
+
+void run_reference(const Problem& p) {
   Range range = elements(p.m * p.n);
   range.global[1] = static_cast<size_t>(p.batch);
-  if (tiled) {
-    range.local = {16, 16, 1};
-    range.global = {static_cast<size_t>(ceil_div(p.n, 16) * 16), static_cast<size_t>(ceil_div(p.m, 16) * 16),
-                    static_cast<size_t>(p.batch)};
-  }
   range.flops = p.flops();
-  const char* name = tiled ? "matmul_tiled" : "matmul_reference";
-  launch(kernel("matmul", name), name, range, Strided{p.a.tensor}, Strided{p.b.tensor}, out, p.m, p.n, p.k, p.a.batch,
-         p.a.row, p.a.column, p.b.batch, p.b.row, p.b.column);
+  launch(kernel("matmul", "matmul_reference"), "matmul_reference", range, Strided{p.a.tensor}, Strided{p.b.tensor}, p.c,
+         p.m, p.n, p.k, p.a.batch, p.a.row, p.a.column, p.b.batch, p.b.row, p.b.column, p.bias, p.residual, p.epilogue);
 }
 
-/// How a product is cut for CPU devices: a function of the shape alone, so that sums have one order on every machine.
-struct Tiling {
-  int kc = 256, nc_max = 256, mr = 4, nv = 4;  // mr * nv + nv + 1 vectors: the 32 registers of AVX-512 hold them
-  int64_t mc = 256, nc = 256, splits = 1, k_each = 0;
-};
-
-Tiling tiling(const Problem& p) {
-  constexpr int64_t kGroups = 32, kLeastDepth = 1024;
-  Tiling t;
-  if (device().local_bytes < 300u << 10) t.kc = 32, t.nc_max = 64;
-  if (p.n <= 32) t.mr = 8, t.nv = p.n <= 16 ? 1 : 2;
-  t.nc = std::min<int64_t>(t.nc_max, p.n);
-  const auto tiles = [&] { return p.batch * ceil_div(p.m, t.mc) * ceil_div(p.n, t.nc); };
-  // Tall-and-skinny weight gradients have few tiles but a long sum: share out the sum.
-  const int64_t wanted = std::clamp<int64_t>(kGroups / tiles(), 1, std::max<int64_t>(1, p.k / kLeastDepth));
-  t.k_each = ceil_div(ceil_div(p.k, wanted), t.kc) * t.kc;
-  t.splits = ceil_div(p.k, t.k_each);
-  while (tiles() * t.splits < 2 * kGroups && t.mc > 32) t.mc /= 2;
-  return t;
+void run_tiled(const Problem& p) {
+  const Variant& variant = choose("matmul", std::min(p.m, p.n) >= 512 ? "large" : "any");
+  const Constants layout = {{"A_BY_COLUMN", p.a_by_column()}, {"B_BY_COLUMN", p.b_by_column()}};
+  const Splits s = splits_of(p);
+  Range range = range2(ceil_div(p.n, 16 * variant["RN"]) * 16, ceil_div(p.m, 16 * variant["RM"]) * 16);
+  range.global[2] = static_cast<size_t>(p.batch * s.count);
+  range.local = {16, 16, 1};
+  range.flops = p.flops();
+  const bool whole = s.count == 1;
+  const Tensor to = whole ? p.c : empty({p.batch, s.count, p.m * p.n});
+  launch(kernel(variant, layout), "matmul_tiled", range, Strided{p.a.tensor}, Strided{p.b.tensor}, to, p.m, p.n, p.k,
+         p.a.batch, p.a_pitch(), p.b.batch, p.b_pitch(), s.count, s.k_each, p.bias, p.residual, whole ? p.epilogue : 0);
+  if (whole) return;
+  Variant adding = variant;
+  adding.kernel = "add_splits";
+  range = elements(p.m * p.n);
+  range.global[1] = static_cast<size_t>(p.batch);
+  launch(kernel(adding, layout), "add_splits", range, to, p.c, p.m, p.n, s.count, p.bias, p.residual, p.epilogue);
 }
 
-void run_blocked(const Problem& p, const Tensor& out) {
-  const Tiling t = tiling(p);
-  const bool a_by_column = p.a.column != 1 && p.k != 1, b_by_column = p.b.column != 1 && p.n != 1;
-  const Constants constants = {{"MR", t.mr},
-                               {"NV", t.nv},
-                               {"KC", t.kc},
-                               {"NC", t.nc_max},
-                               {"A_BY_COLUMN", a_by_column},
-                               {"B_BY_COLUMN", b_by_column}};
-  Range range = range2(ceil_div(p.n, t.nc), ceil_div(p.m, t.mc));
-  range.global[2] = static_cast<size_t>(p.batch * t.splits);
+/// By the width of C and its height; "compact" where the packed panels of that choice would not fit the device.
+const Variant& blocked_variant(const Problem& p) {
+  const Variant& wished = choose("matmul", p.n <= 16 ? "thin" : p.n <= 32 ? "narrow" : p.m <= 128 ? "flat" : "wide");
+  const int64_t floats = wished["KC"] * (wished["NC"] + 80) + 16 * wished["MR"] * wished["NV"];
+  return floats * 4 <= static_cast<int64_t>(device().local_bytes) ? wished : choose("matmul", "compact");
+}
+
+/// Rows a work-item takes: few enough to keep all cores busy, enough to make packing B worth while (turning it, where
+/// it lies by column, costs more). Each element's sum is its own, so this changes no bits.
+int64_t rows_each(const Problem& p, int64_t column_groups, int64_t unit) {
+  const int64_t cores = std::max(1, device().compute_units), cheap = p.b_by_column() ? 256 : 128;
+  int64_t rows = 512;
+  const auto groups = [&] { return column_groups * ceil_div(p.m, rows); };
+  while ((groups() < 8 * cores && rows > cheap) || (groups() < 2 * cores && rows > 32)) rows /= 2;
+  return padded(ceil_div(p.m, ceil_div(p.m, rows)), unit);
+}
+
+void run_blocked(const Problem& p) {
+  const Variant& variant = blocked_variant(p);
+  // Columns of A that lie in few cache sets, or in many pages, are packed.
+  const bool a_packed = p.a_by_column() && p.a_pitch() > 128;
+  const Constants layout = {{"A_BY_COLUMN", p.a_by_column()}, {"B_BY_COLUMN", p.b_by_column()}, {"A_PACKED", a_packed}};
+  const Splits s = splits_of(p);
+  const int64_t nc = padded(ceil_div(p.n, ceil_div(p.n, variant["NC"])), 16 * variant["NV"]);
+  const int64_t mc = rows_each(p, p.batch * s.count * ceil_div(p.n, nc), a_packed ? 64 : variant["MR"]);
+  Range range = range2(ceil_div(p.n, nc), ceil_div(p.m, mc));
+  range.global[2] = static_cast<size_t>(p.batch * s.count);
   range.flops = p.flops();
-  const int64_t count = p.m * p.n;
-  const Tensor to = t.splits == 1 ? out : empty({p.batch, t.splits, count});
-  launch(kernel("matmul_cpu", "matmul_blocked", constants), "matmul_blocked", range, Strided{p.a.tensor},
-         Strided{p.b.tensor}, to, p.m, p.n, p.k, p.a.batch, a_by_column ? p.a.column : p.a.row, p.b.batch,
-         b_by_column ? p.b.column : p.b.row, t.mc, t.nc, t.splits, t.k_each);
-  if (t.splits == 1) return;
-  constexpr int64_t kChunk = 4096;
-  launch(kernel("matmul_cpu", "add_splits", constants), "add_splits", range2(ceil_div(count, kChunk), p.batch), to, out,
-         count, t.splits, kChunk);
+  const bool whole = s.count == 1;
+  const Tensor to = whole ? p.c : empty({p.batch, s.count, p.m * p.n});
+  launch(kernel(variant, layout), "matmul_blocked", range, Strided{p.a.tensor}, Strided{p.b.tensor}, to, p.m, p.n, p.k,
+         p.a.batch, p.a_pitch(), p.b.batch, p.b_pitch(), mc, nc, s.count, s.k_each, p.bias, p.residual,
+         whole ? p.epilogue : 0);
+  if (whole) return;
+  Variant adding = variant;
+  adding.kernel = "add_splits";
+  const int64_t chunk = std::max<int64_t>(1, 1024 / p.n);
+  launch(kernel(adding, layout), "add_splits", range2(ceil_div(p.m, chunk), p.batch), to, p.c, p.m, p.n, s.count, chunk,
+         p.bias, p.residual, p.epilogue);
+}
+
+/// in: a, b, then the epilogue's tensors.
+void run_product(const Tensors& in, const Tensor& out, int flags) {
+  constexpr int64_t kTiny = 4 * 4 * 4;  // below, packing costs more than it saves
+  const Problem p{operand(in[0], out.shape()),
+                  operand(in[1], out.shape()),
+                  out,
+                  flags & kBias ? dense(in[2]) : out,
+                  flags & kResidual ? dense(in.back()) : out,
+                  flags,
+                  numel(out.shape()) / (out.dim(-2) * out.dim(-1)),
+                  out.dim(-2),
+                  out.dim(-1),
+                  in[0].dim(-1)};
+  const bool tiny = p.k == 0 || (p.batch > 1 && p.m * p.n * p.k <= kTiny);
+  if (reference_variants() || tiny) return run_reference(p);
+  is_cpu_class() ? run_blocked(p) : run_tiled(p);
 }
 
 struct Matmul final : Op {
   const char* name() const override { return "matmul"; }
   bool strided_inputs() const override { return true; }
-  void run(const Tensors& in, Tensor& out) const override {
-    const Problem p{operand(in[0], out.shape()),
-                    operand(in[1], out.shape()),
-                    numel(out.shape()) / (out.dim(-2) * out.dim(-1)),
-                    out.dim(-2),
-                    out.dim(-1),
-                    in[0].dim(-1)};
-    const bool tiny = p.batch > 1 && p.m * p.n * p.k <= kTiny;
-    if (is_cpu_class() && !reference_variants() && p.k > 0 && !tiny)
-      run_blocked(p, out);
-    else
-      run_any(p, out);
-  }
+  void run(const Tensors& in, Tensor& out) const override { run_product(in, out, 0); }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     return {matmul(g, transpose(in[1])), matmul(transpose(in[0]), g)};
   }
-  static constexpr int64_t kTiny = 4 * 4 * 4;  // below, packing costs more than it saves
+};
+
+/// x [S,K], w [K,N], then the epilogue's tensors.
+struct Linear final : Op {
+  explicit Linear(int epilogue) : flags(epilogue) {}
+  const char* name() const override { return "linear"; }
+  uint64_t key() const override { return static_cast<uint64_t>(flags); }
+  bool strided_inputs() const override { return true; }
+  void run(const Tensors& in, Tensor& out) const override { run_product(in, out, flags); }
+  Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override {
+    const Tensor through = before_epilogue(flags, out, g);
+    Tensors of = {matmul(through, transpose(in[1])), matmul(transpose(in[0]), through)};
+    if (flags & kBias) of.push_back(sum(through, {{0}}));
+    if (flags & kResidual) of.push_back(through);
+    return of;
+  }
+  int flags;
 };
 
 void check(const Tensor& a, const Tensor& b) {
@@ -176,6 +231,24 @@ Tensor linear_composed(const Tensor& x, const Tensor& w, const Epilogue& with) {
   return composed_epilogue(matmul(x, w), with.bias, with);
 }
 
-Tensor linear(const Tensor& x, const Tensor& w, const Epilogue& with) { return linear_composed(x, w, with); }
+Tensor linear(const Tensor& x, const Tensor& w, const Epilogue& with) {
+  const Dims d = match("linear", {{"w", w, "K N"}});
+  Shape shape = x.shape();
+  if (x.rank() < 2 || x.dim(-1) != d["K"])
+    throw Error(Fault::internal, text("[linear] x has shape ", to_string(x.shape()), " and w ", to_string(w.shape()),
+                                      ", want x [.., ", d["K"], "]"));
+  shape[x.rank() - 1] = d["N"];
+  if (with.bias && !(with.bias.shape() == Shape{d["N"]}))
+    throw Error(Fault::internal,
+                text("[linear] bias has shape ", to_string(with.bias.shape()), ", want [", d["N"], "]"));
+  if (with.residual && !(with.residual.shape() == shape))
+    throw Error(Fault::internal,
+                text("[linear] residual has shape ", to_string(with.residual.shape()), ", want ", to_string(shape)));
+  Tensors in = {reshape(x, {numel(batch_of(x)) * x.dim(-2), d["K"]}), w};
+  if (with.bias) in.push_back(with.bias);
+  if (with.residual) in.push_back(reshape(with.residual, {in[0].dim(0), d["N"]}));
+  if (!fuses(in, with)) return linear_composed(x, w, with);
+  return reshape(make(std::make_shared<Linear>(epilogue_flags(with)), {in[0].dim(0), d["N"]}, in), shape);
+}
 
 }  // namespace cloam

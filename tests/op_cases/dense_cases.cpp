@@ -39,6 +39,34 @@ OpCase multiplying(const char* label, const Shape& a, const Shape& b) {
           .reference = product};
 }
 
+/// Values alone, of operands that lie turned or not: sizes beyond every tile, strip and block, with tails.
+OpCase forward(const char* label, const Shape& a, const Shape& b, bool a_turned, bool b_turned) {
+  OpCase row = multiplying(label, a, b);
+  const auto stored = [](const Shape& shape, bool turned) { return turned ? Shape{shape[1], shape[0]} : shape; };
+  row.inputs = {normal(stored(a, a_turned)), normal(stored(b, b_turned))};
+  row.run = [=](const Tensors& in) {
+    return matmul(a_turned ? transpose(in[0]) : in[0], b_turned ? transpose(in[1]) : in[1]);
+  };
+  row.reference = [=](const HostArrays& in) {
+    const auto turn = [](const HostArray& x) {
+      return from_index({x.dim(1), x.dim(0)}, [&](const Shape& i) { return x.at({i[1], i[0]}); });
+    };
+    return product({a_turned ? turn(in[0]) : in[0], b_turned ? turn(in[1]) : in[1]});
+  };
+  row.gradient = false;
+  return row;
+}
+
+void add_large_products(OpCases& rows) {
+  rows.push_back(forward("blocks", {131, 601}, {601, 37}, false, false));
+  rows.push_back(forward("blocks, A turned", {131, 601}, {601, 37}, true, false));
+  rows.push_back(forward("blocks, B turned", {133, 601}, {601, 35}, false, true));
+  rows.push_back(forward("blocks, both turned", {37, 601}, {601, 131}, true, true));
+  rows.push_back(forward("wide and high", {515, 9}, {9, 517}, false, false));
+  rows.push_back(forward("narrow", {300, 70}, {70, 13}, false, true));
+  rows.push_back(forward("few rows, split", {7, 5003}, {5003, 30}, true, false));
+}
+
 void add_products(OpCases& rows) {
   rows.push_back(multiplying("small", {7, 5}, {5, 3}));
   rows.back().second_order = true;
@@ -50,6 +78,7 @@ void add_products(OpCases& rows) {
   rows.push_back(multiplying("one row", {1, 17}, {17, 19}));
   rows.push_back(multiplying("batch", {3, 7, 5}, {3, 5, 11}));
   rows.back().zero = {{3, 7, 0}, {3, 0, 11}};
+  rows.push_back(multiplying("heads", {2, 3, 19, 8}, {2, 3, 8, 21}));
   rows.push_back(multiplying("broadcast batch", {2, 1, 5, 7}, {3, 7, 4}));
   rows.push_back(multiplying("one matrix for a batch", {2, 3, 5}, {5, 4}));
   rows.push_back(multiplying("batch of tiny ones", {11, 3, 3}, {11, 3, 1}));
@@ -120,6 +149,7 @@ void add_linear(OpCases& rows) {
 
 void add_dense_cases(OpCases& rows) {
   add_products(rows);
+  add_large_products(rows);
   add_linear(rows);
 }
 
