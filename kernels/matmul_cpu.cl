@@ -1,9 +1,9 @@
 // Version 3 of matmul.cl, for CPU devices: a work-item computes a tile of mc x nc elements of C, after Goto and van de
 // Geijn, "Anatomy of High-Performance Matrix Multiplication" (2008). MR x NV vectors of 16 elements of C stay in
-// registers; each is one sum over k in ascending order, taken up from C at every block of KC, so that no choice of tiles
-// changes a bit. Panels of B are packed into local memory (scratch of one core) by the very first rows that use them.
-// A_BY_COLUMN: the rows of A lie side by side (A is a transposed view). B_BY_COLUMN: the same of B.
-// A_PACKED: so are the columns of A, where they lie far apart.
+// registers; each is one sum over k in ascending order, taken up from C at every block of KC, so that no choice of
+// tiles changes a bit. Panels of B are packed into local memory (scratch of one core) by the very first rows that use
+// them. A_BY_COLUMN: the rows of A lie side by side (A is a transposed view). B_BY_COLUMN: the same of B. A_PACKED: so
+// are the columns of A, where they lie far apart.
 //: variant matmul_blocked cpu wide MR=4 NV=4 KC=512 NC=256
 //: variant matmul_blocked cpu wide MR=4 NV=4 KC=256 NC=256
 //: variant matmul_blocked cpu wide MR=8 NV=2 KC=512 NC=256
@@ -121,8 +121,8 @@ ALWAYS_INLINE void store_tile(float16 acc[MR][NV], const struct Place p, const s
       }
     }
     if (end.flags & EPILOGUE_RESIDUAL) {
-      UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)
-          acc[i][v] += vload16(v, end.residual + (size_t)i * p.pitch);
+      UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] +=
+          vload16(v, end.residual + (size_t)i * p.pitch);
     }
     if (end.flags & EPILOGUE_RELU) {
       UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = fmax(acc[i][v], 0.0f);
@@ -141,37 +141,39 @@ ALWAYS_INLINE void store_tile(float16 acc[MR][NV], const struct Place p, const s
   }
   if (end.flags & EPILOGUE_SILU)  // in memory: it would not fit beside the tile
     for (int i = 0; i < rows; i++)
-      for (int j = 0; j < columns; j++) p.c[(size_t)i * p.pitch + j] = activate(p.c[(size_t)i * p.pitch + j], EPILOGUE_SILU);
+      for (int j = 0; j < columns; j++)
+        p.c[(size_t)i * p.pitch + j] = activate(p.c[(size_t)i * p.pitch + j], EPILOGUE_SILU);
 }
 
-// What the next tiles will read is brought into the cache while this one is computed: at every 16th k `count` lines,
-// `line` floats apart; the next step's lie `step` further on; for `steps` steps.
-struct Stream {
+// What the next tiles will read is brought into the cache while this one is computed. At every 16th k: MR lines of A,
+// NV of B and NV of C, `line` floats apart, those of the next time `step` further on, until `last`. Without a branch:
+// one too many costs nothing.
+struct Lines {
   __global const float* from;
-  int step, line, count, steps;
+  int step, line, last;
 };
 struct Ahead {
-  struct Stream a, b;
-  __global float* c;  // the next tile, or null
+  struct Lines a, b, c;
 };
 
-ALWAYS_INLINE void fetch(const struct Ahead next, int pitch, int step) {
-  if (step < next.a.steps)
-    for (int l = 0; l < next.a.count; l++) PREFETCH(next.a.from + (size_t)step * next.a.step + (size_t)l * next.a.line);
-  if (step < next.b.steps)
-    for (int l = 0; l < next.b.count; l++) PREFETCH(next.b.from + (size_t)step * next.b.step + (size_t)l * next.b.line);
-  if (step < MR && next.c)
-    UNROLL for (int v = 0; v < NV; v++) PREFETCH_WRITE(next.c + (size_t)step * pitch + v * 16);
+ALWAYS_INLINE __global const float* lines_at(const struct Lines l, int time) {
+  return l.from + (size_t)min(time, l.last) * l.step;
 }
 
-// Rows first to first + each, or up to `rows`, of a matrix whose rows lie `pitch` apart: `lines` lines of each, walked
-// along the rows (`pitch` apart in one step) or down.
-ALWAYS_INLINE struct Stream stream_of(__global const float* from, int pitch, int first, int each, int rows, int lines,
-                                      int along) {
-  const int count = max(0, min(each, rows - first));
-  from += (size_t)first * pitch;
-  const struct Stream s = {from, along ? 16 : pitch, along ? pitch : 16, along ? count : lines, along ? lines : count};
-  return s;
+ALWAYS_INLINE void fetch(const struct Ahead next, int time) {
+  __global const float* a = lines_at(next.a, time);
+  UNROLL for (int i = 0; i < MR; i++) PREFETCH(a + (size_t)i * next.a.line);
+  __global const float* b = lines_at(next.b, time);
+  UNROLL for (int v = 0; v < NV; v++) PREFETCH(b + (size_t)v * next.b.line);
+  __global const float* c = lines_at(next.c, time);
+  UNROLL for (int v = 0; v < NV; v++) PREFETCH_WRITE(c + v * 16);
+}
+
+// Lines across `rows` rows of a matrix from row `first` on, or none that are new.
+ALWAYS_INLINE struct Lines across(__global const float* from, int pitch, int first, int rows) {
+  const struct Lines l = {from + (rows > 0 ? (size_t)first * pitch : 0), rows > 0 ? pitch : 0, 16,
+                          rows > 0 ? rows - 1 : 0};
+  return l;
 }
 
 ALWAYS_INLINE void multiply(float16 acc[MR][NV], A_SPACE const float* restrict a, const int* at, const float16 row[NV],
@@ -183,15 +185,15 @@ ALWAYS_INLINE void multiply(float16 acc[MR][NV], A_SPACE const float* restrict a
 }
 
 // C tile (+)= A * packed panel of B.
-inline void micro_tile(A_SPACE const float* restrict a, const int* at, int a_step, __local const float* restrict b, int depth,
-                       int add, const struct Place place, const struct Ending end, __local float* restrict edge,
-                       const struct Ahead next) {
+inline void micro_tile(A_SPACE const float* restrict a, const int* at, int a_step, __local const float* restrict b,
+                       int depth, int add, const struct Place place, const struct Ending end,
+                       __local float* restrict edge, const struct Ahead next) {
   float16 acc[MR][NV];
   UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = (float16)(0.0f);
   if (add) load_tile(acc, place, edge);
   const int steps = depth / 16;
   for (int step = 0; step < steps; step++) {
-    fetch(next, place.pitch, step);
+    fetch(next, step);
 #pragma unroll 4
     for (int k = step * 16; k < step * 16 + 16; k++) {
       float16 row[NV];
@@ -210,14 +212,15 @@ inline void micro_tile(A_SPACE const float* restrict a, const int* at, int a_ste
 
 #if !B_BY_COLUMN
 // The same, with B read where it lies, and packed in passing.
-inline void micro_tile_packing(A_SPACE const float* restrict a, const int* at, int a_step, __global const float* restrict from,
-                               int pitch, __local float* restrict b, int depth, int add, const struct Place place,
-                               const struct Ending end, __local float* restrict edge, const struct Ahead next) {
+inline void micro_tile_packing(A_SPACE const float* restrict a, const int* at, int a_step,
+                               __global const float* restrict from, int pitch, __local float* restrict b, int depth,
+                               int add, const struct Place place, const struct Ending end, __local float* restrict edge,
+                               const struct Ahead next) {
   float16 acc[MR][NV];
   UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = (float16)(0.0f);
   if (add) load_tile(acc, place, edge);
   for (int step = 0; step < (depth + 15) / 16; step++) {
-    fetch(next, place.pitch, step);
+    fetch(next, step);
 #pragma unroll 2
     for (int k = step * 16; k < min(step * 16 + 16, depth); k++) {
       float16 row[NV];
@@ -253,11 +256,8 @@ FAT __kernel void matmul_blocked(__global const float* restrict a, int a_offset,
   residual += (size_t)batch * m * n;
   const int a_row = A_BY_COLUMN ? 1 : a_pitch, a_column = A_BY_COLUMN ? a_pitch : 1;
   const int b_row = B_BY_COLUMN ? 1 : b_pitch, b_column = B_BY_COLUMN ? b_pitch : 1;
-  const int each_of_columns = (columns + panels * tiles - 1) / (panels * tiles);
-#if A_PACKED
-  const int a_each = (KC + (AB / MR) * tiles - 1) / ((AB / MR) * tiles);
-#endif
-  const int each_of_k = (KC + panels * tiles - 1) / (panels * tiles);
+  const int b_each = (KC + panels - 1) / panels;  // rows of the next block of B that a row of tiles fetches
+  const int a_each = (KC - 1) / (tiles * (A_PACKED ? AB / MR : panels)) + 1;
   for (int k0 = k_begin; k0 < k_end; k0 += KC) {
     const int kc = min(KC, k_end - k0), add = k0 > k_begin, down = k0 + KC < depth;
     const int flags = k0 + KC < k_end ? 0 : epilogue;
@@ -283,22 +283,27 @@ FAT __kernel void matmul_blocked(__global const float* restrict a, int a_offset,
           const size_t to = (size_t)i * n + j0 + j;
           const struct Place place = {c + to, n, i_end - i, columns - j};
           const struct Ending end = {flags, bias + j0 + j, residual + to};
-          const int part = (i - i0) / MR * tiles + j / NR;
           struct Ahead next;
-          next.c = j + NR < columns ? place.c + NR : i + 2 * MR <= i_end ? c + (size_t)(i + MR) * n + j0 : 0;
+          const int below = i + 2 * MR <= i_end;  // there is a whole panel of A after this one
+          next.c = across(j + NR < columns ? place.c + NR : below ? c + (size_t)(i + MR) * n + j0 : place.c, n, 0, MR);
 #if B_BY_COLUMN
-          next.b = stream_of(next_b, b_pitch, part * each_of_columns, each_of_columns, min(nc, n - next_j),
-                             k_left / 16, 1);
+          const int column = min((i - i0) / MR * NV, nc - NV);
+          const struct Lines b_lines = {next_b + (size_t)(column + j) * b_pitch, 16, b_pitch, k_left / 16};
+          next.b = b_lines;
 #else
-          next.b = stream_of(next_b, b_pitch, part * each_of_k, each_of_k, k_left, min(nc, n - next_j) / 16, 0);
+          const int b_first = (i - i0) / MR * b_each;
+          next.b = across(next_b + j, b_pitch, b_first, min(b_each, k_left - b_first));
 #endif
 #if A_PACKED
-          next.a = stream_of(ib + AB < i_end ? a + (size_t)k0 * a_pitch + ib + AB : a + (size_t)next_k * a_pitch + i0, a_pitch,
-             ((i - ib) / MR * tiles + j / NR) * a_each, a_each, ib + AB < i_end ? kc : k_left, AB / 16, 0);
+          const int a_first = ((i - ib) / MR * tiles + j / NR) * a_each, more = ib + AB < i_end;
+          next.a = across(a + (size_t)(more ? k0 : next_k) * a_pitch + (more ? ib + AB : i0), a_pitch, a_first,
+                          min(a_each, (more ? kc : k_left) - a_first));
 #elif A_BY_COLUMN
-          next.a = stream_of(a + (size_t)next_k * a_pitch + i0, a_pitch, part * each_of_k, each_of_k, k_left, (i_end - i0) / 16, 0);
+          const int a_first = ((i - i0) / MR * tiles + j / NR) * a_each;
+          next.a = across(a + (size_t)next_k * a_pitch + i0, a_pitch, a_first, min(a_each, k_left - a_first));
 #else
-          next.a = stream_of(rows + (size_t)MR * a_pitch, a_pitch, j / NR * ((MR + tiles - 1) / tiles), (MR + tiles - 1) / tiles, min(MR, i_end - i - MR), kc / 16, 1);
+          const struct Lines a_lines = {rows + (below ? (size_t)MR * a_pitch : 0), 16, a_pitch, kc / 16};
+          next.a = a_lines;
 #endif
           if (i == i0) {
 #if B_BY_COLUMN
@@ -334,9 +339,11 @@ FAT __kernel void add_splits(__global const float* restrict parts, __global floa
       const int columns = min(16, n - j0);
       float sum[16];
       for (int j = 0; j < columns; j++) sum[j] = parts[e + j];
-      for (int s = 1; s < splits; s++) 
-        if (columns == 16) for (int j = 0; j < 16; j++) sum[j] += parts[s * count + e + j];
-        else for (int j = 0; j < columns; j++) sum[j] += parts[s * count + e + j];
+      for (int s = 1; s < splits; s++)
+        if (columns == 16)
+          for (int j = 0; j < 16; j++) sum[j] += parts[s * count + e + j];
+        else
+          for (int j = 0; j < columns; j++) sum[j] += parts[s * count + e + j];
       for (int j = 0; j < columns; j++) {
         if (epilogue & EPILOGUE_BIAS) sum[j] += bias[j0 + j];
         if (epilogue & EPILOGUE_RESIDUAL) sum[j] += residual[e + j];

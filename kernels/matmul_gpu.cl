@@ -1,6 +1,7 @@
-// Version 2 of matmul.cl, for GPUs: a group of 16 x 16 lanes computes a tile of TM x TN elements of C, a lane RM x RN of
-// them in registers, as quads 64 apart so that neighbours read neighbouring words of local memory. Strips of A and B, TK
-// deep, are staged there with loads along whichever axis is contiguous. Sums run over k in ascending order for any tile.
+// Version 2 of matmul.cl, for GPUs: a group of 16 x 16 lanes computes a tile of TM x TN elements of C, a lane RM x RN
+// of them in registers, as quads 64 apart so that neighbours read neighbouring words of local memory. Strips of A and
+// B, TK deep, are staged there with loads along whichever axis is contiguous. Sums run over k in ascending order for
+// any tile.
 //: variant matmul_tiled gpu any RM=4 RN=4 TK=16
 //: variant matmul_tiled gpu large RM=8 RN=8 TK=16
 //: variant matmul_tiled gpu large RM=4 RN=8 TK=16

@@ -30,19 +30,20 @@ FrequencyField::FrequencyField(const Scope& scope, const FieldOptions& o)
 Tensor FrequencyField::trunk(const Tensor& points) const {
   const Tensor encoded = frequency_encoding(points * 2.f - 1.f, options_.point_frequencies);
   Tensor h = encoded;
-  for (size_t i = 0; i < layers_.size(); i++) h = relu(layers_[i](i == kSkipAfter ? concat({encoded, h}, 1) : h));
+  for (size_t i = 0; i < layers_.size(); i++)
+    h = layers_[i](i == kSkipAfter ? concat({encoded, h}, 1) : h, Activation::relu);
   return h;
 }
 
 FieldOutput FrequencyField::operator()(const Tensor& points, const Tensor& directions, const Tensor& ray) const {
   const Tensor h = trunk(points);
   const Tensor seen = gather_rows(frequency_encoding(directions, options_.direction_frequencies), ray);
-  const Tensor rgb = sigmoid(colour_(relu(view_(concat({bottleneck_(h), seen}, 1)))));
-  return {reshape(relu(density_(h)), {points.dim(0)}), rgb};
+  const Tensor rgb = sigmoid(colour_(view_(concat({bottleneck_(h), seen}, 1), Activation::relu)));
+  return {reshape(density_(h, Activation::relu), {points.dim(0)}), rgb};
 }
 
 Tensor FrequencyField::density(const Tensor& points) const {
-  return reshape(relu(density_(trunk(points))), {points.dim(0)});
+  return reshape(density_(trunk(points), Activation::relu), {points.dim(0)});
 }
 
 int64_t FrequencyField::bytes_per_sample() const { return 4 * int64_t{options_.width} * (2 * options_.depth + 6); }

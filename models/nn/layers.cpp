@@ -4,15 +4,15 @@
 #include <cmath>
 
 #include "runtime/error.h"
-#include "runtime/ops.h"
-
 namespace cloam {
 
 Linear::Linear(const Scope& scope, int64_t in, int64_t out, float gain)
     : weight(scope.uniform("weight", {in, out}, gain * std::sqrt(6.f / static_cast<float>(in)))),
       bias(scope.constant("bias", {out}, 0.f)) {}
 
-Tensor Linear::operator()(const Tensor& x) const { return matmul(x, weight) + bias; }
+Tensor Linear::operator()(const Tensor& x, Activation activation) const {
+  return linear(x, weight, {.bias = bias, .activation = activation});
+}
 
 SmallMlp::SmallMlp(const Scope& scope, const std::vector<int64_t>& sizes) {
   for (size_t i = 0; i + 1 < sizes.size(); i++)

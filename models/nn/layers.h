@@ -3,13 +3,15 @@
 #include <vector>
 
 #include "models/nn/params.h"
+#include "runtime/ops.h"
 
 namespace cloam {
 
-/// y = x W + b. Initial weights uniform in +-gain * sqrt(6 / in) (gain 1: He; 0: zeros), bias zero.
+/// y = activation(x W + b), x [.., in]. Initial weights uniform in +-gain * sqrt(6 / in) (gain 1: He; 0: zeros), bias
+/// zero.
 struct Linear {
   Linear(const Scope& scope, int64_t in, int64_t out, float gain = 1.f);
-  Tensor operator()(const Tensor& x) const;
+  Tensor operator()(const Tensor& x, Activation activation = Activation::none) const;
   Tensor weight, bias;
 };
 

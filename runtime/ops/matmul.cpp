@@ -244,11 +244,16 @@ Tensor linear(const Tensor& x, const Tensor& w, const Epilogue& with) {
   if (with.residual && !(with.residual.shape() == shape))
     throw Error(Fault::internal,
                 text("[linear] residual has shape ", to_string(with.residual.shape()), ", want ", to_string(shape)));
-  Tensors in = {reshape(x, {numel(batch_of(x)) * x.dim(-2), d["K"]}), w};
+  if (x.rank() > 2) {  // the batch joins the rows
+    const Shape rows = {numel(batch_of(x)) * x.dim(-2), d["K"]};
+    const Tensor residual = with.residual ? reshape(with.residual, {rows[0], d["N"]}) : Tensor();
+    return reshape(linear(reshape(x, rows), w, {with.bias, residual, with.activation}), shape);
+  }
+  Tensors in = {x, w};
   if (with.bias) in.push_back(with.bias);
-  if (with.residual) in.push_back(reshape(with.residual, {in[0].dim(0), d["N"]}));
+  if (with.residual) in.push_back(with.residual);
   if (!fuses(in, with)) return linear_composed(x, w, with);
-  return reshape(make(std::make_shared<Linear>(epilogue_flags(with)), {in[0].dim(0), d["N"]}, in), shape);
+  return make(std::make_shared<Linear>(epilogue_flags(with)), shape, in);
 }
 
 }  // namespace cloam
