@@ -32,7 +32,7 @@ fs::path peer_folder() {
 /// All peers that are here, started when first asked.
 class Peers {
  public:
-  explicit Peers(std::vector<std::string>& notes) : notes_(notes) {
+  explicit Peers(BenchReport& report) : report_(report) {
     for (const PeerProgram& program : peer_programs()) all_.push_back({program, nullptr, {}});
   }
 
@@ -85,7 +85,8 @@ class Peers {
   static fs::path path_of(const PeerProgram& program) { return peer_folder() / ("cloam-peer-" + program.program); }
 
   void note(const std::string& line) {
-    if (std::find(notes_.begin(), notes_.end(), line) == notes_.end()) notes_.push_back(line);
+    auto& notes = report_.notes;
+    if (std::find(notes.begin(), notes.end(), line) == notes.end()) notes.push_back(line);
   }
 
   const std::vector<std::string>& works(Peer& peer) {
@@ -99,12 +100,13 @@ class Peers {
     try {
       peer.process = started(peer.program);
       peer.works = peer.process->list();
+      report_.peers.push_back({peer.program.name, peer.process->library(), peer.program.environment});
     } catch (const PeerFailure& failure) { note(failure.what()); }
     return peer.works;
   }
 
   std::vector<Peer> all_;
-  std::vector<std::string>& notes_;
+  BenchReport& report_;
 };
 
 /// What our runs cost beside time, summed over the samples.
@@ -236,7 +238,7 @@ BenchReport run_bench(const Workloads& workloads, const BenchOptions& options,
   BenchReport report;
   tell("the device's limits");
   report.limits = measure_limits();
-  Peers peers(report.notes);
+  Peers peers(report);
   for (std::size_t i = 0; i < workloads.size(); i++) {
     tell(text(i + 1, "/", workloads.size(), " ", workloads[i].name));
     try {

@@ -37,6 +37,11 @@ struct BenchRow {
 struct BenchReport {
   DeviceLimits limits;
   std::vector<BenchRow> rows;
+  struct PeerLibrary {
+    std::string name, library;             // "torch", "libtorch 1.13.1"
+    std::vector<std::string> environment;  // set beside our own
+  };
+  std::vector<PeerLibrary> peers;  // those that took part
   std::vector<std::string> notes;  // peers that are missing or failed, workloads that could not run
 };
 

@@ -23,7 +23,7 @@ double Sampler::seconds(int repeats) const {
 
 Sampler::Sampler(const Run& run) : run_(run) {
   double last = seconds(1);
-  for (int i = 0; i < 2 || (i < 8 && last * i < 0.2); i++) last = seconds(1);
+  for (int i = 0; i < 1 || (i < 8 && last * i < 0.2); i++) last = seconds(1);
   constexpr double kLeast = 0.02;
   repeats_ = std::clamp(static_cast<int>(kLeast / std::max(last, 1e-6)) + 1, 1, 1000);
 }

@@ -26,13 +26,13 @@ constexpr char kHow[] = R"(
 - Ours and its peers take turns within one run: a pause of 60 ms (threads of other libraries spin for some 25 ms after their
   work and would take a core), one sample, the next program. A sample is as many runs back to back as last 20 ms. Nine
   rounds, five where a round takes longer than a second; the figures are medians.
-- A peer is a program of its own with the environment that serves it best: one thread a core (`OMP_NUM_THREADS`,
-  `OPENBLAS_NUM_THREADS`); threads held to cores for oneDNN and libtorch (`OMP_PROC_BIND=true OMP_PLACES=cores`), not for
-  OpenBLAS, which that halves; a malloc that keeps its memory (`MALLOC_MMAP_MAX_=0
-  MALLOC_TRIM_THRESHOLD_=8589934592`), without which first touches of fresh pages cost libtorch up to ten times the work
-  itself. `torch+passive` is libtorch with `OMP_WAIT_POLICY=passive OPENBLAS_THREAD_TIMEOUT=4`: its products run on
-  OpenBLAS' threads, the rest on libgomp's, and each pool disturbs the other by spinning. Both take part and the faster
-  counts, as do NCHW and `@channels_last`. A way of a peer with a floor of its own (`NAME@way`) has its own row.
+- A peer is a program of its own with the environment that serves it best (above): one thread a core; threads held to cores for
+  oneDNN and libtorch, not for OpenBLAS, which that halves; a malloc that keeps its memory, without which first touches of
+  fresh pages cost libtorch up to ten times the work itself. `torch+passive` is libtorch with threads that sleep at once: its
+  products run on OpenBLAS' threads, the rest on libgomp's, and each pool disturbs the other by spinning. Both take part and
+  the faster counts, as do NCHW and `@channels_last`. A way of a peer with a floor of its own (`NAME@way`) has its own row.
+- Peers compute what ours computes: outputs and gradients of each family agree on equal inputs to 5e-6 of their mean
+  magnitude.
 - **ratio** is the peer's time over ours. **floor** is the least that is acceptable, **reach** what is aimed at.
 - **share** is the rate over this device's measured peak: of fused multiply-adds (two operations each) for rows with GFLOP/s,
   of copying arrays larger than any cache (bytes read and written) for rows with GB/s. Operations and bytes are those that the
@@ -61,50 +61,98 @@ std::string share(const BenchRow& row, const DeviceLimits& limits) {
   return value > 0 ? fixed(100 * value, 0) + " %" : "";
 }
 
-std::string verdict(const BenchRow& row, const Floor& floor) {
-  if (floor.milliseconds) return row.ms > floor.floor ? "**below**" : row.ms <= floor.reach ? "reached" : "";
-  if (row.peers.empty()) return "no peer here";
-  return row.ratio() < floor.floor ? "**below**" : row.ratio() >= floor.reach ? "reached" : "";
+using Cells = std::vector<std::string>;
+
+std::string line(const Cells& cells) {
+  std::string out = "|";
+  for (const std::string& cell : cells) out += " " + cell + " |";
+  return out + "\n";
 }
 
-std::string demanded_line(const BenchRow& row, const Floor& floor, const DeviceLimits& limits) {
-  const bool met = !row.peers.empty();
-  const std::string unit = floor.milliseconds ? " ms" : "";
-  return text("| `", row.name, "` | ", milliseconds(row.ms), " | ", rate(row), " | ", share(row, limits), " | ",
-              met ? row.peers.front().name : "", " | ", met ? milliseconds(row.peers.front().ms) : "", " | ",
-              met ? fixed(row.ratio(), 2) : "", " | ", floor.floor, unit, " | ", floor.reach, unit, " | ",
-              verdict(row, floor), " |\n");
+std::string table(const std::string& title, const Cells& head) {
+  return "\n## " + title + "\n\n" + line(head) + line(Cells(head.size(), "---"));
+}
+
+Cells with_peer(const BenchRow& row, const DeviceLimits& limits) {
+  Cells out = {"`" + row.name + "`", milliseconds(row.ms), rate(row), share(row, limits), "", "", ""};
+  if (row.peers.empty()) return out;
+  out[4] = row.peers.front().name;
+  out[5] = milliseconds(row.peers.front().ms);
+  out[6] = fixed(row.ratio(), 2);
+  return out;
+}
+const Cells kPeerHead = {"name", "ms", "rate", "share", "fastest peer", "ms", "ratio"};
+
+enum class Verdict { below, met, reached, no_peer };
+
+Verdict verdict(const BenchRow& row, const Floor& floor) {
+  if (floor.milliseconds)
+    return row.ms > floor.floor ? Verdict::below : row.ms <= floor.reach ? Verdict::reached : Verdict::met;
+  if (row.peers.empty()) return Verdict::no_peer;
+  return row.ratio() < floor.floor ? Verdict::below : row.ratio() >= floor.reach ? Verdict::reached : Verdict::met;
 }
 
 std::string demanded(const BenchReport& report) {
-  std::string out =
-      "## Against peers\n\n| name | ms | rate | share | fastest peer | ms | ratio | floor | reach | |\n"
-      "|---|---|---|---|---|---|---|---|---|---|\n";
+  Cells head = kPeerHead;
+  head.insert(head.end(), {"floor", "reach", ""});
+  std::string out, below;
+  int count = 0, met = 0;
+  for (const BenchRow& row : report.rows) {
+    const Floor* floor = floor_of(row.name);
+    if (!floor) continue;
+    const Verdict found = verdict(row, *floor);
+    const char* const words[] = {"**below**", "", "reached", "no peer here"};
+    const std::string unit = floor->milliseconds ? " ms" : "";
+    Cells cells = with_peer(row, report.limits);
+    cells.insert(cells.end(), {text(floor->floor, unit), text(floor->reach, unit), words[static_cast<int>(found)]});
+    out += line(cells);
+    count++;
+    met += found == Verdict::met || found == Verdict::reached;
+    if (found == Verdict::below) below += (below.empty() ? "" : ", ") + row.name;
+  }
+  return table("Against peers", head) + out +
+         text("\n", met, " of ", count, " rows stand above their floor. Below: ", below.empty() ? "none" : below,
+              ".\n");
+}
+
+/// Of what repeats thousands of times, the cost beside the kernels' time.
+bool is_step(const BenchRow& row) {
+  return row.name.find(".step") != std::string::npos || row.name.starts_with("pointwise.");
+}
+
+std::string steps(const BenchReport& report) {
+  std::string out = table("Whole steps", {"name", "ms", "rate", "share", "host", "launches", "bytes allocated"});
   for (const BenchRow& row : report.rows)
-    if (const Floor* floor = floor_of(row.name)) out += demanded_line(row, *floor, report.limits);
+    if (is_step(row))
+      out += line({"`" + row.name + "`", milliseconds(row.ms), rate(row), share(row, report.limits),
+                   fixed(100 * row.host_share, 1) + " %", fixed(row.launches, 0), fixed(row.bytes_allocated, 0)});
   return out;
 }
 
 std::string others(const BenchReport& report) {
-  std::string out =
-      "\n## Everything else\n\n| name | ms | rate | share | host | launches | allocated |\n"
-      "|---|---|---|---|---|---|---|\n";
-  for (const BenchRow& row : report.rows) {
-    if (floor_of(row.name)) continue;
-    out += text("| `", row.name, "` | ", milliseconds(row.ms), " | ", rate(row), " | ", share(row, report.limits),
-                " | ", fixed(100 * row.host_share, 1), " % | ", fixed(row.launches, 0), " | ",
-                fixed(row.bytes_allocated, 0), " |\n");
-  }
+  std::string out = table("Everything else", kPeerHead);
+  for (const BenchRow& row : report.rows)
+    if (!floor_of(row.name) && !is_step(row)) out += line(with_peer(row, report.limits));
   return out;
 }
 
-std::string machine(const DeviceLimits& limits) {
+std::string machine(const BenchReport& report) {
   const char* affinity = std::getenv("POCL_AFFINITY");
-  return text("| | |\n|---|---|\n| device | ", device().name, ", ", device().compute_units,
-              " compute units |\n| driver | ", device().platform, " ", device().driver, " |\n| kernels for | ",
-              device().device_class == DeviceClass::cpu ? "CPUs" : "GPUs", " |\n| `POCL_AFFINITY` | ",
-              affinity ? affinity : "not set", " |\n| fp32 peak | ", fixed(limits.gflops, 0), " GFLOP/s |\n| copy | ",
-              fixed(limits.copy_gbps, 0), " GB/s |\n| launch | ", fixed(limits.launch_us, 1), " us |\n\n");
+  const DeviceLimits& limits = report.limits;
+  std::string out = line({"", ""}) + line({"---", "---"}) +
+                    line({"device", text(device().name, ", ", device().compute_units, " compute units")}) +
+                    line({"driver", device().platform + " " + device().driver}) +
+                    line({"kernels for", device().device_class == DeviceClass::cpu ? "CPUs" : "GPUs"}) +
+                    line({"`POCL_AFFINITY`", affinity ? affinity : "not set"}) +
+                    line({"fp32 peak", fixed(limits.gflops, 0) + " GFLOP/s"}) +
+                    line({"copy", fixed(limits.copy_gbps, 0) + " GB/s"}) +
+                    line({"launch", fixed(limits.launch_us, 1) + " us"});
+  for (const auto& peer : report.peers) {
+    std::string set;
+    for (const std::string& variable : peer.environment) set += " `" + variable + "`";
+    out += line({"peer " + peer.name, peer.library + ";" + set});
+  }
+  return out;
 }
 
 std::string growth(const std::vector<Series>& all, const std::string& plot) {
@@ -125,8 +173,8 @@ std::string growth(const std::vector<Series>& all, const std::string& plot) {
 std::string page_of(const BenchReport& report, const std::string& plot) {
   std::string notes;
   for (const std::string& note : report.notes) notes += "- " + note + "\n";
-  return kHead + machine(report.limits) + demanded(report) + others(report) + growth(series_of(report.rows), plot) +
-         (notes.empty() ? "" : "\n## Not measured\n\n" + notes) + kHow;
+  return kHead + machine(report) + demanded(report) + steps(report) + others(report) +
+         growth(series_of(report.rows), plot) + (notes.empty() ? "" : "\n## Not measured\n\n" + notes) + kHow;
 }
 
 }  // namespace cloam

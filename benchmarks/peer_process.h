@@ -39,6 +39,8 @@ class PeerProcess {
   PeerProcess(const PeerProcess&) = delete;
   PeerProcess& operator=(const PeerProcess&) = delete;
 
+  /// What it times, with the version. Throws PeerFailure.
+  std::string library() { return ask("library"); }
   /// The names of its works. Throws PeerFailure.
   std::vector<std::string> list();
   /// Milliseconds of one run. Throws PeerFailure.

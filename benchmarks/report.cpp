@@ -91,16 +91,19 @@ std::string table_of(const BenchReport& report) {
 std::string json_of(const BenchReport& report) {
   const char* affinity = std::getenv("POCL_AFFINITY");
   const DeviceLimits& limits = report.limits;
-  std::string rows, notes;
+  std::string rows, notes, peers;
+  for (const auto& peer : report.peers)
+    peers += (peers.empty() ? "" : ", ") + quoted(peer.name) + ": " + quoted(peer.library);
   for (const BenchRow& row : report.rows) rows += (rows.empty() ? "\n  " : ",\n  ") + object_of(row, limits);
   for (const std::string& note : report.notes) notes += (notes.empty() ? "" : ", ") + quoted(note);
-  return text(
-      "{\"schema_version\": 1, \"device\": ", quoted(device().name), ", \"driver\": ", quoted(device().driver),
-      ", \"platform\": ", quoted(device().platform),
-      ", \"class\": ", device().device_class == DeviceClass::cpu ? "\"cpu\"" : "\"gpu\"",
-      ", \"compute_units\": ", device().compute_units, ", \"pocl_affinity\": ", affinity ? quoted(affinity) : "null",
-      ",\n \"limits\": {\"gflops\": ", number(limits.gflops), ", \"copy_gbps\": ", number(limits.copy_gbps),
-      ", \"launch_us\": ", number(limits.launch_us), "},\n \"notes\": [", notes, "],\n \"rows\": [", rows, "\n]}\n");
+  return text("{\"schema_version\": 1, \"device\": ", quoted(device().name), ", \"driver\": ", quoted(device().driver),
+              ", \"platform\": ", quoted(device().platform),
+              ", \"class\": ", device().device_class == DeviceClass::cpu ? "\"cpu\"" : "\"gpu\"",
+              ", \"compute_units\": ", device().compute_units,
+              ", \"pocl_affinity\": ", affinity ? quoted(affinity) : "null",
+              ",\n \"limits\": {\"gflops\": ", number(limits.gflops), ", \"copy_gbps\": ", number(limits.copy_gbps),
+              ", \"launch_us\": ", number(limits.launch_us), "},\n \"peers\": {", peers, "},\n \"notes\": [", notes,
+              "],\n \"rows\": [", rows, "\n]}\n");
 }
 
 }  // namespace cloam

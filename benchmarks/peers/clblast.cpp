@@ -64,5 +64,5 @@ int main() {
   peer::Works all;
   for (const std::string& name : peer::product_names())
     all.push_back({name, [=] { return prepare(peer::product_of(name)); }});
-  return peer::serve(std::move(all));
+  return peer::serve("CLBlast", std::move(all));
 }

@@ -97,7 +97,8 @@ peer::Run prepare_splats(int width, int height) {
 
 int main() {
   constexpr size_t kFourMillion = size_t{1} << 22;
-  return peer::serve({{"sort.4m.u64", [] { return prepare_sort<uint64_t>(kFourMillion); }},
+  return peer::serve("C++ of " __VERSION__,
+                     {{"sort.4m.u64", [] { return prepare_sort<uint64_t>(kFourMillion); }},
                       {"sort.4m.u32", [] { return prepare_sort<uint32_t>(kFourMillion); }},
                       {"splat_blend.80x64.3k.fwd", [] { return prepare_splats(80, 64); }},
                       {"splat_blend.256x192.38k.fwd", [] { return prepare_splats(256, 192); }},

@@ -2,10 +2,14 @@
 // harness starts it as a child, with the environment that is best for it, and lets it take turns with ours.
 //
 //   int main() {
-//     return peer::serve({{"matmul.512.nn", [] { auto state = inputs(); return [state] { multiply(*state); }; }}});
+//     return peer::serve("a library 1.2", {{"matmul.512.nn", [] {
+//                          auto state = inputs();
+//                          return [state] { multiply(*state); };
+//                        }}});
 //   }
 //
 // Line by line on stdin and stdout (what a library prints on stdout goes to stderr):
+//   library        ->  what is timed and its version
 //   list           ->  the names of all works, in one line
 //   sample NAME    ->  milliseconds of one run, or "error: why"
 // A work is prepared and warmed up when it is first sampled, and dropped when another is. Ways to do the same work are
@@ -49,7 +53,7 @@ class Sampler {
  public:
   explicit Sampler(Run run) : run_(std::move(run)) {
     double last = seconds(1);
-    for (int i = 0; i < 2 || (i < 8 && last * i < 0.2); i++) last = seconds(1);
+    for (int i = 0; i < 1 || (i < 8 && last * i < 0.2); i++) last = seconds(1);
     repeats_ = std::clamp(static_cast<int>(0.02 / std::max(last, 1e-6)) + 1, 1, 1000);
   }
   double milliseconds() const { return 1e3 * seconds(repeats_) / repeats_; }
@@ -66,9 +70,10 @@ class Sampler {
 
 class Server {
  public:
-  explicit Server(Works works) : works_(std::move(works)) {}
+  Server(std::string library, Works works) : library_(std::move(library)), works_(std::move(works)) {}
 
   std::string answer(const std::string& line) {
+    if (line == "library") return library_;
     if (line == "list") return list();
     if (line.starts_with("sample ")) return sample(line.substr(7));
     return "error: unknown request " + line;
@@ -93,15 +98,16 @@ class Server {
     return "error: " + why.substr(0, why.find('\n'));
   }
 
+  std::string library_;
   Works works_;
   std::map<std::string, Sampler> ready_;
 };
 
-/// Answers until stdin ends.
-inline int serve(Works works) {
+/// Answers until stdin ends. library: what is timed, with its version.
+inline int serve(const std::string& library, Works works) {
   std::FILE* answers = fdopen(dup(STDOUT_FILENO), "w");
   dup2(STDERR_FILENO, STDOUT_FILENO);
-  Server server(std::move(works));
+  Server server(library, std::move(works));
   for (std::string line; std::getline(std::cin, line);) {
     std::fprintf(answers, "%s\n", server.answer(line).c_str());
     std::fflush(answers);

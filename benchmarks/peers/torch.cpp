@@ -1,6 +1,8 @@
 // libtorch as a peer.
 #include "benchmarks/peers/torch.h"
 
+#include <torch/version.h>
+
 #include <thread>
 
 int main() {
@@ -9,5 +11,5 @@ int main() {
   peer::Works all;
   for (const auto add : {add_convolutions, add_mlps, add_norms, add_attentions, add_streams, add_planes, add_networks})
     add(all);
-  return peer::serve(std::move(all));
+  return peer::serve("libtorch " TORCH_VERSION, std::move(all));
 }

@@ -22,7 +22,8 @@ struct FakePeers {
   void add(const std::string& name, const std::string& at_sample) const {
     const fs::path path = folder / ("cloam-peer-" + name);
     write_text(path,
-               "#!/bin/sh\nwhile read -r request work; do\n  case $request in\n    list) echo matmul.512.nn ;;\n" +
+               "#!/bin/sh\nwhile read -r request work; do\n  case $request in\n    library) echo a library 1.2 ;;\n    "
+               "list) echo matmul.512.nn ;;\n" +
                    ("    sample) " + at_sample + " ;;\n  esac\ndone\n"));
     fs::permissions(path, fs::perms::owner_all);
   }
@@ -53,7 +54,8 @@ TEST_CASE("a peer answers line by line, and keeps the ways of one work together"
                       }};
   };
   const peer::Work broken = {"broken", []() -> peer::Run { throw std::runtime_error("no memory\nin detail"); }};
-  peer::Server server({work("a"), work("a@other"), work("b"), broken});
+  peer::Server server("a library 1.2", {work("a"), work("a@other"), work("b"), broken});
+  CHECK(server.answer("library") == "a library 1.2");
   CHECK(server.answer("list") == "a a@other b broken");
   for (const char* name : {"a", "a@other", "a", "a@other"})
     CHECK(std::stod(server.answer("sample " + std::string(name))) >= 0);
@@ -88,6 +90,7 @@ TEST_CASE("a peer that dies is reported with its last words; the others and the 
   const nlohmann::json row = json["rows"][0];
   CHECK(row["name"] == "matmul.512.nn");
   CHECK(row["peer"] == "openblas");
+  CHECK(json["peers"]["openblas"] == "a library 1.2");
   CHECK(row["peers"] == nlohmann::json{{"openblas", 5.0}});
   CHECK(row["ratio"].get<double>() == doctest::Approx(5.0 / row["median_ms"].get<double>()).epsilon(1e-3));
   const double gflops = 2.0 * 512 * 512 * 512 / row["median_ms"].get<double>() * 1e-6;
