@@ -40,9 +40,16 @@ Tensors grad(const Tensor& loss, const Tensors& wrt) {
   if (loss.numel() != 1)
     throw Error(Fault::internal,
                 text("[grad] the loss must be one value, got shape ", to_string(loss.shape()), ": sum or mean it"));
+  return grad(loss, wrt, broadcast_to(Tensor(1.f), loss.shape()));
+}
+
+Tensors grad(const Tensor& out, const Tensors& wrt, const Tensor& g) {
+  if (!(out.shape() == g.shape()))
+    throw Error(Fault::internal, text("[grad] out has shape ", to_string(out.shape()), " but its gradient ",
+                                      to_string(g.shape()), ", want the same"));
   std::unordered_map<Node*, Tensor> grads;
-  grads.emplace(loss.node(), broadcast_to(Tensor(1.f), loss.shape()));
-  const std::vector<Tensor> order = tracked_order(loss);
+  grads.emplace(out.node(), g);
+  const std::vector<Tensor> order = tracked_order(out);
   for (auto t = order.rbegin(); t != order.rend(); ++t) {
     Node* node = t->node();
     auto found = grads.find(node);
@@ -51,12 +58,12 @@ Tensors grad(const Tensor& loss, const Tensors& wrt) {
     for (size_t i = 0; i < parts.size(); i++)
       if (parts[i] && node->in[i].tracked()) accumulate(grads, node->in[i], parts[i]);
   }
-  Tensors out;
+  Tensors result;
   for (const Tensor& w : wrt) {
     auto found = grads.find(w.node());
-    out.push_back(found == grads.end() ? zeros(w.shape()) : broadcast_to(found->second, w.shape()));
+    result.push_back(found == grads.end() ? zeros(w.shape()) : broadcast_to(found->second, w.shape()));
   }
-  return out;
+  return result;
 }
 
 }  // namespace cloam

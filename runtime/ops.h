@@ -220,13 +220,20 @@ Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params = {});
 Tensor conv2d_dx(const Tensor& y, const Tensor& w, const Shape& x_shape, Conv2dParams params = {});
 Tensor conv2d_dw(const Tensor& x, const Tensor& y, const Shape& w_shape, Conv2dParams params = {});
 
-// ---- Normalisation and attention (ops/norm.cpp, ops/attention.cpp): compositions, any number of times differentiable.
+// ---- Normalisation and attention (ops/norm.cpp, ops/attention.cpp): any number of times differentiable.
 Tensor softmax(const Tensor& x, int axis);
 Tensor log_softmax(const Tensor& x, int axis);
 /// x [..., C], gamma and beta [C]: mean 0 and variance 1 over the last axis, then scaled and shifted.
 Tensor layer_norm(const Tensor& x, const Tensor& gamma, const Tensor& beta, float epsilon = 1e-5f);
-/// x [N,C,...], gamma and beta [C]: the same over each of `groups` runs of channels and all that follows them.
-Tensor group_norm(const Tensor& x, int groups, const Tensor& gamma, const Tensor& beta, float epsilon = 1e-5f);
+struct GroupNormOptions {
+  Tensor scale = {}, shift = {};  // [N,C], of a time embedding, say: y * (1 + scale) + shift
+  bool silu = false;              // silu() of all that
+  float epsilon = 1e-5f;
+};
+/// x [N,C,...], gamma and beta [C] (either may be an empty handle): the same over each of `groups` runs of channels and
+/// all that follows them.
+Tensor group_norm(const Tensor& x, int groups, const Tensor& gamma, const Tensor& beta,
+                  const GroupNormOptions& with = {});
 /// softmax(q k^T scale) v: q [B,T,D], k [B,U,D], v [B,U,E] -> [B,T,E]; scale 0 is 1/sqrt(D).
 Tensor attention(const Tensor& q, const Tensor& k, const Tensor& v, float scale = 0.f);
 

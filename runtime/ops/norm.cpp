@@ -1,11 +1,15 @@
-// Softmax and normalisations, all of them compositions: fusion makes a few passes of each.
+// Softmax and normalisations: fused kernels for rows that lie together, and the compositions that they stand for.
 #include <algorithm>
 
-#include "runtime/error.h"
+#include "runtime/cl.h"
 #include "runtime/ops.h"
+#include "runtime/ops/composed.h"
+#include "runtime/ops/share.h"
 
 namespace cloam {
 namespace {
+
+const Registered kRegistered("group_norm");
 
 /// x less its largest value along the axis: no exponential of it overflows, and the softmax is the same.
 Tensor below_largest(const Tensor& x, int axis) { return x - stop_gradient(max(x, {{axis}, true})); }
@@ -14,6 +18,103 @@ Tensor below_largest(const Tensor& x, int axis) { return x - stop_gradient(max(x
 Tensor standardised(const Tensor& x, float epsilon) {
   const Tensor centred = x - mean(x, {{-1}, true});
   return centred * rsqrt(mean(square(centred), {{-1}, true}) + epsilon);
+}
+
+bool fused(const Tensor& x) { return is_cpu_class() && !reference_variants() && x.numel() > 0; }
+
+// ---- Group normalisation of x [N,C,...] with a scale and a shift of each channel, [C] or [N,C].
+
+struct GroupSizes {
+  int64_t images, groups, channels, pixels;  // channels of one group
+  float epsilon;
+  bool silu;
+  int64_t rows() const { return images * groups; }
+  int64_t image_pitch(const Tensor& scale) const { return scale.rank() == 2 ? groups * channels : 0; }
+  Constants constants() const { return {{"SILU", silu}}; }
+};
+
+/// The inputs are x, scale and shift.
+Tensor group_norm_composed(const Tensors& in, const GroupSizes& s) {
+  const Tensor& x = in[0];
+  const Tensor grouped = reshape(x, {s.images, s.groups, s.channels * s.pixels});
+  const Tensor standard = reshape(standardised(grouped, s.epsilon), x.shape());
+  const auto of_channels = [&](const Tensor& t) {
+    Shape shape = Shape::filled(x.rank(), 1);
+    if (t.rank() == 2) shape[0] = t.dim(0);
+    shape[1] = t.dim(-1);
+    return reshape(t, shape);
+  };
+  const Tensor y = standard * of_channels(in[1]) + of_channels(in[2]);
+  return s.silu ? silu(y) : y;
+}
+
+struct GroupNorm final : Op {
+  explicit GroupNorm(const GroupSizes& s) : sizes(s) {}
+  const char* name() const override { return "group_norm"; }
+  void run(const Tensors& in, Tensor& out) const override;
+  Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override;
+  GroupSizes sizes;
+  mutable Tensor stats;  // [rows, 2]: mean and 1 / deviation, for the gradient
+};
+
+void GroupNorm::run(const Tensors& in, Tensor& out) const {
+  const GroupSizes& s = sizes;
+  stats = empty({s.rows(), 2});
+  const Share items = share(s.rows(), 1);
+  launch(kernel(choose("norm", "group_norm"), s.constants()), "group_norm", items.range, in[0], in[1], in[2], out,
+         stats, s.rows(), s.groups, s.channels, s.pixels, s.image_pitch(in[1]), s.epsilon, items.chunk);
+}
+
+/// Inputs x, scale, shift, g -> packed gradients of x, of scale [N,C] and of shift [N,C].
+struct GroupNormGrad final : Op {
+  explicit GroupNormGrad(std::shared_ptr<const GroupNorm> op) : forward(std::move(op)) {}
+  const char* name() const override { return "group_norm_grad"; }
+  void run(const Tensors& in, Tensor& out) const override;
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    return vjp_of(
+        [s = forward->sizes](const Tensors& of) {
+          const auto composed = [&](const Tensors& x) { return group_norm_composed(x, s); };
+          const auto each = [&](const Tensor& t) { return broadcast_to(t, {s.images, s.groups * s.channels}); };
+          return packed(vjp_of(composed, {of[0], each(of[1]), each(of[2])}, of[3]));
+        },
+        in, g);
+  }
+  std::shared_ptr<const GroupNorm> forward;
+};
+
+void GroupNormGrad::run(const Tensors& in, Tensor& out) const {
+  const GroupSizes& s = forward->sizes;
+  if (!forward->stats) {  // the result itself was never asked for
+    Tensor unused = empty(in[0].shape());
+    forward->run(in, unused);
+  }
+  const Share items = share(s.rows(), 1);
+  launch(kernel(choose("norm", "group_norm_grad"), s.constants()), "group_norm_grad", items.range, in[0], in[1], in[2],
+         forward->stats, in[3], out, s.rows(), s.groups, s.channels, s.pixels, s.image_pitch(in[1]), items.chunk);
+}
+
+Tensors GroupNorm::vjp(const Tensors& in, const Tensor&, const Tensor& g) const {
+  const Shape coefficients = {sizes.images, sizes.groups * sizes.channels};
+  const Tensor all = make(std::make_shared<GroupNormGrad>(std::static_pointer_cast<const GroupNorm>(shared())),
+                          {in[0].numel() + 2 * numel(coefficients)}, {in[0], in[1], in[2], g});
+  return unpacked(all, {in[0].shape(), coefficients, coefficients});
+}
+
+GroupSizes check(const Tensor& x, int groups, const Tensor& gamma, const Tensor& beta, const GroupNormOptions& with) {
+  const int64_t channels = x.rank() >= 2 ? x.dim(1) : 0;
+  const auto fits = [&](const Tensor& t, const Shape& shape) { return !t || t.shape() == shape; };
+  const bool norm = x.rank() >= 2 && groups >= 1 && channels % groups == 0;
+  if (!norm || !fits(gamma, {channels}) || !fits(beta, {channels}))
+    throw Error(Fault::internal,
+                text("[group_norm] x ", to_string(x.shape()), ", gamma ", gamma ? to_string(gamma.shape()) : "none",
+                     ", beta ", beta ? to_string(beta.shape()) : "none", ", ", groups,
+                     " groups: want x [N, C, ...], gamma and beta [C], C a multiple of groups"));
+  if (!fits(with.scale, {x.dim(0), channels}) || !fits(with.shift, {x.dim(0), channels}))
+    throw Error(Fault::internal, text("[group_norm] scale ", with.scale ? to_string(with.scale.shape()) : "none",
+                                      ", shift ", with.shift ? to_string(with.shift.shape()) : "none", " for x ",
+                                      to_string(x.shape()), ": want [N, C]"));
+  const int64_t rows = std::max<int64_t>(1, x.dim(0) * channels);
+  return {x.dim(0), groups, channels / groups, x.numel() / rows, with.epsilon, with.silu};
 }
 
 }  // namespace
@@ -39,16 +140,19 @@ Tensor layer_norm(const Tensor& x, const Tensor& gamma, const Tensor& beta, floa
   return standardised(x, epsilon) * gamma + beta;
 }
 
-Tensor group_norm(const Tensor& x, int groups, const Tensor& gamma, const Tensor& beta, float epsilon) {
-  const Dims d = match("group_norm", {{"gamma", gamma, "C"}, {"beta", beta, "C"}});
-  if (x.rank() < 2 || x.dim(1) != d["C"] || groups < 1 || d["C"] % groups != 0)
-    throw Error(Fault::internal, text("[group_norm] x ", to_string(x.shape()), ", gamma ", to_string(gamma.shape()),
-                                      ", ", groups, " groups: want x [N, C, ...], gamma [C], C a multiple of groups"));
-  const Shape grouped = {x.dim(0), groups, x.numel() / std::max<int64_t>(1, x.dim(0) * groups)};
-  const Tensor standard = reshape(standardised(reshape(x, grouped), epsilon), x.shape());
-  Shape channels = Shape::filled(x.rank() - 1, 1);
-  channels[0] = d["C"];
-  return standard * reshape(gamma, channels) + reshape(beta, channels);
+Tensor group_norm(const Tensor& x, int groups, const Tensor& gamma, const Tensor& beta, const GroupNormOptions& with) {
+  const GroupSizes sizes = check(x, groups, gamma, beta, with);
+  Tensor scale = gamma ? gamma : ones({x.dim(1)}), shift = beta ? beta : zeros({x.dim(1)});
+  if (with.scale) {
+    const Tensor by = with.scale + 1.f;
+    scale = scale * by;
+    shift = shift * by;
+  }
+  if (with.shift) shift = shift + with.shift;
+  // Both [C], or both [N,C].
+  if (scale.rank() != shift.rank()) scale = broadcast_to(scale, shift.shape());
+  if (!fused(x)) return group_norm_composed({x, scale, shift}, sizes);
+  return make(std::make_shared<GroupNorm>(sizes), x.shape(), {x, scale, shift});
 }
 
 }  // namespace cloam

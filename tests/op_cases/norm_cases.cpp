@@ -69,17 +69,54 @@ void add_norms(OpCases& rows) {
                         return out;
                       },
                   .zero = {{0, 5, 7}, {7}, {7}}});
-  rows.push_back({.op = "group_norm",
-                  .inputs = {normal({2, 6, 3, 5}), normal({6}), normal({6})},
-                  .run = [](const Tensors& in) { return group_norm(in[0], 3, in[1], in[2]); },
-                  .reference =
-                      [](const HostArrays& in) {
-                        HostArray out = standard(in[0], 2 * 15);
-                        for (int64_t i = 0; i < out.size(); i++)
-                          out[i] = out[i] * in[1][i / 15 % 6] + in[2][i / 15 % 6];
-                        return out;
-                      },
-                  .zero = {{0, 6, 3, 5}, {6}, {6}}});
+}
+
+struct Grouping {
+  const char* label;
+  Shape x;
+  int groups;
+  bool affine, embedded, silu;
+};
+
+/// The rows of group_norm: x, then gamma and beta, then scale and shift.
+OpCase group_normalising(const Grouping& g) {
+  OpCase row{.op = "group_norm", .label = g.label, .inputs = {normal(g.x)}, .composed = true};
+  const int64_t channels = g.x[1];
+  if (g.affine) row.inputs.insert(row.inputs.end(), 2, normal({channels}));
+  if (g.embedded) row.inputs.insert(row.inputs.end(), 2, normal({g.x[0], channels}));
+  row.run = [g](const Tensors& in) {
+    GroupNormOptions with{.silu = g.silu};
+    if (g.embedded) with.scale = in[in.size() - 2], with.shift = in.back();
+    return group_norm(in[0], g.groups, g.affine ? in[1] : Tensor(), g.affine ? in[2] : Tensor(), with);
+  };
+  row.reference = [g, channels](const HostArrays& in) {
+    const int64_t images = std::max<int64_t>(1, in[0].dim(0)), pixels = in[0].size() / (images * channels);
+    HostArray out = standard(in[0], channels / g.groups * pixels);
+    for (int64_t i = 0; i < out.size(); i++) {
+      double& y = out[i];
+      const int64_t c = i / pixels;
+      if (g.affine) y = y * in[1][c % channels] + in[2][c % channels];
+      if (g.embedded) y = y * (1 + in[in.size() - 2][c]) + in.back()[c];
+      if (g.silu) y /= 1 + std::exp(-y);
+    }
+    return out;
+  };
+  return row;
+}
+
+void add_group_norms(OpCases& rows) {
+  rows.push_back(group_normalising({"", {2, 6, 3, 5}, 3, true, false, false}));
+  rows.back().zero = {{0, 6, 3, 5}, {6}, {6}};
+  rows.push_back(group_normalising({"silu, whole vectors", {2, 4, 16, 5}, 2, true, false, true}));
+  rows.push_back(group_normalising({"silu, embedding", {3, 4, 7, 5}, 2, true, true, true}));
+  rows.back().second_order = true;
+  rows.push_back(group_normalising({"embedding alone", {2, 3, 17}, 1, false, true, false}));
+  rows.push_back(group_normalising({"no affine, one channel a group", {2, 3, 11, 3}, 3, false, false, true}));
+  rows.push_back(group_normalising({"no pixels", {5, 12}, 2, true, false, false}));
+  rows.push_back(group_normalising({"many rows", {9, 10, 3}, 10, true, false, false}));
+  rows.push_back(group_normalising({"far from 0", {2, 4, 9, 9}, 2, false, false, false}));
+  rows.back().inputs = {between({2, 4, 9, 9}, 99, 101)};
+  rows.back().tolerance = 5e-5;  // the mean itself is rounded; sums of plain squares would be off by 2e-3
 }
 
 HostArray attended(const HostArrays& in, double scale) {
@@ -185,6 +222,7 @@ void add_resizes(OpCases& rows) {
 void add_norm_cases(OpCases& rows) {
   add_softmax(rows);
   add_norms(rows);
+  add_group_norms(rows);
   add_attention(rows);
   add_resizes(rows);
 }

@@ -1,0 +1,20 @@
+// Private: derivatives of fused ops by way of their compositions.
+#pragma once
+#include <functional>
+
+#include "runtime/op.h"
+
+namespace cloam {
+
+/// A fused op written with other ops: the reference it is tested against, and its derivatives beyond the first.
+using Composition = std::function<Tensor(const Tensors&)>;
+
+/// What the vjp of composed(in) gives for g = d loss / d composed(in).
+Tensors vjp_of(const Composition& composed, const Tensors& in, const Tensor& g);
+
+/// Tensors end to end in one flat one: the result of a gradient kernel that fills several.
+Tensor packed(const Tensors& parts);
+/// The parts of a packed tensor, by their shapes.
+Tensors unpacked(const Tensor& all, const std::vector<Shape>& shapes);
+
+}  // namespace cloam
