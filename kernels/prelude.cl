@@ -155,13 +155,8 @@ inline float max16(float16 v) {
   const float4 q = fmax(h.lo, h.hi);
   return fmax(fmax(q.x, q.y), fmax(q.z, q.w));
 }
-// exp as 2^n * p(f), |f| <= 1/2, p minimax of degree 5: relative error 2e-7 + 2e-8 |x|. x stays within +-87: the least
-// result is 1.6e-38.
-inline float16 m_exp16(float16 x) {
-  const float16 low = x < -87.0f ? (float16)(-87.0f) : x;  // nan stays nan
-  const float16 c = low > 87.0f ? (float16)(87.0f) : low;
-  const float16 t = c * 1.44269504f + 12582912.0f;  // adding 1.5 * 2^23 rounds to an integer in the low bits
-  const float16 f = c * 1.44269504f - (t - 12582912.0f);
+// 2^(n + f) for n = t - 1.5 * 2^23 and |f| <= 1/2 by a minimax polynomial of degree 5: relative error 2e-7.
+inline float16 m_exp2_parts16(float16 t, float16 f) {
   float16 p = (float16)(1.3276472e-3f);
   p = p * f + 9.6755413e-3f;
   p = p * f + 5.5507133e-2f;
@@ -169,6 +164,19 @@ inline float16 m_exp16(float16 x) {
   p = p * f + 6.9314697e-1f;
   p = p * f + 1.0f;
   return p * as_float16((as_int16(t) + 127) << 23);  // the shift drops all bits but those of n + 127
+}
+// Beyond +-125, and exp beyond +-87, results stay what they are there: 2.4e-38 is the least. nan stays nan.
+inline float16 m_exp2_16(float16 x) {
+  const float16 low = x < -125.0f ? (float16)(-125.0f) : x;
+  const float16 c = low > 125.0f ? (float16)(125.0f) : low;
+  const float16 t = c + 12582912.0f;  // adding 1.5 * 2^23 rounds to an integer in the low bits
+  return m_exp2_parts16(t, c - (t - 12582912.0f));
+}
+inline float16 m_exp16(float16 x) {
+  const float16 low = x < -87.0f ? (float16)(-87.0f) : x;
+  const float16 c = low > 87.0f ? (float16)(87.0f) : low;
+  const float16 t = c * 1.44269504f + 12582912.0f;
+  return m_exp2_parts16(t, c * 1.44269504f - (t - 12582912.0f));
 }
 inline float16 m_sigmoid16(float16 x) { return 1.0f / (1.0f + m_exp16(-x)); }
 #endif

@@ -234,7 +234,8 @@ struct GroupNormOptions {
 /// all that follows them.
 Tensor group_norm(const Tensor& x, int groups, const Tensor& gamma, const Tensor& beta,
                   const GroupNormOptions& with = {});
-/// softmax(q k^T scale) v: q [B,T,D], k [B,U,D], v [B,U,E] -> [B,T,E]; scale 0 is 1/sqrt(D).
+/// softmax(q k^T scale) v: q [B..,T,D], k [B..,U,D], v [B..,U,E] -> [B..,T,E]; scale 0 is 1/sqrt(D). The scores are
+/// never stored.
 Tensor attention(const Tensor& q, const Tensor& k, const Tensor& v, float scale = 0.f);
 
 // ---- Resizing (ops/resize.cpp): x [N,C,H,W] -> [N,C,height,width], any factor. Half-pixel centres

@@ -134,19 +134,46 @@ HostArray attended(const HostArrays& in, double scale) {
   });
 }
 
+struct Attending {
+  const char* label;
+  Shape q, k, v;
+};
+
+OpCase attending(const Attending& a) {
+  const double scale = 1 / std::sqrt(static_cast<double>(a.q.back()));
+  return {.op = "attention",
+          .label = a.label,
+          .inputs = {normal(a.q), normal(a.k), normal(a.v)},
+          .run = [](const Tensors& in) { return attention(in[0], in[1], in[2]); },
+          .reference = [scale](const HostArrays& in) { return attended(in, scale); },
+          .composed = true};
+}
+
 void add_attention(OpCases& rows) {
-  const std::vector<InputSpec> inputs = {normal({2, 5, 4}), normal({2, 7, 4}), normal({2, 7, 3})};
-  rows.push_back({.op = "attention",
-                  .inputs = inputs,
-                  .run = [](const Tensors& in) { return attention(in[0], in[1], in[2]); },
-                  .reference = [](const HostArrays& in) { return attended(in, 0.5); },
-                  .bench = {normal({8, 1024, 64}), normal({8, 1024, 64}), normal({8, 1024, 64})},
-                  .bench_flops = 4.0 * 8 * 1024 * 1024 * 64});
-  rows.push_back({.op = "attention",
-                  .label = "own scale",
-                  .inputs = inputs,
-                  .run = [](const Tensors& in) { return attention(in[0], in[1], in[2], 0.25f); },
-                  .reference = [](const HostArrays& in) { return attended(in, 0.25); }});
+  rows.push_back(attending({"", {2, 5, 4}, {2, 7, 4}, {2, 7, 3}}));
+  rows.back().second_order = true;
+  rows.back().zero = {{0, 5, 4}, {0, 7, 4}, {0, 7, 3}};
+  rows.back().bench = {normal({8, 1024, 64}), normal({8, 1024, 64}), normal({8, 1024, 64})};
+  rows.back().bench_flops = 4.0 * 8 * 1024 * 1024 * 64;
+  rows.push_back(attending({"own scale", {2, 5, 4}, {2, 7, 4}, {2, 7, 3}}));
+  rows.back().run = [](const Tensors& in) { return attention(in[0], in[1], in[2], 0.25f); };
+  rows.back().reference = [](const HostArrays& in) { return attended(in, 0.25); };
+  rows.push_back(attending({"beyond a block", {1, 137, 17}, {1, 151, 17}, {1, 151, 33}}));
+  rows.push_back(attending({"whole blocks", {1, 64, 32}, {1, 128, 32}, {1, 128, 32}}));
+  rows.push_back(attending({"wide", {1, 67, 100}, {1, 33, 100}, {1, 33, 12}}));
+  rows.push_back(attending({"widest", {1, 4, 130}, {1, 35, 130}, {1, 35, 260}}));
+  rows.push_back(attending({"one query", {3, 1, 8}, {3, 2, 8}, {3, 2, 8}}));
+  rows.push_back(attending({"leading axes", {2, 3, 5, 4}, {2, 3, 6, 4}, {2, 3, 6, 4}}));
+  rows.back().reference = [](HostArrays in) {
+    for (HostArray& x : in) x.shape = {6, x.dim(2), x.dim(3)};
+    HostArray out = attended(in, 0.5);
+    out.shape = {2, 3, 5, 4};
+    return out;
+  };
+  // Scores of -800 and less, and some that grow along the keys: sums begin small and are corrected.
+  rows.push_back(attending({"large scores", {1, 3, 1}, {1, 300, 1}, {1, 300, 2}}));
+  rows.back().inputs[0] = constant(given({1, 3, 1}, {-8, 2, 0.1}));
+  rows.back().inputs[1] = between({1, 300, 1}, 100, 104);
 }
 
 /// How much place i of `to` takes of place k of `from`: a box or a triangle around the centre, the borders going on.
