@@ -117,13 +117,6 @@ __kernel FAT void blend_rows(__global const float* restrict records, __global co
   }
 }
 
-inline float sum16(float16 v) {
-  const float8 a = v.lo + v.hi;
-  const float4 b = a.lo + a.hi;
-  const float2 c = b.lo + b.hi;
-  return c.x + c.y;
-}
-
 __kernel FAT void gradient_rows(__global const float* restrict records, __global const int* restrict ids,
                                 __global const int* restrict offsets, __global const float* restrict out,
                                 __global const float* restrict g, __global float* restrict pairs, int height, int width) {
