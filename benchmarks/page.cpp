@@ -160,7 +160,7 @@ std::string growth(const std::vector<Series>& all, const std::string& plot) {
   std::string out =
       text("\n## Cost over size\n\n![time each over size](", plot, ")\n\n| series | size: ns each |\n|---|---|\n");
   for (const Series& series : all) {
-    out += "| `" + series.name + "` |";
+    out += "| `" + series.name + "`, N " + series.unit + " |";
     for (const Series::Point& p : series.points) out += text(" ", p.size, ": ", fixed(p.ns, p.ns < 100 ? 2 : 0), ";");
     out.back() = ' ';
     out += "|\n";

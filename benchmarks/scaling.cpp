@@ -4,28 +4,40 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <map>
-#include <sstream>
+#include <cstring>
 
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
-std::vector<std::string> fields(const std::string& name) {
-  std::istringstream in(name);
-  std::vector<std::string> out;
-  for (std::string field; std::getline(in, field, '.');) out.push_back(field);
-  return out;
-}
+struct Family {
+  const char *prefix, *suffix, *unit;
+};
+/// The size is the last number between prefix and suffix.
+constexpr Family kFamilies[] = {
+    {"mlp.4x64.", ".fwd", "samples"},
+    {"mlp.4x64.", ".fwdbwd", "samples"},
+    {"splat_blend.", ".fwd", "splats in tiles"},
+    {"splat_blend.", ".fwdbwd", "splats in tiles"},
+    {"hashgrid.", ".fwd", "points"},
+    {"hashgrid.", ".fwdbwd", "points"},
+};
 
-/// "65536", "400k", "1m"; 0 for what is no such number.
+/// "65536", "400k" (of 1024), "1m"; 0 for what is no such number.
 double size_of(const std::string& field) {
   char* end = nullptr;
   const double value = std::strtod(field.c_str(), &end);
   const std::string unit = end;
   if (end == field.c_str()) return 0;
-  return unit.empty() ? value : unit == "k" ? 1e3 * value : unit == "m" ? 1e6 * value : 0;
+  return unit.empty() ? value : unit == "k" ? 0x1p10 * value : unit == "m" ? 0x1p20 * value : 0;
+}
+
+/// Of a workload of the family; 0 for others.
+double size_in(const std::string& name, const Family& family) {
+  if (!name.starts_with(family.prefix) || !name.ends_with(family.suffix)) return 0;
+  const std::string rest = name.substr(0, name.size() - std::strlen(family.suffix));
+  return size_of(rest.substr(rest.rfind('.') + 1));
 }
 
 /// The plot's frame in pixels, and decades on both axes.
@@ -90,22 +102,13 @@ std::string curve(const Frame& f, const Series& series, const char* colour) {
 }  // namespace
 
 std::vector<Series> series_of(const std::vector<BenchRow>& rows) {
-  std::map<std::string, std::map<double, double>> found;  // name -> size -> ns
-  for (const BenchRow& row : rows) {
-    const auto parts = fields(row.name);
-    for (std::size_t i = 1; i < parts.size(); i++) {
-      const double size = size_of(parts[i]);
-      if (size <= 0) continue;
-      std::string name = parts[0];
-      for (std::size_t j = 1; j < parts.size(); j++) name += "." + (i == j ? "N" : parts[j]);
-      found[name][size] = 1e6 * row.ms / size;
-    }
-  }
   std::vector<Series> out;
-  for (const auto& [name, points] : found) {
-    if (points.size() < 3 || points.rbegin()->first < 100 * points.begin()->first) continue;
-    out.push_back({name, {}});
-    for (const auto& [size, ns] : points) out.back().points.push_back({size, ns});
+  for (const Family& family : kFamilies) {
+    Series series{std::string(family.prefix) + "N" + family.suffix, family.unit, {}};
+    for (const BenchRow& row : rows)
+      if (const double size = size_in(row.name, family); size > 0) series.points.push_back({size, 1e6 * row.ms / size});
+    std::sort(series.points.begin(), series.points.end(), [](const auto& a, const auto& b) { return a.size < b.size; });
+    if (series.points.size() > 1) out.push_back(series);
   }
   return out;
 }

@@ -1,4 +1,4 @@
-// How cost grows with work: workloads that differ in one number of their names are points of a series.
+// How cost grows with work: workloads of one family in several sizes.
 #pragma once
 #include <string>
 #include <vector>
@@ -9,12 +9,13 @@ namespace cloam {
 
 struct Series {
   std::string name;  // "mlp.4x64.N.fwd"
+  std::string unit;  // what N counts
   struct Point {
     double size = 0, ns = 0;  // of one of `size`
   };
   std::vector<Point> points;  // by size
 };
-/// Every series that spans at least two decades of size.
+/// The fused networks, splats and hash grids among the rows, where there are two sizes at least.
 std::vector<Series> series_of(const std::vector<BenchRow>& rows);
 
 /// Nanoseconds a sample over size, both logarithmic, as SVG that follows the reader's light or dark scheme.

@@ -20,9 +20,9 @@ inline peer::Run without_gradient(const peer::Run& run) {
   };
 }
 
-/// "b8" -> 8, "1m" -> 1000000, "64m" -> 64000000, "4k" -> 4000.
+/// "b8" -> 8, "4k" -> 4096, "1m" -> 1048576.
 inline int64_t number(const std::string& word) {
   const std::string digits = word.substr(word.find_first_of("0123456789"));
-  const int64_t unit = word.back() == 'm' ? 1000000 : word.back() == 'k' ? 1000 : 1;
+  const int64_t unit = word.back() == 'm' ? 1 << 20 : word.back() == 'k' ? 1 << 10 : 1;
   return std::stoll(digits) * unit;
 }

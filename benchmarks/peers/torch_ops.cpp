@@ -112,9 +112,32 @@ peer::Run attention(const std::string& name) {
   return [=] { torch::autograd::grad({forward()}, {q, k, v}, {dy}); };
 }
 
-/// adam.10m: one parameter tensor, libtorch's own optimiser.
-peer::Run adam(const std::string& name) {
-  Tensor parameter = torch::randn({number(peer::fields(name)[1])}).requires_grad_();
+/// layernorm.LxC.what: over rows of C.
+peer::Run layer_norm(const std::string& name) {
+  const auto parts = peer::fields(name), size = peer::fields(parts[1], 'x');
+  const bool tracked = parts[2] == "fwdbwd";
+  const int64_t width = number(size[1]);
+  const Tensor x = torch::randn({number(size[0]), width}).requires_grad_(tracked);
+  const Tensor gamma = torch::ones({width}).requires_grad_(tracked);
+  const Tensor beta = torch::zeros({width}).requires_grad_(tracked);
+  if (!tracked) return without_gradient([=] { torch::layer_norm(x, {width}, gamma, beta); });
+  const Tensor dy = torch::randn_like(x);
+  return [=] { torch::autograd::grad({torch::layer_norm(x, {width}, gamma, beta)}, {x, gamma, beta}, {dy}); };
+}
+
+/// softmax.LxC.what: over rows of C.
+peer::Run softmax(const std::string& name) {
+  const auto parts = peer::fields(name), size = peer::fields(parts[1], 'x');
+  const bool tracked = parts[2] == "fwdbwd";
+  const Tensor x = torch::randn({number(size[0]), number(size[1])}).requires_grad_(tracked);
+  if (!tracked) return without_gradient([=] { torch::softmax(x, -1); });
+  const Tensor dy = torch::randn_like(x);
+  return [=] { torch::autograd::grad({torch::softmax(x, -1)}, {x}, {dy}); };
+}
+
+/// adam.10m: one parameter tensor of ten million numbers, libtorch's own optimiser.
+peer::Run adam(const std::string&) {
+  Tensor parameter = torch::randn({10'000'000}).requires_grad_();
   parameter.mutable_grad() = torch::randn_like(parameter);
   const auto optimiser = std::make_shared<torch::optim::Adam>(std::vector<Tensor>{parameter});
   return [=] { optimiser->step(); };
@@ -130,14 +153,14 @@ peer::Run bias_relu(const std::string&) {
   });
 }
 
-/// pointwise.1000x4096: a thousand small ops one after the other, into tensors that exist.
+/// pointwise.1000x4096: a thousand small ops one after the other.
 peer::Run many_small(const std::string& name) {
   const auto size = peer::fields(peer::fields(name)[1], 'x');
   const int64_t count = number(size[0]);
   const Tensor x = torch::randn({number(size[1])}), y = torch::randn({number(size[1])});
   return without_gradient([=] {
     Tensor z = x;
-    for (int64_t i = 0; i < count; i++) z = torch::add(z, y);
+    for (int64_t i = 0; i < count; i++) z = i % 2 == 0 ? torch::add(z, y) : torch::mul(z, y);
   });
 }
 
@@ -176,11 +199,16 @@ void add_mlps(peer::Works& all) {
 }
 
 void add_norms(peer::Works& all) {
-  for (const char* what : {"fwd", "fwdbwd"}) add(all, std::string("groupnorm_silu.8x64x128x128.") + what, group_norm);
+  for (const char* what : {".fwd", ".fwdbwd"}) {
+    for (const char* size : {"8x64x128x128", "8x256x32x32"})
+      add(all, std::string("groupnorm_silu.") + size + what, group_norm);
+    add(all, std::string("layernorm.65536x256") + what, layer_norm);
+    add(all, std::string("softmax.65536x256") + what, softmax);
+  }
 }
 
 void add_attentions(peer::Works& all) {
-  for (const char* size : {"4x1024x64.", "4x2048x64."})
+  for (const char* size : {"4x1024x64.", "4x2048x64.", "64x64x64."})
     for (const char* what : {"fwd", "fwdbwd"}) add(all, std::string("attention.") + size + what, attention);
 }
 

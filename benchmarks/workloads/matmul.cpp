@@ -21,7 +21,8 @@ Run prepare(const Product& p) {
 
 void add(Workloads& all, const std::string& sizes, const Product& p) {
   const double flops = 2.0 * static_cast<double>(p.m) * static_cast<double>(p.n) * static_cast<double>(p.k);
-  all.push_back({text("matmul.", sizes, ".", p.form), flops, 0, [p] { return prepare(p); }, {"openblas", "onednn", "clblast"}});
+  all.push_back(
+      {text("matmul.", sizes, ".", p.form), flops, 0, [p] { return prepare(p); }, {"openblas", "onednn", "clblast"}});
 }
 
 struct Batch {
