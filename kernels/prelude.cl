@@ -15,7 +15,8 @@
 #define LOOP_STEP ((int)get_global_size(0))
 #endif
 
-// A vector of a whole cache line to where nothing is read soon: it does not fetch the line first. `to` is aligned.
+// A vector of a cache line, or half of one and then the other, to where nothing is read soon: it does not fetch the line
+// first. `to` is aligned.
 #define STORE_PAST_CACHES(value, to) (*(to) = (value))
 #if CLOAM_CPU && defined(__has_builtin)
 #if __has_builtin(__builtin_nontemporal_store)

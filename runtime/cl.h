@@ -78,6 +78,18 @@ struct Strided {
 struct LocalBytes {
   size_t bytes;
 };
+/// One argument of many 32-bit numbers: `struct { int at[count]; }` in the kernel.
+class Words {
+ public:
+  void add(int64_t value);
+  void add_bits(uint32_t bits) { at_[count_++] = static_cast<int32_t>(bits); }
+  const int32_t* data() const { return at_.data(); }
+  size_t bytes() const { return count_ * sizeof(int32_t); }
+
+ private:
+  std::array<int32_t, 208> at_;  // 832 bytes: pointers share the 1,024 that a kernel's arguments may have
+  size_t count_ = 0;
+};
 
 /// Sets arguments one after another and counts the bytes they name.
 class Arguments {
@@ -85,6 +97,9 @@ class Arguments {
   explicit Arguments(cl::Kernel& k) : kernel_(k) {}
   void add(const Tensor& tensor);
   void add(Strided strided);
+  void add(const Words& words) { kernel_.setArg(next_++, words.bytes(), words.data()); }
+  /// A tensor read from where the words say, not from its storage's offset.
+  void add_memory(const Tensor& tensor);
   void add(LocalBytes local) { kernel_.setArg(next_++, cl::Local(local.bytes)); }
   void add(float value) { kernel_.setArg(next_++, value); }
   template <std::integral I>

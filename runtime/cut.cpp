@@ -9,11 +9,8 @@
 namespace cloam {
 namespace {
 
-constexpr size_t kMaxInputs = 16;  // tensors one generated kernel may read
-constexpr size_t kMaxOutputs = 6;  // and write
-constexpr size_t kMaxScalars = 24;
 constexpr int kMaxRecompute = 16;  // steps worth doing twice instead of storing
-constexpr size_t kMaxCode = 160;   // steps in one kernel: register pressure and compile time
+constexpr int kMaxCode = 1024;     // steps in one kernel: compile time
 constexpr int kMergeWindow = 24;   // how many earlier groups a sibling looks back over
 
 class Cutter {
@@ -28,6 +25,7 @@ class Cutter {
     std::set<int> roots;      // kernels this pointwise node is part of
     std::vector<int> leaves;  // tensors it reads when written into a kernel
     int cost = 1;
+    int scalars = 0;  // constants in it when written into a kernel
     bool inlined = false, output = false, in_memory = false;
     int ready = -1;  // step that produces it; -1: there from the start
     int group = -1;  // group that produces it
@@ -47,6 +45,7 @@ class Cutter {
   bool joins_users(int i);
   void limit_inputs();
   std::vector<int> leaves_of(int i);
+  void count_scalars(int i);
   void add_steps();
   void add_pointwise(int i);
   void add_reduce(int i);
@@ -55,6 +54,9 @@ class Cutter {
   int value_of(Group& group, Values& values, int i);
   Operand operand_of(Group& group, Values& values, int i);
   void find_last_uses();
+  void find_heirs();
+  bool dies_at(int i, const Step& step) const;
+  bool shares_buffer(int i) const;
 
   const Walk& walk_;
   std::vector<State> state_;
@@ -85,7 +87,7 @@ void Cutter::choose_inlined() {
   for (int i = 0; i < size(); i++) {
     if (!pointwise(i)) continue;
     for (const Tensor& in : node(i)->in)
-      if (pointwise(in.node()->index)) at(i).cost = std::min(1000, at(i).cost + at(in.node()->index).cost);
+      if (pointwise(in.node()->index)) at(i).cost = std::min(2000, at(i).cost + at(in.node()->index).cost);
   }
   for (int i = size() - 1; i >= 0; i--) {
     if (pending(i) && kind(i) == OpKind::reduce) at(i).roots = {i};
@@ -112,12 +114,21 @@ std::vector<int> Cutter::leaves_of(int i) {
   return leaves;
 }
 
+void Cutter::count_scalars(int i) {
+  at(i).scalars = 0;
+  for (const Tensor& in : node(i)->in) {
+    const int operand = in.node()->index;
+    at(i).scalars += constant(operand) ? 1 : at(operand).inlined ? at(operand).scalars : 0;
+  }
+}
+
 /// Goes up the graph; where a kernel would read too much, the operand that brings most is stored after all.
 void Cutter::limit_inputs() {
   for (int i = 0; i < size(); i++) {
     if (!pointwise(i) && !(pending(i) && kind(i) == OpKind::reduce)) continue;
     at(i).leaves = leaves_of(i);
-    while (at(i).leaves.size() > kMaxInputs || at(i).cost > static_cast<int>(kMaxCode)) {
+    count_scalars(i);
+    while (at(i).leaves.size() > kMaxInputs || at(i).cost > kMaxCode || at(i).scalars > kMaxScalars) {
       int widest = -1;
       for (const Tensor& in : node(i)->in) {
         const int operand = in.node()->index;
@@ -127,6 +138,7 @@ void Cutter::limit_inputs() {
       if (widest < 0) break;
       at(widest).inlined = false;
       at(i).leaves = leaves_of(i);
+      count_scalars(i);
       at(i).cost = 1;
       for (const Tensor& in : node(i)->in)
         if (at(in.node()->index).inlined) at(i).cost += at(in.node()->index).cost;
@@ -163,8 +175,9 @@ bool Cutter::room(const Group& group, int i) {
   std::set<int> reads;
   for (const GroupInput& in : group.inputs) reads.insert(in.node);
   reads.insert(at(i).leaves.begin(), at(i).leaves.end());
-  return reads.size() <= kMaxInputs && group.outputs.size() < kMaxOutputs && group.scalars.size() + 8 <= kMaxScalars &&
-         group.code.size() + static_cast<size_t>(at(i).cost) <= kMaxCode;
+  return reads.size() <= kMaxInputs && group.outputs.size() < kMaxOutputs &&
+         group.scalars.size() + static_cast<size_t>(at(i).scalars) <= static_cast<size_t>(kMaxScalars) &&
+         group.code.size() + static_cast<size_t>(at(i).cost) <= static_cast<size_t>(kMaxCode);
 }
 
 /// An earlier kernel over the same space that all of i's inputs precede (or that makes them itself), or -1.
@@ -261,12 +274,41 @@ void Cutter::find_last_uses() {
       plan_.steps[static_cast<size_t>(last[static_cast<size_t>(i)])].last_uses.push_back(i);
 }
 
+bool Cutter::dies_at(int i, const Step& step) const {
+  return std::find(step.last_uses.begin(), step.last_uses.end(), i) != step.last_uses.end();
+}
+
+bool Cutter::shares_buffer(int i) const {
+  const auto is_view = [&](int n) { return node(n)->op->kind() == OpKind::view; };
+  const std::vector<int>& users = state_[static_cast<size_t>(i)].users;
+  return is_view(i) || std::any_of(users.begin(), users.end(), is_view);
+}
+
+/// A pointwise result takes the buffer of an input that dies in the same launch and lies alike, unless views share that
+/// buffer (and running checks again that nobody else holds it).
+void Cutter::find_heirs() {
+  for (const Step& step : plan_.steps) {
+    if (step.kind != Step::group) continue;
+    Group& group = plan_.groups[static_cast<size_t>(step.index)];
+    std::vector<bool> taken(group.inputs.size());
+    for (GroupOutput& out : group.outputs)
+      for (size_t k = 0; k < group.inputs.size() && out.heir_of < 0; k++) {
+        const int i = group.inputs[k].node;
+        const bool alike = group.inputs[k].dtype == out.dtype && shape_id(i) == shape_id(group.shape_node);
+        if (taken[k] || !alike || !dies_at(i, step) || shares_buffer(i)) continue;
+        out.heir_of = static_cast<int>(k);
+        taken[k] = true;
+      }
+  }
+}
+
 Plan Cutter::run() {
   find_users();
   choose_inlined();
   limit_inputs();
   add_steps();
   find_last_uses();
+  find_heirs();
   plan_.signature = walk_.signature;
   return std::move(plan_);
 }

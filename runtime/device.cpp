@@ -50,6 +50,7 @@ DeviceInfo describe(const cl::Platform& platform, const cl::Device& device, cons
   info.global_bytes = device.getInfo<CL_DEVICE_GLOBAL_MEM_SIZE>();
   info.max_alloc_bytes = device.getInfo<CL_DEVICE_MAX_MEM_ALLOC_SIZE>();
   info.local_bytes = device.getInfo<CL_DEVICE_LOCAL_MEM_SIZE>();
+  info.cache_bytes = device.getInfo<CL_DEVICE_GLOBAL_MEM_CACHE_SIZE>();
   info.compute_units = static_cast<int>(device.getInfo<CL_DEVICE_MAX_COMPUTE_UNITS>());
   info.max_work_group = static_cast<int>(device.getInfo<CL_DEVICE_MAX_WORK_GROUP_SIZE>());
   info.device_class = class_of(info);

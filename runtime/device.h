@@ -15,6 +15,7 @@ struct DeviceInfo {
   DeviceClass device_class = DeviceClass::cpu;
   bool is_cpu = false;
   uint64_t global_bytes = 0, max_alloc_bytes = 0, local_bytes = 0;
+  uint64_t cache_bytes = 0;  // of the last level
   int compute_units = 0, max_work_group = 0;
 };
 

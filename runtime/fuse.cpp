@@ -1,8 +1,9 @@
-// The text of generated kernels. Argument order, which plan.cpp follows:
-// per input: buffer, offset, strides of the outer axes, inner stride if it is neither 0 nor 1;
-// scalars; outputs; extents; then (pointwise) chunk, rows or (reduction) kept, per_item, length.
+// The text of generated kernels. Arguments, which plan.cpp follows: a record of words, inputs (but those that an output
+// replaces), outputs. The words: per input its offset, strides of the outer axes, and inner stride if it is neither 0
+// nor 1; scalars; extents; then (pointwise) chunk, rows, stream or (reduction) kept, per_item, length.
 #include "runtime/fuse.h"
 
+#include <algorithm>
 #include <cctype>
 #include <cstring>
 #include <sstream>
@@ -33,24 +34,49 @@ const char* register_type(DType dtype) {
 struct Writer {
   const Group& group;
   const Layout& layout;
-  std::ostringstream out;
+  std::ostringstream out = {};
+  int words = 0;
 
   int rank() const { return layout.extents.rank(); }
   int inner() const { return rank() - 1; }
 
-  void parameters() {
-    for (size_t i = 0; i < group.inputs.size(); i++) {
-      out << "__global const " << c_type(group.inputs[i].dtype) << "* restrict x" << i << ", int o" << i << ", ";
-      for (int axis = 0; axis < inner(); axis++) out << "int s" << i << "_" << axis << ", ";
-      if (layout.inner_kind(i) == 2) out << "int s" << i << "_" << inner() << ", ";
+  /// The output that lies where input i does, or -1.
+  int heir(size_t i) const {
+    for (size_t j = 0; j < group.outputs.size(); j++)
+      if ((layout.in_place >> j & 1u) && group.outputs[j].heir_of == static_cast<int>(i)) return static_cast<int>(j);
+    return -1;
+  }
+
+  void word(const std::string& declared) { out << "  const " << declared << " = words.at[" << words++ << "];\n"; }
+
+  void input_words(size_t i) {
+    const std::string n = std::to_string(i);
+    word("int o" + n);
+    for (int axis = 0; axis < inner(); axis++) word("int s" + n + "_" + std::to_string(axis));
+    if (layout.inner_kind(i) == 2) word("int s" + n + "_" + std::to_string(inner()));
+  }
+
+  /// The parameter list, and the words under their names.
+  void begin(std::initializer_list<const char*> more_words) {
+    const char* comma = "";
+    const auto pointer = [&](const char* access, DType dtype, const char* name, size_t i) {
+      out << comma << "__global " << access << c_type(dtype) << "* restrict " << name << i;
+      comma = ", ";
+    };
+    for (size_t i = 0; i < group.inputs.size(); i++)
+      if (heir(i) < 0) pointer("const ", group.inputs[i].dtype, "x", i);
+    if (group.reduce) pointer("", group.reduce_dtype, "y", 0);
+    for (size_t i = 0; i < group.outputs.size(); i++) pointer("", group.outputs[i].dtype, "y", i);
+    out << ") {\n";
+    for (size_t i = 0; i < group.inputs.size(); i++)
+      if (heir(i) < 0) input_words(i);
+    for (size_t i = 0; i < group.scalars.size(); i++) {
+      const DType dtype = group.scalars[i].dtype;
+      out << "  const " << register_type(dtype) << " c" << i << " = as_" << register_type(dtype) << "(words.at["
+          << words++ << "]);\n";
     }
-    for (size_t i = 0; i < group.scalars.size(); i++) out << register_type(group.scalars[i].dtype) << " c" << i << ", ";
-    if (group.reduce)
-      out << "__global " << c_type(group.reduce_dtype) << "* restrict y0, ";
-    else
-      for (size_t i = 0; i < group.outputs.size(); i++)
-        out << "__global " << c_type(group.outputs[i].dtype) << "* restrict y" << i << ", ";
-    for (int axis = 0; axis < rank(); axis++) out << "int e" << axis << ", ";
+    for (int axis = 0; axis < rank(); axis++) word("int e" + std::to_string(axis));
+    for (const char* name : more_words) word(std::string("int ") + name);
   }
 
   /// int i0, i1 ... of the axes in `axes` (innermost last) from the linear index `from`.
@@ -73,10 +99,11 @@ struct Writer {
   }
 
   std::string load(size_t i, const std::string& index) {
+    const int replaced_by = heir(i);
     const int kind = layout.inner_kind(i);
     std::string at = kind == 0 ? "0" : index;
     if (kind == 2) at = index + " * s" + std::to_string(i) + "_" + std::to_string(inner());
-    const std::string p = "p" + std::to_string(i);
+    const std::string p = replaced_by < 0 ? "p" + std::to_string(i) : "r" + std::to_string(replaced_by);
     return group.inputs[i].dtype == DType::f16 ? "vload_half(" + at + ", " + p + ")" : p + "[" + at + "]";
   }
 
@@ -133,11 +160,13 @@ struct Writer {
 
   void pointers(const std::vector<int>& axes) {
     for (size_t i = 0; i < group.inputs.size(); i++)
-      out << "    __global const " << c_type(group.inputs[i].dtype) << "* p" << i << " = x" << i << " + "
-          << base(i, axes) << ";\n";
+      if (heir(i) < 0)
+        out << "    __global const " << c_type(group.inputs[i].dtype) << "* p" << i << " = x" << i << " + "
+            << base(i, axes) << ";\n";
   }
 
   void pointwise();
+  void streamed_tiles();
   void reduce_inner();
   void reduce_outer();
   std::string combine(const std::string& to, const std::string& value) const;
@@ -145,10 +174,27 @@ struct Writer {
   std::string reduced_value() const { return group.code.empty() ? "a0" : "v" + std::to_string(group.code.size() - 1); }
 };
 
+/// Whole tiles are computed into registers and stored past the caches.
+void Writer::streamed_tiles() {
+  const std::string tile = std::to_string(kStreamTile);
+  out << "    if (stream)\n      for (; i + " << tile << " <= end; i += " << tile << ") {\n";
+  for (size_t k = 0; k < group.outputs.size(); k++)
+    out << "        " << c_type(group.outputs[k].dtype) << " t" << k << "[" << tile << "];\n";
+  out << "        for (int l = 0; l < " << tile << "; l++) {\n          const int n = i + l;\n";
+  values("n", "          ");
+  for (size_t k = 0; k < group.outputs.size(); k++)
+    out << "          t" << k << "[l] = (" << c_type(group.outputs[k].dtype) << ")v" << group.outputs[k].value << ";\n";
+  out << "        }\n";
+  for (size_t k = 0; k < group.outputs.size(); k++)
+    out << "        for (int l = 0; l < " << tile << "; l += 8) STORE_PAST_CACHES(vload8(0, t" << k
+        << " + l), (__global " << c_type(group.outputs[k].dtype) << "8*)(r" << k << " + i + l));\n";
+  out << "      }\n";
+}
+
 void Writer::pointwise() {
   const std::vector<int> outer = axes_where(false, false);
-  parameters();
-  out << "int chunk, int rows) {\n  int row_count = 1;\n";
+  begin({"chunk", "rows", "stream"});
+  out << "  int row_count = 1;\n";
   for (int axis : outer) out << "  row_count *= e" << axis << ";\n";
   out << "  const int row_end = min(row_count, ((int)get_global_id(1) + 1) * rows);\n"
       << "  for (int row = (int)get_global_id(1) * rows; row < row_end; row++) {\n";
@@ -157,8 +203,9 @@ void Writer::pointwise() {
   for (size_t i = 0; i < group.outputs.size(); i++)
     out << "    __global " << c_type(group.outputs[i].dtype) << "* r" << i << " = y" << i << " + row * e" << inner()
         << ";\n";
-  out << "    const int end = LOOP_HI(e" << inner() << ", chunk);\n"
-      << "    for (int i = LOOP_LO(chunk); i < end; i += LOOP_STEP) {\n";
+  out << "    const int end = LOOP_HI(e" << inner() << ", chunk);\n    int i = LOOP_LO(chunk);\n";
+  if (may_stream(group, layout)) streamed_tiles();
+  out << "    for (; i < end; i += LOOP_STEP) {\n";
   values("i", "      ");
   for (size_t i = 0; i < group.outputs.size(); i++) store(group.outputs[i], i);
   out << "    }\n  }\n}\n";
@@ -183,8 +230,8 @@ void Writer::reduce_inner() {
   const std::vector<int> kept = axes_where(false, true), rows = axes_where(true, false);
   const std::string lanes = layout.serial ? "1" : std::to_string(kReduceLanes);
   const std::string n = "e" + std::to_string(inner());
-  parameters();
-  out << "int kept, int per_item, int length) {\n  int count = " << n << ";\n";
+  begin({"kept", "per_item", "length"});
+  out << "  int count = " << n << ";\n";
   for (int axis : rows) out << "  count *= e" << axis << ";\n";
   out << "  const int t_end = min(count, ((int)get_global_id(1) + 1) * length);\n"
       << "  const int k_end = min(kept, ((int)get_global_id(0) + 1) * per_item);\n"
@@ -218,8 +265,8 @@ void Writer::reduce_inner() {
 void Writer::reduce_outer() {
   const std::vector<int> kept_rows = axes_where(false, false), reduced = axes_where(true, true);
   const std::string n = "e" + std::to_string(inner());
-  parameters();
-  out << "int kept, int per_item, int length) {\n  int count = 1;\n";
+  begin({"kept", "per_item", "length"});
+  out << "  int count = 1;\n";
   for (int axis : reduced) out << "  count *= e" << axis << ";\n";
   out << "  const int strips = (" << n << " + per_item - 1) / per_item;\n"
       << "  const int kept_row = (int)get_global_id(0) / strips, lo = ((int)get_global_id(0) % strips) * per_item;\n"
@@ -250,8 +297,14 @@ std::string hash_name(const std::string& text) {
 
 }  // namespace
 
+bool may_stream(const Group& group, const Layout& layout) {
+  if (!is_cpu_class() || layout.in_place || group.code.size() > kMaxStreamed) return false;
+  return std::all_of(group.outputs.begin(), group.outputs.end(),
+                     [](const GroupOutput& out) { return size_of(out.dtype) == 4; });
+}
+
 Generated generate(const Group& group, const Layout& layout) {
-  Writer writer{group, layout, {}};
+  Writer writer{group, layout};
   if (!group.reduce)
     writer.pointwise();
   else if (layout.inner_reduced())
@@ -259,7 +312,8 @@ Generated generate(const Group& group, const Layout& layout) {
   else
     writer.reduce_outer();
   const std::string body = writer.out.str(), name = hash_name(body);
-  return {name, "__kernel FAT void " + name + "(" + body};
+  return {name, text("typedef struct { int at[", writer.words, "]; } ", name, "_words;\n__kernel FAT void ", name, "(",
+                     name, "_words words, ", body)};
 }
 
 }  // namespace cloam

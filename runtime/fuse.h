@@ -1,7 +1,10 @@
 // Generated kernels: a group of pointwise steps (with several results, or ending in a reduction) becomes one kernel.
 // Kernel text depends on the steps, on how many axes remain after collapsing, and on which inputs run along the inner
-// axis with stride 1, 0 or other. Extents, strides and scalars are arguments.
+// axis with stride 1, 0 or other. Extents, strides and scalars are arguments: one record of 32-bit words, because
+// drivers pay for every argument of every launch.
 #pragma once
+#include <array>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -30,6 +33,7 @@ struct GroupInput {
 struct GroupOutput {
   int value = 0, node = 0;
   DType dtype = DType::f32;
+  int heir_of = -1;  // the input whose values nobody needs afterwards: the result may take its buffer
 };
 
 /// One kernel to be. Nodes are places in the walk, so that a plan can be reused with the nodes of a later step.
@@ -44,6 +48,11 @@ struct Group {
   int shape_node = 0;                      // the node whose shape is iterated over
 };
 
+constexpr size_t kMaxInputs = 16;  // tensors one generated kernel may read
+constexpr size_t kMaxOutputs = 6;  // and write
+constexpr int kMaxScalars = 48;
+constexpr size_t kMaxStreamed = 16;    // steps in a kernel that still waits for memory more than it computes
+constexpr int64_t kStreamTile = 32;    // numbers stored past the caches together
 constexpr int kReduceLanes = 64;       // partial results along a reduced inner axis: one fixed tree on every device
 constexpr int kReduceColumns = 256;    // columns a CPU work-item sums side by side
 constexpr int64_t kSerialReduce = 32;  // up to here one accumulator, in order
@@ -51,8 +60,10 @@ constexpr int64_t kSerialReduce = 32;  // up to here one accumulator, in order
 /// The iteration space after dropping axes of size 1 and joining neighbours that every input walks alike.
 struct Layout {
   Shape extents;
-  std::vector<Shape> strides;  // per input
-  uint32_t reduced = 0;        // bit i: collapsed axis i is reduced
+  std::array<Shape, kMaxInputs> strides;
+  size_t inputs = 0;
+  uint32_t reduced = 0;   // bit i: collapsed axis i is reduced
+  uint32_t in_place = 0;  // bit i: output i lies in the buffer of the input it is the heir of
   bool serial = false;
   int inner_kind(size_t input) const;  // 0: constant along the inner axis, 1: dense, 2: strided
   bool inner_reduced() const { return reduced >> (extents.rank() - 1) & 1u; }
@@ -60,7 +71,10 @@ struct Layout {
   int64_t kept_count() const;
   uint64_t key() const;
 };
-Layout collapse(const Shape& shape, const std::vector<std::pair<Storage, Shape>>& inputs, uint32_t reduced_axes);
+Layout collapse(const Shape& shape, std::span<Node* const> inputs, uint32_t reduced_axes);
+/// Whether the kernel has a path whose stores go past the caches (CPU devices: 1.4 times as fast on results larger than
+/// the last cache; slower on anything else).
+bool may_stream(const Group& group, const Layout& layout);
 
 /// Kernel text for a group under a layout; its name is a hash of the text.
 Generated generate(const Group& group, const Layout& layout);

@@ -155,18 +155,29 @@ void Arguments::add(const Tensor& tensor) {
 }
 
 void Arguments::add(Strided strided) {
-  const Storage& s = strided.tensor.node()->storage;
-  kernel_.setArg(next_++, s.buffer->mem);
-  add_int(s.offset);
-  bytes_ += static_cast<double>(strided.tensor.numel()) * static_cast<double>(size_of(strided.tensor.dtype()));
+  add_memory(strided.tensor);
+  add_int(strided.tensor.node()->storage.offset);
 }
 
-void Arguments::add_int(int64_t value) {
+void Arguments::add_memory(const Tensor& tensor) {
+  kernel_.setArg(next_++, tensor.node()->storage.buffer->mem);
+  bytes_ += static_cast<double>(tensor.numel()) * static_cast<double>(size_of(tensor.dtype()));
+}
+
+namespace {
+
+cl_int in_31_bits(int64_t value) {
   if (value > std::numeric_limits<int32_t>::max() || value < std::numeric_limits<int32_t>::min())
     throw Error(Fault::memory,
                 text("[launch] a size of ", value, " elements does not fit 31 bits: use a smaller batch"));
-  kernel_.setArg(next_++, static_cast<cl_int>(value));
+  return static_cast<cl_int>(value);
 }
+
+}  // namespace
+
+void Arguments::add_int(int64_t value) { kernel_.setArg(next_++, in_31_bits(value)); }
+
+void Words::add(int64_t value) { at_[count_++] = in_31_bits(value); }
 
 namespace {
 

@@ -2,9 +2,11 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include <array>
+#include <bit>
 #include <chrono>
 #include <fstream>
-#include <map>
+#include <optional>
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
@@ -15,21 +17,23 @@ uint64_t wanted_max_bytes();
 
 namespace {
 
+/// Sizes go in steps of a quarter of a power of two, from 256 bytes on: sample counts that change a little from step to
+/// step still find their buffer again, at most 25 % is wasted.
+size_t size_class(size_t bytes) {
+  if (bytes <= 256) return 0;
+  const auto octave = static_cast<size_t>(std::bit_width((bytes - 1) >> 8)) - 1;
+  const size_t base = size_t{256} << octave, quarter = base / 4;
+  return 4 * octave + (bytes - base + quarter - 1) / quarter;
+}
+size_t class_bytes(size_t index) { return (size_t{256} << index / 4) / 4 * (4 + index % 4); }
+
 struct Pool {
-  std::multimap<size_t, cl::Buffer> free;
+  std::array<std::vector<cl::Buffer>, 160> free;  // by size class
   uint64_t free_bytes = 0;
 };
 Pool& pool() {
   static Pool* const one = new Pool;  // outlives every tensor that is destroyed at exit
   return *one;
-}
-
-/// Sizes in steps of a quarter of a power of two: sample counts that change a little from step to step still find
-/// their buffer again, at most 25 % is wasted.
-size_t bucket(size_t bytes) {
-  size_t step = 64;
-  while (step * 8 < bytes) step *= 2;
-  return std::max<size_t>(256, (bytes + step - 1) / step * step);
 }
 
 uint64_t host_available_bytes() {
@@ -76,14 +80,21 @@ cl::Buffer fresh(size_t bytes) {
                    " MiB.\n  fix: a smaller --batch, a larger --downscale, or --max-memory if the machine has more"));
 }
 
-cl::Buffer obtain(size_t size) {
-  auto found = pool().free.lower_bound(size);
-  if (found != pool().free.end() && found->first <= size + size / 2) {
-    cl::Buffer mem = found->second;
-    pool().free_bytes -= found->first;
-    pool().free.erase(found);
+/// A free buffer of this class or of one up to half as large again; `index` becomes its class.
+std::optional<cl::Buffer> reuse(size_t& index) {
+  for (size_t i = index; i < index + 3; i++) {
+    std::vector<cl::Buffer>& shelf = pool().free[i];
+    if (shelf.empty()) continue;
+    index = i;
+    cl::Buffer mem = std::move(shelf.back());
+    shelf.pop_back();
+    pool().free_bytes -= class_bytes(i);
     return mem;
   }
+  return std::nullopt;
+}
+
+cl::Buffer obtain(size_t size) {
   if (size > device().max_alloc_bytes && !device().is_cpu)
     too_much(size, "larger than the device's largest allocation");
   if (device_stats().live_bytes + pool().free_bytes + size > memory_budget()) trim_memory();
@@ -108,9 +119,10 @@ uint64_t memory_budget() {
 }
 
 std::shared_ptr<Buffer> allocate(size_t bytes) {
-  const size_t size = bucket(bytes);
-  cl::Buffer mem = obtain(size);
-  const size_t real = mem.getInfo<CL_MEM_SIZE>();
+  size_t index = size_class(bytes);
+  std::optional<cl::Buffer> found = reuse(index);
+  const size_t real = class_bytes(index);
+  cl::Buffer mem = found ? std::move(*found) : obtain(real);
   DeviceStats& s = device_stats();
   s.live_bytes += real;
   s.peak_bytes = std::max(s.peak_bytes, s.live_bytes);
@@ -121,12 +133,12 @@ std::shared_ptr<Buffer> allocate(size_t bytes) {
 Buffer::~Buffer() {
   device_stats().live_bytes -= bytes;
   pool().free_bytes += bytes;
-  pool().free.emplace(bytes, std::move(mem));
+  pool().free[size_class(bytes)].push_back(std::move(mem));
 }
 
 void trim_memory() {
   finish();
-  pool().free.clear();
+  for (std::vector<cl::Buffer>& shelf : pool().free) shelf.clear();
   pool().free_bytes = 0;
 }
 

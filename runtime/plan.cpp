@@ -2,6 +2,7 @@
 #include "runtime/plan.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdio>
 #include <unordered_map>
@@ -69,14 +70,18 @@ void record(Walk& out, Node* node, ShapeNumbers& shapes) {
 
 }  // namespace
 
-Walk walk(const Tensors& outputs) {
+void walk(const Tensors& outputs, Walk& out) {
   static uint64_t visit = 0;
   static ShapeNumbers shapes;
   static std::vector<std::pair<Node*, size_t>> stack;
-  Walk out;
+  out.nodes.clear();
+  out.shape_ids.clear();
+  out.outputs.clear();
+  out.signature.clear();
   visit++;
   shapes.begin();
   for (const Tensor& output : outputs) {
+    if (output.evaluated()) continue;
     if (output.node()->visit != visit) {
       output.node()->visit = visit;
       stack.push_back({output.node(), 0});
@@ -93,10 +98,9 @@ Walk walk(const Tensors& outputs) {
       input->visit = visit;
       stack.push_back({input, 0});
     }
+    out.outputs.push_back(output.node()->index);
   }
-  for (const Tensor& output : outputs) out.outputs.push_back(output.node()->index);
   for (int i : out.outputs) out.signature.push_back(static_cast<uint64_t>(i));
-  return out;
 }
 
 namespace {
@@ -113,31 +117,62 @@ Tensor handle(const Walk& graph, int i) {
   return {};
 }
 
+/// The heir's buffer is free to be written when nothing but the dying node holds it; before anything ran (compile())
+/// there is none, and results are promised to lie dense.
+bool heir_may_move_in(const GroupOutput& out, const Group& group, const Walk& graph) {
+  if (out.heir_of < 0) return false;
+  const Node* node = at(graph, group.inputs[static_cast<size_t>(out.heir_of)].node);
+  return node->storage.buffer.use_count() <= 1 && node->storage.dense(node->shape);
+}
+
 Layout layout_of(const Group& group, const Walk& graph) {
-  std::vector<std::pair<Storage, Shape>> inputs;
-  for (const GroupInput& in : group.inputs) inputs.push_back({at(graph, in.node)->storage, at(graph, in.node)->shape});
-  return collapse(at(graph, group.shape_node)->shape, inputs, group.reduce ? group.reduce->axes : 0);
+  std::array<Node*, kMaxInputs> inputs;
+  for (size_t i = 0; i < group.inputs.size(); i++) inputs[i] = at(graph, group.inputs[i].node);
+  Layout layout = collapse(at(graph, group.shape_node)->shape, {inputs.data(), group.inputs.size()},
+                           group.reduce ? group.reduce->axes : 0);
+  for (size_t j = 0; j < group.outputs.size(); j++)
+    if (heir_may_move_in(group.outputs[j], group, graph)) layout.in_place |= 1u << j;
+  return layout;
 }
 
 cl::Kernel& kernel_of(const Group& group, const Layout& layout, Step& step) {
-  cl::Kernel*& found = step.kernels[layout.key()];
-  if (!found) found = &generated_kernel(generate(group, layout));
-  return *found;
+  const uint64_t key = layout.key();
+  for (const auto& [known, found] : step.kernels)
+    if (known == key) return *found;
+  step.kernels.push_back({key, &generated_kernel(generate(group, layout))});
+  return *step.kernels.back().second;
 }
 
-void add_inputs(Arguments& arguments, const Group& group, const Layout& layout, const Walk& graph) {
+/// Whether an output has taken the buffer of this input: then it is no argument of its own.
+bool replaced(size_t input, const Group& group, const Layout& layout) {
+  for (size_t j = 0; j < group.outputs.size(); j++)
+    if ((layout.in_place >> j & 1u) && group.outputs[j].heir_of == static_cast<int>(input)) return true;
+  return false;
+}
+
+void add_scalar(Words& words, DType dtype, double value) {
+  if (dtype == DType::f32)
+    words.add_bits(std::bit_cast<uint32_t>(static_cast<float>(value)));
+  else
+    words.add(static_cast<int64_t>(value));
+}
+
+/// The words in fuse.cpp's order, then the memory of inputs and results.
+void add_arguments(Arguments& arguments, const Group& group, const Layout& layout, const Walk& graph,
+                   std::initializer_list<int64_t> more_words) {
+  Words words;
   for (size_t i = 0; i < group.inputs.size(); i++) {
-    arguments.add(Strided{handle(graph, group.inputs[i].node)});
-    for (int axis = 0; axis + 1 < layout.extents.rank(); axis++) arguments.add(layout.strides[i][axis]);
-    if (layout.inner_kind(i) == 2) arguments.add(layout.strides[i].back());
+    if (replaced(i, group, layout)) continue;
+    words.add(at(graph, group.inputs[i].node)->storage.offset);
+    for (int axis = 0; axis + 1 < layout.extents.rank(); axis++) words.add(layout.strides[i][axis]);
+    if (layout.inner_kind(i) == 2) words.add(layout.strides[i].back());
   }
-  for (const GroupInput& scalar : group.scalars) {
-    const double value = at(graph, scalar.node)->value;
-    if (scalar.dtype == DType::f32)
-      arguments.add(static_cast<float>(value));
-    else
-      arguments.add(static_cast<int64_t>(value));
-  }
+  for (const GroupInput& scalar : group.scalars) add_scalar(words, scalar.dtype, at(graph, scalar.node)->value);
+  for (int64_t extent : layout.extents) words.add(extent);
+  for (int64_t value : more_words) words.add(value);
+  arguments.add(words);
+  for (size_t i = 0; i < group.inputs.size(); i++)
+    if (!replaced(i, group, layout)) arguments.add_memory(handle(graph, group.inputs[i].node));
 }
 
 const char* label(const Group& group) {
@@ -146,34 +181,57 @@ const char* label(const Group& group) {
   return last.op ? last.op->label : "fill";
 }
 
+/// Stores that go past the caches pay where the results are larger than the last cache, and lie at multiples of 64
+/// bytes.
+bool streams(const Group& group, const Layout& layout, int64_t elements) {
+  const auto bytes = static_cast<uint64_t>(elements) * 4 * group.outputs.size();
+  return bytes > device().cache_bytes && may_stream(group, layout) &&
+         (layout.extents.rank() == 1 || layout.extents.back() % 16 == 0);
+}
+
+/// How the elements of a pointwise group are shared out: `chunk` along the inner axis, `rows_each` of the rest.
+struct Tiling {
+  Range range;
+  int64_t chunk = 1, rows_each = 1;
+};
+
+Tiling tiling_of(int64_t rows, int64_t inner) {
+  Tiling out;
+  if (is_cpu_class()) {
+    // About 64 work-items, none below 4,096 elements: a group costs 4 ns, a launch 1.4 us.
+    const int64_t share = std::clamp<int64_t>(rows * inner / 64, 4096, 1 << 18) / kStreamTile * kStreamTile;
+    out.chunk = std::min(inner, share);
+    out.rows_each = std::max<int64_t>(1, share / inner);
+    out.range = range2((inner + out.chunk - 1) / out.chunk, (rows + out.rows_each - 1) / out.rows_each);
+  } else {
+    out.range = range1(std::min<int64_t>(inner, 1 << 20), 64);
+    out.range.global[1] = static_cast<size_t>(std::min<int64_t>(rows, 32768));
+    out.rows_each = (rows + static_cast<int64_t>(out.range.global[1]) - 1) / static_cast<int64_t>(out.range.global[1]);
+  }
+  return out;
+}
+
 void run_pointwise(const Group& group, Step& step, const Walk& graph) {
   const Layout layout = layout_of(group, graph);
   const int64_t inner = layout.extents.back();
   int64_t rows = 1;
   for (int i = 0; i + 1 < layout.extents.rank(); i++) rows *= layout.extents[i];
-  for (const GroupOutput& out : group.outputs) allocate_for(at(graph, out.node));
+  for (size_t j = 0; j < group.outputs.size(); j++) {
+    const GroupOutput& out = group.outputs[j];
+    if (layout.in_place >> j & 1u)
+      at(graph, out.node)->storage = at(graph, group.inputs[static_cast<size_t>(out.heir_of)].node)->storage;
+    else
+      allocate_for(at(graph, out.node));
+  }
   if (rows * inner == 0) return;
 
-  Arguments arguments(kernel_of(group, layout, step));
-  add_inputs(arguments, group, layout, graph);
+  const Tiling tiling = tiling_of(rows, inner);
+  cl::Kernel& found = kernel_of(group, layout, step);
+  Arguments arguments(found);
+  add_arguments(arguments, group, layout, graph,
+                {tiling.chunk, tiling.rows_each, streams(group, layout, rows * inner) ? 1 : 0});
   for (const GroupOutput& out : group.outputs) arguments.add(handle(graph, out.node));
-  arguments.add(layout.extents);
-  Range range;
-  int64_t chunk = 1, rows_each = 1;
-  if (is_cpu_class()) {
-    // About 64 work-items, none below 4,096 elements: a group costs 4 ns, a launch 1.4 us.
-    const int64_t share = std::clamp<int64_t>(rows * inner / 64, 4096, 1 << 18);
-    chunk = std::min(inner, std::max<int64_t>(share, 1024));
-    rows_each = std::max<int64_t>(1, share / inner);
-    range = range2((inner + chunk - 1) / chunk, (rows + rows_each - 1) / rows_each);
-  } else {
-    range = range1(std::min<int64_t>(inner, 1 << 20), 64);
-    range.global[1] = static_cast<size_t>(std::min<int64_t>(rows, 32768));
-    rows_each = (rows + static_cast<int64_t>(range.global[1]) - 1) / static_cast<int64_t>(range.global[1]);
-  }
-  arguments.add(chunk);
-  arguments.add(rows_each);
-  enqueue(kernel_of(group, layout, step), label(group), range, arguments.bytes());
+  enqueue(found, label(group), tiling.range, arguments.bytes());
 }
 
 /// How a reduction is shared out: work-items over kept indices, and chunks of the reduced ones whose partial results
@@ -205,10 +263,8 @@ Split split_reduction(const Layout& layout) {
 void launch_reduce(const Group& group, Step& step, const Walk& graph, const Layout& layout, const Split& split,
                    const Tensor& to) {
   Arguments arguments(kernel_of(group, layout, step));
-  add_inputs(arguments, group, layout, graph);
+  add_arguments(arguments, group, layout, graph, {layout.kept_count(), split.per_item, split.length});
   arguments.add(to);
-  arguments.add(layout.extents);
-  for (int64_t value : {layout.kept_count(), split.per_item, split.length}) arguments.add(value);
   Range range = range1(split.items, is_cpu_class() ? 1 : 64);
   range.global[1] = static_cast<size_t>(split.chunks);
   enqueue(kernel_of(group, layout, step), label(group), range, arguments.bytes());
@@ -359,14 +415,40 @@ void run_group(const Group& group, Step& step, const Walk& graph) {
     run_pointwise(group, step, graph);
 }
 
+namespace {
+
+/// A walk's memory is used again by later ones; running a plan may evaluate other graphs, which take another.
+class WalkLoan {
+ public:
+  WalkLoan() {
+    if (spare().empty()) spare().push_back(std::make_unique<Walk>());
+    walk_ = std::move(spare().back());
+    spare().pop_back();
+  }
+  ~WalkLoan() { spare().push_back(std::move(walk_)); }
+  WalkLoan(const WalkLoan&) = delete;
+  WalkLoan& operator=(const WalkLoan&) = delete;
+  Walk& operator*() const { return *walk_; }
+
+ private:
+  static std::vector<std::unique_ptr<Walk>>& spare() {
+    static std::vector<std::unique_ptr<Walk>> walks;
+    return walks;
+  }
+  std::unique_ptr<Walk> walk_;
+};
+
+bool pending(const Tensor& tensor) { return !tensor.evaluated(); }
+
+}  // namespace
+
 void eval(const Tensors& outputs) {
-  Tensors pending;
-  for (const Tensor& t : outputs)
-    if (!t.evaluated()) pending.push_back(t);
-  if (pending.empty()) return;
-  const Walk graph = walk(pending);
+  if (std::none_of(outputs.begin(), outputs.end(), pending)) return;
+  const WalkLoan loan;
+  Walk& graph = *loan;
+  walk(outputs, graph);
   run(plan_for(graph), graph);
-  for (Tensor& t : pending)
+  for (const Tensor& t : outputs)
     if (!t.tracked()) {  // history that no gradient can use
       t.node()->in.clear();
       t.node()->op.reset();

@@ -1,7 +1,6 @@
 // A plan: the launches that evaluate a graph of one structure. It is found by the walk's signature, so a training step
 // searches no graph after its structure was seen once. Extents and scalars are read from the nodes at hand.
 #pragma once
-#include <unordered_map>
 #include <vector>
 
 #include "runtime/fuse.h"
@@ -15,13 +14,14 @@ struct Walk {
   std::vector<int> outputs;
   std::vector<uint64_t> signature;
 };
-Walk walk(const Tensors& outputs);
+/// Fills `out` anew, in the memory it already has. Outputs with values are passed over.
+void walk(const Tensors& outputs, Walk& out);
 
 struct Step {
   enum Kind : uint8_t { group, kernel, view } kind = group;
-  int index = 0;                                           // of the group, or of the node
-  std::vector<int> last_uses;                              // nodes whose values nobody needs after this step
-  std::unordered_map<uint64_t, cl::Kernel*> kernels = {};  // by layout key
+  int index = 0;                                               // of the group, or of the node
+  std::vector<int> last_uses;                                  // nodes whose values nobody needs after this step
+  std::vector<std::pair<uint64_t, cl::Kernel*>> kernels = {};  // by layout key: seldom more than one
 };
 
 struct Plan {

@@ -102,6 +102,63 @@ TEST_CASE("memory is used again while sizes change") {
   CHECK(device_stats().allocated_bytes == before);
 }
 
+TEST_CASE("a thousand small ops: one launch when recorded whole, no new memory once warm") {
+  const Tensor start = made({4096}), step = made({4096}) * 0.25f;
+  eval({step});
+  const auto chain = [&](bool one_by_one) {
+    Tensor x = start;
+    for (int i = 0; i < 1000; i++) {
+      x = i % 2 == 0 ? x + step : x * step;
+      if (one_by_one) eval({x});
+    }
+    return x.to_host();
+  };
+  std::vector<float> whole, single;
+  CHECK(launches([&] { whole = chain(false); }) == 1);
+  CHECK(launches([&] { single = chain(true); }) == 1000);
+  CHECK(whole == single);
+  const uint64_t before = device_stats().allocated_bytes;
+  chain(false);
+  chain(true);
+  CHECK(device_stats().allocated_bytes == before);
+}
+
+TEST_CASE("a pointwise result takes the buffer of a value that dies, and of no other") {
+  const Tensor x = made({1 << 20});
+  const auto scanned = [&] { return cumsum(x, 0); };
+  const auto peak_of = [](const Tensors& outputs) {
+    const uint64_t before = device_stats().peak_bytes = device_stats().live_bytes;
+    eval(outputs);
+    return device_stats().peak_bytes - before;
+  };
+  eval({scanned() * 2.f});
+  const uint64_t alone = peak_of({scanned()});
+  CHECK(peak_of({scanned() * 2.f + x}) == alone);
+  const Tensor kept = scanned(), view = slice(scanned(), 0, 5, 9);
+  CHECK(peak_of({kept, kept * 2.f}) > alone);
+  const Tensor both = (reshape(kept, {1024, 1024}) * 0.5f) + transpose(reshape(kept, {1024, 1024}));
+  CHECK(both.to_host()[1] == 0.5f * kept.to_host()[1] + kept.to_host()[1024]);
+  const Tensor source = scanned(), half = source * 0.5f, part = slice(source, 0, 5, 9);
+  CHECK((sum(half) + sum(part)).item() == doctest::Approx(sum(kept).item() * 0.5f + sum(slice(kept, 0, 5, 9)).item()));
+}
+
+TEST_CASE("results larger than the caches are right, in rows and at their ends") {
+  const auto beyond = static_cast<int64_t>(device().cache_bytes / 4);
+  for (const Shape& shape : {Shape{beyond + 1237}, Shape{beyond / 80 + 3, 80}, Shape{beyond / 77 + 3, 77}}) {
+    const Tensor x = made(shape), bias = made({shape.back()});
+    const Tensors results = {relu(x + bias), x * bias};
+    eval(results);
+    const std::vector<float> a = results[0].to_host(), b = results[1].to_host();
+    const std::vector<float> values = ramp(numel(shape)), biases = ramp(shape.back());
+    int64_t wrong = 0;
+    for (size_t i = 0; i < values.size(); i++) {
+      const float with = biases[i % biases.size()];
+      wrong += a[i] != std::max(values[i] + with, 0.f) || b[i] != values[i] * with;
+    }
+    CHECK(wrong == 0);
+  }
+}
+
 TEST_CASE("nothing stays alive when the last handle goes") {
   const uint64_t before = device_stats().live_bytes;
   {
