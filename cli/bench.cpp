@@ -1,6 +1,4 @@
 // cloam bench: how fast the kernels and training steps are here, against the device's limits and other libraries.
-#include <cstdlib>
-
 #include "benchmarks/command.h"
 #include "benchmarks/tune.h"
 #include "cli/commands.h"
@@ -50,8 +48,8 @@ int run_command(const BenchArguments& arguments, const Common& common) {
   const Workloads all = workloads_of(arguments.suite);
   (void)chosen_workloads(all, request.options.patterns);
   open_device(common);
-  const char* affinity = std::getenv("POCL_AFFINITY");
-  say(common, text("device ", device().name, " (", device().platform, "), POCL_AFFINITY=", affinity ? affinity : ""));
+  const std::string pinning = device().pinning.empty() ? "" : ", " + device().pinning;
+  say(common, text("device ", device().name, " (", device().platform, ")", pinning));
   bench_command(all, request);
   return 0;
 }

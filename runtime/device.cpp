@@ -57,11 +57,15 @@ DeviceInfo describe(const cl::Platform& platform, const cl::Device& device, cons
   return info;
 }
 
-/// PoCL's workers often wake on one core without this (half speed). Must be set before the first CL call.
-void pin_pocl_threads() { setenv("POCL_AFFINITY", "1", 0); }
+/// PoCL's workers often wake on one core without this (half speed). Must be set before the first CL call. Says who did.
+std::string pin_pocl_threads() {
+  static const bool by_user = std::getenv("POCL_AFFINITY") != nullptr;
+  setenv("POCL_AFFINITY", "1", 0);
+  return text("POCL_AFFINITY=", std::getenv("POCL_AFFINITY"), by_user ? " (set by the user)" : " (set by cloam)");
+}
 
 std::vector<Candidate> candidates() {
-  pin_pocl_threads();
+  const std::string pinning = pin_pocl_threads();
   std::vector<Candidate> out;
   std::vector<cl::Platform> platforms;
   try {
@@ -74,8 +78,11 @@ std::vector<Candidate> candidates() {
     try {
       platforms[p].getDevices(CL_DEVICE_TYPE_ALL, &devices);
     } catch (const cl::Error&) { continue; }
-    for (size_t d = 0; d < devices.size(); d++)
+    for (size_t d = 0; d < devices.size(); d++) {
       out.push_back({platforms[p], devices[d], describe(platforms[p], devices[d], text(p, ":", d))});
+      DeviceInfo& info = out.back().info;
+      if (info.platform == "Portable Computing Language") info.pinning = pinning;
+    }
   }
   return out;
 }

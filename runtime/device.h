@@ -15,6 +15,7 @@ struct DeviceInfo {
   DeviceClass device_class = DeviceClass::cpu;
   bool is_cpu = false;
   uint64_t global_bytes = 0, max_alloc_bytes = 0, local_bytes = 0;
+  std::string pinning;       // of PoCL's threads to cores: "POCL_AFFINITY=1 (set by cloam)"; empty for other drivers
   uint64_t cache_bytes = 0;  // of the last level
   int compute_units = 0, max_work_group = 0;
 };
@@ -33,6 +34,7 @@ const DeviceInfo& device();
 
 struct DeviceStats {
   int64_t launches = 0, kernels_built = 0, plans_built = 0, plans_reused = 0;
+  int64_t waits = 0;                                             // times the host waited for the device
   uint64_t live_bytes = 0, peak_bytes = 0, allocated_bytes = 0;  // allocated: asked from the driver so far
   double wait_seconds = 0;                                       // host blocked on the device
   double build_seconds = 0;

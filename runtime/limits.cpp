@@ -1,11 +1,11 @@
-// Measuring peaks.
+// Short loops over kernels/limits.cl; the best of several runs is the limit.
 #include "runtime/limits.h"
 
 #include <algorithm>
 #include <chrono>
 #include <functional>
 
-#include "runtime/cl.h"
+#include "runtime/ops/share.h"
 
 namespace cloam {
 namespace {
@@ -22,31 +22,67 @@ double best_seconds(const std::function<void()>& work) {
   return best;
 }
 
-}  // namespace
+double gbps_of(double bytes, const std::function<void()>& work) { return bytes / best_seconds(work) * 1e-9; }
 
-DeviceLimits measure_limits() {
-  DeviceLimits out;
-  cl::Kernel& fma = kernel("limits", "peak_fma");
+double peak_gflops() {
   const int64_t items = is_cpu_class() ? 8 * int64_t{device().compute_units} : 64 * 1024;
   const int rounds = is_cpu_class() ? 100000 : 2000;
   const Tensor sink = empty({items});
   const Range range = range1(items, is_cpu_class() ? 1 : 64);
-  out.gflops = 2.0 * 16 * 24 * rounds * static_cast<double>(items) /
-               best_seconds([&] { launch(fma, "peak_fma", range, sink, rounds); }) * 1e-9;
+  return 2.0 * 16 * 24 * rounds * static_cast<double>(items) * 1e-9 /
+         best_seconds([&] { launch(kernel("limits", "peak_fma"), "peak_fma", range, sink, rounds); });
+}
 
+/// `bytes` of two arrays together, copied as often as makes a launch long.
+double cached_gbps(uint64_t bytes) {
+  const auto n = static_cast<int64_t>(bytes / 8);
+  const int rounds = static_cast<int>(std::max<int64_t>(1, (int64_t{1} << 26) / n));
+  const Tensor from = empty({n}), to = empty({n});
+  const int64_t each = (n + device().compute_units - 1) / device().compute_units;  // a core keeps its part
+  const Share work = is_cpu_class() ? Share{each, range1((n + each - 1) / each)} : share(n, 1);
+  return gbps_of(8.0 * static_cast<double>(n) * rounds, [&] {
+    launch(kernel("limits", "peak_copy"), "peak_copy", work.range, from, to, n, work.chunk, rounds);
+  });
+}
+
+void measure_memory(DeviceLimits& out) {
   const int64_t n = int64_t{1} << 26;
   const Tensor from = empty({n}), to = empty({n});
-  const int64_t chunk = n / 64;
-  const Range copy = is_cpu_class() ? range1(64) : range1(int64_t{1} << 20, 64);
-  out.copy_gbps = 8.0 * static_cast<double>(n) /
-                  best_seconds([&] { launch(kernel("limits", "peak_copy"), "peak_copy", copy, from, to, n, chunk); }) *
-                  1e-9;
+  const Share work = share(n, 1), vectors = share(n / 16, 1);
+  const double bytes = 8.0 * static_cast<double>(n);
+  const double plain = gbps_of(
+      bytes, [&] { launch(kernel("limits", "peak_copy"), "peak_copy", work.range, from, to, n, work.chunk, 1); });
+  const double streamed = gbps_of(bytes, [&] {
+    launch(kernel("limits", "peak_stream"), "peak_stream", vectors.range, from, to, n / 16, vectors.chunk);
+  });
+  out.copy_gbps = std::max(plain, streamed);
+  out.in_place_gbps = gbps_of(
+      bytes, [&] { launch(kernel("limits", "peak_in_place"), "peak_in_place", work.range, to, n, work.chunk); });
+}
 
+}  // namespace
+
+double DeviceLimits::gbps(double bytes_of_launch) const {
+  const auto cache = static_cast<double>(cache_bytes);
+  if (bytes_of_launch <= cache / 32) return std::max({copy_l2_gbps, copy_l3_gbps, copy_gbps});
+  if (bytes_of_launch <= cache) return std::max(copy_l3_gbps, copy_gbps);
+  return std::max(copy_gbps, in_place_gbps);
+}
+
+DeviceLimits measure_limits() {
+  constexpr uint64_t kGuess = 32 << 20;  // where the driver tells no cache
+  DeviceLimits out;
+  out.cache_bytes = device().cache_bytes ? device().cache_bytes : kGuess;
+  out.gflops = peak_gflops();
+  measure_memory(out);
+  out.copy_l3_gbps = cached_gbps(out.cache_bytes / 2);
+  out.copy_l2_gbps = cached_gbps(out.cache_bytes / 32);
   const Tensor one = empty({1});
+  const auto empty_kernel = [&] { launch(kernel("limits", "peak_in_place"), "empty", range1(1), one, 0, 1); };
   out.launch_us = 1e6 / 1000 * best_seconds([&] {
-                    for (int i = 0; i < 1000; i++)
-                      launch(kernel("limits", "peak_copy"), "peak_copy", range1(1), one, one, 0, 1);
+                    for (int i = 0; i < 1000; i++) empty_kernel();
                   });
+  out.round_trip_us = 1e6 * best_seconds(empty_kernel);
   return out;
 }
 
