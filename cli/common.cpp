@@ -12,6 +12,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "cli/profile.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -58,10 +59,14 @@ void add_common(CLI::App& parser, Common& common) {
   parser.add_flag("--json", common.json, "Data for programs on stdout")->group(group);
   parser.add_flag("-q,--quiet", common.quiet, "Errors and warnings only")->group(group);
   parser.add_flag("-v,--verbose", common.verbose, "More detail")->group(group);
+  parser.add_flag("--profile", common.profile, "At the end, tell what each kernel and each step cost")->group(group);
+  parser.add_option("--profile-trace", common.profile_trace, "The same, and a timeline for Perfetto in this file")
+      ->group(group);
 }
 
 void open_device(const Common& common) {
   choose_device({common.device, common.max_memory.empty() ? 0 : parse_bytes(common.max_memory)});
+  begin_profile(common);
 }
 
 void say(const Common& common, const std::string& line) {

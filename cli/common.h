@@ -16,6 +16,8 @@ struct Common {
   std::string device = "auto";
   std::string max_memory;  // "6G"; empty: 80 % of what is free
   bool json = false, quiet = false, verbose = false;
+  bool profile = false;
+  std::string profile_trace;  // file; empty: none
 };
 
 /// A sub-command: how it is parsed and what it does. run returns the exit code.

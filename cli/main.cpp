@@ -5,6 +5,7 @@
 #include <new>
 
 #include "cli/commands.h"
+#include "cli/profile.h"
 #include "models/data/paths.h"
 #include "runtime/error.h"
 
@@ -76,7 +77,9 @@ int parse(CLI::App& program, int argc, char** argv) {
 
 int run(const std::function<int()>& command) {
   try {
-    return command();
+    const int code = command();
+    end_profile();
+    return code;
   } catch (const Error& error) {
     return report(static_cast<int>(error.fault()), error.what());
   } catch (const std::bad_alloc&) {

@@ -17,6 +17,7 @@ namespace cloam {
 struct Buffer {
   cl::Buffer mem;
   size_t bytes = 0;
+  std::shared_ptr<Buffer> whole;  // of a part of a buffer, which is no loan of its own
   Buffer(cl::Buffer memory, size_t size) : mem(std::move(memory)), bytes(size) {}
   ~Buffer();
   Buffer(const Buffer&) = delete;
@@ -43,6 +44,7 @@ cl::Kernel& kernel(const char* stem, const char* name, const Constants& constant
 cl::Kernel& kernel(const Variant& variant, const Constants& more = {});
 bool has_kernel_text(const std::string& stem);
 std::string kernel_text(const std::string& stem);
+std::vector<std::string> kernel_stems();
 std::vector<std::string> kernel_stems();
 /// What is kept between runs on this machine: tuned choices.
 std::string cache_folder();
@@ -118,6 +120,10 @@ class Arguments {
   cl_uint next_ = 0;
   double bytes_ = 0;
 };
+
+/// Profile (profile.cpp): keeps a launch's event, and reads the time stamps of those that are done.
+void record_launch(cl::Event event, const char* name, double flops, double bytes);
+void collect_launches();
 
 void enqueue(cl::Kernel& k, const char* name, const Range& range, double bytes);
 

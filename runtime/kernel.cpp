@@ -10,6 +10,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/profile.h"
 
 namespace cloam {
 
@@ -30,6 +31,12 @@ const char* embedded_text(const std::string& stem) {
 }  // namespace
 
 bool has_kernel_text(const std::string& stem) { return embedded_text(stem) != nullptr; }
+
+std::vector<std::string> kernel_stems() {
+  std::vector<std::string> out;
+  for (const KernelSource* source = kKernelSources; source->stem; source++) out.push_back(source->stem);
+  return out;
+}
 
 std::vector<std::string> kernel_stems() {
   std::vector<std::string> out;
@@ -78,6 +85,7 @@ std::string numbered(const std::string& source) {
 }
 
 cl::Program build(const std::string& what, const std::string& source, const Constants& constants) {
+  const HostSpan span("build");
   const auto start = std::chrono::steady_clock::now();
   cl::Program program(cl_device().context, source);
   try {
@@ -201,6 +209,10 @@ void enqueue(cl::Kernel& k, const char* name, const Range& range, double bytes) 
       cl::Event event;
       cl_device().queue.enqueueNDRangeKernel(k, cl::NullRange, global, local, nullptr, &event);
       profile_line(name, range, bytes, event);
+    } else if (profiling()) {
+      cl::Event event;
+      cl_device().queue.enqueueNDRangeKernel(k, cl::NullRange, global, local, nullptr, &event);
+      record_launch(std::move(event), name, range.flops, bytes);
     } else {
       cl_device().queue.enqueueNDRangeKernel(k, cl::NullRange, global, local);
     }

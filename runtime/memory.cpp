@@ -10,6 +10,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/profile.h"
 
 namespace cloam {
 
@@ -131,6 +132,7 @@ std::shared_ptr<Buffer> allocate(size_t bytes) {
 }
 
 Buffer::~Buffer() {
+  if (whole) return;
   device_stats().live_bytes -= bytes;
   pool().free_bytes += bytes;
   pool().free[size_class(bytes)].push_back(std::move(mem));
@@ -145,8 +147,11 @@ void trim_memory() {
 namespace {
 
 struct WaitTimer {
+  HostSpan span{"wait"};
   std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
   ~WaitTimer() {
+    device_stats().waits++;
+    collect_launches();
     device_stats().wait_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
 };

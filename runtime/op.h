@@ -43,7 +43,8 @@ struct Node {
   DType dtype = DType::f32;
   std::shared_ptr<const Op> op;  // null for a leaf
   Tensors in;
-  Storage storage;  // no buffer until evaluated
+  Storage storage;                // no buffer until evaluated
+  std::shared_ptr<Buffer> place;  // where an output's values shall lie (flat.h), if anywhere in particular
   bool tracked = false;
   double value = 0;    // of a constant
   uint64_t visit = 0;  // walk that saw this node last, and the place it got there
@@ -57,6 +58,8 @@ Tensor make(std::shared_ptr<const Op> op, const Shape& shape, Tensors in, DType 
 Tensor empty(const Shape& shape, DType dtype = DType::f32);
 /// `tensor` evaluated and dense: itself, or a packed copy.
 Tensor dense(const Tensor& tensor);
+/// Copies an evaluated tensor, however it lies, into the dense memory of `to`, of its shape and type.
+void pack(const Tensor& tensor, const Tensor& to);
 /// Every kernel op says its name once, `static const Registered registered("matmul");` beside its code: an op without a
 /// row in tests/op_cases fails the suite.
 struct Registered {

@@ -8,6 +8,7 @@
 #include <unordered_map>
 
 #include "runtime/debug.h"
+#include "runtime/profile.h"
 
 namespace cloam {
 namespace {
@@ -108,8 +109,9 @@ namespace {
 Node* at(const Walk& graph, int i) { return graph.nodes[static_cast<size_t>(i)]; }
 
 void allocate_for(Node* node) {
-  node->storage = {allocate(static_cast<size_t>(numel(node->shape)) * size_of(node->dtype)), 0,
-                   dense_strides(node->shape)};
+  std::shared_ptr<Buffer> buffer = std::move(node->place);
+  if (!buffer) buffer = allocate(static_cast<size_t>(numel(node->shape)) * size_of(node->dtype));
+  node->storage = {std::move(buffer), 0, dense_strides(node->shape)};
 }
 
 Tensor handle(const Walk& graph, int i) {
@@ -120,7 +122,7 @@ Tensor handle(const Walk& graph, int i) {
 /// The heir's buffer is free to be written when nothing but the dying node holds it; before anything ran (compile())
 /// there is none, and results are promised to lie dense.
 bool heir_may_move_in(const GroupOutput& out, const Group& group, const Walk& graph) {
-  if (out.heir_of < 0) return false;
+  if (out.heir_of < 0 || at(graph, out.node)->place) return false;
   const Node* node = at(graph, group.inputs[static_cast<size_t>(out.heir_of)].node);
   return node->storage.buffer.use_count() <= 1 && node->storage.dense(node->shape);
 }
@@ -444,6 +446,7 @@ bool pending(const Tensor& tensor) { return !tensor.evaluated(); }
 
 void eval(const Tensors& outputs) {
   if (std::none_of(outputs.begin(), outputs.end(), pending)) return;
+  const HostSpan span("eval");
   const WalkLoan loan;
   Walk& graph = *loan;
   walk(outputs, graph);
@@ -468,19 +471,24 @@ void assign(const std::vector<std::pair<Tensor, Tensor>>& updates) {
   for (const auto& [target, value] : updates) target.node()->storage = dense(value).node()->storage;
 }
 
-Tensor dense(const Tensor& tensor) {
-  eval({tensor});
-  if (tensor.node()->storage.dense(tensor.shape())) return tensor;
-  // A pointwise identity packs any strides; built as a plan of one group, so that it also serves inside another plan.
+/// A pointwise identity packs any strides; built as a plan of one group, so that it also serves inside another plan.
+void pack(const Tensor& tensor, const Tensor& to) {
   static std::unordered_map<int, Step> steps;
   Group group;
   group.inputs = {{0, tensor.dtype()}};
   group.code = {{nullptr, {{Operand::input, 0}}, tensor.dtype()}};
   group.outputs = {{0, 1, tensor.dtype()}};
-  Tensor out = empty(tensor.shape(), tensor.dtype());
+  to.node()->place = to.node()->storage.buffer;
   Walk graph;
-  graph.nodes = {tensor.node(), out.node()};
+  graph.nodes = {tensor.node(), to.node()};
   run_group(group, steps[static_cast<int>(tensor.dtype())], graph);
+}
+
+Tensor dense(const Tensor& tensor) {
+  eval({tensor});
+  if (tensor.node()->storage.dense(tensor.shape())) return tensor;
+  const Tensor out = empty(tensor.shape(), tensor.dtype());
+  pack(tensor, out);
   return out;
 }
 

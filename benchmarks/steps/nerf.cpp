@@ -41,6 +41,7 @@ void step(Training& training) {
   for (const auto& [name, p] : method.parameters()) all.push_back(p);
   const Tensor loss = method.loss(training.progress);
   all = grad(loss, all);
+  training.optimiser->expect(all);
   all.push_back(loss);
   eval(all);
   all.pop_back();

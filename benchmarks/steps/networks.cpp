@@ -26,6 +26,7 @@ void step(Network& network) {
   for (const auto& [name, p] : network.params) all.push_back(p);
   const Tensor loss = network.loss();
   all = grad(loss, all);
+  network.optimiser->expect(all);
   all.push_back(loss);
   eval(all);
   all.pop_back();

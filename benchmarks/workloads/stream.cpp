@@ -1,5 +1,6 @@
 // What is bound by memory or by launches: Adam, bias + ReLU, and a thousand small ops.
 #include "benchmarks/workload.h"
+#include "runtime/flat.h"
 #include "runtime/ops.h"
 
 namespace cloam {
@@ -39,24 +40,17 @@ Run bias_relu() {
   return [=] { eval({relu(x + bias)}); };
 }
 
-/// `tensors` parameters of together 10 million numbers.
+/// 10 million numbers in `tensors` parameters that lie side by side, as the optimiser of models/ keeps them.
 Run adam(int64_t tensors) {
-  const int64_t each = 10'000'000 / tensors;
-  Tensors p, m, v, g;
-  for (int64_t i = 0; i < tensors; i++) {
+  const std::vector<Shape> shapes(static_cast<size_t>(tensors), Shape{10'000'000 / tensors});
+  const Flat p = flat_zeros(shapes), m = flat_zeros(shapes), v = flat_zeros(shapes), g = flat_zeros(shapes);
+  for (size_t i = 0; i < shapes.size(); i++) {
     const auto stream = static_cast<uint32_t>(i);
-    p.push_back(random_normal({each}, {1, 0, stream}));
-    g.push_back(random_normal({each}, {2, 0, stream}));
-    m.push_back(zeros({each}));
-    v.push_back(zeros({each}));
+    put_at(random_normal(shapes[i], {1, 0, stream}), p.parts[i]);
+    put_at(random_normal(shapes[i], {2, 0, stream}), g.parts[i]);
   }
-  eval(p);
-  eval(g);
   auto step = std::make_shared<int64_t>(0);
-  return [=]() mutable {
-    ++*step;
-    for (size_t i = 0; i < p.size(); i++) adam_step(p[i], m[i], v[i], g[i], {.step = *step});
-  };
+  return [p = p.all, m = m.all, v = v.all, g = g.all, step]() mutable { adam_step(p, m, v, g, {.step = ++*step}); };
 }
 
 }  // namespace

@@ -1,8 +1,12 @@
 // Adam (Kingma and Ba 2015), dense and by rows.
 #include "models/train/optimiser.h"
 
+#include <algorithm>
+#include <set>
+
 #include "models/train/tensors.h"
 #include "runtime/error.h"
+#include "runtime/op.h"
 #include "runtime/ops.h"
 
 namespace cloam {
@@ -15,27 +19,78 @@ const LearningRate& rate_of(const std::string& name, const std::vector<LearningR
   return *best;
 }
 
+namespace {
+
+float rate_with(const std::string& prefix, const std::vector<LearningRate>& rates) {
+  const auto found =
+      std::find_if(rates.begin(), rates.end(), [&](const LearningRate& rate) { return rate.prefix == prefix; });
+  if (found == rates.end()) throw Error(Fault::internal, text("the learning rate of ", prefix, "* went away"));
+  return found->rate;
+}
+
+}  // namespace
+
 Optimiser::Optimiser(const Params& parameters, const std::vector<LearningRate>& rates) {
+  std::set<std::string> prefixes;
   for (const auto& [name, p] : parameters) {
-    const std::vector<float> zero(static_cast<size_t>(p.numel()), 0.f);
-    m_[name] = from_host(zero, p.shape());
-    v_[name] = from_host(zero, p.shape());
-    if (rate_of(name, rates).sparse)
-      steps_[name] = from_host(std::vector<int32_t>(static_cast<size_t>(p.dim(0)), 0), {p.dim(0)});
+    const LearningRate& rate = rate_of(name, rates);
+    if (!rate.sparse) {
+      prefixes.insert(rate.prefix);
+      continue;
+    }
+    m_[name] = dense(zeros(p.shape()));
+    v_[name] = dense(zeros(p.shape()));
+    steps_[name] = from_host(std::vector<int32_t>(static_cast<size_t>(p.dim(0)), 0), {p.dim(0)});
   }
+  for (const std::string& prefix : prefixes) add_group(prefix, parameters, rates);
+}
+
+void Optimiser::add_group(const std::string& prefix, const Params& parameters, const std::vector<LearningRate>& rates) {
+  Group group;
+  group.prefix = prefix;
+  std::vector<Shape> shapes;
+  std::vector<std::string> names;
+  size_t place = 0;
+  for (const auto& [name, p] : parameters) {
+    if (rate_of(name, rates).prefix == prefix) {
+      group.order.push_back(place);
+      shapes.push_back(p.shape());
+      names.push_back(name);
+    }
+    place++;
+  }
+  for (Flat* flat : {&group.parameters, &group.m, &group.v, &group.gradients}) *flat = flat_zeros(shapes);
+  for (size_t i = 0; i < names.size(); i++) {
+    move_to(parameters.at(names[i]), group.parameters.parts[i]);
+    m_[names[i]] = group.m.parts[i];
+    v_[names[i]] = group.v.parts[i];
+  }
+  groups_.push_back(std::move(group));
+}
+
+void Optimiser::expect(const Tensors& gradients) const {
+  for (const Group& group : groups_)
+    for (size_t i = 0; i < group.order.size(); i++) expect_at(gradients[group.order[i]], group.gradients.parts[i]);
+}
+
+void Optimiser::step_group(Group& group, const Tensors& parameters, const Tensors& gradients, const AdamStep& with) {
+  for (size_t i = 0; i < group.order.size(); i++) {
+    move_to(parameters[group.order[i]], group.parameters.parts[i]);  // assign() may have moved it away
+    put_at(gradients[group.order[i]], group.gradients.parts[i]);
+  }
+  adam_step(group.parameters.all, group.m.all, group.v.all, group.gradients.all, with);
 }
 
 void Optimiser::step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates,
                      const AdamSettings& adam, int64_t step) {
-  size_t i = 0;
+  const auto with = [&](float rate) { return AdamStep{rate, adam.beta1, adam.beta2, adam.epsilon, 0.f, step}; };
+  Tensors in_order;
   for (auto& [name, p] : parameters) {
-    AdamStep with{rate_of(name, rates).rate, adam.beta1, adam.beta2, adam.epsilon, 0.f, step};
-    const Tensor& gradient = gradients[i++];
     if (steps_.contains(name))
-      adam_step_rows(p, m_[name], v_[name], steps_[name], gradient, with);
-    else
-      adam_step(p, m_[name], v_[name], gradient, with);
+      adam_step_rows(p, m_[name], v_[name], steps_[name], gradients[in_order.size()], with(rate_of(name, rates).rate));
+    in_order.push_back(p);
   }
+  for (Group& group : groups_) step_group(group, in_order, gradients, with(rate_with(group.prefix, rates)));
 }
 
 TensorMap Optimiser::state() const {
@@ -47,8 +102,8 @@ TensorMap Optimiser::state() const {
 }
 
 void Optimiser::restore(const TensorMap& state) {
-  for (auto& [name, m] : m_) m = tensor_from(state, "m." + name, m.shape());
-  for (auto& [name, v] : v_) v = tensor_from(state, "v." + name, v.shape());
+  for (auto& [name, m] : m_) put_at(tensor_from(state, "m." + name, m.shape()), m);
+  for (auto& [name, v] : v_) put_at(tensor_from(state, "v." + name, v.shape()), v);
   for (auto& [name, steps] : steps_) steps = tensor_from(state, "steps." + name, steps.shape());
 }
 

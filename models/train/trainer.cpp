@@ -11,6 +11,7 @@
 #include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/op.h"
+#include "runtime/profile.h"
 
 namespace cloam {
 namespace {
@@ -107,6 +108,7 @@ void Loop::one_step() {
   for (const auto& [name, p] : run_.method.parameters()) wanted.push_back(p);
   const Tensor loss = run_.method.loss(progress_);
   Tensors all = grad(loss, wanted);
+  optimiser_.expect(all);
   const Tensors observed = run_.method.observed();
   Tensors results = all;
   results.insert(results.end(), observed.begin(), observed.end());
@@ -122,6 +124,7 @@ void Loop::one_step() {
                                      : "; no checkpoint was saved yet",
                      ".\n  fix: a lower rate (--set train.rate=...); CLOAM_DEBUG=nan names the first bad op"));
   run_.method.after_step(progress_);
+  profile_step();
   step_seconds_ = seconds() - before;
 }
 

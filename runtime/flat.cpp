@@ -1,0 +1,70 @@
+// Parts are sub-buffers of one buffer.
+#include "runtime/flat.h"
+
+#include <algorithm>
+
+#include "runtime/cl.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+namespace {
+
+std::shared_ptr<Buffer> part_of(const std::shared_ptr<Buffer>& whole, size_t from, size_t bytes) {
+  cl_buffer_region region{from, bytes};
+  auto part = std::make_shared<Buffer>(
+      whole->mem.createSubBuffer(CL_MEM_READ_WRITE, CL_BUFFER_CREATE_TYPE_REGION, &region), bytes);
+  part->whole = whole;
+  return part;
+}
+
+bool lies_at(const Tensor& tensor, const Tensor& place) {
+  return tensor.node()->storage.buffer == place.node()->storage.buffer;
+}
+
+void check_shapes(const Tensor& tensor, const Tensor& place) {
+  if (!(tensor.shape() == place.shape()) || tensor.dtype() != place.dtype())
+    throw Error(Fault::internal,
+                text("[flat] ", to_string(tensor.shape()), " ", name_of(tensor.dtype()), " does not fit a place of ",
+                     to_string(place.shape()), " ", name_of(place.dtype())));
+}
+
+}  // namespace
+
+Flat flat_zeros(const std::vector<Shape>& shapes) {
+  const size_t unit = std::max<size_t>(128, cl_device().device.getInfo<CL_DEVICE_MEM_BASE_ADDR_ALIGN>() / 8);
+  std::vector<size_t> begins;
+  size_t bytes = 0;
+  for (const Shape& shape : shapes) {
+    begins.push_back(bytes);
+    bytes += std::max<size_t>(1, (static_cast<size_t>(numel(shape)) * 4 + unit - 1) / unit) * unit;
+  }
+  Flat out;
+  out.all = dense(zeros({static_cast<int64_t>(bytes / 4)}));
+  const std::shared_ptr<Buffer>& whole = out.all.node()->storage.buffer;
+  for (size_t i = 0; i < shapes.size(); i++) {
+    const size_t end = i + 1 < shapes.size() ? begins[i + 1] : bytes;
+    auto node = std::make_shared<Node>();
+    node->shape = shapes[i];
+    node->storage = {part_of(whole, begins[i], end - begins[i]), 0, dense_strides(shapes[i])};
+    out.parts.emplace_back(std::move(node));
+  }
+  return out;
+}
+
+void move_to(const Tensor& tensor, const Tensor& place) {
+  put_at(tensor, place);
+  tensor.node()->storage = place.node()->storage;
+}
+
+void expect_at(const Tensor& value, const Tensor& place) {
+  check_shapes(value, place);
+  if (!value.evaluated()) value.node()->place = place.node()->storage.buffer;
+}
+
+void put_at(const Tensor& value, const Tensor& place) {
+  check_shapes(value, place);
+  eval({value});
+  if (!lies_at(value, place) && value.numel() > 0) pack(value, place);
+}
+
+}  // namespace cloam

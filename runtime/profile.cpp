@@ -1,0 +1,178 @@
+// See profile.h. The device's time stamps have an origin of their own: the first launch ties it to the host's clock.
+#include "runtime/profile.h"
+
+#include <algorithm>
+#include <chrono>
+#include <deque>
+#include <fstream>
+#include <map>
+#include <optional>
+
+#include "runtime/cl.h"
+
+namespace cloam {
+namespace {
+
+constexpr int64_t kWarmSteps = 3;
+constexpr size_t kMostSpans = 2'000'000;  // of the timeline: 100 MB of text
+
+double host_us() {
+  return 1e-3 * static_cast<double>(std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1));
+}
+
+struct Launched {
+  cl::Event event;
+  const char* name;
+  double flops, bytes;
+  bool in_step;  // counts for the means of the steps
+};
+
+struct Span {
+  const char* name;
+  double begin, length;  // microseconds of the host's clock
+  bool on_device;
+};
+
+/// Counters at the end of a step.
+struct Mark {
+  double at_us = 0;
+  DeviceStats stats;
+};
+
+struct Recorder {
+  bool timeline = false;
+  double began_us = 0;
+  DeviceStats began;
+  std::deque<Launched> pending;
+  std::map<std::string, KernelCost> kernels;
+  std::vector<Span> spans;
+  std::optional<double> device_to_host_us;
+  int64_t steps = 0;
+  Mark first, last;  // after the warm steps, and now
+  double step_device_us = 0;
+};
+
+std::optional<Recorder>& recorder() {
+  static std::optional<Recorder> one;
+  return one;
+}
+
+double stamp_us(const Launched& launched, cl_profiling_info what) {
+  cl_ulong nanoseconds = 0;
+  clGetEventProfilingInfo(launched.event(), what, sizeof nanoseconds, &nanoseconds, nullptr);
+  return 1e-3 * static_cast<double>(nanoseconds);
+}
+
+void account(Recorder& r, const Launched& launched) {
+  const double begin = stamp_us(launched, CL_PROFILING_COMMAND_START);
+  const double length = stamp_us(launched, CL_PROFILING_COMMAND_END) - begin;
+  KernelCost& cost = r.kernels[launched.name];
+  cost.calls++;
+  cost.ms += 1e-3 * length;
+  cost.flops += launched.flops;
+  cost.bytes += launched.bytes;
+  if (launched.in_step) r.step_device_us += length;
+  if (r.timeline && r.spans.size() < kMostSpans)
+    r.spans.push_back({launched.name, begin + *r.device_to_host_us, length, true});
+}
+
+double per(double sum, int64_t steps) { return steps > 0 ? sum / static_cast<double>(steps) : 0; }
+
+StepCost step_cost(const Recorder& r) {
+  StepCost out;
+  out.steps = std::max<int64_t>(0, r.steps - kWarmSteps);
+  const DeviceStats &a = r.first.stats, &b = r.last.stats;
+  out.ms = per(1e-3 * (r.last.at_us - r.first.at_us), out.steps);
+  out.device_ms = per(1e-3 * r.step_device_us, out.steps);
+  out.wait_ms = per(1e3 * (b.wait_seconds - a.wait_seconds), out.steps);
+  out.launches = per(static_cast<double>(b.launches - a.launches), out.steps);
+  out.waits = per(static_cast<double>(b.waits - a.waits), out.steps);
+  out.allocated_bytes = per(static_cast<double>(b.allocated_bytes - a.allocated_bytes), out.steps);
+  return out;
+}
+
+void write_span(std::ostream& out, const Span& span, double origin) {
+  out << ",\n{\"ph\":\"X\",\"pid\":1,\"tid\":" << (span.on_device ? 2 : 1) << ",\"name\":\"" << span.name
+      << "\",\"ts\":" << span.begin - origin << ",\"dur\":" << span.length << "}";
+}
+
+}  // namespace
+
+bool profiling() { return recorder().has_value(); }
+
+void start_profile(bool keep_timeline) {
+  if (profiling()) return;
+  finish();
+  ClDevice& cl = cl_device();
+  cl.queue = cl::CommandQueue(cl.context, cl.device, CL_QUEUE_PROFILING_ENABLE);
+  recorder().emplace();
+  recorder()->timeline = keep_timeline;
+  recorder()->began_us = host_us();
+  recorder()->began = device_stats();
+}
+
+void record_launch(cl::Event event, const char* name, double flops, double bytes) {
+  Recorder& r = *recorder();
+  const double now = host_us();
+  r.pending.push_back({std::move(event), name, flops, bytes, r.steps >= kWarmSteps});
+  if (!r.device_to_host_us) r.device_to_host_us = now - stamp_us(r.pending.back(), CL_PROFILING_COMMAND_QUEUED);
+  if (r.pending.size() % 1024 == 0) collect_launches();
+}
+
+void collect_launches() {
+  if (!profiling()) return;
+  Recorder& r = *recorder();
+  while (!r.pending.empty() && r.pending.front().event.getInfo<CL_EVENT_COMMAND_EXECUTION_STATUS>() == CL_COMPLETE) {
+    account(r, r.pending.front());
+    r.pending.pop_front();
+  }
+}
+
+void profile_step() {
+  if (!profiling()) return;
+  Recorder& r = *recorder();
+  r.last = {host_us(), device_stats()};
+  if (++r.steps == kWarmSteps) r.first = r.last;
+}
+
+Profile profile() {
+  finish();
+  collect_launches();
+  const Recorder& r = *recorder();
+  Profile out;
+  for (const auto& [name, cost] : r.kernels) {
+    out.kernels.push_back(cost);
+    out.kernels.back().name = name;
+    out.device_seconds += 1e-3 * cost.ms;
+  }
+  std::sort(out.kernels.begin(), out.kernels.end(),
+            [](const KernelCost& a, const KernelCost& b) { return a.ms > b.ms; });
+  out.step = step_cost(r);
+  out.seconds = 1e-6 * (host_us() - r.began_us);
+  out.wait_seconds = device_stats().wait_seconds - r.began.wait_seconds;
+  out.build_seconds = device_stats().build_seconds - r.began.build_seconds;
+  return out;
+}
+
+void write_trace(const std::string& path) {
+  finish();
+  collect_launches();
+  std::ofstream out(path);
+  out << std::fixed;
+  out.precision(3);
+  out << R"({"displayTimeUnit":"ms","traceEvents":[
+{"ph":"M","pid":1,"tid":1,"name":"thread_name","args":{"name":"host"}},
+{"ph":"M","pid":1,"tid":2,"name":"thread_name","args":{"name":"device"}})";
+  for (const Span& span : recorder()->spans) write_span(out, span, recorder()->began_us);
+  out << "\n]}\n";
+  if (!out.flush()) throw Error(Fault::write, text("the trace ", path, " cannot be written"));
+}
+
+HostSpan::HostSpan(const char* name) : name_(name), begin_(profiling() && recorder()->timeline ? host_us() : 0) {}
+
+HostSpan::~HostSpan() {
+  if (begin_ == 0 || recorder()->spans.size() >= kMostSpans) return;
+  recorder()->spans.push_back({name_, begin_, host_us() - begin_, false});
+}
+
+}  // namespace cloam

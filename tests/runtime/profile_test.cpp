@@ -1,0 +1,60 @@
+// A profile counts what ran and waits for nothing.
+#include "runtime/profile.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "runtime/device.h"
+#include "runtime/ops.h"
+#include "tests/runtime/child.h"
+
+using namespace cloam;
+
+TEST_CASE("child: a profile of six steps" * doctest::skip()) {
+  const Tensor x = random_normal({100, 100}, {1});
+  eval({x});
+  start_profile(true);
+  for (int i = 0; i < 6; i++) {
+    const int64_t waits = device_stats().waits;
+    eval({matmul(x, x) + 1.f});
+    CHECK(device_stats().waits == waits);
+    (void)sum(x).item();
+    profile_step();
+  }
+  const Profile found = profile();
+  int64_t calls = 0;
+  for (const KernelCost& cost : found.kernels) {
+    calls += cost.calls;
+    CHECK(cost.ms > 0);
+    CHECK(cost.bytes > 0);
+    if (cost.name.find("matmul") != std::string::npos) CHECK(cost.flops >= 6 * 2e6);
+  }
+  CHECK(std::is_sorted(found.kernels.begin(), found.kernels.end(),
+                       [](const auto& a, const auto& b) { return a.ms > b.ms; }));
+  CHECK(found.step.steps == 3);
+  CHECK(found.step.waits == 1);
+  CHECK(found.step.allocated_bytes == 0);
+  CHECK(found.step.launches * 6 == static_cast<double>(calls));
+  CHECK(found.step.device_ms > 0);
+  CHECK(found.step.device_ms < found.step.ms * device().compute_units);
+  const std::string path = (std::filesystem::temp_directory_path() / "cloam-trace-test.json").string();
+  write_trace(path);
+  std::ifstream file(path);
+  const std::string trace((std::istreambuf_iterator<char>(file)), {});
+  CHECK(std::count(trace.begin(), trace.end(), '\n') >= calls);
+  CHECK(trace.find("\"tid\":2,\"name\":\"matmul") != std::string::npos);
+  CHECK(trace.find("\"tid\":1,\"name\":\"eval\"") != std::string::npos);
+  std::filesystem::remove(path);
+  std::printf("profile done\n");
+}
+
+TEST_CASE("a profile counts launches, waits and bytes of each step") {
+  const std::string out = output_of_child("", "child: a profile of six steps");
+  CHECK_MESSAGE(out.find("profile done") != std::string::npos, out);
+  CHECK_MESSAGE(out.find("ERROR") == std::string::npos, out);
+}
