@@ -1,8 +1,14 @@
 // Multiresolution hash grid (Mueller et al. 2022): points [S,3] in [0,1]^3, table [LEVELS * rows, FEATURES]
 // -> [S, LEVELS * FEATURES]. Cell corners index a dense grid while it fits `rows`, else a spatial hash.
-// hash_grid: version 1 and fast alike (a work-item: a chunk of samples at one level, so that a level's table stays in
-// cache). Gradient, two forms: version 1 lists (row, weight * g) pairs for a deterministic scatter; version 2 (CPU) gives
-// each work-item one part of one level's table and lets it walk all samples in order: no atomics, one order of summation.
+// hash_grid, version 1: a work-item takes a chunk of samples at one level, so that a level's table stays in cache. Its
+// gradient lists (row, weight * g) pairs for a deterministic scatter.
+// hash_grid_blocks, for CPU devices: the rows of a block of samples are computed as vectors and asked for before they are
+// read; levels lie one after another and are joined at the end, because pieces of a row of results would each fetch a
+// line. Its gradient gives each work-item one part of one level's table and lets it walk all samples in order: no atomics,
+// one order of summation.
+//: variant hash_grid reference any
+//: variant hash_grid gpu any
+//: variant hash_grid_blocks cpu any BLOCK=16
 #if FEATURES == 4
 typedef float4 feature;
 #define LOAD(i, p) vload4(i, p)
@@ -72,28 +78,113 @@ FAT __kernel void hash_grid(__global const float* restrict points, __global cons
   }
 }
 
-// dtable[row] += w * g for the rows [part, part + 1) / parts of one level.
-FAT __kernel void hash_grid_dtable(__global const float* restrict points, __global const float* restrict g, __global const int* restrict levels,
-                                   __global float* restrict dtable, int n, int rows, int level_count, int parts) {
-  const int level = get_global_id(0) / parts, part = get_global_id(0) % parts;
-  const float resolution = (float)levels[2 * level];
-  const uint side = (uint)levels[2 * level + 1];
-  const uint part_rows = ((uint)rows + parts - 1) / parts, lo = part * part_rows, hi = min((uint)rows, lo + part_rows);
-  __global float* restrict t = dtable + (size_t)level * rows * FEATURES;
-  for (uint i = lo * FEATURES; i < hi * FEATURES; i++) t[i] = 0.0f;
-  for (int s = 0; s < n; s++) {
-    const Cell c = cell_at(points, s, resolution);
-    const feature gs = LOAD(s * level_count + level, g);
-    uint row[8];
-    corner_rows(c, side, (uint)rows, row);
-    if (parts == 1) {
-      UNROLL for (int k = 0; k < 8; k++) STORE(LOAD(row[k], t) + corner_weight(c, k) * gs, row[k], t);
-    } else {
-      UNROLL for (int k = 0; k < 8; k++)
-        if (row[k] >= lo && row[k] < hi) STORE(LOAD(row[k], t) + corner_weight(c, k) * gs, row[k], t);
+#ifdef BLOCK
+typedef struct {
+  uint row[8][BLOCK];
+  float fx[BLOCK], fy[BLOCK], fz[BLOCK];
+} Block;
+
+// Rows and places of samples [first, first + BLOCK), the last of them repeated beyond n; their rows are asked for.
+inline void find_block(__global const float* restrict points, __global const float* restrict table, int2 first_n, int2 level, uint mask, Block* restrict b) {
+  const int first = first_n.x, last = first_n.y - 1, most = level.x - 1;
+  const uint side = (uint)level.y;
+  const float resolution = (float)level.x;
+  uint x[BLOCK], y[BLOCK], z[BLOCK];
+  float end[3 * BLOCK];
+  const int whole = first + BLOCK <= last + 1;
+  if (!whole)
+    for (int i = 0; i < 3 * BLOCK; i++) end[i] = points[min(3 * first + i, 3 * last + i % 3)];
+  // Three vectors of x y z x y z ... to one of each: loads of every third number would become slow gathers.
+  const float16 p = resolution * (whole ? vload16(0, points + 3 * first) : vload16(0, end));
+  const float16 q = resolution * (whole ? vload16(1, points + 3 * first) : vload16(1, end));
+  const float16 r = resolution * (whole ? vload16(2, points + 3 * first) : vload16(2, end));
+  vstore16((float16)(p.s0369, p.scf, q.s258b, q.se, r.s147a, r.sd), 0, b->fx);
+  vstore16((float16)(p.s147a, p.sd, q.s0369, q.scf, r.s258b, r.se), 0, b->fy);
+  vstore16((float16)(p.s258b, p.se, q.s147a, q.sd, r.s0369, r.scf), 0, b->fz);
+  for (int i = 0; i < BLOCK; i++) {
+    const int cx = clamp((int)b->fx[i], 0, most), cy = clamp((int)b->fy[i], 0, most), cz = clamp((int)b->fz[i], 0, most);
+    b->fx[i] -= (float)cx;
+    b->fy[i] -= (float)cy;
+    b->fz[i] -= (float)cz;
+    x[i] = (uint)cx;
+    y[i] = (uint)cy;
+    z[i] = (uint)cz;
+  }
+  UNROLL for (int k = 0; k < 8; k++) {
+    const uint dx = k & 1, dy = k >> 1 & 1, dz = k >> 2;
+    if (side)
+      for (int i = 0; i < BLOCK; i++) b->row[k][i] = x[i] + dx + side * (y[i] + dy + side * (z[i] + dz));
+    else
+      for (int i = 0; i < BLOCK; i++) b->row[k][i] = ((x[i] + dx) ^ (y[i] + dy) * 2654435761u ^ (z[i] + dz) * 805459861u) & mask;
+  }
+  for (int i = 0; i < BLOCK; i++)
+    UNROLL for (int k = 0; k < 8; k += 2) __builtin_prefetch(table + b->row[k][i] * FEATURES);
+}
+
+// by_level [LEVELS][n][FEATURES]; work-items: chunks of samples x levels.
+FAT __kernel void hash_grid_blocks(__global const float* restrict points, __global const float* restrict table, __global const int* restrict levels,
+                                   __global float* restrict by_level, int n, int rows, int chunk) {
+  const int level = get_global_id(1);
+  const int2 form = vload2(level, levels);
+  __global const float* restrict t = table + (size_t)level * rows * FEATURES;
+  __global float* restrict out = by_level + (size_t)level * n * FEATURES;
+  const int begin = get_global_id(0) * chunk, end = min(n, begin + chunk);
+  Block b[2];
+  if (begin < end) find_block(points, t, (int2)(begin, n), form, rows - 1, b);
+  for (int first = begin, turn = 0; first < end; first += BLOCK, turn ^= 1) {
+    if (first + BLOCK < end) find_block(points, t, (int2)(first + BLOCK, n), form, rows - 1, b + (turn ^ 1));
+    const Block* now = b + turn;
+    for (int i = 0; i < min(BLOCK, end - first); i++) {
+      feature v[8];
+      UNROLL for (int k = 0; k < 8; k++) v[k] = LOAD(now->row[k][i], t);
+      UNROLL for (int k = 0; k < 8; k += 2) v[k] += now->fx[i] * (v[k + 1] - v[k]);
+      const feature low = v[0] + now->fy[i] * (v[2] - v[0]), high = v[4] + now->fy[i] * (v[6] - v[4]);
+      STORE(low + now->fz[i] * (high - low), first + i, out);
     }
   }
 }
+
+// out [n, LEVELS * FEATURES] of by_level [LEVELS][n][FEATURES], and back: in blocks, so that lines are used whole.
+FAT __kernel void hash_grid_join(__global const float* restrict by_level, __global float* restrict out, int n, int level_count, int chunk) {
+  const int end = LOOP_HI(n, chunk);
+  for (int first = LOOP_LO(chunk); first < end; first += BLOCK)
+    for (int l = 0; l < level_count; l++)
+      for (int s = first; s < min(end, first + BLOCK); s++)
+        STORE(LOAD((size_t)l * n + s, by_level), (size_t)s * level_count + l, out);
+}
+FAT __kernel void hash_grid_split(__global const float* restrict g, __global float* restrict by_level, int n, int level_count, int chunk) {
+  const int end = LOOP_HI(n, chunk);
+  for (int first = LOOP_LO(chunk); first < end; first += BLOCK)
+    for (int l = 0; l < level_count; l++)
+      for (int s = first; s < min(end, first + BLOCK); s++)
+        STORE(LOAD((size_t)s * level_count + l, g), (size_t)l * n + s, by_level);
+}
+
+// dtable[row] += w * g for the rows [part, part + 1) / parts of one level.
+FAT __kernel void hash_grid_dtable(__global const float* restrict points, __global const float* restrict by_level, __global const int* restrict levels,
+                                   __global float* restrict dtable, int n, int rows, int parts) {
+  const int level = get_global_id(0) / parts, part = get_global_id(0) % parts;
+  const int2 form = vload2(level, levels);
+  const uint part_rows = ((uint)rows + parts - 1) / parts, lo = part * part_rows, hi = min((uint)rows, lo + part_rows);
+  __global float* restrict t = dtable + (size_t)level * rows * FEATURES;
+  __global const float* restrict g = by_level + (size_t)level * n * FEATURES;
+  for (uint i = lo * FEATURES; i < hi * FEATURES; i++) t[i] = 0.0f;
+  Block b[2];
+  if (n > 0) find_block(points, t, (int2)(0, n), form, rows - 1, b);
+  for (int first = 0, turn = 0; first < n; first += BLOCK, turn ^= 1) {
+    if (first + BLOCK < n) find_block(points, t, (int2)(first + BLOCK, n), form, rows - 1, b + (turn ^ 1));
+    const Block* now = b + turn;
+    for (int i = 0; i < min(BLOCK, n - first); i++) {
+      const feature gs = LOAD(first + i, g);
+      const Cell c = {0, 0, 0, (float3)(now->fx[i], now->fy[i], now->fz[i])};
+      UNROLL for (int k = 0; k < 8; k++) {
+        const uint row = now->row[k][i];
+        if (parts == 1 || (row >= lo && row < hi)) STORE(LOAD(row, t) + corner_weight(c, k) * gs, row, t);
+      }
+    }
+  }
+}
+#endif
 
 // Pairs for the scatter: row_of [S * level_count * 8], value [S * level_count * 8, FEATURES].
 __kernel void hash_grid_pairs(__global const float* restrict points, __global const float* restrict g, __global const int* restrict levels,

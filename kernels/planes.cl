@@ -1,7 +1,8 @@
 // Tri-plane features: points [S,3] in [0,1]^3, planes [3,H,W,C] (xy, xz, yz; channels last) -> [S,3C], bilinear with
-// half-pixel centres and border padding. version 1: a chunk of samples a work-item.
-// Gradient: pairs for a deterministic scatter (version 1), or on CPU devices a work-item for each plane and strip of
-// rows that walks all samples in order (version 2): no atomics, one order of summation.
+// half-pixel centres and border padding: a chunk of samples a work-item. The planes' gradient lists (texel, value) pairs
+// for a deterministic scatter.
+//: variant sample_planes reference any
+//: variant sample_planes gpu any
 typedef struct {
   int x0, x1, y0, y1;
   float fx, fy;
@@ -34,25 +35,6 @@ FAT __kernel void sample_planes(__global const float* restrict planes, __global 
       for (int i = 0; i < channels; i++)
         to[i] = (a[i] * (1.0f - t.fx) + b[i] * t.fx) * (1.0f - t.fy) + (c[i] * (1.0f - t.fx) + d[i] * t.fx) * t.fy;
     }
-}
-
-FAT __kernel void sample_planes_dplanes(__global const float* restrict points, __global const float* restrict g, __global float* restrict dplanes,
-                                        int n, int height, int width, int channels, int strips) {
-  const int plane = get_global_id(0) / strips, strip = get_global_id(0) % strips;
-  const int rows = (height + strips - 1) / strips, lo = strip * rows, hi = min(height, lo + rows);
-  __global float* p = dplanes + (size_t)plane * height * width * channels;
-  for (int i = lo * width * channels; i < hi * width * channels; i++) p[i] = 0.0f;
-  for (int s = 0; s < n; s++) {
-    const Texel t = texel_at(points, s, plane, height, width);
-    __global const float* from = g + ((size_t)s * 3 + plane) * channels;
-    for (int k = 0; k < 4; k++) {
-      const int y = k < 2 ? t.y0 : t.y1, x = (k & 1) ? t.x1 : t.x0;
-      if (y < lo || y >= hi) continue;
-      const float w = ((k & 1) ? t.fx : 1.0f - t.fx) * (k < 2 ? 1.0f - t.fy : t.fy);
-      __global float* to = p + ((size_t)y * width + x) * channels;
-      for (int i = 0; i < channels; i++) to[i] += w * from[i];
-    }
-  }
 }
 
 __kernel void sample_planes_pairs(__global const float* restrict points, __global const float* restrict g, __global int* restrict row_of,

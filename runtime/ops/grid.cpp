@@ -4,6 +4,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/ops.h"
+#include "runtime/ops/share.h"
 
 namespace cloam {
 namespace {
@@ -32,6 +33,12 @@ struct GridShape {
   int64_t rows = 0;
   int level_count = 0, features = 0;
   Constants constants() const { return {{"FEATURES", features}}; }
+  /// A kernel of the variant's file, with its constants and ours.
+  cl::Kernel& part(const Variant& v, const char* name) const {
+    Constants all = v.constants;
+    all.push_back({"FEATURES", features});
+    return kernel(v.stem.c_str(), name, all);
+  }
 };
 
 struct GridOp : Op {
@@ -43,10 +50,16 @@ struct HashGridGradTable final : GridOp {
   using GridOp::GridOp;
   const char* name() const override { return "hash_grid_dtable"; }
   void run(const Tensors& in, Tensor& out) const override {
+    const Variant& v = choose("grid");
+    const int64_t n = in[0].dim(0);
+    const Tensor by_level = empty(in[1].shape());
+    const Share work = share(n, 1024);
+    launch(shape.part(v, "hash_grid_split"), "hash_grid_split", work.range, in[1], by_level, n, shape.level_count,
+           work.chunk);
     // Parts only share out the work: every row's sum keeps the order of the samples, so they change no bits.
     const int parts = std::max(1, 2 * device().compute_units / shape.level_count);
-    launch(kernel("grid", "hash_grid_dtable", shape.constants()), name(), range1(int64_t{parts} * shape.level_count),
-           in[0], in[1], shape.levels, out, in[0].dim(0), shape.rows, shape.level_count, parts);
+    launch(shape.part(v, "hash_grid_dtable"), name(), range1(int64_t{parts} * shape.level_count), in[0], by_level,
+           shape.levels, out, n, shape.rows, parts);
   }
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
     no_gradient("hash_grid", "once differentiable; use finite differences of the field for normals");
@@ -88,14 +101,24 @@ struct HashGridForward final : GridOp {
   using GridOp::GridOp;
   const char* name() const override { return "hash_grid"; }
   void run(const Tensors& in, Tensor& out) const override {
+    const Variant& v = choose("grid");
     const int64_t n = in[0].dim(0);
     auto [range, chunk] = chunks(n, 1024);
     range.global[1] = static_cast<size_t>(shape.level_count);
-    launch(kernel("grid", "hash_grid", shape.constants()), name(), range, in[0], in[1], shape.levels, out, n,
-           shape.rows, shape.level_count, chunk);
+    if (v.where != "cpu") {
+      launch(shape.part(v, "hash_grid"), name(), range, in[0], in[1], shape.levels, out, n, shape.rows,
+             shape.level_count, chunk);
+      return;
+    }
+    const Tensor by_level = empty(out.shape());
+    launch(shape.part(v, "hash_grid_blocks"), name(), range, in[0], in[1], shape.levels, by_level, n, shape.rows,
+           chunk);
+    const Share work = share(n, 1024);
+    launch(shape.part(v, "hash_grid_join"), "hash_grid_join", work.range, by_level, out, n, shape.level_count,
+           work.chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    const bool walk = is_cpu_class() && !reference_variants();
+    const bool walk = choose("grid").where == "cpu";
     const Tensor dtable = walk ? make(std::make_shared<HashGridGradTable>(shape), in[1].shape(), {in[0], g})
                                : make(std::make_shared<HashGridPairs>(shape), in[1].shape(), {in[0], g});
     return {make(std::make_shared<HashGridGradPoints>(shape), in[0].shape(), {in[0], in[1], g}), dtable};

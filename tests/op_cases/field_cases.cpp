@@ -23,19 +23,29 @@ HostArray perceptron(const HostArrays& in) {
 }
 
 void add_perceptrons(OpCases& rows) {
-  OpCase fused{.op = "mlp",
-               .inputs = {normal({67, 5}), normal({5, 16}), normal({16, 16}), normal({16, 3})},
-               .run =
-                   [](const Tensors& in) {
-                     return mlp(in[0], {in[1], in[2], in[3]});
-                   },
+  const auto fused = [](int64_t samples, const std::vector<int64_t>& widths) {
+    std::string label = std::to_string(samples) + ":";
+    for (int64_t width : widths) label += " " + std::to_string(width);
+    OpCase row{.op = "mlp",
+               .label = label,
+               .inputs = {normal({samples, widths[0]})},
                .reference = perceptron,
                .composed = true};
-  OpCase composed = fused;
+    for (size_t i = 0; i + 1 < widths.size(); i++) row.inputs.push_back(normal({widths[i], widths[i + 1]}));
+    row.run = [](const Tensors& in) { return mlp(in[0], Tensors(in.begin() + 1, in.end())); };
+    return row;
+  };
+  // Every width of a tile; inputs and outputs that fill no vector; one block, several, none.
+  rows.push_back(fused(67, {5, 16, 16, 3}));
+  rows.push_back(fused(200, {31, 32, 7}));
+  rows.push_back(fused(65, {16, 48, 48, 33}));
+  rows.push_back(fused(131, {3, 64, 64, 64, 4}));
+  rows.push_back(fused(9, {7, 80, 1}));
+  rows.push_back(fused(70, {17, 128, 128, 20}));
+  rows.push_back(fused(0, {5, 16, 16, 3}));
+  OpCase composed = fused(7, {5, 6, 3});
   composed.op = "mlp_composed";
-  composed.inputs = {normal({7, 5}), normal({5, 6}), normal({6, 3})};
   composed.run = [](const Tensors& in) { return mlp_composed(in[0], {in[1], in[2]}); };
-  rows.push_back(fused);
   rows.push_back(composed);
 }
 
@@ -74,7 +84,7 @@ double grid_feature(const HostArrays& in, int64_t sample, int level, int64_t fea
 
 void add_grids(OpCases& rows) {
   rows.push_back({.op = "hash_grid",
-                  .inputs = {between({7, 3}, 0, 1), normal({192, 2})},
+                  .inputs = {between({71, 3}, 0, 1), normal({192, 2})},
                   .run = [](const Tensors& in) { return HashGridEncoder(kGrid)(in[0], in[1]); },
                   .reference =
                       [](const HostArrays& in) {
@@ -99,19 +109,27 @@ double texture(const HostArray& planes, int64_t plane, double u, double v, int64
   return total;
 }
 
+OpCase planes_row(const char* label, const Shape& planes, int64_t samples) {
+  const auto reference = [](const HostArrays& in) {
+    constexpr std::array<std::array<int64_t, 2>, 3> kAxes{{{0, 1}, {0, 2}, {1, 2}}};
+    const int64_t channels = in[0].dim(3);
+    return from_index({in[1].dim(0), 3 * channels}, [&](const Shape& i) {
+      const auto& axes = kAxes[static_cast<size_t>(i[1] / channels)];
+      return texture(in[0], i[1] / channels, in[1].at({i[0], axes[0]}), in[1].at({i[0], axes[1]}), i[1] % channels);
+    });
+  };
+  return {.op = "sample_planes",
+          .label = label,
+          .inputs = {normal(planes), between({samples, 3}, 0, 1)},
+          .run = [](const Tensors& in) { return sample_planes(in[0], in[1]); },
+          .reference = reference};
+}
+
 void add_planes(OpCases& rows) {
-  rows.push_back(
-      {.op = "sample_planes",
-       .inputs = {normal({3, 5, 4, 2}), between({11, 3}, 0, 1)},
-       .run = [](const Tensors& in) { return sample_planes(in[0], in[1]); },
-       .reference =
-           [](const HostArrays& in) {
-             constexpr std::array<std::array<int64_t, 2>, 3> kAxes{{{0, 1}, {0, 2}, {1, 2}}};
-             return from_index({in[1].dim(0), 6}, [&](const Shape& i) {
-               const auto& axes = kAxes[static_cast<size_t>(i[1] / 2)];
-               return texture(in[0], i[1] / 2, in[1].at({i[0], axes[0]}), in[1].at({i[0], axes[1]}), i[1] % 2);
-             });
-           }});
+  rows.push_back(planes_row("", {3, 5, 4, 2}, 11));
+  rows.push_back(planes_row("whole vectors, several bands", {3, 37, 3, 16}, 53));
+  rows.push_back(planes_row("one texel", {3, 1, 1, 32}, 3));
+  rows.push_back(planes_row("no points", {3, 2, 2, 16}, 0));
 }
 
 /// NeRF's equation 3: w_i = exp(-sum of sigma dt before i) (1 - exp(-sigma_i dt_i)).
