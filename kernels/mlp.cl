@@ -1,193 +1,221 @@
-// Fused multilayer perceptron: x [n, IN] -> [n, OUT], HIDDEN layers of WIDTH with ReLU, linear output, no biases.
-// Weights packed as [IN][WIDTH], (HIDDEN - 1) x [WIDTH][WIDTH], [WIDTH][OUT].
-// version 1 is the composition of matmuls in runtime/ops/mlp.cpp; version 2 (here) is for CPU devices: a work-item takes
-// blocks of BLOCK samples through all layers, activations stay in its scratch, register tiles of 4 x 64.
-#define BLOCK 64
-#define UNROLL4 _Pragma("unroll 4")
+// Fused multilayer perceptron for CPU devices: x [n, IN] -> [n, OUT], HIDDEN layers of WIDTH (a multiple of 16) with ReLU,
+// linear output, no biases. Weights one after another: [IN][WIDTH], (HIDDEN - 1) x [WIDTH][WIDTH], [WIDTH][OUT].
+// A work-item takes blocks of BLOCK samples through all layers, so that activations come from its core's cache. A layer is
+// register tiles of up to four vectors of 16 columns; ROWSv is the rows of a tile that is v vectors wide.
+//
+// Version 1 is the composition of matmuls in runtime/ops/mlp.cpp.
+//: variant mlp_composed reference any
+//: variant mlp_forward cpu any ROWS1=16 ROWS2=8 ROWS3=8 ROWS4=4 BLOCK=64
+//: variant mlp_forward cpu any ROWS1=16 ROWS2=8 ROWS3=8 ROWS4=6 BLOCK=96
+//: variant mlp_forward cpu any ROWS1=16 ROWS2=12 ROWS3=8 ROWS4=4 BLOCK=128
 #define PAD16(n) (((n) + 15) / 16 * 16)
 #define IN_PAD PAD16(IN)
 #define OUT_PAD PAD16(OUT)
 #define W_HIDDEN (IN * WIDTH)
 #define W_OUT (W_HIDDEN + (HIDDEN - 1) * WIDTH * WIDTH)
 #define W_ALL (W_OUT + WIDTH * OUT)
+// Up to this many outputs are dot products along the vectors of a row: a tile of 16 columns would be mostly padding.
+#define NARROW 4
 
-// Register tile for a row of COLS columns: ROWS x VECTORS accumulators of 16 floats.
-#define TILE_VECTORS(cols) ((cols) % 64 == 0 ? 4 : (cols) % 32 == 0 ? 2 : 1)
-#define TILE_ROWS(cols) ((cols) % 64 == 0 ? 4 : 8)
+// What mlp_pack makes of the weights: transposes for the gradient, rows padded to vectors, then the padded output layer.
+#define T_OUT 0                                                  // [OUT][WIDTH]
+#define T_HIDDEN (OUT * WIDTH)                                   // (HIDDEN - 1) x [WIDTH][WIDTH]
+#define T_IN (T_HIDDEN + (HIDDEN - 1) * WIDTH * WIDTH)           // [WIDTH][IN_PAD]
+#define PADDED_OUT (T_IN + WIDTH * IN_PAD)                       // [WIDTH][OUT_PAD]
 
-// out[s][o] = sum_k in[s][k] * w[k][o], s < BLOCK; STORE sees value, s + i, o + 16 * v.
-#define LAYER(NAME, IN_SPACE, W_SPACE, COLS, VECTORS, ROWS, EPILOGUE)                                                 \
-  inline void NAME(IN_SPACE const float* restrict in, int stride, int depth, W_SPACE const float* restrict w,         \
-                   __local float* restrict out, __global const float* restrict gate) {                               \
-    for (int o = 0; o < COLS; o += 16 * VECTORS)                                                                      \
-      for (int s = 0; s < BLOCK; s += ROWS) {                                                                         \
-        float16 acc[ROWS][VECTORS];                                                                                   \
-        UNROLL for (int i = 0; i < ROWS; i++) UNROLL for (int v = 0; v < VECTORS; v++) acc[i][v] = (float16)(0);      \
-        UNROLL4 for (int k = 0; k < depth; k++) {                                                                     \
-          float16 b[VECTORS];                                                                                         \
-          UNROLL for (int v = 0; v < VECTORS; v++) b[v] = vload16(v, w + k * COLS + o);                               \
-          UNROLL for (int i = 0; i < ROWS; i++) {                                                                     \
-            const float16 a = (float16)(in[(s + i) * stride + k]);                                                    \
-            UNROLL for (int v = 0; v < VECTORS; v++) acc[i][v] += a * b[v];                                           \
-          }                                                                                                           \
-        }                                                                                                             \
-        UNROLL for (int i = 0; i < ROWS; i++) UNROLL for (int v = 0; v < VECTORS; v++) {                              \
-          float16 value = acc[i][v];                                                                                  \
-          const int at = (s + i) * COLS + o + 16 * v;                                                                 \
-          EPILOGUE                                                                                                    \
-          vstore16(value, 0, out + at);                                                                               \
-        }                                                                                                             \
-      }                                                                                                               \
-  }
+#define INLINE inline __attribute__((always_inline))
+#define UNROLL4 _Pragma("unroll 4")
+// The widest tile that divides a row of so many columns. Tile sizes must be constants to the preprocessor: with any that
+// only the optimiser finds out, accumulators stay in memory.
+#define VECTORS(columns) ((columns) % 64 == 0 ? 4 : (columns) % 48 == 0 ? 3 : (columns) % 32 == 0 ? 2 : 1)
+#define ROWS(columns) (VECTORS(columns) == 4 ? ROWS4 : VECTORS(columns) == 3 ? ROWS3 : VECTORS(columns) == 2 ? ROWS2 : ROWS1)
 
-#define RELU value = fmax(value, (float16)(0));
-#define GATED value = select((float16)(0), value, vload16(0, gate + at) > (float16)(0));
-#define PLAIN
+// A vector wherever a float may lie. vstore16 would become four stores and three shuffles.
+typedef float16 loose16 __attribute__((aligned(4)));
+#define STORE16(value, to) (*(__global loose16*)(to) = (value))
 
-LAYER(layer_hidden, __local, __global, WIDTH, TILE_VECTORS(WIDTH), TILE_ROWS(WIDTH), RELU)
-LAYER(layer_out, __local, __local, OUT_PAD, TILE_VECTORS(OUT_PAD), TILE_ROWS(OUT_PAD), PLAIN)
-LAYER(grad_hidden, __local, __local, WIDTH, TILE_VECTORS(WIDTH), TILE_ROWS(WIDTH), GATED)
-LAYER(grad_in, __local, __local, IN_PAD, TILE_VECTORS(IN_PAD), TILE_ROWS(IN_PAD), PLAIN)
-
-// dw[k][o] += sum_s a[s][k] * dz[s][o], rows k < DEPTH (a multiple of ROWS).
-#define WEIGHT_GRAD(NAME, A_SPACE, COLS, VECTORS, ROWS)                                                               \
-  inline void NAME(A_SPACE const float* restrict a, int stride, int depth, __local const float* restrict dz,          \
-                   __local float* restrict dw) {                                                                     \
-    for (int o = 0; o < COLS; o += 16 * VECTORS)                                                                      \
-      for (int k = 0; k < depth; k += ROWS) {                                                                         \
-        float16 acc[ROWS][VECTORS];                                                                                   \
-        UNROLL for (int i = 0; i < ROWS; i++) UNROLL for (int v = 0; v < VECTORS; v++)                                \
-            acc[i][v] = vload16(v, dw + (k + i) * COLS + o);                                                          \
-        UNROLL4 for (int s = 0; s < BLOCK; s++) {                                                                     \
-          float16 b[VECTORS];                                                                                         \
-          UNROLL for (int v = 0; v < VECTORS; v++) b[v] = vload16(v, dz + s * COLS + o);                              \
-          UNROLL for (int i = 0; i < ROWS; i++) {                                                                     \
-            const float16 value = (float16)(a[s * stride + k + i]);                                                   \
-            UNROLL for (int v = 0; v < VECTORS; v++) acc[i][v] += value * b[v];                                       \
-          }                                                                                                           \
-        }                                                                                                             \
-        UNROLL for (int i = 0; i < ROWS; i++) UNROLL for (int v = 0; v < VECTORS; v++)                                \
-            vstore16(acc[i][v], v, dw + (k + i) * COLS + o);                                                          \
-      }                                                                                                               \
-  }
-WEIGHT_GRAD(weight_grad_in, __local, WIDTH, TILE_VECTORS(WIDTH), TILE_ROWS(WIDTH))
-WEIGHT_GRAD(weight_grad_hidden, __global, WIDTH, TILE_VECTORS(WIDTH), TILE_ROWS(WIDTH))
-WEIGHT_GRAD(weight_grad_out, __global, OUT_PAD, TILE_VECTORS(OUT_PAD), TILE_ROWS(OUT_PAD))
-
-// Rows [first, first + BLOCK) of x [n, cols] into a block of padded rows, zeros beyond. Copies of whole rows are
-// vectors: element by element they would take as long as the layer itself.
-inline void load_block(__global const float* restrict x, int first, int n, int cols, int padded, __local float* restrict to) {
-  const int rows = min(BLOCK, n - first);
-  if (cols == padded) {
-    for (int i = 0; i < rows * cols; i += 16) vstore16(vload16(0, x + (size_t)first * cols + i), 0, to + i);
-  } else {
-    for (int s = 0; s < rows; s++) {
-      for (int i = 0; i < cols; i++) to[s * padded + i] = x[(size_t)(first + s) * cols + i];
-      for (int i = cols; i < padded; i++) to[s * padded + i] = 0.0f;
-    }
-  }
-  for (int i = max(rows, 0) * padded; i < BLOCK * padded; i++) to[i] = 0.0f;
-}
-inline void store_block(__local const float* restrict from, int first, int n, int cols, int padded, __global float* restrict y) {
-  const int rows = min(BLOCK, n - first);
-  if (cols == padded) {
-    for (int i = 0; i < rows * cols; i += 16) vstore16(vload16(0, from + i), 0, y + (size_t)first * cols + i);
+// The first `count` of the vector's numbers.
+INLINE void store_some(float16 value, int count, __global float* to) {
+  if (count >= 16) {
+    STORE16(value, to);
     return;
   }
+  if (count & 8) vstore8(value.lo, 0, to);
+  const float8 rest8 = (count & 8) ? value.hi : value.lo;
+  to += count & 8;
+  if (count & 4) vstore4(rest8.lo, 0, to);
+  const float4 rest4 = (count & 4) ? rest8.hi : rest8.lo;
+  to += count & 4;
+  if (count & 2) vstore2(rest4.lo, 0, to);
+  if (count & 1) to[count & 2] = (count & 2) ? rest4.z : rest4.x;
+}
+
+enum Finish { PLAIN, RELU, GATED };
+typedef struct {
+  __global const float* in;  // [rows][depth]
+  int depth;
+  __global const float* weights;  // [depth][columns]
+  __global float* out;            // [rows][stored], stored <= columns
+  int stored;
+  enum Finish finish;
+  __global const float* gate;  // [rows][columns]: GATED keeps what lies where it is above 0, the derivative of ReLU
+} Layer;
+
+// NAME(l, rows): out = finish(in * weights). Rows of a tile beyond the last repeat it and are not stored.
+#define DEFINE_LAYER(NAME, COLUMNS)                                                                                                     \
+  INLINE void NAME(Layer l, int rows) {                                                                                                 \
+    enum { V = VECTORS(COLUMNS), R = ROWS(COLUMNS) };                                                                                   \
+    for (int o = 0; o < COLUMNS; o += 16 * V)                                                                                           \
+      for (int s = 0; s < rows; s += R) {                                                                                               \
+        float16 acc[R][V];                                                                                                              \
+        __global const float* row[R];                                                                                                   \
+        UNROLL for (int i = 0; i < R; i++) row[i] = l.in + min(s + i, rows - 1) * l.depth;                                              \
+        UNROLL for (int i = 0; i < R; i++) UNROLL for (int v = 0; v < V; v++) acc[i][v] = (float16)(0);                                 \
+        UNROLL4 for (int k = 0; k < l.depth; k++) {                                                                                     \
+          float16 b[V];                                                                                                                 \
+          UNROLL for (int v = 0; v < V; v++) b[v] = vload16(v, l.weights + k * COLUMNS + o);                                            \
+          UNROLL for (int i = 0; i < R; i++) {                                                                                          \
+            const float16 a = (float16)(row[i][k]);                                                                                     \
+            UNROLL for (int v = 0; v < V; v++) acc[i][v] += a * b[v];                                                                   \
+          }                                                                                                                             \
+        }                                                                                                                               \
+        UNROLL for (int i = 0; i < R; i++) if (s + i < rows) {                                                                          \
+          UNROLL for (int v = 0; v < V; v++) {                                                                                          \
+            const int column = o + 16 * v;                                                                                              \
+            float16 value = acc[i][v];                                                                                                  \
+            if (l.finish == RELU) value = fmax(value, (float16)(0));                                                                    \
+            if (l.finish == GATED) value = select((float16)(0), value, vload16(0, l.gate + (s + i) * COLUMNS + column) > (float16)(0)); \
+            store_some(value, l.stored - column, l.out + (s + i) * l.stored + column);                                                  \
+          }                                                                                                                             \
+        }                                                                                                                               \
+      }                                                                                                                                 \
+  }
+DEFINE_LAYER(to_hidden, WIDTH)
+DEFINE_LAYER(to_out, OUT_PAD)
+DEFINE_LAYER(to_in, IN_PAD)
+
+INLINE float sum16(float16 x) {
+  const float8 a = x.lo + x.hi;
+  const float4 b = a.lo + a.hi;
+  const float2 c = b.lo + b.hi;
+  return c.x + c.y;
+}
+
+// out [rows][OUT] = in [rows][WIDTH] times the transpose of weights [OUT][WIDTH].
+INLINE void run_narrow(__global const float* in, __global const float* weights, __global float* out, int rows) {
   for (int s = 0; s < rows; s++)
-    for (int i = 0; i < cols; i++) y[(size_t)(first + s) * cols + i] = from[s * padded + i];
+    UNROLL for (int o = 0; o < OUT; o++) {
+      float16 acc = (float16)(0);
+      UNROLL for (int v = 0; v < WIDTH / 16; v++) acc += vload16(v, in + s * WIDTH) * vload16(v, weights + o * WIDTH);
+      out[s * OUT + o] = sum16(acc);
+    }
 }
 
-// hidden: [HIDDEN][padded rows][WIDTH], written when keep is 1 (training); rows beyond n come out zero.
-FAT __kernel void mlp_forward(__global const float* restrict x, __global const float* restrict w, __global float* restrict y,
-                              __global float* restrict hidden, int n, int padded_n, int per_item, int keep) {
-  __local float a[BLOCK * (IN_PAD > WIDTH ? IN_PAD : WIDTH)] __attribute__((aligned(64)));
-  __local float b[BLOCK * (OUT_PAD > WIDTH ? OUT_PAD : WIDTH)] __attribute__((aligned(64)));
-  __local float w_out[WIDTH * OUT_PAD] __attribute__((aligned(64)));
-  for (int k = 0; k < WIDTH; k++)
-    for (int o = 0; o < OUT_PAD; o++) w_out[k * OUT_PAD + o] = o < OUT ? w[W_OUT + k * OUT + o] : 0.0f;
-  const int end = min(padded_n, ((int)get_global_id(0) + 1) * per_item);
-  for (int first = get_global_id(0) * per_item; first < end; first += BLOCK) {
-    load_block(x, first, n, IN, IN_PAD, a);
-    __local float* from = a;
-    __local float* to = b;
-    for (int layer = 0; layer < HIDDEN; layer++) {
-      if (layer == 0) layer_hidden(from, IN_PAD, IN, w, to, 0);
-      else layer_hidden(from, WIDTH, WIDTH, w + W_HIDDEN + (layer - 1) * WIDTH * WIDTH, to, 0);
-      if (keep) {
-        __global float* h = hidden + ((size_t)layer * padded_n + first) * WIDTH;
-        for (int i = 0; i < BLOCK * WIDTH; i += 16) vstore16(vload16(0, to + i), 0, h + i);
+// sum [depth][WIDTH] += transpose of a [rows][depth] times b [rows][WIDTH]; `fresh`: sum holds nothing yet.
+INLINE void add_products(__global const float* a, int depth, __global const float* b, __global float* sum, int rows, int fresh) {
+  enum { V = VECTORS(WIDTH), R = ROWS(WIDTH) };
+  for (int o = 0; o < WIDTH; o += 16 * V)
+    for (int k = 0; k < depth; k += R) {
+      float16 acc[R][V];
+      int column[R];
+      UNROLL for (int i = 0; i < R; i++) column[i] = min(k + i, depth - 1);
+      UNROLL for (int i = 0; i < R; i++) UNROLL for (int v = 0; v < V; v++)
+          acc[i][v] = fresh ? (float16)(0) : vload16(v, sum + column[i] * WIDTH + o);
+      UNROLL4 for (int s = 0; s < rows; s++) {
+        float16 right[V];
+        UNROLL for (int v = 0; v < V; v++) right[v] = vload16(v, b + s * WIDTH + o);
+        UNROLL for (int i = 0; i < R; i++) {
+          const float16 left = (float16)(a[s * depth + column[i]]);
+          UNROLL for (int v = 0; v < V; v++) acc[i][v] += left * right[v];
+        }
       }
-      __local float* swap = from;
-      from = to;
-      to = swap;
+      UNROLL for (int i = 0; i < R; i++) if (k + i < depth) {
+        UNROLL for (int v = 0; v < V; v++) STORE16(acc[i][v], sum + (k + i) * WIDTH + o + 16 * v);
+      }
     }
-    layer_out(from, WIDTH, WIDTH, w_out, to, 0);
-    store_block(to, first, n, OUT, OUT_PAD, y);
-  }
 }
 
-// One work-item's share: dx [n, IN] rows, and its partial weight gradient (packed as w) into partial[item].
-FAT __kernel void mlp_backward(__global const float* restrict x, __global const float* restrict w, __global const float* restrict hidden,
-                               __global const float* restrict dy, __global float* restrict dx, __global float* restrict partial,
-                               int n, int padded_n, int per_item) {
-  __local float w_in_t[WIDTH * IN_PAD] __attribute__((aligned(64)));
-  __local float w_hidden_t[(HIDDEN - 1) * WIDTH * WIDTH + 16] __attribute__((aligned(64)));
-  __local float w_out_t[OUT_PAD * WIDTH] __attribute__((aligned(64)));
-  __local float dw_in[IN_PAD * WIDTH] __attribute__((aligned(64)));
-  __local float dw_hidden[(HIDDEN - 1) * WIDTH * WIDTH + 16] __attribute__((aligned(64)));
-  __local float dw_out[WIDTH * OUT_PAD] __attribute__((aligned(64)));
-  __local float block_x[BLOCK * IN_PAD] __attribute__((aligned(64)));
-  __local float block_y[BLOCK * OUT_PAD] __attribute__((aligned(64)));
-  __local float g0[BLOCK * (IN_PAD > WIDTH ? IN_PAD : WIDTH)] __attribute__((aligned(64)));
-  __local float g1[BLOCK * (IN_PAD > WIDTH ? IN_PAD : WIDTH)] __attribute__((aligned(64)));
+// to [columns][rows_padded]: the transpose of from [rows][columns], zeros beyond `rows`.
+INLINE void transpose_matrix(__global const float* from, int rows, int columns, int rows_padded, __global float* to) {
+  for (int c = 0; c < columns; c++)
+    for (int r = 0; r < rows_padded; r++) to[c * rows_padded + r] = r < rows ? from[r * columns + c] : 0.0f;
+}
 
-  for (int o = 0; o < WIDTH; o++)
-    for (int i = 0; i < IN_PAD; i++) w_in_t[o * IN_PAD + i] = i < IN ? w[i * WIDTH + o] : 0.0f;
-  for (int layer = 0; layer < HIDDEN - 1; layer++)
-    for (int o = 0; o < WIDTH; o++)
-      for (int i = 0; i < WIDTH; i++)
-        w_hidden_t[(layer * WIDTH + o) * WIDTH + i] = w[W_HIDDEN + (layer * WIDTH + i) * WIDTH + o];
-  for (int o = 0; o < OUT_PAD; o++)
-    for (int i = 0; i < WIDTH; i++) w_out_t[o * WIDTH + i] = o < OUT ? w[W_OUT + i * OUT + o] : 0.0f;
-  for (int i = 0; i < IN_PAD * WIDTH; i++) dw_in[i] = 0.0f;
-  for (int i = 0; i < (HIDDEN - 1) * WIDTH * WIDTH; i++) dw_hidden[i] = 0.0f;
-  for (int i = 0; i < WIDTH * OUT_PAD; i++) dw_out[i] = 0.0f;
+// Items 0 and 1: the output layer padded and transposed; further ones, in training: the transposes of the other layers.
+FAT __kernel void mlp_pack(__global const float* restrict w, __global float* restrict packed) {
+  const int item = get_global_id(0), at = (item - 3) * WIDTH * WIDTH;
+  if (item == 0)
+    for (int k = 0; k < WIDTH; k++)
+      for (int o = 0; o < OUT_PAD; o++) packed[PADDED_OUT + k * OUT_PAD + o] = o < OUT ? w[W_OUT + k * OUT + o] : 0.0f;
+  if (item == 1) transpose_matrix(w + W_OUT, WIDTH, OUT, WIDTH, packed + T_OUT);
+  if (item == 2) transpose_matrix(w, IN, WIDTH, IN_PAD, packed + T_IN);
+  if (item > 2) transpose_matrix(w + W_HIDDEN + at, WIDTH, WIDTH, WIDTH, packed + T_HIDDEN + at);
+}
 
-  const int end = min(padded_n, ((int)get_global_id(0) + 1) * per_item);
+// hidden: with keep [HIDDEN][n][WIDTH], the activations for the gradient; else [items][2][BLOCK][WIDTH] of scratch.
+FAT __kernel void mlp_forward(__global const float* restrict x, __global const float* restrict w, __global const float* restrict packed,
+                              __global float* restrict y, __global float* restrict hidden, int n, int per_item, int keep) {
+  const int end = min(n, ((int)get_global_id(0) + 1) * per_item);
   for (int first = get_global_id(0) * per_item; first < end; first += BLOCK) {
-    load_block(x, first, n, IN, IN_PAD, block_x);
-    load_block(dy, first, n, OUT, OUT_PAD, block_y);
-    __global const float* h = hidden + ((size_t)(HIDDEN - 1) * padded_n + first) * WIDTH;
-    weight_grad_out(h, WIDTH, WIDTH, block_y, dw_out);
-    grad_hidden(block_y, OUT_PAD, OUT, w_out_t, g0, h);
-    __local float* from = g0;
-    __local float* to = g1;
-    for (int layer = HIDDEN - 1; layer > 0; layer--) {
-      h = hidden + ((size_t)(layer - 1) * padded_n + first) * WIDTH;
-      weight_grad_hidden(h, WIDTH, WIDTH, from, dw_hidden + (layer - 1) * WIDTH * WIDTH);
-      grad_hidden(from, WIDTH, WIDTH, w_hidden_t + (layer - 1) * WIDTH * WIDTH, to, h);
-      __local float* swap = from;
-      from = to;
-      to = swap;
+    const int rows = min(BLOCK, end - first);
+    __global float* h = keep ? hidden + (size_t)first * WIDTH : hidden + get_global_id(0) * (2 * BLOCK * WIDTH);
+    Layer from_x = {x + (size_t)first * IN, IN, w, h, WIDTH, RELU, 0};
+    to_hidden(from_x, rows);
+    for (int layer = 1; layer < HIDDEN; layer++) {
+      __global float* next = h + (keep ? (size_t)n * WIDTH : BLOCK * WIDTH * ((layer & 1) ? 1 : -1));
+      Layer between = {h, WIDTH, w + W_HIDDEN + (layer - 1) * WIDTH * WIDTH, next, WIDTH, RELU, 0};
+      to_hidden(between, rows);
+      h = next;
     }
-    weight_grad_in(block_x, IN_PAD, IN_PAD, from, dw_in);
-    grad_in(from, WIDTH, WIDTH, w_in_t, to, 0);
-    store_block(to, first, n, IN, IN_PAD, dx);
+    __global float* to = y + (size_t)first * OUT;
+    Layer to_y = {h, WIDTH, OUT == OUT_PAD ? w + W_OUT : packed + PADDED_OUT, to, OUT, PLAIN, 0};
+    if (OUT <= NARROW) run_narrow(h, packed + T_OUT, to, rows);
+    else to_out(to_y, rows);
   }
-  __global float* p = partial + (size_t)get_global_id(0) * W_ALL;
-  for (int i = 0; i < IN * WIDTH; i++) p[i] = dw_in[i];
-  for (int i = 0; i < (HIDDEN - 1) * WIDTH * WIDTH; i++) p[W_HIDDEN + i] = dw_hidden[i];
-  for (int k = 0; k < WIDTH; k++)
-    for (int o = 0; o < OUT; o++) p[W_OUT + k * OUT + o] = dw_out[k * OUT_PAD + o];
 }
 
-// The work-items' shares added in their order.
-FAT __kernel void mlp_reduce(__global const float* restrict partial, __global float* restrict dw, int begin, int count, int items, int per_item) {
-  const int end = min(count, ((int)get_global_id(0) + 1) * per_item);
-  for (int i = get_global_id(0) * per_item; i < end; i++) {
-    float total = 0.0f;
-    for (int g = 0; g < items; g++) total += partial[(size_t)g * count + i];
-    dw[begin + i] = total;
+// One work-item's share: rows of dx [n, IN], and its part of the weight gradient in partial[item]: laid out as the weights,
+// but the output layer's transposed. gradients: [items][2][BLOCK][WIDTH] of scratch.
+FAT __kernel void mlp_backward(__global const float* restrict x, __global const float* restrict packed, __global const float* restrict hidden,
+                               __global const float* restrict dy, __global float* restrict dx, __global float* restrict partial,
+                               __global float* restrict gradients, int n, int per_item) {
+  const int begin = get_global_id(0) * per_item, end = min(n, begin + per_item);
+  __global float* sum = partial + (size_t)get_global_id(0) * W_ALL;
+  for (int first = begin; first < end; first += BLOCK) {
+    const int rows = min(BLOCK, end - first), fresh = first == begin;
+    __global float* g = gradients + get_global_id(0) * (2 * BLOCK * WIDTH);
+    __global const float* h = hidden + ((size_t)(HIDDEN - 1) * n + first) * WIDTH;
+    __global const float* from = dy + (size_t)first * OUT;
+    add_products(from, OUT, h, sum + W_OUT, rows, fresh);
+    Layer from_y = {from, OUT, packed + T_OUT, g, WIDTH, GATED, h};
+    to_hidden(from_y, rows);
+    for (int layer = HIDDEN - 1; layer > 0; layer--) {
+      const int at = (layer - 1) * WIDTH * WIDTH;
+      __global float* next = gradients + (get_global_id(0) * 2 + ((HIDDEN - layer) & 1)) * (BLOCK * WIDTH);
+      h -= (size_t)n * WIDTH;
+      add_products(h, WIDTH, g, sum + W_HIDDEN + at, rows, fresh);
+      Layer between = {g, WIDTH, packed + T_HIDDEN + at, next, WIDTH, GATED, h};
+      to_hidden(between, rows);
+      g = next;
+    }
+    add_products(x + (size_t)first * IN, IN, g, sum, rows, fresh);
+    Layer to_x = {g, WIDTH, packed + T_IN, dx + (size_t)first * IN, IN, PLAIN, 0};
+    to_in(to_x, rows);
+  }
+}
+
+// dw: the items' parts added in their order, each row of WIDTH numbers by one work-item.
+FAT __kernel void mlp_reduce(__global const float* restrict partial, __global float* restrict dw, int begin, int items) {
+  const int row = get_global_id(0), o = row - W_OUT / WIDTH;
+  for (int v = 0; v < WIDTH / 16; v++) {
+    float16 total = (float16)(0);
+    for (int g = 0; g < items; g++) total += vload16(v, partial + (size_t)g * W_ALL + row * WIDTH);
+    if (o < 0) {
+      STORE16(total, dw + begin + row * WIDTH + 16 * v);
+    } else {
+      float column[16];
+      vstore16(total, 0, column);
+      for (int i = 0; i < 16; i++) dw[begin + W_OUT + (16 * v + i) * OUT + o] = column[i];
+    }
   }
 }

@@ -75,8 +75,8 @@ Tensors split(const Tensor& x, int axis, const std::vector<int64_t>& sizes);
 Tensor pad(const Tensor& x, int axis, int64_t before, int64_t after);  // zeros
 
 // ---- Radiance fields (ops/mlp.cpp, ops/grid.cpp, ops/planes.cpp, ops/volume.cpp).
-/// x [S,I] through weights[0] [I,W], ReLU, ... weights.back() [W,O] -> [S,O]; no biases. One fused kernel on CPU
-/// devices for W in 16..128 (once differentiable); mlp_composed is its reference and has all derivatives.
+/// x [S,I] through weights[0] [I,W], ReLU, ... weights.back() [W,O] -> [S,O]; no biases. One fused kernel for
+/// W in 16, 32 ... 128 and I, O up to 128 (once differentiable); mlp_composed is its reference and has all derivatives.
 Tensor mlp(const Tensor& x, const Tensors& weights);
 Tensor mlp_composed(const Tensor& x, const Tensors& weights);
 

@@ -1,4 +1,4 @@
-// A small multilayer perceptron as one op. Composition (reference, and the path of GPU-class devices): matmul, relu.
+// A small multilayer perceptron as one op. Composition (its reference): matmul, relu.
 #include <algorithm>
 
 #include "runtime/cl.h"
@@ -12,6 +12,10 @@ const Registered kRegistered("mlp");
 struct Sizes {
   int64_t in, width, hidden, out;
   int64_t weights() const { return in * width + (hidden - 1) * width * width + width * out; }
+  int64_t packed() const {  // of mlp_pack
+    const auto whole_vectors = [](int64_t columns) { return (columns + 15) / 16 * 16; };
+    return width * (out + (hidden - 1) * width + whole_vectors(in) + whole_vectors(out));
+  }
   Constants constants() const {
     return {{"IN", static_cast<int>(in)},
             {"WIDTH", static_cast<int>(width)},
@@ -20,34 +24,60 @@ struct Sizes {
   }
 };
 
-constexpr int64_t kBlock = 64;
-int64_t padded(int64_t n) { return (n + kBlock - 1) / kBlock * kBlock; }
+/// Samples a work-item takes so that about `items` share n: whole tiles, a few blocks if there are as many.
+int64_t per_item(int64_t n, int64_t items) { return std::max<int64_t>(64, (n + 64 * items - 1) / (64 * items) * 64); }
 
-/// Samples a work-item takes, in whole blocks, so that `items` share n. Backward keeps to 16: each carries a copy of
-/// the weight gradient, and their number fixes the order of summation.
-int64_t share(int64_t n, int64_t items) { return std::max<int64_t>(kBlock, padded((n + items - 1) / items)); }
+/// What the gradient needs beside inputs: the hidden layers [hidden, n, width] and the transposed weights.
+struct Saved {
+  Tensor hidden, packed;
+};
+
+cl::Kernel& part(const Variant& v, const char* name, const Sizes& sizes) {
+  Constants all = v.constants;
+  for (const auto& width : sizes.constants()) all.push_back(width);
+  return kernel(v.stem.c_str(), name, all);
+}
 
 struct MlpForward final : Op {
   explicit MlpForward(const Sizes& s) : sizes(s) {}
   const char* name() const override { return "mlp"; }
-  void run(const Tensors& in, Tensor& out) const override { hidden = forward(in, out, out.tracked()); }
-  Tensor forward(const Tensors& in, const Tensor& out, bool keep) const;
+  void run(const Tensors& in, Tensor& out) const override { saved = forward(in, out, out.tracked()); }
+  Saved forward(const Tensors& in, const Tensor& out, bool keep) const;
   Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override;
   Sizes sizes;
-  mutable Tensor hidden;  // activations saved for the gradient, which takes them; computed again if it comes twice
+  mutable Saved saved;  // for the gradient, which takes it; computed again if it comes twice
 };
 
-Tensor MlpForward::forward(const Tensors& in, const Tensor& out, bool keep) const {
-  const int64_t n = in[0].dim(0), rows = padded(n), per_item = share(n, 64);
-  const Tensor saved = empty({sizes.hidden, keep ? rows : 1, sizes.width});
-  Range range = range1((rows + per_item - 1) / per_item);
+Saved forward_on_cpu(const Variant& v, const Sizes& sizes, const Tensors& in, const Tensor& out, bool keep) {
+  const int64_t n = in[0].dim(0), share = per_item(n, 128), items = (n + share - 1) / share;
+  const Tensor packed = empty({sizes.packed()});
+  const Tensor hidden = empty(keep ? Shape{sizes.hidden, n, sizes.width} : Shape{items, 2 * v["BLOCK"], sizes.width});
+  if (keep || sizes.out % 16 != 0)
+    launch(part(v, "mlp_pack", sizes), "mlp_pack", range1(keep ? sizes.hidden + 2 : 2), in[1], packed);
+  Range range = range1(items);
   range.flops = 2.0 * static_cast<double>(n * sizes.weights());
-  launch(kernel("mlp", "mlp_forward", sizes.constants()), "mlp_forward", range, in[0], in[1], out, saved, n, rows,
-         per_item, keep ? 1 : 0);
-  return keep ? saved : Tensor();
+  launch(part(v, "mlp_forward", sizes), "mlp_forward", range, in[0], in[1], packed, out, hidden, n, share,
+         keep ? 1 : 0);
+  return {hidden, packed};
 }
 
-/// Result: dx [n * in] followed by the packed weight gradient.
+Saved forward_on_gpu(const Variant& v, const Sizes& sizes, const Tensors& in, const Tensor& out, bool keep) {
+  const int64_t n = in[0].dim(0), groups = (n + v["TILE"] - 1) / v["TILE"];
+  const Tensor hidden = empty({sizes.hidden, keep ? n : 1, sizes.width});
+  Range range = range1(64 * groups, 64);
+  range.flops = 2.0 * static_cast<double>(n * sizes.weights());
+  launch(part(v, "mlp_forward", sizes), "mlp_forward", range, in[0], in[1], out, hidden, n, keep ? 1 : 0);
+  return {hidden, {}};
+}
+
+Saved MlpForward::forward(const Tensors& in, const Tensor& out, bool keep) const {
+  const Variant& v = choose("mlp");
+  const Saved all = (v.where == "cpu" ? forward_on_cpu : forward_on_gpu)(v, sizes, in, out, keep);
+  return keep ? all : Saved{};
+}
+
+/// in: x, the packed weights, dy, y; result: dx [n * in] followed by the packed weight gradient. y is there so that its
+/// evaluation, which saves the hidden layers, comes first.
 struct MlpBackward final : Op {
   explicit MlpBackward(std::shared_ptr<const MlpForward> op) : forward(std::move(op)) {}
   const char* name() const override { return "mlp_grad"; }
@@ -58,26 +88,54 @@ struct MlpBackward final : Op {
   std::shared_ptr<const MlpForward> forward;
 };
 
-void MlpBackward::run(const Tensors& in, Tensor& out) const {
-  const Sizes& sizes = forward->sizes;
-  const int64_t n = in[0].dim(0), rows = padded(n), per_item = share(n, 16), items = (rows + per_item - 1) / per_item;
-  Tensor hidden = std::move(forward->hidden);
-  forward->hidden = {};
-  if (!hidden) hidden = forward->forward(in, empty({n, sizes.out}), true);
-  const Tensor partial = empty({items, sizes.weights()});
+void backward_on_cpu(const Sizes& sizes, const Saved& saved, const Tensors& in, const Tensor& out) {
+  const Variant& v = choose("mlp");
+  // Each item carries a copy of the weight gradient, and their number fixes the order of summation.
+  const int64_t n = in[0].dim(0), share = per_item(n, 32), items = (n + share - 1) / share;
+  const Tensor partial = empty({items, sizes.weights()}), gradients = empty({items, 2 * v["BLOCK"], sizes.width});
   Range range = range1(items);
   range.flops = 4.0 * static_cast<double>(n * sizes.weights());
-  launch(kernel("mlp", "mlp_backward", sizes.constants()), "mlp_backward", range, in[0], in[1], hidden, in[2], out,
-         partial, n, rows, per_item);
-  launch(kernel("mlp", "mlp_reduce", sizes.constants()), "mlp_reduce", range1((sizes.weights() + 1023) / 1024), partial,
-         out, n * sizes.in, sizes.weights(), items, 1024);
+  launch(part(v, "mlp_backward", sizes), "mlp_backward", range, in[0], saved.packed, saved.hidden, in[2], out, partial,
+         gradients, n, share);
+  launch(part(v, "mlp_reduce", sizes), "mlp_reduce", range1(sizes.weights() / sizes.width), partial, out, n * sizes.in,
+         items);
 }
 
-Tensors MlpForward::vjp(const Tensors& in, const Tensor&, const Tensor& g) const {
+/// The kernel takes the gradient through the layers; the weights' are products with what came into each.
+void backward_on_gpu(const Sizes& sizes, const Saved& saved, const Tensors& in, Tensor& out) {
+  const Variant& v = choose("mlp");
+  const int64_t n = in[0].dim(0), groups = (n + v["TILE"] - 1) / v["TILE"];
+  const Tensor dx = empty({n, sizes.in}), dz = empty({sizes.hidden, n, sizes.width});
+  Range range = range1(64 * groups, 64);
+  range.flops = 2.0 * static_cast<double>(n * sizes.weights());
+  launch(part(v, "mlp_backward", sizes), "mlp_backward", range, in[1], saved.hidden, in[2], dx, dz, n);
+  const auto layer = [&](const Tensor& of, int64_t i) { return reshape(slice(of, 0, i, i + 1), {n, sizes.width}); };
+  Tensors parts{reshape(dx, {n * sizes.in})};
+  for (int64_t i = 0; i <= sizes.hidden; i++) {
+    const Tensor into = i == 0 ? in[0] : layer(saved.hidden, i - 1), of = i < sizes.hidden ? layer(dz, i) : in[2];
+    parts.push_back(reshape(matmul(transpose(into), of), {into.dim(1) * of.dim(1)}));
+  }
+  const Tensor all = concat(parts, 0);
+  eval({all});
+  out.node()->storage = dense(all).node()->storage;
+}
+
+void MlpBackward::run(const Tensors& in, Tensor& out) const {
+  Saved saved = std::move(forward->saved);
+  forward->saved = {};
+  if (!saved.hidden) saved = forward->forward(in, empty({in[0].dim(0), forward->sizes.out}), true);
+  if (choose("mlp").where == "cpu")
+    backward_on_cpu(forward->sizes, saved, in, out);
+  else
+    backward_on_gpu(forward->sizes, saved, in, out);
+}
+
+Tensors MlpForward::vjp(const Tensors& in, const Tensor& out, const Tensor& g) const {
   const int64_t n = in[0].dim(0);
   // The gradient keeps this very op alive, and with it the activations of this very evaluation.
   auto self = std::static_pointer_cast<const MlpForward>(shared());
-  const Tensor both = make(std::make_shared<MlpBackward>(self), {n * sizes.in + sizes.weights()}, {in[0], in[1], g});
+  const Shape packed{n * sizes.in + sizes.weights()};
+  const Tensor both = make(std::make_shared<MlpBackward>(self), packed, {in[0], in[1], g, out});
   return {reshape(slice(both, 0, 0, n * sizes.in), {n, sizes.in}), slice(both, 0, n * sizes.in, both.dim(0))};
 }
 
@@ -106,7 +164,7 @@ Tensor mlp_composed(const Tensor& x, const Tensors& weights) {
 Tensor mlp(const Tensor& x, const Tensors& weights) {
   const Sizes sizes = check(x, weights);
   const bool fits = sizes.width % 16 == 0 && sizes.width <= 128 && sizes.in <= 128 && sizes.out <= 128;
-  if (!is_cpu_class() || !fits || reference_variants()) return mlp_composed(x, weights);
+  if (!fits || choose("mlp").where == "reference") return mlp_composed(x, weights);
   Tensors flat;
   for (const Tensor& w : weights) flat.push_back(reshape(w, {w.numel()}));
   return make(std::make_shared<MlpForward>(sizes), {x.dim(0), sizes.out}, {x, concat(flat, 0)});
