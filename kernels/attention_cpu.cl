@@ -111,8 +111,8 @@ inline float soften(__local float* restrict scores, int n, float factor, __local
   return shrink;
 }
 
-// q [batch, T, D], k [batch, U, D], v [batch, U, E] -> out [batch, T, E]; logs [batch, T]: log2 of the sum of 2^score,
-// scores in units of log2(e). Group (block of queries, batch).
+// q [batch, T, D], k [batch, U, D], v [batch, U, E] -> out [batch, T, E]; logs [batch, T]: logarithms of the sums of
+// exp(score). Group (block of queries, batch).
 FAT __kernel void attention(__global const float* restrict q, __global const float* restrict k,
                             __global const float* restrict v, __global float* restrict out, __global float* restrict logs,
                             int T, int U, float scale) {
@@ -151,7 +151,7 @@ FAT __kernel void attention(__global const float* restrict q, __global const flo
     int j = 0;
     for (; j + 16 <= E; j += 16) vstore16(vload16(0, sums + i * EL + j) * by, 0, out + (size_t)i * E + j);
     for (; j < E; j++) out[(size_t)i * E + j] = sums[i * EL + j] * by;
-    logs[i] = top[i] + m_log(total[i]) * LOG2E;
+    logs[i] = top[i] / LOG2E + m_log(total[i]);
   }
 }
 
@@ -171,11 +171,11 @@ inline void write_rows(__local const float* restrict from, int pitch, int rows, 
 
 // With P the softmax, dP = dout v^T and dS = P (dP - delta), delta [batch, T] the sums of dout * out over a row:
 // dq = dS k, dk = dS^T q, both by `scale`, dv = P^T dout. Group (part, batch) walks blocks_each blocks of keys over all
-// queries; out: dq (not written), dk, dv one after another; parts: the sums of dq, one [batch, T, D] a part.
+// queries; out, one after another: sums of dq, a [batch, T, D] for each part; dk; dv.
 FAT __kernel void attention_grad(__global const float* restrict q, __global const float* restrict k,
                                  __global const float* restrict v, __global const float* restrict dout,
                                  __global const float* restrict logs, __global const float* restrict delta,
-                                 __global float* parts, __global float* out, int T, int U, float scale,
+                                 __global float* out, int T, int U, float scale,
                                  int blocks_each) {
   __local float queries[BQ * DL] __attribute__((aligned(64)));
   __local float given[BQ * EL] __attribute__((aligned(64)));  // rows of dout
@@ -191,9 +191,9 @@ FAT __kernel void attention_grad(__global const float* restrict q, __global cons
   const int u_begin = get_group_id(0) * blocks_each * BK, u_end = min(U, u_begin + blocks_each * BK);
   q += batch * T * D;
   dout += batch * T * E;
-  __global float* dq = parts + (get_group_id(0) * batches + batch) * T * D;
-  __global float* dk = out + batches * T * D + batch * U * D;
-  __global float* dv = out + batches * (T + U) * D + batch * U * E;
+  __global float* dq = out + (get_group_id(0) * batches + batch) * T * D;
+  __global float* dk = out + (get_num_groups(0) * batches) * T * D + batch * U * D;
+  __global float* dv = dk + (batches - batch) * U * D + batch * U * E;
   for (int u = u_begin; u < u_end; u += BK) {
     const int n = min(BK, U - u);
     __global const float* k_block = k + (batch * U + u) * D;
@@ -209,7 +209,7 @@ FAT __kernel void attention_grad(__global const float* restrict q, __global cons
       multiply(queries, DL, 1, key_columns, KL, shares, KL, rows8, PAD32(n), D, 0);
       multiply(given, EL, 1, value_columns, KL, slopes, KL, rows8, PAD32(n), E, 0);
       for (int i = 0; i < rows; i++) {
-        const float log_sum = logs[batch * T + t + i], mean_slope = delta[batch * T + t + i];
+        const float log_sum = logs[batch * T + t + i] * LOG2E, mean_slope = delta[batch * T + t + i];
         for (int j = 0; j < n; j += 16) {
           const int at = i * KL + j;
           const float16 share = m_exp2_16(vload16(0, shares + at) * (scale * LOG2E) - log_sum);
@@ -224,15 +224,5 @@ FAT __kernel void attention_grad(__global const float* restrict q, __global cons
     }
     write_rows(key_sums, DL, n, D, scale, dk + (size_t)u * D, 0);
     write_rows(value_sums, EL, n, E, 1.0f, dv + (size_t)u * E, 0);
-  }
-}
-
-// out[i] = the sum of parts[p][i] in the order of p.
-FAT __kernel void attention_sum(__global const float* restrict parts, __global float* restrict out, int count, int parts_n,
-                                int chunk) {
-  for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i++) {
-    float sum = parts[i];
-    for (int p = 1; p < parts_n; p++) sum += parts[(size_t)p * count + i];
-    out[i] = sum;
   }
 }

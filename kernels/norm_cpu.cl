@@ -3,6 +3,10 @@
 // runtime/ops/norm.cpp is version 1.
 //: variant group_norm cpu group_norm
 //: variant group_norm_grad cpu group_norm_grad
+//: variant layer_norm cpu layer_norm
+//: variant layer_norm_grad cpu layer_norm_grad
+//: variant softmax cpu softmax
+//: variant softmax_grad cpu softmax_grad
 
 // 16 values of a row of which `left` are left; `fill` beyond its end.
 inline float16 read16(__global const float* restrict x, int left, float fill) {
@@ -114,6 +118,88 @@ FAT __kernel void group_norm_grad(__global const float* restrict x, __global con
         const float16 d = read16(dy + channel + i, pixels - i, 0.0f) * activation_slope(u * scale + shift);
         write16((d * scale - every - u * slope) * rate, out + channel + i, pixels - i);
       }
+    }
+  }
+}
+
+// x [rows, n], gamma and beta [n]: each row to mean 0 and variance 1, then scaled and shifted. stats [rows, 2].
+FAT __kernel void layer_norm(__global const float* restrict x, __global const float* restrict gamma,
+                             __global const float* restrict beta, __global float* restrict y,
+                             __global float* restrict stats, int rows, int n, float epsilon, int chunk) {
+  for (int row = LOOP_LO(chunk); row < LOOP_HI(rows, chunk); row++) {
+    const size_t begin = (size_t)row * n;
+    const float2 moment = moments(x + begin, n);
+    const float mean = moment.x, rate = 1.0f / sqrt(moment.y + epsilon);
+    stats[2 * row] = mean;
+    stats[2 * row + 1] = rate;
+    for (int i = 0; i < n; i += 16) {
+      const float16 u = (read16(x + begin + i, n - i, mean) - mean) * rate;
+      write16(u * read16(gamma + i, n - i, 0.0f) + read16(beta + i, n - i, 0.0f), y + begin + i, n - i);
+    }
+  }
+}
+
+// out: dx [rows, n], then the sums of dgamma [parts, n] and of dbeta [parts, n] over the rows of each work-item.
+FAT __kernel void layer_norm_grad(__global const float* restrict x, __global const float* restrict gamma,
+                                  __global const float* restrict stats, __global const float* restrict dy,
+                                  __global float* restrict out, int rows, int n, int chunk) {
+  __global float* dgamma = out + (size_t)rows * n + get_global_id(0) * n;
+  __global float* dbeta = dgamma + get_global_size(0) * n;
+  for (int i = 0; i < n; i++) dgamma[i] = 0.0f, dbeta[i] = 0.0f;
+  for (int row = LOOP_LO(chunk); row < LOOP_HI(rows, chunk); row++) {
+    const size_t begin = (size_t)row * n;
+    const float mean = stats[2 * row], rate = stats[2 * row + 1];
+    float16 sum = (float16)(0.0f), sum_u = (float16)(0.0f);
+    for (int i = 0; i < n; i += 16) {
+      const float16 u = (read16(x + begin + i, n - i, mean) - mean) * rate, given = read16(dy + begin + i, n - i, 0.0f);
+      const float16 d = given * read16(gamma + i, n - i, 0.0f);
+      write16(read16(dgamma + i, n - i, 0.0f) + given * u, dgamma + i, n - i);
+      write16(read16(dbeta + i, n - i, 0.0f) + given, dbeta + i, n - i);
+      sum += d;
+      sum_u += d * u;
+    }
+    const float every = sum16(sum) / n, slope = sum16(sum_u) / n;
+    for (int i = 0; i < n; i += 16) {
+      const float16 u = (read16(x + begin + i, n - i, mean) - mean) * rate;
+      const float16 d = read16(dy + begin + i, n - i, 0.0f) * read16(gamma + i, n - i, 0.0f);
+      write16((d - every - u * slope) * rate, out + begin + i, n - i);
+    }
+  }
+}
+
+// y = exp(x) / sum of exp(x) over each row of n, or its logarithm (LOG).
+FAT __kernel void softmax(__global const float* restrict x, __global float* restrict y, int rows, int n, int chunk) {
+  for (int row = LOOP_LO(chunk); row < LOOP_HI(rows, chunk); row++) {
+    const size_t begin = (size_t)row * n;
+    float16 largest = (float16)(-INFINITY), sum = (float16)(0.0f);
+    for (int i = 0; i < n; i += 16) largest = fmax(largest, read16(x + begin + i, n - i, -INFINITY));
+    const float top = max16(largest);
+    for (int i = 0; i < n; i += 16) {
+      const float16 e = m_exp16(read16(x + begin + i, n - i, -INFINITY) - top);
+      sum += e;  // e^-87 beyond the end: nothing beside the largest, 1
+      if (!LOG) write16(e, y + begin + i, n - i);
+    }
+    const float total = sum16(sum), by = 1.0f / total, log_total = m_log(total);
+    for (int i = 0; i < n; i += 16)
+      write16(LOG ? (read16(x + begin + i, n - i, 0.0f) - top) - log_total : read16(y + begin + i, n - i, 0.0f) * by,
+              y + begin + i, n - i);
+  }
+}
+
+// dx = y (dy - sum(y dy)); for logarithms dx = dy - exp(y) sum(dy).
+FAT __kernel void softmax_grad(__global const float* restrict y, __global const float* restrict dy,
+                               __global float* restrict dx, int rows, int n, int chunk) {
+  for (int row = LOOP_LO(chunk); row < LOOP_HI(rows, chunk); row++) {
+    const size_t begin = (size_t)row * n;
+    float16 sums = (float16)(0.0f);
+    for (int i = 0; i < n; i += 16) {
+      const float16 d = read16(dy + begin + i, n - i, 0.0f);
+      sums += LOG ? d : d * read16(y + begin + i, n - i, 0.0f);
+    }
+    const float sum = sum16(sums);
+    for (int i = 0; i < n; i += 16) {
+      const float16 d = read16(dy + begin + i, n - i, 0.0f), value = read16(y + begin + i, n - i, 0.0f);
+      write16(LOG ? d - m_exp16(value) * sum : value * (d - sum), dx + begin + i, n - i);
     }
   }
 }

@@ -4,12 +4,12 @@
 #include "runtime/cl.h"
 #include "runtime/ops.h"
 #include "runtime/ops/composed.h"
-#include "runtime/ops/share.h"
 
 namespace cloam {
 namespace {
 
-const Registered kRegistered("group_norm");
+const Registered kRegistered[] = {Registered("group_norm"), Registered("layer_norm"), Registered("softmax"),
+                                  Registered("log_softmax")};
 
 /// x less its largest value along the axis: no exponential of it overflows, and the softmax is the same.
 Tensor below_largest(const Tensor& x, int axis) { return x - stop_gradient(max(x, {{axis}, true})); }
@@ -20,7 +20,21 @@ Tensor standardised(const Tensor& x, float epsilon) {
   return centred * rsqrt(mean(square(centred), {{-1}, true}) + epsilon);
 }
 
-bool fused(const Tensor& x) { return is_cpu_class() && !reference_variants() && x.numel() > 0; }
+bool fused(const Tensor& x) { return !reference_variants() && x.dtype() == DType::f32 && x.numel() > 0; }
+
+/// Rows shared out: a work-item on CPU devices, a group of lanes on GPU devices takes `chunk` of them.
+struct RowShare {
+  int64_t chunk, parts;
+  Range range(const Variant& v) const {
+    return is_cpu_class() ? range1(parts) : range1(parts * v["LANES"], v["LANES"]);
+  }
+};
+/// `most`: parts on GPU devices.
+RowShare share_rows(int64_t rows, int64_t most) {
+  const int64_t parts = is_cpu_class() ? 64 : most, chunk = std::max<int64_t>(1, (rows + parts - 1) / parts);
+  return {chunk, (rows + chunk - 1) / chunk};
+}
+RowShare share_rows(int64_t rows) { return share_rows(rows, rows); }
 
 // ---- Group normalisation of x [N,C,...] with a scale and a shift of each channel, [C] or [N,C].
 
@@ -30,7 +44,7 @@ struct GroupSizes {
   bool silu;
   int64_t rows() const { return images * groups; }
   int64_t image_pitch(const Tensor& scale) const { return scale.rank() == 2 ? groups * channels : 0; }
-  Constants constants() const { return {{"SILU", silu}}; }
+  Constants constants() const { return {{"SILU", silu}, {"LOG", 0}}; }
 };
 
 /// The inputs are x, scale and shift.
@@ -60,9 +74,10 @@ struct GroupNorm final : Op {
 void GroupNorm::run(const Tensors& in, Tensor& out) const {
   const GroupSizes& s = sizes;
   stats = empty({s.rows(), 2});
-  const Share items = share(s.rows(), 1);
-  launch(kernel(choose("norm", "group_norm"), s.constants()), "group_norm", items.range, in[0], in[1], in[2], out,
-         stats, s.rows(), s.groups, s.channels, s.pixels, s.image_pitch(in[1]), s.epsilon, items.chunk);
+  const Variant& v = choose("norm", "group_norm");
+  const RowShare share = share_rows(s.rows());
+  launch(kernel(v, s.constants()), "group_norm", share.range(v), in[0], in[1], in[2], out, stats, s.rows(), s.groups,
+         s.channels, s.pixels, s.image_pitch(in[1]), s.epsilon, share.chunk);
 }
 
 /// Inputs x, scale, shift, g -> packed gradients of x, of scale [N,C] and of shift [N,C].
@@ -88,9 +103,10 @@ void GroupNormGrad::run(const Tensors& in, Tensor& out) const {
     Tensor unused = empty(in[0].shape());
     forward->run(in, unused);
   }
-  const Share items = share(s.rows(), 1);
-  launch(kernel(choose("norm", "group_norm_grad"), s.constants()), "group_norm_grad", items.range, in[0], in[1], in[2],
-         forward->stats, in[3], out, s.rows(), s.groups, s.channels, s.pixels, s.image_pitch(in[1]), items.chunk);
+  const Variant& v = choose("norm", "group_norm_grad");
+  const RowShare share = share_rows(s.rows());
+  launch(kernel(v, s.constants()), "group_norm_grad", share.range(v), in[0], in[1], in[2], forward->stats, in[3], out,
+         s.rows(), s.groups, s.channels, s.pixels, s.image_pitch(in[1]), share.chunk);
 }
 
 Tensors GroupNorm::vjp(const Tensors& in, const Tensor&, const Tensor& g) const {
@@ -117,16 +133,134 @@ GroupSizes check(const Tensor& x, int groups, const Tensor& gamma, const Tensor&
   return {x.dim(0), groups, channels / groups, x.numel() / rows, with.epsilon, with.silu};
 }
 
+// ---- Layer normalisation: the rows of x [..., C].
+
+const Constants kPlain = {{"SILU", 0}, {"LOG", 0}};
+
+Tensor layer_norm_composed(const Tensors& in, float epsilon) { return standardised(in[0], epsilon) * in[1] + in[2]; }
+
+struct LayerNorm final : Op {
+  explicit LayerNorm(float e) : epsilon(e) {}
+  const char* name() const override { return "layer_norm"; }
+  void run(const Tensors& in, Tensor& out) const override;
+  Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override;
+  float epsilon;
+  mutable Tensor stats;  // as GroupNorm's
+};
+
+void LayerNorm::run(const Tensors& in, Tensor& out) const {
+  const int64_t n = in[1].dim(0), rows = in[0].numel() / n;
+  stats = empty({rows, 2});
+  const Variant& v = choose("norm", "layer_norm");
+  const RowShare share = share_rows(rows);
+  launch(kernel(v, kPlain), "layer_norm", share.range(v), in[0], in[1], in[2], out, stats, rows, n, epsilon,
+         share.chunk);
+}
+
+/// Each part of the rows has its own sums of the gradients of gamma and beta.
+RowShare share_sums(int64_t rows) { return share_rows(rows, 512); }
+
+/// Inputs x, gamma, beta, g -> packed gradients of x, of gamma [parts,C] and of beta [parts,C].
+struct LayerNormGrad final : Op {
+  explicit LayerNormGrad(std::shared_ptr<const LayerNorm> op) : forward(std::move(op)) {}
+  const char* name() const override { return "layer_norm_grad"; }
+  void run(const Tensors& in, Tensor& out) const override;
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override;
+  std::shared_ptr<const LayerNorm> forward;
+};
+
+void LayerNormGrad::run(const Tensors& in, Tensor& out) const {
+  const int64_t n = in[1].dim(0), rows = in[0].numel() / n;
+  if (!forward->stats) {
+    Tensor unused = empty(in[0].shape());
+    forward->run(in, unused);
+  }
+  const Variant& v = choose("norm", "layer_norm_grad");
+  const RowShare share = share_sums(rows);
+  launch(kernel(v, kPlain), "layer_norm_grad", share.range(v), in[0], in[1], forward->stats, in[3], out, rows, n,
+         share.chunk);
+}
+
+Tensors LayerNormGrad::vjp(const Tensors& in, const Tensor&, const Tensor& g) const {
+  const int64_t n = in[1].dim(0), parts = share_sums(in[0].numel() / n).parts;
+  const auto composed = [epsilon = forward->epsilon, n, parts](const Tensors& of) {
+    const auto plain = [epsilon](const Tensors& x) { return layer_norm_composed(x, epsilon); };
+    Tensors all = vjp_of(plain, {of[0], of[1], of[2]}, of[3]);
+    // Whoever adds the parts up takes them all the same: the first one stands for the sum.
+    for (size_t i : {1, 2}) all[i] = pad(reshape(sum_to(all[i], {n}), {1, n}), 0, 0, parts - 1);
+    return packed(all);
+  };
+  return vjp_of(composed, in, g);
+}
+
+Tensors LayerNorm::vjp(const Tensors& in, const Tensor&, const Tensor& g) const {
+  const int64_t n = in[1].dim(0), parts = share_sums(in[0].numel() / n).parts;
+  const Tensor all = make(std::make_shared<LayerNormGrad>(std::static_pointer_cast<const LayerNorm>(shared())),
+                          {in[0].numel() + 2 * parts * n}, {in[0], in[1], in[2], g});
+  const Tensors each = unpacked(all, {in[0].shape(), {parts, n}, {parts, n}});
+  return {each[0], sum(each[1], {{0}}), sum(each[2], {{0}})};
+}
+
+// ---- Softmax along the last axis, and its logarithm.
+
+struct Softmax final : Op {
+  explicit Softmax(bool of_it) : logarithm(of_it) {}
+  const char* name() const override { return logarithm ? "log_softmax" : "softmax"; }
+  void run(const Tensors& in, Tensor& out) const override;
+  Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override;
+  Constants constants() const { return {{"SILU", 0}, {"LOG", logarithm}}; }
+  bool logarithm;  // of the softmax
+};
+
+void Softmax::run(const Tensors& in, Tensor& out) const {
+  const int64_t n = out.dim(-1), rows = out.numel() / n;
+  const Variant& v = choose("norm", "softmax");
+  const RowShare share = share_rows(rows);
+  launch(kernel(v, constants()), name(), share.range(v), in[0], out, rows, n, share.chunk);
+}
+
+/// Inputs: the result y of the softmax and g. dx = y (g - sum(y g)), of logarithms dx = g - exp(y) sum(g).
+struct SoftmaxGrad final : Op {
+  explicit SoftmaxGrad(std::shared_ptr<const Softmax> op) : forward(std::move(op)) {}
+  const char* name() const override { return forward->logarithm ? "log_softmax_grad" : "softmax_grad"; }
+  void run(const Tensors& in, Tensor& out) const override;
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    const auto composed = [logarithm = forward->logarithm](const Tensors& of) {
+      const Tensor &y = of[0], &given = of[1];
+      if (logarithm) return given - exp(y) * sum(given, {{-1}, true});
+      return y * (given - sum(y * given, {{-1}, true}));
+    };
+    return vjp_of(composed, in, g);
+  }
+  std::shared_ptr<const Softmax> forward;
+};
+
+void SoftmaxGrad::run(const Tensors& in, Tensor& out) const {
+  const int64_t n = out.dim(-1), rows = out.numel() / n;
+  const Variant& v = choose("norm", "softmax_grad");
+  const RowShare share = share_rows(rows);
+  launch(kernel(v, forward->constants()), name(), share.range(v), in[0], in[1], out, rows, n, share.chunk);
+}
+
+Tensors Softmax::vjp(const Tensors&, const Tensor& out, const Tensor& g) const {
+  return {
+      make(std::make_shared<SoftmaxGrad>(std::static_pointer_cast<const Softmax>(shared())), out.shape(), {out, g})};
+}
+
+bool fused_softmax(const Tensor& x, int axis) { return axis == x.rank() - 1 && fused(x); }
+
 }  // namespace
 
 Tensor softmax(const Tensor& x, int axis) {
   const int on = axis_of("softmax", x.rank(), axis);
+  if (fused_softmax(x, on)) return make(std::make_shared<Softmax>(false), x.shape(), {x});
   const Tensor e = exp(below_largest(x, on));
   return e / sum(e, {{on}, true});
 }
 
 Tensor log_softmax(const Tensor& x, int axis) {
   const int on = axis_of("log_softmax", x.rank(), axis);
+  if (fused_softmax(x, on)) return make(std::make_shared<Softmax>(true), x.shape(), {x});
   const Tensor shifted = below_largest(x, on);
   return shifted - log(sum(exp(shifted), {{on}, true}));
 }
@@ -137,7 +271,8 @@ Tensor layer_norm(const Tensor& x, const Tensor& gamma, const Tensor& beta, floa
   if (d["C"] != x.dim(-1))
     throw Error(Fault::internal, text("[layer_norm] gamma has shape ", to_string(gamma.shape()), " for x ",
                                       to_string(x.shape()), ", want [", x.dim(-1), "]"));
-  return standardised(x, epsilon) * gamma + beta;
+  if (!fused(x)) return layer_norm_composed({x, gamma, beta}, epsilon);
+  return make(std::make_shared<LayerNorm>(epsilon), x.shape(), {x, gamma, beta});
 }
 
 Tensor group_norm(const Tensor& x, int groups, const Tensor& gamma, const Tensor& beta, const GroupNormOptions& with) {

@@ -30,7 +30,8 @@ OpCase softening(const char* op, const char* label, const InputSpec& input, int 
                 if (log)
                   for (double& value : out.values) value = std::log(value);
                 return out;
-              }};
+              },
+          .composed = true};
 }
 
 void add_softmax(OpCases& rows) {
@@ -40,8 +41,11 @@ void add_softmax(OpCases& rows) {
   rows.push_back(softening("softmax", "middle axis", normal({3, 5, 2}), 1, false));
   rows.back().strided_gradient = false;
   rows.push_back(softening("softmax", "large values", given({2, 3}, {200, 201, 199, -300, -302, -301}), 1, false));
+  rows.push_back(softening("softmax", "long rows", normal({3, 211}), 1, false));
+  rows.push_back(softening("softmax", "many rows", normal({131, 16}), 1, false));
   rows.push_back(softening("log_softmax", "", normal({5, 7}), 1, true));
   rows.back().second_order = true;
+  rows.push_back(softening("log_softmax", "long rows", normal({3, 211}), 1, true));
 }
 
 constexpr double kEpsilon = 1e-5F;
@@ -58,17 +62,28 @@ HostArray standard(HostArray x, int64_t length) {
   return x;
 }
 
-void add_norms(OpCases& rows) {
-  rows.push_back({.op = "layer_norm",
-                  .inputs = {normal({3, 5, 7}), normal({7}), normal({7})},
-                  .run = [](const Tensors& in) { return layer_norm(in[0], in[1], in[2]); },
-                  .reference =
-                      [](const HostArrays& in) {
-                        HostArray out = standard(in[0], 7);
-                        for (int64_t i = 0; i < out.size(); i++) out[i] = out[i] * in[1][i % 7] + in[2][i % 7];
-                        return out;
-                      },
-                  .zero = {{0, 5, 7}, {7}, {7}}});
+OpCase layer_normalising(const char* label, const Shape& x) {
+  const int64_t n = x.back();
+  return {.op = "layer_norm",
+          .label = label,
+          .inputs = {normal(x), normal({n}), normal({n})},
+          .run = [](const Tensors& in) { return layer_norm(in[0], in[1], in[2]); },
+          .reference =
+              [n](const HostArrays& in) {
+                HostArray out = standard(in[0], n);
+                for (int64_t i = 0; i < out.size(); i++) out[i] = out[i] * in[1][i % n] + in[2][i % n];
+                return out;
+              },
+          .composed = true};
+}
+
+void add_layer_norms(OpCases& rows) {
+  rows.push_back(layer_normalising("", {3, 5, 7}));
+  rows.back().second_order = true;
+  rows.back().zero = {{0, 5, 7}, {7}, {7}};
+  rows.push_back(layer_normalising("long rows", {3, 211}));
+  rows.push_back(layer_normalising("many rows", {1031, 16}));
+  rows.push_back(layer_normalising("one row", {16}));
 }
 
 struct Grouping {
@@ -248,7 +263,7 @@ void add_resizes(OpCases& rows) {
 
 void add_norm_cases(OpCases& rows) {
   add_softmax(rows);
-  add_norms(rows);
+  add_layer_norms(rows);
   add_group_norms(rows);
   add_attention(rows);
   add_resizes(rows);
