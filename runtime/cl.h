@@ -45,7 +45,6 @@ cl::Kernel& kernel(const Variant& variant, const Constants& more = {});
 bool has_kernel_text(const std::string& stem);
 std::string kernel_text(const std::string& stem);
 std::vector<std::string> kernel_stems();
-std::vector<std::string> kernel_stems();
 /// What is kept between runs on this machine: tuned choices.
 std::string cache_folder();
 

@@ -38,12 +38,6 @@ std::vector<std::string> kernel_stems() {
   return out;
 }
 
-std::vector<std::string> kernel_stems() {
-  std::vector<std::string> out;
-  for (const KernelSource* source = kKernelSources; source->stem; source++) out.push_back(source->stem);
-  return out;
-}
-
 std::string kernel_text(const std::string& stem) {
   if (const char* folder = std::getenv("CLOAM_KERNEL_DIR")) {
     std::ifstream file(std::string(folder) + "/" + stem + ".cl");
