@@ -94,13 +94,6 @@ DEFINE_LAYER(to_hidden, WIDTH)
 DEFINE_LAYER(to_out, OUT_PAD)
 DEFINE_LAYER(to_in, IN_PAD)
 
-INLINE float sum16(float16 x) {
-  const float8 a = x.lo + x.hi;
-  const float4 b = a.lo + a.hi;
-  const float2 c = b.lo + b.hi;
-  return c.x + c.y;
-}
-
 // out [rows][OUT] = in [rows][WIDTH] times the transpose of weights [OUT][WIDTH].
 INLINE void run_narrow(__global const float* in, __global const float* weights, __global float* out, int rows) {
   for (int s = 0; s < rows; s++)
