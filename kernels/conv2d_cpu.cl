@@ -16,36 +16,6 @@ inline int modulo_of(int a, int n) { return (a % n + n) % n; }
 inline int ceil_div(int a, int n) { return (a + n - 1 + (a < 0 ? 1 - n : 0)) / n; }
 inline int taps_of(int size, int first, int step) { return first < size ? (size - first + step - 1) / step : 0; }
 
-// Weights -> [group][ceil(outputs / MR)][class][inputs][taps of the class][MR], zeros beyond the last output. The strides
-// tell where the weight of (group, output, input) lies; `flip` turns the kernel by 180 degrees: the adjoint in x is a
-// convolution with that.
-FAT __kernel void pack_weights(__global const float* restrict w, __global float* restrict packed, int outputs,
-                               int inputs, int R, int S, int group_stride, int output_stride, int input_stride, int flip,
-                               int dilation, int pad_y, int pad_x, int chunk) {
-  const int blocks = (outputs + MR - 1) / MR, group = get_group_id(0) / blocks,
-            block = get_group_id(0) - group * blocks;
-  const int left = outputs - block * MR, step = flip ? -1 : 1;
-  const int begin = get_group_id(1) * chunk, end = min(inputs, begin + chunk);
-  w += (size_t)group * group_stride + (size_t)block * MR * output_stride + (flip ? R * S - 1 : 0);
-  packed += (size_t)get_group_id(0) * inputs * R * S * MR;
-  for (int class = 0; class < dilation * dilation; class++) {
-    const int r0 = modulo_of(pad_y - class / dilation, dilation), s0 = modulo_of(pad_x - class % dilation, dilation);
-    const int taps = taps_of(R, r0, dilation) * taps_of(S, s0, dilation);
-    __global float* to = packed + (size_t)begin * taps * MR;
-    for (int i = begin; i < end; i++)
-      for (int r = r0; r < R; r += dilation)
-        for (int s = s0; s < S; s += dilation, to += MR) {
-          __global const float* from = w + (size_t)i * input_stride + (r * S + s) * step;
-          if (left >= MR) {
-            UNROLL for (int m = 0; m < MR; m++) to[m] = from[(size_t)m * output_stride];
-          } else {
-            for (int m = 0; m < MR; m++) to[m] = m < left ? from[(size_t)m * output_stride] : 0.0f;
-          }
-        }
-    packed += (size_t)inputs * taps * MR;
-  }
-}
-
 inline void copy_floats(__local float* restrict to, __global const float* restrict from, int count) {
   int q = 0;
   for (; q + 16 <= count; q += 16) vstore16(vload16(0, from + q), 0, to + q);

@@ -3,20 +3,6 @@
 //: variant conv2d_dw_tiles cpu wide CB=64 DR=8
 //: variant conv2d_dw_tiles cpu half CB=32 DR=8
 //: variant conv2d_dw_tiles cpu narrow CB=16 DR=8
-inline void transpose16(float16 r[16]) {
-  float16 t[16];
-  UNROLL for (int stage = 0; stage < 4; stage++) {  // four perfect shuffles of rows make a transpose
-    UNROLL for (int i = 0; i < 8; i++) {
-      const float16 p = r[i], q = r[i + 8];
-      t[2 * i] =
-          (float16)(p.s0, q.s0, p.s1, q.s1, p.s2, q.s2, p.s3, q.s3, p.s4, q.s4, p.s5, q.s5, p.s6, q.s6, p.s7, q.s7);
-      t[2 * i + 1] =
-          (float16)(p.s8, q.s8, p.s9, q.s9, p.sa, q.sa, p.sb, q.sb, p.sc, q.sc, p.sd, q.sd, p.se, q.se, p.sf, q.sf);
-    }
-    UNROLL for (int i = 0; i < 16; i++) r[i] = t[i];
-  }
-}
-
 // Input tile -> [height][width][CB], channels innermost, zeros outside the image and beyond the last channel.
 inline void pack_pixels(__local float* restrict to, __global const float* restrict x, int channels, int H, int W,
                         int y0, int x0, int height, int width) {

@@ -59,31 +59,105 @@ Range named(Range range, double flops) {
   return range;
 }
 
+const int64_t kChannels = getenv("KC") ? atoi(getenv("KC")) : 16;  // packed by a work-item
+
+/// Where the weight of (group, output, input) lies.
+struct WeightStrides {
+  int64_t output, input;
+};
+WeightStrides weight_strides(const ConvPass& p) {
+  const int64_t taps = p.R * p.S, filter = taps * (p.flip ? p.outputs : p.inputs);
+  return {p.flip ? taps : filter, p.flip ? filter : taps};
+}
+
+/// Weights in blocks of `block` outputs.
+Tensor packed_weights(const ConvPass& p, const Tensor& w, int block) {
+  const int64_t blocks = p.groups * ceil_div(p.outputs, block);
+  const WeightStrides stride = weight_strides(p);
+  const Tensor packed = empty({blocks * block, p.inputs * p.R * p.S});
+  launch(kernel("conv2d_small_cpu", "pack_weights", {{"BLOCK", block}, {"MAX_TAPS", 1}}), "conv2d_pack",
+         range2(blocks, ceil_div(p.inputs, kChannels)), w, packed, p.outputs, p.inputs, p.R, p.S, stride.output,
+         stride.input, w.numel(), p.flip, p.dilation, p.pad_y, p.pad_x, kChannels);
+  return packed;
+}
+
+struct Ending {
+  const Tensor &bias, &residual;
+  int64_t bias_step;
+};
+Ending ending(const ConvPass& p, int epilogue, const Tensors& in) {
+  const Tensor &bias = epilogue & kBias ? in[2] : in[1], &residual = epilogue & kResidual ? in.back() : in[1];
+  return {bias, residual, bias.rank() == 2 ? p.groups * p.outputs : 0};
+}
+
 bool run_rows(const ConvSizes& z, const ConvPass& p, int epilogue, const Tensors& in, const Tensor& out) {
   const Variant& v = rows_variant(p);
   const auto t = row_tiling(p, v);
   if (!t) return false;
   const Scratch room = scratch();
-  Constants constants = v.constants;
-  constants.insert(constants.end(), {{"TILE", room.tile}, {"TAPS", room.taps}});
-  const int64_t taps = p.R * p.S, blocks = ceil_div(p.outputs, v["MR"]),
-                filter = taps * (p.flip ? p.outputs : p.inputs);
-  const Tensor packed = empty({p.groups * blocks * v["MR"], p.inputs * taps});
-  constexpr int64_t kChunk = 16;
-  launch(kernel("conv2d_cpu", "pack_weights", constants), "conv2d_pack",
-         range2(p.groups * blocks, ceil_div(p.inputs, kChunk)), in[1], packed, p.outputs, p.inputs, p.R, p.S,
-         p.inputs * p.outputs * taps, p.flip ? taps : filter, p.flip ? filter : taps, p.flip, p.dilation, p.pad_y,
-         p.pad_x, kChunk);
+  const Tensor packed = packed_weights(p, in[1], v["MR"]);
   Range range = range2(
       ceil_div(ceil_div(p.out_height, p.dilation), t->rows) * ceil_div(ceil_div(p.out_width, p.dilation), t->columns),
       p.groups * ceil_div(p.outputs, t->block_outputs));
   range.global[2] = static_cast<size_t>(p.images);
-  const Tensor &bias = epilogue & kBias ? in[2] : in[1], &residual = epilogue & kResidual ? in.back() : in[1];
-  launch(kernel("conv2d_cpu", v.kernel.c_str(), constants), p.flip ? "conv2d_dx" : "conv2d", named(range, z.flops()),
-         in[0], packed, out, bias, residual, p.inputs, p.in_height, p.in_width, p.outputs, p.out_height, p.out_width,
-         p.R, p.S, p.stride, p.dilation, p.pad_y, p.pad_x, t->rows, t->columns, t->height, t->places, t->used, t->depth,
-         t->block_outputs, p.groups, bias.rank() == 2 ? p.groups * p.outputs : 0, epilogue);
+  const Ending end = ending(p, epilogue, in);
+  launch(kernel(v, {{"TILE", room.tile}, {"TAPS", room.taps}}), p.flip ? "conv2d_dx" : "conv2d",
+         named(range, z.flops()), in[0], packed, out, end.bias, end.residual, p.inputs, p.in_height, p.in_width,
+         p.outputs, p.out_height, p.out_width, p.R, p.S, p.stride, p.dilation, p.pad_y, p.pad_x, t->rows, t->columns,
+         t->height, t->places, t->used, t->depth, t->block_outputs, p.groups, end.bias_step, epilogue);
   return true;
+}
+
+constexpr int kMaxTaps = 64, kLines = 32;
+
+bool is_small(const ConvPass& p) {
+  return p.outputs >= 16 && p.R * p.S <= kMaxTaps && p.out_height * p.out_width <= (p.images > 4 ? 256 : 64);
+}
+
+/// Lines of eight images' pixels, or of eight pixels where there are few images.
+struct Lines {
+  bool by_image;
+  int64_t each, count;  // of an image or eight images, of all
+};
+Lines lines_of(const ConvPass& p) {
+  const int64_t results = p.out_height * p.out_width;
+  if (p.images > 4) return {true, results, ceil_div(p.images, 8) * results};
+  return {false, ceil_div(results, 8), p.images * ceil_div(results, 8)};
+}
+
+Tensor packed_lines(const ConvPass& p, const Lines& lines, const Tensor& x, const Constants& constants) {
+  const int64_t channels = p.groups * p.inputs, pixels = p.in_height * p.in_width;
+  const int64_t chunks = ceil_div(channels, kChannels), pieces = lines.count / (lines.by_image ? lines.each : 1);
+  const Tensor packed = empty({pieces, channels, lines.by_image ? pixels : p.R * p.S, 8});
+  if (lines.by_image)
+    launch(kernel("conv2d_small_cpu", "pack_images", constants), "conv2d_pack", range2(pieces, chunks), x, packed,
+           p.images, channels, pixels, kChannels);
+  else
+    launch(kernel("conv2d_small_cpu", "pack_pixels", constants), "conv2d_pack", range2(pieces, chunks), x, packed,
+           p.images, channels, p.in_height, p.in_width, p.out_height, p.out_width, p.R, p.S, p.stride, p.dilation,
+           p.pad_y, p.pad_x, kChannels);
+  return packed;
+}
+
+void run_lines(const ConvSizes& z, const ConvPass& p, int epilogue, const Tensors& in, const Tensor& out) {
+  const Variant& v = choose("conv2d_small");
+  const int block = v["BLOCK"];
+  Constants constants = v.constants;
+  constants.insert(constants.end(), {{"MAX_TAPS", kMaxTaps}, {"LINES", kLines}});
+  const Lines lines = lines_of(p);
+  const int64_t blocks = p.groups * ceil_div(p.outputs, block), parts = ceil_div(lines.count, kLines);
+  const int64_t chunk = ceil_div(lines.count, parts);
+  // Weights packed at a time: what the first cache holds beside a line's inputs.
+  const int64_t depth = std::clamp<int64_t>(4608 / (p.R * p.S * block), 1, p.inputs);
+  const Tensor packed = packed_lines(p, lines, in[0], constants),
+               room = empty({parts * blocks, depth * p.R * p.S, block});
+  const WeightStrides stride = weight_strides(p);
+  const Ending end = ending(p, epilogue, in);
+  launch(kernel("conv2d_small_cpu", v.kernel.c_str(), constants), p.flip ? "conv2d_dx" : "conv2d",
+         named(range2(parts, blocks), z.flops()), packed, in[1], room, out, end.bias, end.residual, p.images, p.inputs,
+         p.in_height, p.in_width, p.outputs, p.out_height, p.out_width, p.R, p.S, p.stride, p.dilation, p.pad_y,
+         p.pad_x, p.groups, stride.output, stride.input, in[1].numel(), p.flip, lines.by_image, lines.count, chunk,
+         depth, end.bias_step, epilogue);
 }
 
 struct GradientTiling {
@@ -128,7 +202,9 @@ ConvPass backward_pass(const ConvSizes& z) {
 }
 
 bool run_conv2d_cpu(const ConvSizes& sizes, const ConvPass& pass, int epilogue, const Tensors& in, const Tensor& out) {
-  return run_rows(sizes, pass, epilogue, in, out);
+  if (!is_small(pass)) return run_rows(sizes, pass, epilogue, in, out);
+  run_lines(sizes, pass, epilogue, in, out);
+  return true;
 }
 
 bool run_conv2d_dw_cpu(const ConvSizes& z, const Tensors& in, const Tensor& out) {
