@@ -44,3 +44,16 @@ __kernel void conv2d_dx(__global const float* restrict y, __global const float* 
     }
   x[((size_t)n * C + c) * H * W + pixel] = sum;
 }
+
+// The end of a forward pass, in place: y = activation(y + bias + residual).
+__kernel void conv2d_end(__global float* restrict y, __global const float* restrict bias,
+                         __global const float* restrict residual, int K, int plane, int bias_step, int epilogue) {
+  const int pixel = get_global_id(0);
+  if (pixel >= plane) return;
+  const int n = get_global_id(1) / K, k = get_global_id(1) - n * K;
+  const size_t at = (size_t)get_global_id(1) * plane + pixel;
+  float sum = y[at];
+  if (epilogue & EPILOGUE_BIAS) sum += bias[n * bias_step + k];
+  if (epilogue & EPILOGUE_RESIDUAL) sum += residual[at];
+  y[at] = activate(sum, epilogue);
+}

@@ -211,10 +211,12 @@ Tensor linear_composed(const Tensor& x, const Tensor& w, const Epilogue& with = 
 struct Conv2dParams {
   int stride = 1, pad = 0, groups = 1;  // pad: zeros on every side
 };
-/// x [N,C,H,W], w [K,C/groups,R,S] -> [N,K,P,Q] with P = (H + 2 pad - R) / stride + 1, rounded down; no bias.
+/// x [N,C,H,W], w [K,C/groups,R,S] -> [N,K,P,Q] with P = (H + 2 pad - R) / stride + 1, rounded down; the epilogue is
+/// part of the launch, conv2d_composed is its reference.
 /// y[n,k,p,q] = sum of x[n,c,p*stride+r-pad,q*stride+s-pad] * w[k,c,r,s]: the correlation that networks call
 /// convolution.
-Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params = {});
+Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params = {}, const Epilogue& with = {});
+Tensor conv2d_composed(const Tensor& x, const Tensor& w, Conv2dParams params = {}, const Epilogue& with = {});
 /// Its adjoints, the gradients by name: in x (also known as transposed convolution), from y [N,K,P,Q] and w; in w, from
 /// x and y. The shape wanted is named because several have the same y when the stride does not divide.
 Tensor conv2d_dx(const Tensor& y, const Tensor& w, const Shape& x_shape, Conv2dParams params = {});

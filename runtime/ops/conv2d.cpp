@@ -2,6 +2,7 @@
 // gradients.
 #include "runtime/ops/conv2d.h"
 
+#include "runtime/ops/epilogue.h"
 #include "runtime/variant.h"
 
 namespace cloam {
@@ -12,10 +13,11 @@ const Registered kRegistered[] = {Registered("conv2d"), Registered("conv2d_dx"),
 enum class Part { forward, dx, dw };
 
 struct Conv2d final : Op {
-  Conv2d(Part which, const ConvSizes& s) : part(which), sizes(s) {}
+  Conv2d(Part which, const ConvSizes& s, int epilogue = 0) : part(which), sizes(s), flags(epilogue) {}
   const char* name() const override {
     return part == Part::forward ? "conv2d" : part == Part::dx ? "conv2d_dx" : "conv2d_dw";
   }
+  uint64_t key() const override { return static_cast<uint64_t>(flags); }
   void run(const Tensors& in, Tensor& out) const override {
     if (sizes.empty() || !run_tiled(in, out)) run_reference(in, out);
   }
@@ -25,12 +27,19 @@ struct Conv2d final : Op {
   Tensor make_part(Part which, const Tensor& a, const Tensor& b) const;
   Part part;
   ConvSizes sizes;
+  int flags;  // of the epilogue, forward only: bias and residual follow x and w
 };
 
 bool Conv2d::run_tiled(const Tensors& in, const Tensor& out) const {
-  if (reference_variants() || !is_cpu_class()) return false;
-  if (part == Part::dw) return run_conv2d_dw_cpu(sizes, in, out);
-  return run_conv2d_cpu(sizes, part == Part::forward ? forward_pass(sizes) : backward_pass(sizes), 0, in, out);
+  if (reference_variants()) return false;
+  if (is_cpu_class()) {
+    if (part == Part::dw) return run_conv2d_dw_cpu(sizes, in, out);
+    return run_conv2d_cpu(sizes, part == Part::forward ? forward_pass(sizes) : backward_pass(sizes), flags, in, out);
+  }
+  if (part == Part::forward) run_conv2d_gpu(sizes, flags, in, out);
+  if (part == Part::dx) run_conv2d_dx_gpu(sizes, in, out);
+  if (part == Part::dw) run_conv2d_dw_gpu(sizes, in, out);
+  return true;
 }
 
 void Conv2d::run_reference(const Tensors& in, const Tensor& out) const {
@@ -46,6 +55,11 @@ void Conv2d::run_reference(const Tensors& in, const Tensor& out) const {
   for (int64_t size : {z.C, z.H, z.W, z.K, z.R, z.S, z.P, z.Q}) arguments.add(size);
   for (int value : {z.with.stride, z.with.pad, z.with.groups}) arguments.add(value);
   enqueue(k, name(), range, arguments.bytes());
+  if (!flags) return;
+  range.flops = 0;
+  const Tensor &bias = flags & kBias ? in[2] : in[1], &residual = flags & kResidual ? in.back() : in[1];
+  launch(kernel("conv2d", "conv2d_end"), "conv2d_end", range, out, bias, residual, z.K, z.P * z.Q,
+         bias.rank() == 2 ? z.K : 0, flags);
 }
 
 Tensor Conv2d::make_part(Part which, const Tensor& a, const Tensor& b) const {
@@ -58,10 +72,16 @@ Tensor Conv2d::make_part(Part which, const Tensor& a, const Tensor& b) const {
 
 // Operands: forward (x, w), dx (y, w), dw (x, y). All three are one trilinear form <y, conv(x, w)> with one factor left
 // out.
-Tensors Conv2d::vjp(const Tensors& in, const Tensor&, const Tensor& g) const {
+Tensors Conv2d::vjp(const Tensors& in, const Tensor& out, const Tensor& g) const {
   switch (part) {
-    case Part::forward:
-      return {make_part(Part::dx, g, in[1]), make_part(Part::dw, in[0], g)};
+    case Part::forward: {
+      const Tensor through = before_epilogue(flags, out, g);
+      Tensors of = {make_part(Part::dx, through, in[1]), make_part(Part::dw, in[0], through)};
+      if (flags & kBias)
+        of.push_back(sum(through, {in[2].rank() == 1 ? std::vector<int>{0, 2, 3} : std::vector{2, 3}}));
+      if (flags & kResidual) of.push_back(through);
+      return of;
+    }
     case Part::dx:
       return {make_part(Part::forward, g, in[1]), make_part(Part::dw, g, in[0])};
     default:
@@ -97,10 +117,26 @@ void check_result(const char* op, const Tensor& y, const ConvSizes& z) {
 
 }  // namespace
 
-Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params) {
+Tensor conv2d(const Tensor& x, const Tensor& w, Conv2dParams params, const Epilogue& with) {
   const ConvSizes z = check(x, w, params);
-  const Conv2d op(Part::forward, z);
-  return op.make_part(Part::forward, x, w);
+  const Shape shape{z.N, z.K, z.P, z.Q};
+  if (with.bias && with.bias.shape() != Shape{z.K} && with.bias.shape() != Shape{z.N, z.K})
+    throw Error(Fault::internal, text("[conv2d] bias has shape ", to_string(with.bias.shape()), ", want [", z.K,
+                                      "] or [", z.N, ",", z.K, "]"));
+  if (with.residual && with.residual.shape() != shape)
+    throw Error(Fault::internal,
+                text("[conv2d] residual has shape ", to_string(with.residual.shape()), ", want ", to_string(shape)));
+  Tensors in = {x, w};
+  if (with.bias) in.push_back(with.bias);
+  if (with.residual) in.push_back(with.residual);
+  if (!fuses(in, with)) return conv2d_composed(x, w, params, with);
+  return make(std::make_shared<Conv2d>(Part::forward, z, epilogue_flags(with)), shape, in);
+}
+
+Tensor conv2d_composed(const Tensor& x, const Tensor& w, Conv2dParams params, const Epilogue& with) {
+  Tensor bias = with.bias;
+  if (bias) bias = reshape(bias, {bias.rank() == 2 ? bias.dim(0) : 1, bias.dim(-1), 1, 1});
+  return composed_epilogue(conv2d(x, w, params), bias, with);
 }
 
 Tensor conv2d_dx(const Tensor& y, const Tensor& w, const Shape& x_shape, Conv2dParams params) {

@@ -27,10 +27,11 @@ struct ConvPass {
 ConvPass forward_pass(const ConvSizes& z);
 ConvPass backward_pass(const ConvSizes& z);
 
-/// in: the image, w, then what the epilogue's flags (epilogue.h) say. False: no variant for this device class or these
-/// sizes.
+/// in: the image, w, then what the epilogue's flags (epilogue.h) say; or x, y. False: no variant for these sizes.
 bool run_conv2d_cpu(const ConvSizes& sizes, const ConvPass& pass, int epilogue, const Tensors& in, const Tensor& out);
-/// in: x, y.
 bool run_conv2d_dw_cpu(const ConvSizes& sizes, const Tensors& in, const Tensor& out);
+void run_conv2d_gpu(const ConvSizes& sizes, int epilogue, const Tensors& in, const Tensor& out);
+void run_conv2d_dx_gpu(const ConvSizes& sizes, const Tensors& in, const Tensor& out);
+void run_conv2d_dw_gpu(const ConvSizes& sizes, const Tensors& in, const Tensor& out);
 
 }  // namespace cloam

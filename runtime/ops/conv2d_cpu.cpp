@@ -160,33 +160,53 @@ void run_lines(const ConvSizes& z, const ConvPass& p, int epilogue, const Tensor
          depth, end.bias_step, epilogue);
 }
 
+/// How the weights' gradient is cut, conv2d_dw_cpu.cl.
 struct GradientTiling {
-  int grow = 1024;
-  int64_t rows = 4, columns = 64, block_filters = 64, parts = 1, blocks = 1;
+  bool unfold = false;                        // every tap of a channel is a channel of the product
+  int64_t channels = 0, taps = 0;             // of the product
+  int64_t images = 1, rows = 0, columns = 0;  // of a tile
+  int64_t block_filters = 64, parts = 1, blocks = 1;
+  bool at_once = false;
 };
 
-const Variant& gradient_variant(int64_t channels) {
+GradientTiling unfolding(const ConvSizes& z) {
+  const int64_t taps = z.R * z.S;
+  const bool unfold = z.channels() < 16 && taps > 1 && z.with.stride == 1;
+  return {.unfold = unfold, .channels = z.channels() * (unfold ? taps : 1), .taps = unfold ? 1 : taps};
+}
+
+const Variant& gradient_variant(const ConvSizes& z, int64_t channels) {
+  if (z.channels() == 1 && z.filters() < 8) return choose("conv2d_dw", "single");
+  if (z.filters() <= 4 && channels > 32) return choose("conv2d_dw", "few");
   if (channels <= 16) return choose("conv2d_dw", "narrow");
   return choose("conv2d_dw", round_up(channels, 32) < round_up(channels, 64) ? "half" : "wide");
 }
 
-std::optional<GradientTiling> gradient_tiling(const ConvSizes& z, const Variant& v) {
-  GradientTiling t;
-  const int64_t channels = z.channels();
-  t.columns = std::min<int64_t>(64, z.Q);
-  t.rows = std::clamp<int64_t>(256 / t.columns, 1, z.P);
-  const int64_t room = scratch().tile;
-  const auto floats = [&] {
-    return ((t.rows - 1) * z.with.stride + z.R) * ((t.columns - 1) * z.with.stride + z.S) * v["CB"];
-  };
-  while (floats() > room && t.rows > 1) t.rows /= 2;
-  while (floats() > room && t.columns > 1) t.columns /= 2;
-  if (floats() > room) return std::nullopt;
-  if (room < 64 << 10) t.grow = 256;
-  const int64_t tiles = ceil_div(z.P, t.rows) * ceil_div(z.Q, t.columns) * z.N;
-  t.blocks = z.with.groups * ceil_div(z.filters(), t.block_filters) * ceil_div(channels, v["CB"]);
+constexpr int64_t kTilePixels = 512;
+
+/// False when even the smallest tile does not fit.
+bool cut_gradient(const ConvSizes& z, int64_t block_channels, GradientTiling& t) {
+  const int64_t R = t.unfold ? 1 : z.R, S = t.unfold ? 1 : z.S, stride = z.with.stride;
+  const int64_t room = scratch().tile, most = room < 64 << 10 ? 256 : kTilePixels;
+  t.columns = ceil_div(z.Q, ceil_div(z.Q, 64));
+  t.rows = std::clamp<int64_t>(most / t.columns, 1, z.P);
+  const auto floats = [&] { return ((t.rows - 1) * stride + R) * ((t.columns - 1) * stride + S) * block_channels; };
+  while (floats() > room && t.rows > 1) t.rows = ceil_div(t.rows, 2);
+  while (floats() > room && t.columns > 1) t.columns = ceil_div(t.columns, 2);
+  if (floats() > room) return false;
+  if (t.rows == z.P && t.columns == z.Q)
+    t.images = std::clamp<int64_t>(std::min(room / floats(), most / (t.rows * t.columns)), 1, z.N);
+  const int64_t tiles = ceil_div(z.P, t.rows) * ceil_div(z.Q, t.columns) * ceil_div(z.N, t.images);
+  t.blocks = z.with.groups * ceil_div(z.filters(), t.block_filters) * ceil_div(t.channels, block_channels);
   t.parts = std::clamp<int64_t>(ceil_div(16, t.blocks), 1, tiles);
-  return t;
+  t.at_once = tiles == 1 && t.taps <= 32 && most == kTilePixels;
+  return true;
+}
+
+bool run_planes(const ConvSizes& z, const Variant& v, const Tensors& in, const Tensor& out) {
+  launch(kernel(v, {{"TILE", 1}, {"GROW", 1}, {"TAPS", 1}}), "conv2d_dw", named(range1(z.K), z.flops()), in[0], in[1],
+         out, z.N, z.C, z.H, z.W, z.K, z.P, z.Q, z.R, z.S, z.with.stride, z.with.pad);
+  return true;
 }
 
 }  // namespace
@@ -208,19 +228,24 @@ bool run_conv2d_cpu(const ConvSizes& sizes, const ConvPass& pass, int epilogue, 
 }
 
 bool run_conv2d_dw_cpu(const ConvSizes& z, const Tensors& in, const Tensor& out) {
-  const Variant& v = gradient_variant(z.channels());
-  const auto t = gradient_tiling(z, v);
-  if (!t) return false;
+  GradientTiling t = unfolding(z);
+  const Variant& v = gradient_variant(z, t.channels);
+  if (v.kernel == "conv2d_dw_planes") return run_planes(z, v, in, out);
+  if (!cut_gradient(z, v["CB"], t)) return false;
+  const bool roomy = scratch().tile >= 64 << 10;
   Constants constants = v.constants;
-  constants.insert(constants.end(), {{"TILE", scratch().tile}, {"GROW", t->grow}});
-  const int64_t groups = z.with.groups, taps = z.R * z.S;
+  constants.insert(constants.end(),
+                   {{"TILE", scratch().tile}, {"GROW", roomy ? kTilePixels : 256}, {"TAPS", roomy ? 32 : 1}});
+  const int64_t groups = z.with.groups;
   const Tensor partial =
-      empty({t->parts, groups * taps, round_up(z.filters(), v["DR"]), round_up(z.channels(), v["CB"])});
-  launch(kernel("conv2d_dw_cpu", v.kernel.c_str(), constants), "conv2d_dw",
-         named(range2(t->parts, t->blocks), z.flops()), in[0], in[1], partial, z.N, z.channels(), z.H, z.W, z.filters(),
-         z.P, z.Q, z.R, z.S, z.with.stride, z.with.pad, t->rows, t->columns, t->block_filters, groups, t->parts);
-  launch(kernel("conv2d_dw_cpu", "conv2d_dw_sum", constants), "conv2d_dw_sum",
-         range2(z.K, ceil_div(z.channels(), v["CB"])), partial, out, z.channels(), z.filters(), taps, groups, t->parts);
+      t.at_once ? empty({1})
+                : empty({t.parts, groups * t.taps, round_up(z.filters(), v["DR"]), round_up(t.channels, v["CB"])});
+  launch(kernel("conv2d_dw_cpu", v.kernel.c_str(), constants), "conv2d_dw", named(range2(t.parts, t.blocks), z.flops()),
+         in[0], in[1], partial, out, z.N, z.channels(), z.H, z.W, z.filters(), z.P, z.Q, z.R, z.S, z.with.stride,
+         z.with.pad, t.images, t.rows, t.columns, t.block_filters, groups, t.parts, t.unfold, t.at_once);
+  if (!t.at_once)
+    launch(kernel("conv2d_dw_cpu", "conv2d_dw_sum", constants), "conv2d_dw_sum",
+           range2(z.K, ceil_div(t.channels, v["CB"])), partial, out, t.channels, z.filters(), t.taps, groups, t.parts);
   return true;
 }
 

@@ -1,4 +1,7 @@
 // Rows of convolutions and their adjoints.
+#include <algorithm>
+#include <cmath>
+
 #include "tests/op_cases/cases.h"
 
 namespace cloam {
@@ -75,6 +78,54 @@ OpCase adjoint_w(const Convolution& c) {
               }};
 }
 
+/// inputs: x, w, then the bias and the residual that the row is said to have.
+struct Ending {
+  const char* label;
+  Shape bias = {};  // [K] or [N,K], or none
+  bool residual = false;
+  Activation activation = Activation::none;
+  bool has_bias() const { return bias.rank() > 0; }
+};
+
+OpCase ending(const Convolution& c, const Ending& e) {
+  OpCase row = convolving(c);
+  row.label = e.label;
+  row.composed = true;
+  const Reference sums = row.reference;
+  if (e.has_bias()) row.inputs.push_back(normal(e.bias));
+  if (e.residual) row.inputs.push_back(normal(c.y()));
+  row.run = [c, e](const Tensors& in) {
+    const Epilogue with{e.has_bias() ? in[2] : Tensor(), e.residual ? in.back() : Tensor(), e.activation};
+    return conv2d(in[0], in[1], c.with, with);
+  };
+  row.reference = [e, sums](const HostArrays& in) {
+    HostArray out = sums(in);
+    each_index(out.shape, [&](const Shape& i) {
+      double& y = out.at(i);
+      if (e.has_bias()) y += e.bias.rank() == 1 ? in[2].at({i[1]}) : in[2].at({i[0], i[1]});
+      if (e.residual) y += in.back().at(i);
+      if (e.activation == Activation::relu) y = std::max(y, 0.0);
+      if (e.activation == Activation::silu) y = y / (1 + std::exp(-y));
+    });
+    return out;
+  };
+  return row;
+}
+
+void add_endings(OpCases& rows) {
+  const Convolution small{"", {2, 5, 4, 4}, {18, 5, 3, 3}, {.pad = 1}};
+  const Convolution large{"", {2, 3, 6, 35}, {9, 3, 3, 3}, {.pad = 1}};
+  const Convolution grouped{"", {1, 4, 7, 20}, {6, 2, 3, 3}, {.stride = 2, .pad = 1, .groups = 2}};
+  rows.push_back(ending(small, {"small, bias, residual, ReLU", {18}, true, Activation::relu}));
+  rows.push_back(ending(small, {"small, bias of each image, SiLU", {2, 18}, false, Activation::silu}));
+  rows.push_back(ending(large, {"large, bias of each image, residual", {2, 9}, true}));
+  rows.push_back(ending(large, {"large, ReLU", {}, false, Activation::relu}));
+  rows.back().second_order = true;
+  rows.push_back(ending(large, {"large, bias, residual, SiLU", {9}, true, Activation::silu}));
+  rows.back().second_order = true;
+  rows.push_back(ending(grouped, {"groups, bias, ReLU", {6}, false, Activation::relu}));
+}
+
 }  // namespace
 
 void add_conv_cases(OpCases& rows) {
@@ -83,11 +134,13 @@ void add_conv_cases(OpCases& rows) {
       {"stride 2, groups", {2, 4, 7, 9}, {6, 2, 3, 3}, {.stride = 2, .pad = 1, .groups = 2}},
       {"1x1", {2, 5, 3, 7}, {3, 5, 1, 1}, {}},
       {"1x1, stride 2, pad 1", {1, 2, 5, 4}, {7, 2, 1, 1}, {.stride = 2, .pad = 1}},
-      {"a channel a group", {2, 5, 6, 19}, {5, 1, 3, 2}, {.groups = 5}},
+      {"a channel a group", {2, 5, 6, 39}, {5, 1, 3, 2}, {.groups = 5}},
       {"stride 3", {1, 2, 19, 37}, {3, 2, 5, 3}, {.stride = 3, .pad = 2}},
       {"4x4, stride 2", {1, 3, 10, 36}, {9, 3, 4, 4}, {.stride = 2, .pad = 1}},
       {"long rows", {1, 2, 9, 150}, {17, 2, 3, 3}, {.pad = 1}},
       {"many channels", {1, 70, 5, 9}, {37, 70, 3, 3}, {.pad = 1}},
+      {"few filters", {2, 37, 5, 18}, {3, 37, 3, 3}, {.pad = 1}},
+      {"few channels", {1, 3, 9, 41}, {10, 3, 3, 3}, {.pad = 1}},
       {"small images", {9, 5, 4, 4}, {35, 5, 3, 3}, {.pad = 1}},
       {"few small images", {2, 5, 8, 8}, {35, 5, 3, 3}, {.pad = 1}},
       {"small images, stride 2", {9, 19, 6, 6}, {20, 19, 3, 3}, {.stride = 2, .pad = 1}},
@@ -103,6 +156,7 @@ void add_conv_cases(OpCases& rows) {
     rows.push_back(adjoint_x(c));
     rows.push_back(adjoint_w(c));
   }
+  add_endings(rows);
 }
 
 }  // namespace cloam
