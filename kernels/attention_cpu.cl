@@ -17,20 +17,6 @@
 #define KL (BK + 16)
 #define LOG2E 1.44269504f
 
-inline void transpose16(float16 r[16]) {
-  float16 t[16];
-  UNROLL for (int stage = 0; stage < 4; stage++) {  // four perfect shuffles of rows make a transpose
-    UNROLL for (int i = 0; i < 8; i++) {
-      const float16 p = r[i], q = r[i + 8];
-      t[2 * i] =
-          (float16)(p.s0, q.s0, p.s1, q.s1, p.s2, q.s2, p.s3, q.s3, p.s4, q.s4, p.s5, q.s5, p.s6, q.s6, p.s7, q.s7);
-      t[2 * i + 1] =
-          (float16)(p.s8, q.s8, p.s9, q.s9, p.sa, q.sa, p.sb, q.sb, p.sc, q.sc, p.sd, q.sd, p.se, q.se, p.sf, q.sf);
-    }
-    UNROLL for (int i = 0; i < 16; i++) r[i] = t[i];
-  }
-}
-
 // Rows of x [rows, width] to local memory; columns up to a multiple of 32 and rows up to one of 8 are zeros.
 inline void copy_rows(__global const float* restrict x, int rows, int width, __local float* restrict to, int pitch) {
   for (int i = 0; i < (rows + 7) / 8 * 8; i++) {

@@ -141,9 +141,8 @@ void compare(Judge& judge, const char* what, const HostArray& found, const HostA
 }
 
 void compare_probes(Judge& judge, const std::string& what, const HostArray& found, const HostArray& wanted,
-                    const std::vector<size_t>& probes) {
-  constexpr double kNoise = 1e-6;  // of second differences in float64, where the truth is zero
-  const double scale = mean_size(wanted) + kNoise;
+                    const std::vector<size_t>& probes, double least_scale = 0) {
+  const double scale = std::max(mean_size(wanted), least_scale);
   for (size_t p = 0; p < probes.size(); p++)
     judge.value(text(what, " at element ", probes[p]), found.values[probes[p]], wanted.values[p], scale,
                 judge.result.gradient_error, judge.row.gradient_tolerance);
@@ -207,12 +206,14 @@ void judge_trial(const Truth& truth, const Trial& trial, Judge& judge) {
   const std::string where = text(name_of(trial.lie), " inputs");
   compare(judge, ("value, " + where).c_str(), host_output(trial.out), truth.out);
   const Gradients& g = trial.gradients;
+  double least_second = 0;  // where an input's second gradient is zero, its differences are noise of the others' size
+  for (const HostArray& second : truth.second) least_second = std::max(least_second, mean_size(second));
   for (size_t k = 0; k < g.of.size(); k++) {
     const size_t i = g.of[k];
     const std::string of = text("gradient of input ", i, ", ", where, ",");
     compare_probes(judge, of, host_output(g.first[k]), truth.first[i], truth.probes[i]);
     if (!g.second.empty())
-      compare_probes(judge, "second " + of, host_output(g.second[k]), truth.second[i], truth.probes[i]);
+      compare_probes(judge, "second " + of, host_output(g.second[k]), truth.second[i], truth.probes[i], least_second);
   }
 }
 
