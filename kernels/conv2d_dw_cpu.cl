@@ -219,8 +219,6 @@ FAT __kernel void conv2d_dw_planes(__global const float* restrict x, __global co
           for (; q < q_hi; q++) rest += a[q] * b[q * stride];
         }
       }
-    const float8 eight = sums.lo + sums.hi;
-    const float4 four = eight.lo + eight.hi;
-    dw[(size_t)k * R * S + tap] = rest + (four.x + four.y) + (four.z + four.w);
+    dw[(size_t)k * R * S + tap] = rest + sum16(sums);
   }
 }

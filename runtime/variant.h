@@ -4,6 +4,7 @@
 //   //: variant matmul_blocked cpu wide MR=4 NV=4 KC=256
 //   //: variant matmul_blocked cpu wide MR=8 NV=2 KC=256     another choice of constants, for `cloam tune`
 //   //: variant matmul_reference reference any
+//   //: variant mlp_composed reference any                  no kernel: the op's composition (NAME_composed)
 //
 // class: cpu, gpu, or reference (version 1, which tests compare with). size: a size class that the op's code tells from
 // shapes, "any" for all. A family is a stem with its _cpu and _gpu files. The first row that fits is the built-in
@@ -49,7 +50,7 @@ void prefer(const std::string& family, const std::string& size, const Variant& v
 
 /// Every row of every kernel file. Throws Fault::internal for one that cannot be read.
 std::vector<Variant> all_variants();
-/// Does the kernel file hold the kernel that the row names?
+/// Does the kernel file hold the kernel that the row names (or is it a composition)?
 bool states_kernel(const Variant& variant);
 
 /// Where tuned choices of this device and driver lie: $CLOAM_CACHE_DIR or $XDG_CACHE_HOME/cloam or ~/.cache/cloam.

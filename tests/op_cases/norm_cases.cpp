@@ -79,11 +79,19 @@ OpCase layer_normalising(const char* label, const Shape& x) {
 
 void add_layer_norms(OpCases& rows) {
   rows.push_back(layer_normalising("", {3, 5, 7}));
-  rows.back().second_order = true;
   rows.back().zero = {{0, 5, 7}, {7}, {7}};
   rows.push_back(layer_normalising("long rows", {3, 211}));
   rows.push_back(layer_normalising("many rows", {1031, 16}));
   rows.push_back(layer_normalising("one row", {16}));
+  // Linear in beta, whose second derivatives are there only once something follows.
+  rows.push_back(layer_normalising("squared", {3, 5, 7}));
+  rows.back().second_order = true;
+  rows.back().run = [](const Tensors& in) { return square(layer_norm(in[0], in[1], in[2])); };
+  rows.back().reference = [plain = rows.back().reference](const HostArrays& in) {
+    HostArray out = plain(in);
+    for (double& y : out.values) y *= y;
+    return out;
+  };
 }
 
 struct Grouping {
