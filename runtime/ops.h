@@ -221,6 +221,17 @@ Tensor conv2d_composed(const Tensor& x, const Tensor& w, Conv2dParams params = {
 /// x and y. The shape wanted is named because several have the same y when the stride does not divide.
 Tensor conv2d_dx(const Tensor& y, const Tensor& w, const Shape& x_shape, Conv2dParams params = {});
 Tensor conv2d_dw(const Tensor& x, const Tensor& y, const Shape& w_shape, Conv2dParams params = {});
+/// Windows over images, places as in a convolution.
+struct Window {
+  int64_t height, width;
+  int stride = 1, pad = 0;  // pad: zeros on every side
+  int64_t places(int64_t size, int64_t taps) const { return (size + 2 * pad - taps) / stride + 1; }
+};
+/// What each tap of a window sees of images x [A,B,H,W,N] -> [A,height*width,B,P,Q,N]. With channels as A and the batch
+/// as N, the rows are those that weights [K, C*height*width] multiply in a convolution (ops/unfold.cpp).
+Tensor unfold(const Tensor& x, const Window& window);
+/// The adjoint: every value added to the pixel that it was seen at -> [A,B,height,width,N].
+Tensor fold(const Tensor& windows, const Window& window, int64_t height, int64_t width);
 
 // ---- Normalisation and attention (ops/norm.cpp, ops/attention.cpp): any number of times differentiable.
 Tensor softmax(const Tensor& x, int axis);

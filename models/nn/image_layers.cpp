@@ -19,11 +19,22 @@ Tensor over_places(const Tensor& x) {
   return reshape(x, x.rank() == 1 ? Shape{1, s[0], 1, 1} : Shape{s[0], s[1], 1, 1});
 }
 
-/// One axis of a 3x3 kernel, seen by an image whose pixels are all there twice. Even results meet pixels i-1, i, i and
-/// odd ones i, i, i+1: two taps each, the doubled one with the sum of two weights.
-Tensor two_taps(const Tensor& weight, int axis, bool odd) {
-  const Tensor a = slice(weight, axis, 0, 1), b = slice(weight, axis, 1, 2), c = slice(weight, axis, 2, 3);
-  return odd ? concat({a + b, c}, axis) : concat({a, b + c}, axis);
+/// [9,16]: 3x3 weights to the four 2x2 kernels that an image meets when all its pixels are there twice an axis. There,
+/// even results meet pixels i-1, i, i and odd ones i, i, i+1: two taps, the doubled one with the sum of two weights.
+Tensor kernels_of_doubled() {
+  // [tap of three][even or odd][tap of two]
+  constexpr float kAxis[3][2][2] = {{{1, 0}, {1, 0}}, {{0, 1}, {1, 0}}, {{0, 1}, {0, 1}}};
+  std::vector<float> both;
+  for (int tap = 0; tap < 9; tap++)
+    for (int place = 0; place < 16; place++)
+      both.push_back(kAxis[tap / 3][place / 8][place / 2 % 2] * kAxis[tap % 3][place / 4 % 2][place % 2]);
+  return from_host(both, {9, 16});
+}
+
+/// Scaled up by 2, seen as [N,C,H,2,W,2]: no copy.
+Tensor doubled_view(const Tensor& x) {
+  return broadcast_to(reshape(x, {x.dim(0), x.dim(1), x.dim(2), 1, x.dim(3), 1}),
+                      {x.dim(0), x.dim(1), x.dim(2), 2, x.dim(3), 2});
 }
 
 }  // namespace
@@ -40,20 +51,17 @@ Tensor Conv2d::product(const Tensor& x) const {
 }
 
 // Results at even and odd rows and columns are four convolutions of the small image with 2x2 kernels: 4 multiply-adds
-// where the large image takes 9 (the sub-pixel convolution of Shi et al. 2016, run backwards).
+// where the large image takes 9 (the sub-pixel convolution of Shi et al. 2016, run backwards). Making the kernels costs
+// more than it saves where there are few pixels.
 Tensor Conv2d::on_doubled(const Tensor& x) const {
-  const int64_t n = x.dim(0), h = x.dim(2), w = x.dim(3);
-  const Tensor padded = pad(pad(x, 2, 1, 1), 3, 1, 1);
-  Tensors inputs, kernels;
-  for (int64_t row : {0, 1})
-    for (int64_t column : {0, 1}) {
-      inputs.push_back(slice(slice(padded, 2, row, row + h + 1), 3, column, column + w + 1));
-      kernels.push_back(two_taps(two_taps(weight, 2, row == 1), 3, column == 1));
-    }
-  const Tensor quarters = conv2d(concat(inputs, 1), concat(kernels, 0), {1, 0, 4});  // [N, 2*2*K, H, W]
-  const int64_t k = weight.dim(0);
-  const Tensor woven = permute(reshape(quarters, {n, 2, 2, k, h, w}), {0, 3, 4, 1, 5, 2});
-  return reshape(woven, {n, k, 2 * h, 2 * w}) + over_places(bias);
+  constexpr int64_t kFewPixels = 256;
+  const int64_t n = x.dim(0), c = x.dim(1), h = x.dim(2), w = x.dim(3), k = weight.dim(0);
+  if (n * h * w < kFewPixels) return (*this)(resize_nearest(x, 2 * h, 2 * w));
+  const Tensor by_place = reshape(matmul(reshape(weight, {k * c, 9}), kernels_of_doubled()), {k, c, 4, 2, 2});
+  const Tensor kernels = reshape(permute(by_place, {2, 0, 1, 3, 4}), {4 * k, c, 2, 2});
+  const Tensor shifted = reshape(unfold(reshape(x, {n, c, h, w, 1}), {2, 2, 1, 1}), {n, 4 * c, h + 1, w + 1});
+  const Tensor quarters = reshape(conv2d(shifted, kernels, {1, 0, 4}), {n, 2, 2, k, h, w});
+  return reshape(permute(quarters, {0, 3, 4, 1, 5, 2}), {n, k, 2 * h, 2 * w}) + over_places(bias);
 }
 
 GroupNorm::GroupNorm(const Scope& scope, int64_t channels, int number)
@@ -82,7 +90,9 @@ Tensor ResBlock::operator()(const Tensor& x, const Tensor& activated) const {
   if (project) h = h + over_places((*project)(activated));
   h = conv2(norm2.then_silu(h));
   const Tensor kept = skip ? (*skip)(x) : x;
-  return h + (doubles ? resize_nearest(kept, 2 * x.dim(2), 2 * x.dim(3)) : kept);
+  if (!doubles) return h + kept;
+  const Tensor large = doubled_view(kept);
+  return reshape(reshape(h, large.shape()) + large, h.shape());
 }
 
 AttentionBlock::AttentionBlock(const Scope& scope, const AttentionShape& s)

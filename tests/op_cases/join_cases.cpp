@@ -1,4 +1,6 @@
 // Rows of concat, split and pad.
+#include <optional>
+
 #include "tests/op_cases/cases.h"
 
 namespace cloam {
@@ -38,6 +40,54 @@ OpCase padding(const char* label, int axis, int64_t before, int64_t after) {
           .zero = {{0, 5, 7}}};
 }
 
+struct Windows {
+  const char* label;
+  Shape image;  // [A,B,H,W,N]
+  Window window;
+  Shape windows() const {
+    return {image[0],
+            window.height * window.width,
+            image[1],
+            window.places(image[2], window.height),
+            window.places(image[3], window.width),
+            image[4]};
+  }
+  /// Where in the image a place of a window lies, or nothing.
+  std::optional<Shape> pixel(const Shape& i) const {
+    const int64_t y = i[3] * window.stride + i[1] / window.width - window.pad,
+                  x = i[4] * window.stride + i[1] % window.width - window.pad;
+    if (y < 0 || y >= image[2] || x < 0 || x >= image[3]) return std::nullopt;
+    return Shape{i[0], i[2], y, x, i[5]};
+  }
+};
+
+void add_windows(OpCases& rows, const Windows& w) {
+  rows.push_back({.op = "unfold",
+                  .label = w.label,
+                  .inputs = {normal(w.image)},
+                  .run = [w](const Tensors& in) { return unfold(in[0], w.window); },
+                  .reference =
+                      [w](const HostArrays& in) {
+                        if (in[0].size() == 0) return HostArray({0, 6, 2, 4, 2, 3});
+                        return from_index(w.windows(), [&](const Shape& i) {
+                          const auto pixel = w.pixel(i);
+                          return pixel ? in[0].at(*pixel) : 0.0;
+                        });
+                      }});
+  rows.push_back({.op = "fold",
+                  .label = w.label,
+                  .inputs = {normal(w.windows())},
+                  .run = [w](const Tensors& in) { return fold(in[0], w.window, w.image[2], w.image[3]); },
+                  .reference =
+                      [w](const HostArrays& in) {
+                        HostArray out(w.image);
+                        each_index(w.windows(), [&](const Shape& i) {
+                          if (const auto pixel = w.pixel(i)) out.at(*pixel) += in[0].at(i);
+                        });
+                        return out;
+                      }});
+}
+
 }  // namespace
 
 void add_join_cases(OpCases& rows) {
@@ -67,6 +117,10 @@ void add_join_cases(OpCases& rows) {
   rows.push_back(padding("last axis", 2, 2, 3));
   rows.push_back(padding("first axis", 0, 1, 0));
   rows.push_back(padding("middle axis", 1, 0, 2));
+  add_windows(rows, {"3x3 of a batch", {3, 1, 4, 5, 6}, {3, 3, 1, 1}});
+  add_windows(rows, {"2x3, stride 2, no pad", {2, 2, 8, 5, 3}, {2, 3, 2, 0}});
+  rows[rows.size() - 2].zero = {{0, 2, 8, 5, 3}};
+  add_windows(rows, {"larger than the image", {2, 3, 2, 3, 1}, {5, 3, 2, 3}});
 }
 
 }  // namespace cloam
