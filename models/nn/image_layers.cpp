@@ -70,7 +70,7 @@ GroupNorm::GroupNorm(const Scope& scope, int64_t channels, int number)
       groups(number) {}
 
 Tensor GroupNorm::operator()(const Tensor& x) const { return group_norm(x, groups, scale, shift); }
-Tensor GroupNorm::then_silu(const Tensor& x) const { return silu((*this)(x)); }
+Tensor GroupNorm::then_silu(const Tensor& x) const { return group_norm(x, groups, scale, shift, {.silu = true}); }
 
 ResBlock::ResBlock(const Scope& scope, const ResBlockShape& s)
     : norm1(scope / "norm1", s.in, s.groups),
