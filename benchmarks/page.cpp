@@ -145,8 +145,12 @@ std::string machine(const BenchReport& report) {
                     line({"kernels for", device().device_class == DeviceClass::cpu ? "CPUs" : "GPUs"}) +
                     line({"`POCL_AFFINITY`", affinity ? affinity : "not set"}) +
                     line({"fp32 peak", fixed(limits.gflops, 0) + " GFLOP/s"}) +
-                    line({"copy", fixed(limits.copy_gbps, 0) + " GB/s"}) +
-                    line({"launch", fixed(limits.launch_us, 1) + " us"});
+                    line({"copy in main memory", fixed(limits.copy_gbps, 0) + " GB/s"}) +
+                    line({"read, changed and written in place", fixed(limits.in_place_gbps, 0) + " GB/s"}) +
+                    line({"copy within the last cache", fixed(limits.copy_l3_gbps, 0) + " GB/s"}) +
+                    line({"copy within the cores' caches", fixed(limits.copy_l2_gbps, 0) + " GB/s"}) +
+                    line({"launch", fixed(limits.launch_us, 1) + " us"}) +
+                    line({"launch and wait", fixed(limits.round_trip_us, 0) + " us"});
   for (const auto& peer : report.peers) {
     std::string set;
     for (const std::string& variable : peer.environment) set += " `" + variable + "`";

@@ -102,8 +102,10 @@ std::string json_of(const BenchReport& report) {
               ", \"compute_units\": ", device().compute_units,
               ", \"pocl_affinity\": ", affinity ? quoted(affinity) : "null",
               ",\n \"limits\": {\"gflops\": ", number(limits.gflops), ", \"copy_gbps\": ", number(limits.copy_gbps),
-              ", \"launch_us\": ", number(limits.launch_us), "},\n \"peers\": {", peers, "},\n \"notes\": [", notes,
-              "],\n \"rows\": [", rows, "\n]}\n");
+              ", \"in_place_gbps\": ", number(limits.in_place_gbps),
+              ", \"copy_l3_gbps\": ", number(limits.copy_l3_gbps), ", \"copy_l2_gbps\": ", number(limits.copy_l2_gbps),
+              ", \"launch_us\": ", number(limits.launch_us), ", \"round_trip_us\": ", number(limits.round_trip_us),
+              "},\n \"peers\": {", peers, "},\n \"notes\": [", notes, "],\n \"rows\": [", rows, "\n]}\n");
 }
 
 }  // namespace cloam
