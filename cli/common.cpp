@@ -64,7 +64,23 @@ void add_common(CLI::App& parser, Common& common) {
       ->group(group);
 }
 
+namespace {
+
+/// A first run compiles for many seconds in which nothing else can be shown; drivers keep what was compiled.
+void tell_of_builds(const Common& common) {
+  constexpr double kFrom = 1;  // seconds: below, the driver had them
+  if (common.quiet || common.json || !isatty(STDERR_FILENO)) return;
+  on_build([](const DeviceStats& stats) {
+    if (stats.build_seconds < kFrom) return;
+    std::fprintf(stderr, "\rcompiling kernels: %lld, kept for the next run \033[K\r",
+                 static_cast<long long>(stats.kernels_built));
+  });
+}
+
+}  // namespace
+
 void open_device(const Common& common) {
+  tell_of_builds(common);
   choose_device({common.device, common.max_memory.empty() ? 0 : parse_bytes(common.max_memory)});
   begin_profile(common);
 }

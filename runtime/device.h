@@ -1,6 +1,7 @@
 // The OpenCL device of this process: choice, limits, statistics. No CL header is needed to use it.
 #pragma once
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -40,6 +41,8 @@ struct DeviceStats {
   double build_seconds = 0;
 };
 DeviceStats& device_stats();
+/// Called after each program that was compiled or taken from the driver's cache, with the statistics so far.
+void on_build(std::function<void(const DeviceStats&)> listener);
 uint64_t memory_budget();
 /// Gives cached free buffers back to the driver.
 void trim_memory();

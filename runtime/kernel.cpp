@@ -78,6 +78,11 @@ std::string numbered(const std::string& source) {
   return out;
 }
 
+std::function<void(const DeviceStats&)>& build_listener() {
+  static std::function<void(const DeviceStats&)> listener;
+  return listener;
+}
+
 cl::Program build(const std::string& what, const std::string& source, const Constants& constants) {
   const HostSpan span("build");
   const auto start = std::chrono::steady_clock::now();
@@ -93,10 +98,13 @@ cl::Program build(const std::string& what, const std::string& source, const Cons
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   device_stats().build_seconds += seconds;
   if (debug().kernels) std::fprintf(stderr, "[build] %s %.0f ms\n", what.c_str(), seconds * 1e3);
+  if (build_listener()) build_listener()(device_stats());
   return program;
 }
 
 }  // namespace
+
+void on_build(std::function<void(const DeviceStats&)> listener) { build_listener() = std::move(listener); }
 
 cl::Kernel& kernel(const char* stem, const char* name, const Constants& constants) {
   Compiled& compiled = cache().files[{stem, constants}];
