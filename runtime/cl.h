@@ -76,9 +76,6 @@ inline Range elements(int64_t count) { return range1(count, 64); }
 struct Strided {
   const Tensor& tensor;
 };
-struct LocalBytes {
-  size_t bytes;
-};
 /// One argument of many 32-bit numbers: `struct { int at[count]; }` in the kernel.
 class Words {
  public:
@@ -101,7 +98,6 @@ class Arguments {
   void add(const Words& words) { kernel_.setArg(next_++, words.bytes(), words.data()); }
   /// A tensor read from where the words say, not from its storage's offset.
   void add_memory(const Tensor& tensor);
-  void add(LocalBytes local) { kernel_.setArg(next_++, cl::Local(local.bytes)); }
   void add(float value) { kernel_.setArg(next_++, value); }
   template <std::integral I>
   void add(I value) {
@@ -126,7 +122,7 @@ void collect_launches();
 
 void enqueue(cl::Kernel& k, const char* name, const Range& range, double bytes);
 
-/// Runs a kernel. Arguments in the kernel's order: tensors (dense), Strided, integers, floats, LocalBytes.
+/// Runs a kernel. Arguments in the kernel's order: tensors (dense), Strided, integers, floats.
 template <class... Args>
 void launch(cl::Kernel& k, const char* name, const Range& range, const Args&... args) {
   Arguments arguments(k);
