@@ -22,11 +22,11 @@
 #define PREFETCH(p)
 #endif
 // Element (i, k) of a panel of A: at[i] + k * A_STEP. A by column with rows far apart is packed, AB rows at a time: its
-// columns would fall into few cache sets. + 16: so would those of the packed block.
+// columns would fall into few cache sets.
 #if A_PACKED
 #define AB 64
 #define A_SPACE __local
-#define A_STEP(pitch) (AB + 16)
+#define A_STEP(pitch) MR
 #else
 #define AB MR
 #define A_SPACE __global
@@ -44,7 +44,7 @@ inline void pack_b(__local float* restrict to, __global const float* restrict b,
         float16 r[16];
         UNROLL for (int q = 0; q < 16; q++) r[q] = vload16(0, from + (size_t)q * pitch + k);
         transpose16(r);
-        UNROLL for (int q = 0; q < 16; q++) vstore16(r[q], 0, panel + (k + q) * NR);
+        UNROLL for (int q = 0; q < 16; q++) store16(r[q], panel + (k + q) * NR);
       } else {
         for (int q = k; q < min(k + 16, depth); q++)
           for (int v = 0; v < 16; v++) panel[q * NR + v] = j + v < columns ? from[(size_t)v * pitch + q] : 0.0f;
@@ -60,14 +60,14 @@ inline void pack_b(__local float* restrict to, __global const float* restrict b,
 #endif
 
 #if A_PACKED
-// AB rows of A or what is left; zeros beyond, up to a whole panel.
+// AB rows of A or what is left, as panels [KC][MR]; zeros up to a whole panel.
 inline void pack_a(__local float* restrict to, __global const float* restrict a, int pitch, int depth, int rows) {
   for (int k = 0; k < depth; k++) {
     __global const float* from = a + (size_t)k * pitch;
     int i = 0;
-    for (; i + 16 <= rows; i += 16) vstore16(vload16(0, from + i), 0, to + k * (AB + 16) + i);
-    for (; i < rows; i++) to[k * (AB + 16) + i] = from[i];
-    for (; i % MR != 0; i++) to[k * (AB + 16) + i] = 0.0f;
+    for (; i + AB <= rows; i += AB)
+      UNROLL for (int p = 0; p < AB; p += 4) vstore4(vload4(0, from + p), 0, to + p / MR * (KC * MR) + k * MR + p % MR);
+    for (; i < (rows + MR - 1) / MR * MR; i++) to[i / MR * (KC * MR) + k * MR + i % MR] = i < rows ? from[i] : 0.0f;
   }
 }
 #endif
@@ -114,7 +114,7 @@ ALWAYS_INLINE void store_tile(float16 acc[MR][NV], const struct Place p, const s
       UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = fmax(acc[i][v], 0.0f);
     }
     UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)
-        vstore16(acc[i][v], v, p.c + (size_t)i * p.pitch);
+        store16(acc[i][v], p.c + (size_t)i * p.pitch + v * 16);
   } else {
     UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) vstore16(acc[i][v], v, edge + i * NR);
     for (int i = 0; i < rows; i++)
@@ -212,7 +212,7 @@ inline void micro_tile_packing(A_SPACE const float* restrict a, const int* at, i
       float16 row[NV];
       UNROLL for (int v = 0; v < NV; v++) row[v] = vload16(v, from + (size_t)k * pitch);
       UNROLL for (int v = 0; v < NV; v++) PREFETCH(from + (size_t)(k + 16) * pitch + v * 16);
-      UNROLL for (int v = 0; v < NV; v++) vstore16(row[v], v, b + k * NR);
+      UNROLL for (int v = 0; v < NV; v++) store16(row[v], b + k * NR + v * 16);
       multiply(acc, a, at, row, (size_t)k * a_step);
     }
   }
@@ -229,7 +229,7 @@ FAT __kernel void matmul_blocked(__global const float* restrict a, int a_offset,
                                  int epilogue) {
   __local float b_block[KC * NC] __attribute__((aligned(64)));
 #if A_PACKED
-  __local float a_block[KC * (AB + 16)] __attribute__((aligned(64)));
+  __local float a_block[KC * AB] __attribute__((aligned(64)));
 #endif
   __local float edge[MR * NR] __attribute__((aligned(64)));
   const int z = get_group_id(2), batch = z / splits;
@@ -258,7 +258,7 @@ FAT __kernel void matmul_blocked(__global const float* restrict a, int a_offset,
       for (int i = ib; i < min(i_end, ib + AB); i += MR) {
         int at[MR];  // of the last rows there may be fewer: they are read again, and not stored
 #if A_PACKED
-        __local const float* rows = a_block + i - ib;
+        __local const float* rows = a_block + (i - ib) * KC;
         UNROLL for (int q = 0; q < MR; q++) at[q] = q;
 #else
         __global const float* rows = a + (size_t)i * a_row + (size_t)k0 * a_column;

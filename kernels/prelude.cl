@@ -146,6 +146,14 @@ inline float m_pow(float x, float y) {
 
 #if CLOAM_CPU
 // ---- 16 lanes at once, for loops over vectors.
+// As vstore16(value, 0, to), which PoCL makes four stores of: slower, and a load of the whole would wait for all of them.
+typedef float16 float16_anywhere __attribute__((aligned(4)));
+inline void __attribute__((overloadable)) store16(float16 value, __global float* to) {
+  *(__global float16_anywhere*)to = value;
+}
+inline void __attribute__((overloadable)) store16(float16 value, __local float* to) {
+  *(__local float16_anywhere*)to = value;
+}
 inline float sum16(float16 v) {
   const float8 h = v.lo + v.hi;
   const float4 q = h.lo + h.hi;

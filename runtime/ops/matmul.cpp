@@ -114,14 +114,14 @@ void run_tiled(const Problem& p) {
 /// By the width of C and its height; "compact" where the packed panels of that choice would not fit the device.
 const Variant& blocked_variant(const Problem& p) {
   const Variant& wished = choose("matmul", p.n <= 16 ? "thin" : p.n <= 32 ? "narrow" : p.m <= 128 ? "flat" : "wide");
-  const int64_t floats = wished["KC"] * (wished["NC"] + 80) + 16 * wished["MR"] * wished["NV"];
+  const int64_t floats = wished["KC"] * (wished["NC"] + 64) + 16 * wished["MR"] * wished["NV"];
   return floats * 4 <= static_cast<int64_t>(device().local_bytes) ? wished : choose("matmul", "compact");
 }
 
-/// Rows a work-item takes: few enough to keep all cores busy, enough to make packing B worth while (turning it, where
-/// it lies by column, costs more). Each element's sum is its own, so this changes no bits.
-int64_t rows_each(const Problem& p, int64_t column_groups, int64_t unit) {
-  const int64_t cores = std::max(1, device().compute_units), cheap = p.b_by_column() ? 256 : 128;
+/// Rows a work-item takes: few enough to keep all cores busy, enough to make packing B worth while. Each element's sum
+/// is its own, so this changes no bits.
+int64_t rows_each(const Problem& p, int64_t column_groups, bool a_packed, int64_t unit) {
+  const int64_t cores = std::max(1, device().compute_units), cheap = a_packed ? 128 : 256;
   int64_t rows = 512;
   const auto groups = [&] { return column_groups * ceil_div(p.m, rows); };
   while ((groups() < 8 * cores && rows > cheap) || (groups() < 2 * cores && rows > 32)) rows /= 2;
@@ -135,7 +135,7 @@ void run_blocked(const Problem& p) {
   const Constants layout = {{"A_BY_COLUMN", p.a_by_column()}, {"B_BY_COLUMN", p.b_by_column()}, {"A_PACKED", a_packed}};
   const Splits s = splits_of(p);
   const int64_t nc = padded(ceil_div(p.n, ceil_div(p.n, variant["NC"])), 16 * variant["NV"]);
-  const int64_t mc = rows_each(p, p.batch * s.count * ceil_div(p.n, nc), a_packed ? 64 : variant["MR"]);
+  const int64_t mc = rows_each(p, p.batch * s.count * ceil_div(p.n, nc), a_packed, a_packed ? 64 : variant["MR"]);
   Range range = range2(ceil_div(p.n, nc), ceil_div(p.m, mc));
   range.global[2] = static_cast<size_t>(p.batch * s.count);
   range.flops = p.flops();
