@@ -26,6 +26,7 @@
 #if A_PACKED
 #define AB 64
 #define A_SPACE __local
+#define PANEL (KC * MR + 16)  // + 16: as above
 #define A_STEP(pitch) MR
 #else
 #define AB MR
@@ -60,14 +61,14 @@ inline void pack_b(__local float* restrict to, __global const float* restrict b,
 #endif
 
 #if A_PACKED
-// AB rows of A or what is left, as panels [KC][MR]; zeros up to a whole panel.
+// AB rows of A or what is left, as panels [KC][MR] with a pitch of PANEL; zeros up to a whole panel.
 inline void pack_a(__local float* restrict to, __global const float* restrict a, int pitch, int depth, int rows) {
   for (int k = 0; k < depth; k++) {
     __global const float* from = a + (size_t)k * pitch;
     int i = 0;
     for (; i + AB <= rows; i += AB)
-      UNROLL for (int p = 0; p < AB; p += 4) vstore4(vload4(0, from + p), 0, to + p / MR * (KC * MR) + k * MR + p % MR);
-    for (; i < (rows + MR - 1) / MR * MR; i++) to[i / MR * (KC * MR) + k * MR + i % MR] = i < rows ? from[i] : 0.0f;
+      UNROLL for (int p = 0; p < AB; p += 4) vstore4(vload4(0, from + p), 0, to + p / MR * PANEL + k * MR + p % MR);
+    for (; i < (rows + MR - 1) / MR * MR; i++) to[i / MR * PANEL + k * MR + i % MR] = i < rows ? from[i] : 0.0f;
   }
 }
 #endif
@@ -229,7 +230,7 @@ FAT __kernel void matmul_blocked(__global const float* restrict a, int a_offset,
                                  int epilogue) {
   __local float b_block[KC * NC] __attribute__((aligned(64)));
 #if A_PACKED
-  __local float a_block[KC * AB] __attribute__((aligned(64)));
+  __local float a_block[AB / MR * PANEL] __attribute__((aligned(64)));
 #endif
   __local float edge[MR * NR] __attribute__((aligned(64)));
   const int z = get_group_id(2), batch = z / splits;
@@ -258,7 +259,7 @@ FAT __kernel void matmul_blocked(__global const float* restrict a, int a_offset,
       for (int i = ib; i < min(i_end, ib + AB); i += MR) {
         int at[MR];  // of the last rows there may be fewer: they are read again, and not stored
 #if A_PACKED
-        __local const float* rows = a_block + (i - ib) * KC;
+        __local const float* rows = a_block + (i - ib) / MR * PANEL;
         UNROLL for (int q = 0; q < MR; q++) at[q] = q;
 #else
         __global const float* rows = a + (size_t)i * a_row + (size_t)k0 * a_column;

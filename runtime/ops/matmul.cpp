@@ -114,7 +114,7 @@ void run_tiled(const Problem& p) {
 /// By the width of C and its height; "compact" where the packed panels of that choice would not fit the device.
 const Variant& blocked_variant(const Problem& p) {
   const Variant& wished = choose("matmul", p.n <= 16 ? "thin" : p.n <= 32 ? "narrow" : p.m <= 128 ? "flat" : "wide");
-  const int64_t floats = wished["KC"] * (wished["NC"] + 64) + 16 * wished["MR"] * wished["NV"];
+  const int64_t floats = wished["KC"] * (wished["NC"] + 64) + 16 * wished["MR"] * wished["NV"] + 1024;
   return floats * 4 <= static_cast<int64_t>(device().local_bytes) ? wished : choose("matmul", "compact");
 }
 
