@@ -34,7 +34,8 @@ constexpr char kHow[] = R"(
 - Peers compute what ours computes: outputs and gradients of products, convolutions, the fused MLP, group norm, attention,
   tri-planes, Adam and bias + ReLU were compared on equal inputs and agree to 5e-6 of their mean magnitude. In the decoder's
   step ours folds the doubling of images into the convolution after it (4 multiply-adds where the plain graph takes 9).
-- **ratio** is the peer's time over ours. **floor** is the least that is acceptable, **reach** what is aimed at.
+- **ratio** is the peer's time over ours. **floor** is the least that is acceptable, **reach** what is aimed at. **ratio at
+  our peak** is what it would be if ours ran at the device's measured peak: no kernel gets beyond.
 - **share** is the rate over this device's measured peak: of fused multiply-adds (two operations each) for rows with GFLOP/s,
   of copying arrays larger than any cache (bytes read and written) for rows with GB/s. Operations and bytes are those that the
   mathematics needs, not those that the kernels do; so a share can exceed 100 % where data stays in a cache, where writes
@@ -93,6 +94,15 @@ Verdict verdict(const BenchRow& row, const Floor& floor) {
   return row.ratio() < floor.floor ? Verdict::below : row.ratio() >= floor.reach ? Verdict::reached : Verdict::met;
 }
 
+/// Of a row below its floor: what its ratio would be if ours ran at the device's peak, and every peer's ratio.
+std::string shortfall(const BenchRow& row, const Floor& floor, const DeviceLimits& limits) {
+  std::string peers;
+  for (const PeerTime& peer : row.peers)
+    peers += text(peers.empty() ? "" : ", ", peer.name, " ", fixed(peer.ms / row.ms, 2));
+  const bool bound = row.flops > 0 && !row.peers.empty();
+  return line({"`" + row.name + "`", text(floor.floor), bound ? fixed(row.ratio() / row.share(limits), 2) : "", peers});
+}
+
 std::string demanded(const BenchReport& report) {
   Cells head = kPeerHead;
   head.insert(head.end(), {"floor", "reach", ""});
@@ -109,11 +119,11 @@ std::string demanded(const BenchReport& report) {
     out += line(cells);
     count++;
     met += found == Verdict::met || found == Verdict::reached;
-    if (found == Verdict::below) below += (below.empty() ? "" : ", ") + row.name;
+    if (found == Verdict::below) below += shortfall(row, *floor, report.limits);
   }
-  return table("Against peers", head) + out +
-         text("\n", met, " of ", count, " rows stand above their floor. Below: ", below.empty() ? "none" : below,
-              ".\n");
+  out = table("Against peers", head) + out + text("\n", met, " of ", count, " rows stand above their floor.\n");
+  if (below.empty()) return out;
+  return out + table("Below the floor", {"name", "floor", "ratio at our peak", "ratios to every peer"}) + below;
 }
 
 /// Of what repeats thousands of times, the cost beside the kernels' time.
