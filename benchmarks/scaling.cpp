@@ -42,7 +42,7 @@ double size_in(const std::string& name, const Family& family) {
 
 /// The plot's frame in pixels, and decades on both axes.
 struct Frame {
-  double left = 70, right = 560, top = 20, bottom = 340;
+  double left = 70, right = 560, top = 32, bottom = 340;
   double x0, x1, y0, y1;  // exponents of ten
   double x(double size) const { return left + (std::log10(size) - x0) / (x1 - x0) * (right - left); }
   double y(double ns) const { return bottom - (std::log10(ns) - y0) / (y1 - y0) * (bottom - top); }
@@ -87,7 +87,7 @@ std::string axes(const Frame& f) {
     out += line(f.left, y, f.right, y) + label(f.left - 8, y + 4, "end", text(std::pow(10, e)));
   }
   return out + label((f.left + f.right) / 2, f.bottom + 38, "middle", "size") +
-         label(f.left, f.top - 6, "end", "ns each");
+         label(f.left, f.top - 14, "end", "ns each");
 }
 
 std::string curve(const Frame& f, const Series& series, const char* colour) {
