@@ -30,14 +30,10 @@
 #define VECTORS(columns) ((columns) % 64 == 0 ? 4 : (columns) % 48 == 0 ? 3 : (columns) % 32 == 0 ? 2 : 1)
 #define ROWS(columns) (VECTORS(columns) == 4 ? ROWS4 : VECTORS(columns) == 3 ? ROWS3 : VECTORS(columns) == 2 ? ROWS2 : ROWS1)
 
-// A vector wherever a float may lie. vstore16 would become four stores and three shuffles.
-typedef float16 loose16 __attribute__((aligned(4)));
-#define STORE16(value, to) (*(__global loose16*)(to) = (value))
-
 // The first `count` of the vector's numbers.
 INLINE void store_some(float16 value, int count, __global float* to) {
   if (count >= 16) {
-    STORE16(value, to);
+    store16(value, to);
     return;
   }
   if (count & 8) vstore8(value.lo, 0, to);
@@ -123,7 +119,7 @@ INLINE void add_products(__global const float* a, int depth, __global const floa
         }
       }
       UNROLL for (int i = 0; i < R; i++) if (k + i < depth) {
-        UNROLL for (int v = 0; v < V; v++) STORE16(acc[i][v], sum + (k + i) * WIDTH + o + 16 * v);
+        UNROLL for (int v = 0; v < V; v++) store16(acc[i][v], sum + (k + i) * WIDTH + o + 16 * v);
       }
     }
 }
@@ -204,7 +200,7 @@ FAT __kernel void mlp_reduce(__global const float* restrict partial, __global fl
     float16 total = (float16)(0);
     for (int g = 0; g < items; g++) total += vload16(v, partial + (size_t)g * W_ALL + row * WIDTH);
     if (o < 0) {
-      STORE16(total, dw + begin + row * WIDTH + 16 * v);
+      store16(total, dw + begin + row * WIDTH + 16 * v);
     } else {
       float column[16];
       vstore16(total, 0, column);

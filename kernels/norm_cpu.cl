@@ -17,7 +17,7 @@ inline float16 read16(__global const float* restrict x, int left, float fill) {
 }
 inline void write16(float16 value, __global float* restrict y, int left) {
   if (left >= 16) {
-    vstore16(value, 0, y);
+    store16(value, y);
   } else {
     float part[16];
     vstore16(value, 0, part);
