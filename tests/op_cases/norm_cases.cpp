@@ -197,6 +197,12 @@ void add_attention(OpCases& rows) {
   rows.push_back(attending({"large scores", {1, 3, 1}, {1, 300, 1}, {1, 300, 2}}));
   rows.back().inputs[0] = constant(given({1, 3, 1}, {-8, 2, 0.1}));
   rows.back().inputs[1] = between({1, 300, 1}, 100, 104);
+  // Scores that grow by 60 over three blocks of keys, and some that fall: what was summed shrinks many times.
+  std::vector<double> steps;
+  for (int i = 0; i < 300; i++) steps.push_back(0.2 * i);
+  rows.push_back(attending({"growing scores", {1, 3, 1}, {1, 300, 1}, {1, 300, 2}}));
+  rows.back().inputs[0] = constant(given({1, 3, 1}, {1, -1, 0.5}));
+  rows.back().inputs[1] = given({1, 300, 1}, steps);
 }
 
 /// How much place i of `to` takes of place k of `from`: a box or a triangle around the centre, the borders going on.
