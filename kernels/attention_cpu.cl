@@ -7,7 +7,7 @@
 //: variant attention cpu narrow BQ=128 BK=128
 //: variant attention cpu medium BQ=64 BK=64
 //: variant attention cpu wide BQ=32 BK=32
-//: variant attention_grad cpu narrow_grad BQ=64 BK=64
+//: variant attention_grad cpu narrow_grad BQ=64 BK=128
 //: variant attention_grad cpu medium_grad BQ=64 BK=64
 //: variant attention_grad cpu wide_grad BQ=32 BK=32
 #define PAD32(n) (((n) + 31) / 32 * 32)
@@ -53,10 +53,6 @@ inline void copy_transposed(__global const float* restrict x, int rows, int widt
     }
 }
 
-inline void fill_rows(__local float* restrict to, int count) {
-  for (int i = 0; i < count; i += 16) STORE((float16)(0.0f), to + i);
-}
-
 // sum += 8 rows of a by 32 columns of b. a_row and a_step lead to the next row and column of a: a transposed a costs
 // nothing.
 inline void add_tile(__local const float* restrict a, int a_row, int a_step, __local const float* restrict b, int b_pitch,
@@ -98,9 +94,10 @@ inline float16 share16(float16 x) {
   return m_exp2_parts16(t, c - (t - 12582912.0f));
 }
 
-// Scores of 32 queries outgrew `top`: it becomes `largest`, where that is more, and what was summed shrinks.
+// Scores of 32 queries outgrew `top`: it becomes `largest`, where that is more, and what was summed shrinks; `summed`:
+// whether sums hold blocks of keys before this one.
 inline void raise_top(const float16 largest[2], __local float* restrict top, __local float* restrict total,
-                      __local float* restrict shares, int keys, __local float* restrict sums) {
+                      __local float* restrict shares, int keys, __local float* restrict sums, int summed) {
   float shrink[32];
   UNROLL for (int v = 0; v < 2; v++) {
     const float16 before = vload16(v, top), now = fmax(before, largest[v]), by = m_exp2_16(before - now);
@@ -109,7 +106,7 @@ inline void raise_top(const float16 largest[2], __local float* restrict top, __l
     for (int i = 0; i < keys; i++) STORE(vload16(v, shares + 32 * i) * by, shares + 32 * i + 16 * v);
     vstore16(by, v, shrink);
   }
-  for (int i = 0; i < 32; i++)
+  for (int i = 0; i < (summed ? 32 : 0); i++)
     for (int j = 0; j < E; j += 16) STORE(vload16(0, sums + i * EL + j) * shrink[i], sums + i * EL + j);
 }
 
@@ -117,7 +114,7 @@ inline void raise_top(const float16 largest[2], __local float* restrict top, __l
 // query: maxima and totals cross no lanes.
 inline void share_keys(__local const float* restrict keys, int n, __local const float* restrict queries, float factor,
                        __local float* restrict shares, __local float* restrict top, __local float* restrict total,
-                       __local float* restrict sums) {
+                       __local float* restrict sums, int summed) {
   for (int i = 0; i < n; i += 8) {
     float16 score[8][2], largest[2];
     clear_tile(score);
@@ -128,7 +125,7 @@ inline void share_keys(__local const float* restrict keys, int n, __local const 
       largest[v] *= factor;
     }
     const float16 excess0 = largest[0] - vload16(0, top), excess1 = largest[1] - vload16(1, top);
-    if (max16(fmax(excess0, excess1)) > SLACK) raise_top(largest, top, total, shares, i, sums);
+    if (max16(fmax(excess0, excess1)) > SLACK) raise_top(largest, top, total, shares, i, sums, summed);
     UNROLL for (int v = 0; v < 2; v++) {
       const float16 level = vload16(v, top);
       float16 sum = vload16(v, total);
@@ -162,15 +159,15 @@ FAT __kernel void attention(__global const float* restrict q, __global const flo
   out += (batch * T + first) * E;
   logs += batch * T + first;
   copy_transposed(q, rows, D, queries, QL);
-  fill_rows(sums, PAD32(rows) * EL);
   for (int i = 0; i < BQ; i++) top[i] = -1e30f, total[i] = 0.0f;
   for (int u = 0; u < U; u += BK) {
     const int n = min(BK, U - u);
     copy_rows(k + (size_t)u * D, n, D, keys, DL);
     copy_rows(v + (size_t)u * E, n, E, values, EL);
     for (int i = 0; i < rows; i += 32) {
-      share_keys(keys, n, queries + i, scale * LOG2E, shares, top + i, total + i, sums + i * EL);
-      multiply(shares, 1, 32, values, EL, sums + i * EL, EL, min(32, (rows - i + 7) / 8 * 8), PAD32(E), n, 1);
+      share_keys(keys, n, queries + i, scale * LOG2E, shares, top + i, total + i, sums + i * EL,
+                 u > 0);
+      multiply(shares, 1, 32, values, EL, sums + i * EL, EL, min(32, (rows - i + 7) / 8 * 8), PAD32(E), n, u > 0);
     }
   }
   for (int i = 0; i < rows; i++) {
@@ -244,8 +241,6 @@ FAT __kernel void attention_grad(__global const float* restrict q, __global cons
     copy_rows(k_block, n, D, keys, DL);
     copy_transposed(k_block, n, D, key_columns, KL);
     copy_transposed(v + (batch * U + u) * E, n, E, value_columns, KL);
-    fill_rows(key_sums, BK * DL);
-    fill_rows(value_sums, BK * EL);
     for (int t = 0; t < T; t += BQ) {
       const int rows = min(BQ, T - t), rows8 = (rows + 7) / 8 * 8, n8 = (n + 7) / 8 * 8;
       copy_rows(q + (size_t)t * D, rows, D, queries, DL);
@@ -259,8 +254,8 @@ FAT __kernel void attention_grad(__global const float* restrict q, __global cons
         for (int i = 0; i < rows8; i += 8)
           share_slopes(queries + i * DL, key_columns + j, given + i * EL, value_columns + j, levels + i, means + i,
                        scale * LOG2E, shares + i * KL + j, slopes + i * KL + j);
-      multiply(shares, 1, KL, given, EL, value_sums, EL, n8, PAD32(E), rows, 1);
-      multiply(slopes, 1, KL, queries, DL, key_sums, DL, n8, PAD32(D), rows, 1);
+      multiply(shares, 1, KL, given, EL, value_sums, EL, n8, PAD32(E), rows, t > 0);
+      multiply(slopes, 1, KL, queries, DL, key_sums, DL, n8, PAD32(D), rows, t > 0);
       multiply(slopes, KL, 1, keys, DL, query_sums, DL, rows8, PAD32(D), n, 0);
       write_rows(query_sums, DL, rows, D, scale, dq + (size_t)t * D, u > u_begin);
     }

@@ -198,6 +198,11 @@ TEST_CASE("gradients reach only what the loss reads") {
   CHECK(g[1].to_host() == std::vector<float>{0.f});
 }
 
+TEST_CASE("keys that no query attends to have gradients of zero") {
+  const Tensor q = parameter({}, {2, 0, 4}), k = parameter(std::vector<float>(56, 1.f), {2, 7, 4});
+  CHECK(grad(sum(attention(q, k, k)), {k})[0].to_host() == std::vector<float>(56, 0.f));
+}
+
 TEST_CASE("assign changes every handle and checks shapes") {
   const Tensor x = parameter({1.f, 2.f}, {2}), y = parameter({5.f, 6.f}, {2}), other = x;
   assign({{x, y * 2.f}, {y, x * 10.f}});  // both values are those from before
