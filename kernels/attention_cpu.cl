@@ -110,32 +110,41 @@ inline void raise_top(const float16 largest[2], __local float* restrict top, __l
     for (int j = 0; j < E; j += 16) STORE(vload16(0, sums + i * EL + j) * shrink[i], sums + i * EL + j);
 }
 
-// Products of keys [n, DL] and 32 queries, in columns of `queries`, become shares [n][32] = 2^(factor * product - top). A lane is a
-// query: maxima and totals cross no lanes.
+// Rows from `left` on are not counted.
+inline void cut_tile(int left, float16 score[8][2]) {
+  UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++) if (r >= left) score[r][v] = (float16)(-INFINITY);
+}
+
+// Products of keys [n, DL] and 32 queries, in columns of `queries`, become shares [n][32] = 2^(factor * product - top). A
+// lane is a query: maxima and totals cross no lanes.
 inline void share_keys(__local const float* restrict keys, int n, __local const float* restrict queries, float factor,
                        __local float* restrict shares, __local float* restrict top, __local float* restrict total,
                        __local float* restrict sums, int summed) {
-  for (int i = 0; i < n; i += 8) {
+  for (int i = 0; i < n;) {
     float16 score[8][2], largest[2];
     clear_tile(score);
     add_tile(keys + i * DL, DL, 1, queries, QL, D, score);
+    if (i + 8 > n) cut_tile(n - i, score);
     UNROLL for (int v = 0; v < 2; v++) {
       largest[v] = score[0][v];
       UNROLL for (int r = 1; r < 8; r++) largest[v] = largest[v] > score[r][v] ? largest[v] : score[r][v];
       largest[v] *= factor;
     }
-    const float16 excess0 = largest[0] - vload16(0, top), excess1 = largest[1] - vload16(1, top);
-    if (max16(fmax(excess0, excess1)) > SLACK) raise_top(largest, top, total, shares, i, sums, summed);
+    if (any((largest[0] - vload16(0, top) > SLACK) | (largest[1] - vload16(1, top) > SLACK))) {
+      raise_top(largest, top, total, shares, i, sums, summed);
+      continue;  // the tile once more: to keep its products would cost every tile
+    }
     UNROLL for (int v = 0; v < 2; v++) {
       const float16 level = vload16(v, top);
       float16 sum = vload16(v, total);
       UNROLL for (int r = 0; r < 8; r++) {
         const float16 share = share16(score[r][v] * factor - level);
         STORE(share, shares + 32 * (i + r) + 16 * v);
-        if (i + r < n) sum += share;
+        sum += share;
       }
       STORE(sum, total + 16 * v);
     }
+    i += 8;
   }
 }
 
