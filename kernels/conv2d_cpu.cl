@@ -18,29 +18,52 @@ inline int taps_of(int size, int first, int step) { return first < size ? (size 
 
 inline void copy_floats(__local float* restrict to, __global const float* restrict from, int count) {
   int q = 0;
-  for (; q + 16 <= count; q += 16) vstore16(vload16(0, from + q), 0, to + q);
+  for (; q + 16 <= count; q += 16) store16(vload16(0, from + q), to + q);
+  if (q == count) return;
   if (count >= 16)
-    vstore16(vload16(0, from + count - 16), 0, to + count - 16);  // the rest, some of it again
+    store16(vload16(0, from + count - 16), to + count - 16);  // the rest, some of it again
   else
     for (; q < count; q++) to[q] = from[q];
 }
 
-// One row of the input tile: element t of the padded row goes to phase t % stride, place t / stride, so that
-// neighbouring results read neighbouring floats. `first` is the input column of t = 0; `used` places of a phase are
-// read.
-inline void pack_row(__local float* restrict to, __global const float* restrict row, int width, int first, int stride,
-                     int places, int used) {
-  for (int phase = 0; phase < stride; phase++, to += places) {
-    const int begin = first + phase;
-    const int low = begin < 0 ? min(used, (-begin + stride - 1) / stride) : 0;
-    const int high = clamp((width - begin + stride - 1) / stride, low, used);
-    for (int q = 0; q < low; q++) to[q] = 0.0f;
-    if (stride == 1) {
-      copy_floats(to + low, row + begin + low, high - low);
-    } else {
-      for (int q = low; q < high; q++) to[q] = row[begin + q * stride];
+// Element t of a row of the input tile goes to phase t % stride, place t / stride, so that neighbouring results read
+// neighbouring floats: places [low, high) of `used` lie inside the image, from begin + low * stride on.
+typedef struct {
+  int begin, stride, low, high, used;
+} Phase;
+
+inline void pack_row(__local float* restrict to, __global const float* restrict row, Phase p) {
+  const float16 zero = (float16)(0.0f);
+  for (int q = 0; q < p.low; q += 16) store16(zero, to + q);
+  for (int q = p.high & ~15; q < p.used; q += 16) store16(zero, to + q);
+  if (p.stride == 1)
+    copy_floats(to + p.low, row + p.begin + p.low, p.high - p.low);
+  else
+    for (int q = p.low; q < p.high; q++) to[q] = row[p.begin + q * p.stride];
+}
+
+// `height` rows of each of `channels` planes, from row y0 and column x0 on; what lies outside the image is zero.
+inline void pack_tile(__local float* restrict tile, __global const float* restrict in, int channels, int in_height,
+                      int in_width, int y0, int x0, int height, int stride, int places, int used) {
+  const int y_low = clamp(-y0, 0, height), y_high = clamp(in_height - y0, y_low, height), pitch = stride * places;
+  const size_t plane = (size_t)in_height * in_width;
+  for (int phase = 0; phase < stride; phase++) {
+    const int begin = x0 + phase, low = begin < 0 ? min(used, (-begin + stride - 1) / stride) : 0;
+    const Phase p = {begin, stride, low, clamp((in_width - begin + stride - 1) / stride, low, used), used};
+    for (int c = 0; c < channels; c++) {
+      __local float* to = tile + c * height * pitch + phase * places;
+      __global const float* row = in + c * plane + (long)(y0 + y_low) * in_width;
+      for (int h = 0; h < y_low; h++)
+        for (int q = 0; q < places; q += 16) store16((float16)(0.0f), to + h * pitch + q);
+      for (int h = y_low; h < y_high; h++, row += in_width) {
+        if (c + 1 < channels)
+          for (int q = p.low * stride; q < p.high * stride; q += 16)
+            __builtin_prefetch(row + plane + begin + q);
+        pack_row(to + h * pitch, row, p);
+      }
+      for (int h = y_high; h < height; h++)
+        for (int q = 0; q < places; q += 16) store16((float16)(0.0f), to + h * pitch + q);
     }
-    for (int q = high; q < used; q++) to[q] = 0.0f;
   }
 }
 
@@ -88,16 +111,8 @@ FAT __kernel void conv2d_rows(__global const float* restrict in, __global const 
 
   for (int c0 = 0; c0 < inputs; c0 += depth) {
     const int channels = min(depth, inputs - c0), finished = c0 + depth >= inputs ? epilogue : 0;
-    for (int c = 0; c < channels; c++)
-      for (int h = 0; h < tile_height; h++) {
-        const int y = in_y + h;
-        __local float* to = tile + c * plane + h * pitch;
-        if (y < 0 || y >= in_height) {
-          for (int q = 0; q < pitch; q++) to[q] = 0.0f;
-        } else {
-          pack_row(to, in + ((size_t)(c0 + c) * in_height + y) * in_width, in_width, in_x, stride, places, used);
-        }
-      }
+    pack_tile(tile, in + (size_t)c0 * in_height * in_width, channels, in_height, in_width, in_y, in_x, tile_height,
+              stride, places, used);
     int taps_before = 0;
     for (int class = 0; class < dilation * dilation; class++) {
       const int a = class / dilation, b = class - a * dilation;
@@ -112,9 +127,9 @@ FAT __kernel void conv2d_rows(__global const float* restrict in, __global const 
         for (int r = r0, h = down; r < R; r += dilation, h++)
           for (int s = s0, q = right; s < S; s += dilation, q++)
             taps[count++] = c * plane + h * pitch + (q % stride) * places + q / stride;
-      for (int y = 0; y < y_end; y += NVY)
-        for (int x = 0; x < x_end; x += NVX * 16)
-          for (int co = first; co < last; co += MR) {
+      for (int co = first; co < last; co += MR)
+        for (int y = 0; y < y_end; y += NVY)
+          for (int x = 0; x < x_end; x += NVX * 16) {
             float16 acc[MR][NV];
             micro_tile(tile + y * stride * pitch + x, taps,
                        packed + ((size_t)(co / MR) * R * S * inputs + taps_before * inputs + c0 * class_taps) * MR,
@@ -128,11 +143,11 @@ FAT __kernel void conv2d_rows(__global const float* restrict in, __global const 
                 if (finished & EPILOGUE_BIAS) acc[i][v] += bias[co + i];
                 if (finished & EPILOGUE_RESIDUAL) acc[i][v] += vload16(0, residual + to);
                 if (finished & ~(EPILOGUE_BIAS | EPILOGUE_RESIDUAL)) acc[i][v] = activate16(acc[i][v], finished);
-                vstore16(acc[i][v], 0, out + to);
+                store16(acc[i][v], out + to);
               }
             } else {
               UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)
-                  vstore16(acc[i][v], i * NV + v, edge);
+                  store16(acc[i][v], edge + (i * NV + v) * 16);
               for (int i = 0; i < min(MR, last - co); i++)
                 for (int j = 0; j < min(NVY, y_end - y); j++)
                   for (int q = 0; q < min(NVX * 16, x_end - x); q++) {

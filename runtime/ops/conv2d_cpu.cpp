@@ -49,7 +49,7 @@ std::optional<RowTiling> row_tiling(const ConvPass& p, const Variant& v) {
   if (t.depth < 1) return std::nullopt;
   const int64_t tiles = ceil_div(height, t.rows) * ceil_div(width, t.columns) * p.images * p.groups;
   // Enough work-items for the cores, but packing the input pays from 32 output channels on.
-  const int64_t wanted = std::max<int64_t>(1, 32 / tiles);
+  const int64_t wanted = std::max<int64_t>(1, 16 / tiles);
   t.block_outputs = round_up(std::clamp<int64_t>(ceil_div(p.outputs, wanted), 32, 128), v["MR"]);
   return t;
 }
@@ -59,7 +59,7 @@ Range named(Range range, double flops) {
   return range;
 }
 
-const int64_t kChannels = getenv("KC") ? atoi(getenv("KC")) : 16;  // packed by a work-item
+constexpr int64_t kChannels = 16, kInputs = 64;  // packed by a work-item: of images, of weights
 
 /// Where the weight of (group, output, input) lies.
 struct WeightStrides {
@@ -76,8 +76,8 @@ Tensor packed_weights(const ConvPass& p, const Tensor& w, int block) {
   const WeightStrides stride = weight_strides(p);
   const Tensor packed = empty({blocks * block, p.inputs * p.R * p.S});
   launch(kernel("conv2d_small_cpu", "pack_weights", {{"BLOCK", block}, {"MAX_TAPS", 1}}), "conv2d_pack",
-         range2(blocks, ceil_div(p.inputs, kChannels)), w, packed, p.outputs, p.inputs, p.R, p.S, stride.output,
-         stride.input, w.numel(), p.flip, p.dilation, p.pad_y, p.pad_x, kChannels);
+         range2(blocks, ceil_div(p.inputs, kInputs)), w, packed, p.outputs, p.inputs, p.R, p.S, stride.output,
+         stride.input, w.numel(), p.flip, p.dilation, p.pad_y, p.pad_x, kInputs);
   return packed;
 }
 
