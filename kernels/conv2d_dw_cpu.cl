@@ -23,6 +23,7 @@ inline void load_lanes(float16 r[16], __global const float* restrict from, long 
       const long at = lane.offset + (long)row * W + first;
       if (first >= 0 && (first + 16 <= W || at + 16 <= readable)) {
         r[i] = vload16(0, from + at);
+        __builtin_prefetch(from + at + W);  // the next row
       } else {
         float some[16];
         for (int j = 0; j < 16; j++) some[j] = first + j >= 0 && first + j < W ? from[at + j] : 0.0f;
@@ -48,7 +49,7 @@ inline void pack_tile(__local float* restrict to, __global const float* restrict
         load_lanes(r, from, moved ? 0 : readable, lanes + c, channels - c, y0 + h, x0 + q, H, W);
         transpose16(r);
         UNROLL for (int i = 0; i < 16; i++) {
-          if (q + i >= begin && q + i < end) vstore16(r[i], 0, to + ((long)h * width + q + i) * CB + c);
+          if (q + i >= begin && q + i < end) store16(r[i], to + ((long)h * width + q + i) * CB + c);
         }
       }
   }
@@ -140,6 +141,7 @@ FAT __kernel void conv2d_dw_tiles(__global const float* restrict x, __global con
             const size_t filter = ((size_t)(n0 + n) * groups + group) * filters + min(k + i, filters - 1);
             __global const float* from = g + (filter * P + p0 + p) * Q + q0;
             __local float* to = rows + i * pitch + n * g_image + p * tile_columns;
+            for (int q = 0; q < q_end; q += 16) __builtin_prefetch(from + 2 * P * Q + q);  // two filters on
             for (int q = 0; q < q_end; q++) to[q] = from[q];
           }
       for (int tap = 0; tap < taps; tap++)
@@ -158,10 +160,10 @@ FAT __kernel void conv2d_dw_tiles(__global const float* restrict x, __global con
                          min(p_end, p_hi), max(0, q_lo), min(q_end, q_hi), x_row, stride * CB, tile_columns, pitch);
           if (at_once) {
             UNROLL for (int i = 0; i < DR; i++) UNROLL for (int v = 0; v < DV; v++)
-                vstore16(acc[i][v], v, sums + (i * taps + tap) * CB + c);
+                store16(acc[i][v], sums + (i * taps + tap) * CB + c + v * 16);
           } else {
             UNROLL for (int i = 0; i < DR; i++) UNROLL for (int v = 0; v < DV; v++)
-                vstore16(acc[i][v], v, to + (size_t)i * C8);
+                store16(acc[i][v], to + (size_t)i * C8 + v * 16);
           }
         }
       if (at_once)
@@ -186,7 +188,7 @@ FAT __kernel void conv2d_dw_sum(__global const float* restrict partial, __global
       for (int i = 0; i < CB; i += 16) {
         float16 sum = vload16(0, from + i);
         for (int part = 1; part < parts; part++) sum += vload16(0, from + part * size + i);
-        vstore16(sum, 0, sums + tap * CB + i);
+        store16(sum, sums + tap * CB + i);
       }
     }
     for (int i = 0; i < min(CB, channels - c); i++)

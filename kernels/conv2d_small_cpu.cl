@@ -35,9 +35,9 @@ inline void turn(__global float* restrict to, __global const float* restrict fro
         if (t + j < count) {
           __global float* at = to + (flip ? count - 1 - t - j : t + j) * BLOCK + m;
           if (BLOCK < 16)
-            vstore8(r[j].lo, 0, at);
+            *(__global float8*)at = r[j].lo;
           else
-            vstore16(r[j], 0, at);
+            store16(r[j], at);
         }
       }
     }
@@ -173,7 +173,7 @@ inline void micro_line(__local float* restrict sums, __global const float* restr
         UNROLL for (int v = 0; v < NV; v++) acc[i][v] += value * weight[v];
       }
     }
-  UNROLL for (int i = 0; i < 8; i++) UNROLL for (int v = 0; v < NV; v++) vstore16(acc[i][v], i * NV + v, sums);
+  UNROLL for (int i = 0; i < 8; i++) UNROLL for (int v = 0; v < NV; v++) store16(acc[i][v], sums + (i * NV + v) * 16);
 }
 
 // Group (l, b): `chunk` lines from l * chunk on, block b of all groups' blocks of outputs. `scratch` has room for the
@@ -220,7 +220,7 @@ FAT __kernel void conv2d_lines(__global const float* restrict lines, __global co
         for (int k = 0; k < count; k++) sum[k] += bias[image * bias_step + group * outputs + first + k];
       if (epilogue & EPILOGUE_RESIDUAL)
         for (int k = 0; k < count; k++) sum[k] += residual[at + (size_t)k * results];
-      for (int k = 0; k < BLOCK; k += 16) vstore16(activate16(vload16(0, sum + k), epilogue), 0, sum + k);
+      for (int k = 0; k < BLOCK; k += 16) store16(activate16(vload16(0, sum + k), epilogue), sum + k);
       for (int k = 0; k < count; k++) out[at + (size_t)k * results] = sum[k];
     }
   }
