@@ -136,14 +136,16 @@ FAT __kernel void conv2d_rows(__global const float* restrict in, __global const 
                        count, stride * pitch, acc);
             const size_t at =
                 co * out_plane + (size_t)((y0 + y) * dilation + a) * out_width + (x0 + x) * dilation + b;
-            if (dilation == 1 && co + MR <= last && y + NVY <= y_end && x + NVX * 16 <= x_end) {
+            if (dilation == 1 && x + NVX * 16 <= x_end) {
               UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) {
-                const size_t to = at + i * out_plane + (size_t)(v / NVX) * out_width + (v % NVX) * 16;
-                if (c0 > 0) acc[i][v] += vload16(0, out + to);
-                if (finished & EPILOGUE_BIAS) acc[i][v] += bias[co + i];
-                if (finished & EPILOGUE_RESIDUAL) acc[i][v] += vload16(0, residual + to);
-                if (finished & ~(EPILOGUE_BIAS | EPILOGUE_RESIDUAL)) acc[i][v] = activate16(acc[i][v], finished);
-                store16(acc[i][v], out + to);
+                if (co + i < last && y + v / NVX < y_end) {
+                  const size_t to = at + i * out_plane + (size_t)(v / NVX) * out_width + (v % NVX) * 16;
+                  if (c0 > 0) acc[i][v] += vload16(0, out + to);
+                  if (finished & EPILOGUE_BIAS) acc[i][v] += bias[co + i];
+                  if (finished & EPILOGUE_RESIDUAL) acc[i][v] += vload16(0, residual + to);
+                  if (finished & ~(EPILOGUE_BIAS | EPILOGUE_RESIDUAL)) acc[i][v] = activate16(acc[i][v], finished);
+                  store16(acc[i][v], out + to);
+                }
               }
             } else {
               UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)

@@ -128,7 +128,7 @@ FAT __kernel void pack_pixels(__global const float* restrict x, __global float* 
       const long from = ((long)image * channels + c) * H * W, at = from + shifts[t];
       __global float* to = lines + ((size_t)c * taps + t) * 8;
       if (at >= 0 && at + 8 <= (long)images * channels * H * W && shifts[t] != INT_MIN) {
-        vstore8(select(vload8(0, x + at), (float8)(0.0f), vload8(t, places) < 0), 0, to);
+        *(__global float8*)to = select(vload8(0, x + at), (float8)(0.0f), vload8(t, places) < 0);
       } else {
         for (int lane = 0; lane < 8; lane++) {
           const int place = places[t * 8 + lane];

@@ -59,7 +59,7 @@ Range named(Range range, double flops) {
   return range;
 }
 
-constexpr int64_t kChannels = 16, kInputs = 64;  // packed by a work-item: of images, of weights
+constexpr int64_t kChannels = 64;  // packed by a work-item
 
 /// Where the weight of (group, output, input) lies.
 struct WeightStrides {
@@ -76,8 +76,8 @@ Tensor packed_weights(const ConvPass& p, const Tensor& w, int block) {
   const WeightStrides stride = weight_strides(p);
   const Tensor packed = empty({blocks * block, p.inputs * p.R * p.S});
   launch(kernel("conv2d_small_cpu", "pack_weights", {{"BLOCK", block}, {"MAX_TAPS", 1}}), "conv2d_pack",
-         range2(blocks, ceil_div(p.inputs, kInputs)), w, packed, p.outputs, p.inputs, p.R, p.S, stride.output,
-         stride.input, w.numel(), p.flip, p.dilation, p.pad_y, p.pad_x, kInputs);
+         range2(blocks, ceil_div(p.inputs, kChannels)), w, packed, p.outputs, p.inputs, p.R, p.S, stride.output,
+         stride.input, w.numel(), p.flip, p.dilation, p.pad_y, p.pad_x, kChannels);
   return packed;
 }
 
