@@ -1,4 +1,4 @@
-// Convolutions on CPU devices: how they are cut into tiles, a function of the sizes alone.
+// Convolutions on CPU devices: how they are cut into tiles; how they sum is a function of the sizes alone.
 #include <algorithm>
 
 #include "runtime/ops/conv2d.h"
@@ -48,9 +48,9 @@ std::optional<RowTiling> row_tiling(const ConvPass& p, const Variant& v) {
   t.depth = std::min({p.inputs, room.tile / plane(), room.taps / (p.R * p.S)});
   if (t.depth < 1) return std::nullopt;
   const int64_t tiles = ceil_div(height, t.rows) * ceil_div(width, t.columns) * p.images * p.groups;
-  // Enough work-items for the cores, but packing the input pays from 32 output channels on.
-  const int64_t wanted = std::max<int64_t>(1, 16 / tiles);
-  t.block_outputs = round_up(std::clamp<int64_t>(ceil_div(p.outputs, wanted), 32, 128), v["MR"]);
+  // Enough work-items for the cores (which changes no sum), but packing the input pays from 32 output channels on.
+  const int64_t wanted = std::max<int64_t>(1, 4 * device().compute_units / tiles);
+  t.block_outputs = round_up(std::clamp<int64_t>(ceil_div(p.outputs, wanted), 32, 256), v["MR"]);
   return t;
 }
 
