@@ -1,6 +1,8 @@
 // Running sums along rows [rows, n] of floats or (INTEGER) integers, which wrap. A row is cut into chunks of a fixed
 // length: chunk_sums adds each up, the sums are scanned by the same kernels, scan_chunks adds each chunk's base.
 // `reverse` walks rows from their end. A piece is a chunk of a row. version 1.
+//: variant scan_chunks reference any LENGTH=4096
+//: variant scan_chunks gpu any LENGTH=128
 #if INTEGER
 typedef uint number;
 #else
@@ -23,7 +25,7 @@ __kernel FAT void chunk_sums(__global const number* restrict in, __global number
 // took several chunks).
 __kernel FAT void scan_chunks(__global const number* restrict in, __global const number* bases,
                               __global number* restrict out, int pieces, int n, int chunks, int length, int reverse,
-                              int exclusive, int chunk) {
+                              int exclusive, int chunk, int past) {
   for (int piece = LOOP_LO(chunk); piece < LOOP_HI(pieces, chunk); piece += LOOP_STEP) {
     const size_t row = (size_t)(piece / chunks) * n;
     const int begin = piece % chunks * length, end = min(n, begin + length);

@@ -7,7 +7,8 @@ namespace cloam {
 
 void scan_rows(const Tensor& in, const Tensor& out, int64_t rows, const Cumulative& how) {
   if (in.numel() == 0) return;
-  const int64_t n = in.numel() / rows, length = is_cpu_class() ? 4096 : 128, chunks = (n + length - 1) / length;
+  const Variant& v = choose("scan");
+  const int64_t n = in.numel() / rows, length = v["LENGTH"], chunks = (n + length - 1) / length;
   const int64_t pieces = rows * chunks;
   const Constants type = {{"INTEGER", in.dtype() == DType::f32 ? 0 : 1}};
   const Share work = share(pieces, 4096 / std::min(n, length));
@@ -15,12 +16,13 @@ void scan_rows(const Tensor& in, const Tensor& out, int64_t rows, const Cumulati
   if (chunks > 1) {
     const Tensor sums = empty({rows, chunks}, in.dtype());
     bases = empty({rows, chunks}, in.dtype());
-    launch(kernel("scan", "chunk_sums", type), "chunk_sums", work.range, in, sums, pieces, n, chunks, length,
+    launch(kernel(v.stem.c_str(), "chunk_sums", type), "chunk_sums", work.range, in, sums, pieces, n, chunks, length,
            int{how.reverse}, work.chunk);
     scan_rows(sums, bases, rows, {.exclusive = true});
   }
-  launch(kernel("scan", "scan_chunks", type), "scan_chunks", work.range, in, bases, out, pieces, n, chunks, length,
-         int{how.reverse}, int{how.exclusive}, work.chunk);
+  const bool past = static_cast<uint64_t>(out.numel()) * 4 > device().cache_bytes && n % 16 == 0;
+  launch(kernel(v.stem.c_str(), "scan_chunks", type), "scan_chunks", work.range, in, bases, out, pieces, n, chunks,
+         length, int{how.reverse}, int{how.exclusive}, work.chunk, int{past});
 }
 
 namespace {

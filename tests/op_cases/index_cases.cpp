@@ -209,6 +209,7 @@ void add_running(OpCases& rows) {
   rows.back().zero = {{0, 7}};
   rows.push_back(running("first axis, exclusive", normal({7, 3}), 0, {.exclusive = true}));
   rows.push_back(running("reverse", normal({3, 7}), 1, {.reverse = true}));
+  rows.push_back(running("whole vectors, both ends", normal({2, 53}), 1, {.exclusive = true, .reverse = true}));
   rows.push_back(
       running("int32, reverse and exclusive", below({2, 301}, 1000), 1, {.exclusive = true, .reverse = true}));
 }

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <random>
 
+#include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
 
@@ -105,6 +106,14 @@ TEST_CASE("cumsum follows the loop along every axis, both ways, and its gradient
     for (int axis = 0; axis < shape.rank(); axis++)
       for (const Cumulative& how : {Cumulative{false, false}, {false, true}, {true, false}, {true, true}})
         check_along(shape, axis, how);
+}
+
+TEST_CASE("cumsum is right where its result is larger than the caches") {
+  const int64_t n = static_cast<int64_t>(device().cache_bytes) / 4 + 16 * 4099;
+  const std::vector<int32_t> ones_summed = cumsum(from_host(std::vector<int32_t>(n, 1), {n}), 0).to_host<int32_t>();
+  int64_t wrong = 0;
+  for (int64_t i = 0; i < n; i++) wrong += ones_summed[i] != i + 1;
+  CHECK(wrong == 0);
 }
 
 TEST_CASE("cumsum refuses bytes and axes that are not there") {

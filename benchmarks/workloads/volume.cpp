@@ -1,0 +1,124 @@
+// Volume rendering along rays: marching, compositing and the occupancy grid.
+#include <cmath>
+#include <memory>
+
+#include "benchmarks/workload.h"
+#include "runtime/error.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+namespace {
+
+constexpr int kSide = 128;
+constexpr int64_t kCells = int64_t{kSide} * kSide * kSide;
+
+Tensor leaf(const Tensor& t) { return parameter(t.to_host(), t.shape()); }
+
+/// Optical thickness of one step: a ball's surface, about one cell in twelve.
+Tensor shell() {
+  std::vector<float> cells(kCells);
+  for (int64_t i = 0; i < kCells; i++) {
+    const auto along = [](int64_t k) { return (static_cast<float>(k % kSide) + 0.5f) / 64 - 1; };
+    const float r = std::hypot(along(i), along(i / kSide), along(i / kSide / kSide));
+    cells[static_cast<size_t>(i)] = std::abs(r - 0.6f) < 0.1f ? 0.5f : 0.f;
+  }
+  return from_host(cells, {kCells});
+}
+
+MarchOptions steps() {
+  MarchOptions m;
+  m.side = kSide;
+  m.min_step = 0.01f;
+  m.threshold = 0.1f;
+  return m;
+}
+
+/// Parallel rays, at random through the square that the cube shows.
+Rays rays_of(int64_t count) {
+  const Tensor place = random_uniform({count, 2}, {1}) * 2.f - 1.f;
+  const auto rows = [&](const std::vector<float>& row) {
+    const auto width = static_cast<int64_t>(row.size());
+    return from_host(row, {1, width}) + zeros({count, width});
+  };
+  return {concat({place, full({count, 1}, -2.f)}, 1), rows({0, 0, 1}), rows({1, 3})};
+}
+
+/// Bytes: a ray's place, direction, span and shift read; its samples written, as many as steps fit into its share of
+/// the shell's volume.
+Workload march_workload(const std::string& name, int64_t count) {
+  const double shell_volume = 4.0 / 3 * M_PI * (std::pow(0.7, 3) - std::pow(0.5, 3)), samples = shell_volume / 4 / 0.01;
+  return {"march." + name,
+          0,
+          static_cast<double>(count) * (36 + 24 * samples),
+          [=]() -> Run {
+            const Rays rays = rays_of(count);
+            const Tensor jitter = random_uniform({count}, {2}), cells = shell();
+            eval({rays.origins, rays.directions, rays.span, jitter, cells});
+            return [=] { march(rays, jitter, cells, steps()); };
+          },
+          {}};
+}
+
+struct Composited {
+  std::string rays_name;
+  int64_t rays, samples;  // of each ray
+  bool backward;
+};
+
+Run prepare(const Composited& c) {
+  const int64_t n = c.rays * c.samples;
+  const Tensor sigma = leaf(random_uniform({n}, {1})), rgb = leaf(random_uniform({n, 3}, {2}));
+  std::vector<int32_t> begins;
+  for (int64_t r = 0; r <= c.rays; r++) begins.push_back(static_cast<int32_t>(r * c.samples));
+  const Tensor dt = full({n}, 0.05f), t = reshape(cumsum(full({c.rays, c.samples}, 0.05f), 1), {n});
+  const Tensor offsets = from_host(begins, {c.rays + 1}), g = random_normal({c.rays, 6}, {4});
+  eval({t, dt, g, offsets});
+  if (!c.backward) return [=] { eval({composite({sigma, rgb, t, dt, offsets})}); };
+  return [=] {
+    const Tensor seen = composite({sigma, rgb, t, dt, offsets});
+    const Tensors d = grad(seen, {sigma, rgb}, g);
+    eval({seen, d[0], d[1]});
+  };
+}
+
+/// Bytes: six numbers of a sample read; for the gradient once more, and four written.
+void add_composite(Workloads& all, const Composited& c) {
+  const double samples = static_cast<double>(c.rays * c.samples);
+  all.push_back({text("composite.", c.rays_name, "x", c.samples, c.backward ? ".fwdbwd" : ".fwd"),
+                 0,
+                 samples * (c.backward ? 24 + 24 + 16 : 24),
+                 [c] { return prepare(c); },
+                 {}});
+}
+
+/// A quarter of the cells. Bytes: shift read, number and point written; number and density read, the value changed.
+Workload occupancy_workload() {
+  return {text("occupancy.", kSide),
+          0,
+          (28.0 + 16) * kCells / 4,
+          []() -> Run {
+            const int64_t n = kCells / 4;
+            const Tensor jitter = random_uniform({n, 3}, {1}), density = random_uniform({n}, {2});
+            auto values = std::make_shared<Tensor>(shell());
+            eval({jitter, density});
+            return [=] {
+              const OccupancyCells visited = occupancy_cells(jitter, kSide, 17, 1000003);
+              occupancy_merge(*values, visited.cells, density, 0.95f);
+            };
+          },
+          {}};
+}
+
+}  // namespace
+
+void add_volume_workloads(Workloads& all) {
+  all.push_back(march_workload("1k", 1024));
+  all.push_back(march_workload("64k", 65536));
+  for (bool backward : {false, true}) {
+    add_composite(all, {"64k", 65536, 64, backward});
+    add_composite(all, {"4k", 4096, 24, backward});
+  }
+  all.push_back(occupancy_workload());
+}
+
+}  // namespace cloam
