@@ -1,6 +1,7 @@
 // Put before every program: device-class macros and branch-free maths that vectorises (built-in scalar exp2, log, sin,
 // pow and erf are calls that stop it) and gives one result on every device. Cephes-style polynomials, errors in ulp below.
 #define UNROLL _Pragma("unroll")
+#define INLINE inline __attribute__((always_inline))
 #if CLOAM_CPU
 // A work-item is a core's loop: groups of one, contiguous chunks.
 #define FAT __attribute__((reqd_work_group_size(1, 1, 1)))
@@ -153,6 +154,31 @@ inline void __attribute__((overloadable)) store16(float16 value, __global float*
 }
 inline void __attribute__((overloadable)) store16(float16 value, __local float* to) {
   *(__local float16_anywhere*)to = value;
+}
+#define LANE_NUMBERS ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
+// Of running sums over 2, 4, 8 and 16 lanes: what the upper half of the lanes gets from the last of the lower half, the
+// lower half `none`. v = v + BELOW1(v, none) ... BELOW8(v, none): sums of numbers >= 0 never step down.
+#define BELOW1(v, none) select(none, (v).s0022446688aaccee, (LANE_NUMBERS & 1) != 0)
+#define BELOW2(v, none) select(none, (v).s111155559999dddd, (LANE_NUMBERS & 2) != 0)
+#define BELOW4(v, none) select(none, (v).s33333333bbbbbbbb, (LANE_NUMBERS & 4) != 0)
+#define BELOW8(v, none) select(none, (v).s7777777777777777, (LANE_NUMBERS & 8) != 0)
+// Each lane gets the one before it, the first one `none`.
+#define ONE_BEFORE(v, none) select(none, (v).s00123456789abcde, LANE_NUMBERS != 0)
+// 16 numbers of which `mine` count, 0 in the place of the others; `there` can be read.
+INLINE float16 read_first(__global const float* from, int mine, int there) {
+  if (there >= 16) return select((float16)(0.0f), vload16(0, from), LANE_NUMBERS < mine);
+  float part[16];
+  for (int i = 0; i < 16; i++) part[i] = i < min(mine, there) ? from[i] : 0.0f;
+  return vload16(0, part);
+}
+INLINE void write_first(float16 v, __global float* to, int mine) {
+  if (mine >= 16) {
+    store16(v, to);
+  } else {
+    float part[16];
+    vstore16(v, 0, part);
+    for (int i = 0; i < mine; i++) to[i] = part[i];
+  }
 }
 inline float sum16(float16 v) {
   const float8 h = v.lo + v.hi;

@@ -1,5 +1,4 @@
-// Running sums (kernels/scan.cl says what is computed) on CPU devices, 16 numbers at a time. Sums over a vector double
-// their reach: what lies above the middle gets the sum of what lies below, so sums of numbers >= 0 never step down.
+// Running sums (kernels/scan.cl says what is computed) on CPU devices, 16 numbers at a time.
 //: variant scan_chunks cpu any LENGTH=4096
 #if INTEGER
 typedef uint number;
@@ -9,23 +8,23 @@ typedef float number;
 typedef float16 numbers;
 #endif
 
-inline numbers running(numbers v) {
-  const number o = 0;
-  v += (numbers)(o, v.s0, o, v.s2, o, v.s4, o, v.s6, o, v.s8, o, v.sa, o, v.sc, o, v.se);
-  v += (numbers)(o, o, v.s11, o, o, v.s55, o, o, v.s99, o, o, v.sdd);
-  v += (numbers)(o, o, o, o, v.s3333, o, o, o, o, v.sbbbb);
-  return v + (numbers)(o, o, o, o, o, o, o, o, v.s77777777);
+INLINE numbers running(numbers v) {
+  const numbers none = (numbers)(0);
+  v += BELOW1(v, none);
+  v += BELOW2(v, none);
+  v += BELOW4(v, none);
+  return v + BELOW8(v, none);
 }
 
 // The bits of running(v).sf.
-inline number sum_of(numbers v) {
+INLINE number sum_of(numbers v) {
   v.lo = v.even + v.odd;
   v.lo.lo = v.lo.even + v.lo.odd;
   return (v.s0 + v.s1) + (v.s2 + v.s3);
 }
 
 // The 16 numbers at place i of a row's walk.
-inline numbers read(__global const number* row, int i, int n, int reverse) {
+INLINE numbers read(__global const number* row, int i, int n, int reverse) {
   return reverse ? vload16(0, row + n - 16 - i).sfedcba9876543210 : vload16(0, row + i);
 }
 
@@ -57,7 +56,7 @@ __kernel FAT void scan_chunks(__global const number* restrict in, __global const
     for (; i + 16 <= end; i += 16) {
       numbers sums = running(read(row, i, n, reverse));
       const number last = sums.sf;
-      if (exclusive) sums = (numbers)(0, sums.s01234567, sums.s89ab, sums.scd, sums.se);
+      if (exclusive) sums = ONE_BEFORE(sums, (numbers)(0));
       sums = base + (total + sums);
       total += last;
       if (reverse) sums = sums.sfedcba9876543210;

@@ -1,12 +1,19 @@
 // Volume rendering along rays. Ragged: ray r owns the samples [offsets[r], offsets[r + 1]).
 // Every kernel: version 1, a work-item a ray (a chunk of rays on CPU devices).
+//: variant composite reference composite
+//: variant composite gpu composite
+//: variant composite_grad reference composite_grad
+//: variant composite_grad gpu composite_grad
+//: variant composite_weights reference composite_weights
+//: variant composite_weights gpu composite_weights
 
 // Distance as seen by the distortion loss: near and far alike fill [0,1).
 inline float squashed(float t) { return t / (1.0f + t); }
 
 // Front-to-back quadrature (Max 1995; NeRF eq. 3): alpha = 1 - exp(-sigma dt), w = T alpha.
-// out [R, 6]: colour, opacity, depth (sum of w t, not divided by opacity), distortion (mip-NeRF 360 eq. 15:
-// sum w_i w_j |s_i - s_j| + 1/3 sum w_i^2 ds_i, here with sums over what lies in front, since s ascends).
+// out [R, 7]: colour, opacity, depth (sum of w t, not divided by opacity), distortion (mip-NeRF 360 eq. 15:
+// sum w_i w_j |s_i - s_j| + 1/3 sum w_i^2 ds_i, here with sums over what lies in front, since s ascends), and sum of w s
+// for the adjoint.
 FAT __kernel void composite(__global const float* restrict sigma, __global const float* restrict rgb, __global const float* restrict t,
                             __global const float* restrict dt, __global const int* restrict offsets, __global float* restrict out,
                             int rays, int chunk) {
@@ -25,10 +32,11 @@ FAT __kernel void composite(__global const float* restrict sigma, __global const
       front_s += w * s;
       through *= 1.0f - alpha;
     }
-    vstore3(colour, 0, out + 6 * r);
-    out[6 * r + 3] = 1.0f - through;
-    out[6 * r + 4] = depth;
-    out[6 * r + 5] = distortion;
+    vstore3(colour, 0, out + 7 * r);
+    out[7 * r + 3] = 1.0f - through;
+    out[7 * r + 4] = depth;
+    out[7 * r + 5] = distortion;
+    out[7 * r + 6] = front_s;
   }
 }
 
@@ -49,43 +57,32 @@ FAT __kernel void composite_weights(__global const float* restrict sigma, __glob
 
 // Adjoint: with u_i the derivative by w_i and U = sum of w u, the sum behind i is U - sum up to i;
 // d sigma_i = dt_i (T_{i+1} u_i - sum_{j>i} w_j u_j). u takes in the distortion: d/dw_i = 2 sum_j w_j |s_i - s_j| + 2/3 w_i ds_i.
-// The first sweep finds the sums over the whole ray, the second U, the third the gradient.
+// One sweep, since the results hold the sums over the whole ray: U too, the distortion being of degree 2 in w.
+// dsigma [S], and behind it the colours' gradient [S, 3].
 FAT __kernel void composite_grad(__global const float* restrict sigma, __global const float* restrict rgb, __global const float* restrict t,
-                                 __global const float* restrict dt, __global const int* restrict offsets, __global const float* restrict g,
-                                 __global float* restrict dsigma_rgb, int rays, int chunk) {
+                                 __global const float* restrict dt, __global const int* restrict offsets, __global const float* restrict out,
+                                 __global const float* restrict g, __global float* restrict dsigma, int rays, int samples, int chunk) {
+  __global float* drgb = dsigma + samples;
   const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
   for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
-    const float3 g_colour = vload3(0, g + 6 * r);
-    const float g_opacity = g[6 * r + 3], g_depth = g[6 * r + 4], g_distortion = g[6 * r + 5];
-    const int begin = offsets[r], end = offsets[r + 1];
-    float through = 1.0f, all = 0.0f, all_s = 0.0f;
-    for (int i = begin; i < end; i++) {
-      const float alpha = 1.0f - m_exp(-sigma[i] * dt[i]);
-      const float w = through * alpha;
-      dsigma_rgb[4 * i] = w;  // kept for the next sweeps, in the place of the result
-      all += w;
-      all_s += w * squashed(t[i]);
-      through *= 1.0f - alpha;
-    }
-    float total = 0.0f, front = 0.0f, front_s = 0.0f;
-    for (int i = begin; i < end; i++) {
-      const float w = dsigma_rgb[4 * i], s = squashed(t[i]), ds = squashed(t[i] + 0.5f * dt[i]) - squashed(t[i] - 0.5f * dt[i]);
+    const float3 g_colour = vload3(0, g + 7 * r);
+    const float g_opacity = g[7 * r + 3], g_depth = g[7 * r + 4], g_distortion = g[7 * r + 5];
+    const float all = out[7 * r + 3], all_s = out[7 * r + 6];
+    float behind = dot(g_colour, vload3(0, out + 7 * r)) + g_opacity * all + g_depth * out[7 * r + 4] + 2.0f * g_distortion * out[7 * r + 5];
+    float through = 1.0f, front = 0.0f, front_s = 0.0f;
+    const int end = offsets[r + 1];
+    for (int i = offsets[r]; i < end; i++) {
+      const float alpha = 1.0f - m_exp(-sigma[i] * dt[i]), w = through * alpha;
+      const float s = squashed(t[i]), ds = squashed(t[i] + 0.5f * dt[i]) - squashed(t[i] - 0.5f * dt[i]);
       const float behind_w = all - front - w, behind_s = all_s - front_s - w * s;
       const float spread = 2.0f * (s * front - front_s + behind_s - s * behind_w) + w * ds * (2.0f / 3.0f);
       const float u = dot(g_colour, vload3(i, rgb)) + g_opacity + g_depth * t[i] + g_distortion * spread;
-      dsigma_rgb[4 * i + 1] = u;
-      total += w * u;
+      through *= 1.0f - alpha;
       front += w;
       front_s += w * s;
-    }
-    through = 1.0f;
-    float behind = total;
-    for (int i = begin; i < end; i++) {
-      const float w = dsigma_rgb[4 * i], u = dsigma_rgb[4 * i + 1];
-      through -= w;
       behind -= w * u;
-      dsigma_rgb[4 * i] = dt[i] * (fmax(through, 0.0f) * u - behind);
-      vstore3(w * g_colour, 0, dsigma_rgb + 4 * i + 1);
+      dsigma[i] = dt[i] * (through * u - behind);
+      vstore3(w * g_colour, i, drgb);
     }
   }
 }
@@ -107,7 +104,7 @@ inline int cell_of(float3 u, int side) {
 // Steps along each ray, keeps the intervals whose middle lies in a cell above the threshold. span [R,2]: near, far;
 // jitter [R]; cells [side^3]: optical thickness of one smallest step. The step grows with distance:
 // dt = clamp(t * cone, min_step, max_step). A ray ends where the cells it met add up to `opaque`.
-// scratch [R, capacity] takes the kept t; interval lengths follow from t. counts [R].
+// scratch [R, capacity] takes the kept t; interval lengths follow from t. counts [R + 1], the last one 0.
 FAT __kernel void march(__global const float* restrict origins, __global const float* restrict directions, __global const float* restrict span,
                         __global const float* restrict jitter, __global const float* restrict cells, __global float* restrict scratch,
                         __global int* restrict counts, int rays, int chunk, int side, int contract, int capacity, float min_step, float max_step,
@@ -132,10 +129,11 @@ FAT __kernel void march(__global const float* restrict origins, __global const f
       t += dt;
     }
     counts[r] = kept;
+    if (r == rays - 1) counts[rays] = 0;
   }
 }
 
-// How many samples of each ray still receive light: transmittance before them above `least`. counts [R].
+// How many samples of each ray still receive light: transmittance before them above `least`. counts [R + 1].
 FAT __kernel void visible_counts(__global const float* restrict sigma, __global const float* restrict dt, __global const int* restrict offsets,
                                  __global int* restrict counts, int rays, int chunk, float least) {
   const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
@@ -149,6 +147,7 @@ FAT __kernel void visible_counts(__global const float* restrict sigma, __global 
       s++;
     }
     counts[r] = s - offsets[r];
+    if (r == rays - 1) counts[rays] = 0;
   }
 }
 
@@ -167,17 +166,6 @@ FAT __kernel void keep_visible(__global const float* restrict points, __global c
       ray_of[to + k] = r;
     }
   }
-}
-
-// Exclusive sum of counts, by one work-item: thousands of rays, a few microseconds. offsets [R + 1].
-FAT __kernel void ray_offsets(__global const int* restrict counts, __global int* restrict offsets, int rays) {
-  if (get_global_id(0) != 0) return;
-  int total = 0;
-  for (int r = 0; r < rays; r++) {
-    offsets[r] = total;
-    total += counts[r];
-  }
-  offsets[rays] = total;
 }
 
 // The kept samples side by side: points [S,3] in [0,1]^3, t and dt [S] (t in the middle), ray_of [S].
@@ -262,21 +250,22 @@ FAT __kernel void spherical_harmonics(__global const float* restrict directions,
 
 // The cells start, start + stride, ... (modulo side^3; a stride prime to it never repeats one) and a jittered point in
 // each, [n,3] in [0,1]^3.
-__kernel void occupancy_cells(__global const float* restrict jitter, __global int* restrict cells, __global float* restrict points, int n,
-                              int side, int start, int stride) {
-  const int i = get_global_id(0);
-  if (i >= n) return;
-  const int c = (int)(((long)start + (long)i * stride) % ((long)side * side * side));
-  cells[i] = c;
-  const float3 corner = (float3)((float)(c % side), (float)(c / side % side), (float)(c / (side * side)));
-  vstore3((corner + vload3(i, jitter)) / (float)side, i, points);
+FAT __kernel void occupancy_cells(__global const float* restrict jitter, __global int* restrict cells, __global float* restrict points, int n,
+                                  int side, int start, int stride, int chunk) {
+  const int all = side * side * side, step = (int)((long)LOOP_STEP * stride % all);
+  int c = (int)((start + (long)LOOP_LO(chunk) * stride) % all);
+  for (int i = LOOP_LO(chunk); i < LOOP_HI(n, chunk); i += LOOP_STEP) {
+    const int row = c / side;
+    cells[i] = c;
+    const float3 corner = (float3)((float)(c - row * side), (float)(row % side), (float)(row / side));
+    vstore3((corner + vload3(i, jitter)) / (float)side, i, points);
+    c += c >= all - step ? step - all : step;
+  }
 }
 
 // Occupancy: estimates of some cells, decayed maxima.
 // cells [n] int, density [n]; values [side^3] in place.
-__kernel void occupancy_merge(__global const int* restrict cells, __global const float* restrict density, __global float* restrict values, int n, float decay) {
-  const int i = get_global_id(0);
-  if (i >= n) return;
-  const int c = cells[i];
-  values[c] = fmax(values[c] * decay, density[i]);
+FAT __kernel void occupancy_merge(__global const int* restrict cells, __global const float* restrict density, __global float* restrict values, int n, float decay,
+                                  int chunk) {
+  for (int i = LOOP_LO(chunk); i < LOOP_HI(n, chunk); i += LOOP_STEP) values[cells[i]] = fmax(values[cells[i]] * decay, density[i]);
 }

@@ -70,7 +70,8 @@ Run prepare(const Composited& c) {
   const Tensor sigma = leaf(random_uniform({n}, {1})), rgb = leaf(random_uniform({n, 3}, {2}));
   std::vector<int32_t> begins;
   for (int64_t r = 0; r <= c.rays; r++) begins.push_back(static_cast<int32_t>(r * c.samples));
-  const Tensor dt = full({n}, 0.05f), t = reshape(cumsum(full({c.rays, c.samples}, 0.05f), 1), {n});
+  const Tensor dt = 0.05f + 0.01f * random_uniform({n}, {3}),
+               t = reshape(cumsum(full({c.rays, c.samples}, 0.05f), 1), {n});
   const Tensor offsets = from_host(begins, {c.rays + 1}), g = random_normal({c.rays, 6}, {4});
   eval({t, dt, g, offsets});
   if (!c.backward) return [=] { eval({composite({sigma, rgb, t, dt, offsets})}); };

@@ -3,6 +3,8 @@
 
 #include "runtime/cl.h"
 #include "runtime/ops.h"
+#include "runtime/ops/scan.h"
+#include "runtime/ops/share.h"
 
 namespace cloam {
 namespace {
@@ -11,29 +13,35 @@ const Registered kRegistered[] = {Registered("composite"), Registered("composite
                                   Registered("importance_edges"), Registered("unit_points"),
                                   Registered("spherical_harmonics")};
 
+/// in: sigma, rgb, t, dt, offsets, what composite gave and its gradient -> [4 S]: by sigma, by rgb.
 struct CompositeGrad final : Op {
   const char* name() const override { return "composite_grad"; }
   void run(const Tensors& in, Tensor& out) const override {
     const int64_t rays = in[4].dim(0) - 1;
     const auto [range, chunk] = chunks(rays, 64);
-    launch(kernel("volume", name()), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], out, rays, chunk);
+    launch(kernel(choose("volume", name())), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], in[6], out, rays,
+           in[0].dim(0), chunk);
   }
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
     no_gradient("composite", "it is once differentiable");
   }
 };
 
+/// -> [R,7], as kernels/volume.cl says.
 struct Composite final : Op {
   const char* name() const override { return "composite"; }
   void run(const Tensors& in, Tensor& out) const override {
     const int64_t rays = in[4].dim(0) - 1;
     const auto [range, chunk] = chunks(rays, 64);
-    launch(kernel("volume", name()), name(), range, in[0], in[1], in[2], in[3], in[4], out, rays, chunk);
+    launch(kernel(choose("volume", name())), name(), range, in[0], in[1], in[2], in[3], in[4], out, rays, chunk);
   }
-  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+  Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override {
     const int64_t samples = in[0].dim(0);
-    const Tensor both = make(std::make_shared<CompositeGrad>(), {samples, 4}, {in[0], in[1], in[2], in[3], in[4], g});
-    return {reshape(slice(both, 1, 0, 1), {samples}), slice(both, 1, 1, 4), Tensor(), Tensor(), Tensor()};
+    Tensors all = in;
+    all.insert(all.end(), {out, g});
+    const Tensor both = make(std::make_shared<CompositeGrad>(), {4 * samples}, all);
+    return {slice(both, 0, 0, samples), reshape(slice(both, 0, samples, 4 * samples), {samples, 3}), Tensor(), Tensor(),
+            Tensor()};
   }
 };
 
@@ -42,7 +50,7 @@ struct CompositeWeights final : Op {
   void run(const Tensors& in, Tensor& out) const override {
     const int64_t rays = in[2].dim(0) - 1;
     const auto [range, chunk] = chunks(rays, 64);
-    launch(kernel("volume", name()), name(), range, in[0], in[1], in[2], out, rays, chunk);
+    launch(kernel(choose("volume", name())), name(), range, in[0], in[1], in[2], out, rays, chunk);
   }
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
 };
@@ -93,12 +101,11 @@ int32_t last_value(const Tensor& offsets) {
 
 namespace {
 
-/// Offsets from counts, and room for that many samples.
+/// Offsets from counts [R+1], and room for that many samples.
 RaySamples packed(const Tensor& counts) {
-  const int64_t rays = counts.dim(0);
   RaySamples out;
-  out.offsets = empty({rays + 1}, DType::i32);
-  launch(kernel("volume", "ray_offsets"), "ray_offsets", range1(1), counts, out.offsets, rays);
+  out.offsets = empty(counts.shape(), DType::i32);
+  scan_rows(counts, out.offsets, 1, {.exclusive = true});
   const int64_t samples = last_value(out.offsets);
   out.points = empty({samples, 3});
   out.t = empty({samples});
@@ -122,7 +129,7 @@ RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& cells, co
                grid = dense(cells);
   const int64_t count = o.dim(0);
   const auto [range, chunk] = chunks(count, 64);
-  const Tensor scratch = empty({count, m.capacity}), counts = empty({count}, DType::i32);
+  const Tensor scratch = empty({count, m.capacity}), counts = empty({count + 1}, DType::i32);
   launch(kernel("volume", "march"), "march", range, o, d, span, shift, grid, scratch, counts, count, chunk, m.side,
          m.contract ? 1 : 0, m.capacity, m.min_step, m.max_step, m.cone, m.threshold, m.opaque, m.explore);
   const RaySamples out = packed(counts);
@@ -136,7 +143,7 @@ RaySamples visible(const RaySamples& s, const Tensor& sigma, float least) {
   const Tensor density = dense(sigma);
   const int64_t count = s.offsets.dim(0) - 1;
   const auto [range, chunk] = chunks(count, 64);
-  const Tensor counts = empty({count}, DType::i32);
+  const Tensor counts = empty({count + 1}, DType::i32);
   launch(kernel("volume", "visible_counts"), "visible_counts", range, density, s.dt, s.offsets, counts, count, chunk,
          least);
   const RaySamples out = packed(counts);
@@ -150,7 +157,9 @@ Tensor composite(const Volume& v) {
   if (v.offsets.rank() != 1 || v.offsets.dtype() != DType::i32 || v.offsets.dim(0) < 1)
     throw Error(Fault::internal, text("[composite] offsets has shape ", to_string(v.offsets.shape()), " ",
                                       name_of(v.offsets.dtype()), ", want [R+1] int32"));
-  return make(std::make_shared<Composite>(), {v.offsets.dim(0) - 1, 6}, {v.sigma, v.rgb, v.t, v.dt, v.offsets});
+  const Tensor sums =
+      make(std::make_shared<Composite>(), {v.offsets.dim(0) - 1, 7}, {v.sigma, v.rgb, v.t, v.dt, v.offsets});
+  return slice(sums, 1, 0, 6);
 }
 
 Tensor composite_weights(const Tensor& sigma, const Tensor& dt, const Tensor& offsets) {
@@ -181,15 +190,17 @@ OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, in
   const Tensor shift = dense(jitter);
   const int64_t n = shift.dim(0);
   OccupancyCells out{empty({n}, DType::i32), empty({n, 3})};
-  launch(kernel("volume", "occupancy_cells"), "occupancy_cells", elements(n), shift, out.cells, out.points, n, side,
-         start, stride);
+  const Share work = share(n, 1024);
+  launch(kernel("volume", "occupancy_cells"), "occupancy_cells", work.range, shift, out.cells, out.points, n, side,
+         start, stride, work.chunk);
   return out;
 }
 
 void occupancy_merge(Tensor& values, const Tensor& cells, const Tensor& density, float decay) {
   const Tensor new_density = dense(density);
-  launch(kernel("volume", "occupancy_merge"), "occupancy_merge", elements(cells.numel()), cells, new_density, values,
-         cells.numel(), decay);
+  const Share work = share(cells.numel(), 1024);
+  launch(kernel("volume", "occupancy_merge"), "occupancy_merge", work.range, cells, new_density, values, cells.numel(),
+         decay, work.chunk);
 }
 
 }  // namespace cloam

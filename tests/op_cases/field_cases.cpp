@@ -183,6 +183,17 @@ void add_volumes(OpCases& rows) {
                       },
                   .reference = rendered,
                   .zero = {{0}, {0, 3}, {0}, {0}, {1}}});
+  std::vector<double> ascending;
+  for (int i = 0; i < 61; i++) ascending.push_back(0.5 + 0.07 * i);
+  rows.push_back({.op = "composite",
+                  .label = "rays of several vectors",
+                  .inputs = {between({61}, 0, 1), between({61, 3}, 0, 1), constant(given({61}, ascending)),
+                             constant(between({61}, 0.02, 0.1)), given({5}, {0, 37, 37, 53, 61}, DType::i32)},
+                  .run =
+                      [](const Tensors& in) {
+                        return composite({in[0], in[1], in[2], in[3], in[4]});
+                      },
+                  .reference = rendered});
   rows.push_back({.op = "composite_weights",
                   .inputs = {sigma, dt, offsets},
                   .run = [](const Tensors& in) { return composite_weights(in[0], in[1], in[2]); },
