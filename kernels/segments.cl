@@ -1,4 +1,6 @@
 // Sums over segments: rows that lie one after another under one number. version 1.
+//: variant segment_sum reference sum
+//: variant segment_sum gpu sum
 
 // The first place from `low` on that holds `value` or more, in ascending numbers: steps that double, then bisection.
 inline int first_at_least(__global const int* numbers, int low, int n, int value) {

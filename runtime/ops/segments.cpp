@@ -56,8 +56,17 @@ void check_segments(const char* op, const Tensor& values, const Tensor& offsets,
 void sum_segments(const Tensor& values, const Tensor& order, const Tensor& offsets, const Tensor& out) {
   const int64_t n = values.dim(0), width = row_width(out.shape()), count = out.dim(0);
   const int64_t length = is_cpu_class() ? std::max<int64_t>(1024, (n + 63) / 64) : 128,
-                parts = (n + length - 1) / length;
+                parts = std::max<int64_t>(1, (n + length - 1) / length);  // one, to clear what has no rows
   const Tensor heads = empty({parts, width});
+  const Variant& v = choose("segments", "sum");
+  if (v.where == "cpu") {
+    const Constants rows = {{"ORDERED", bool{order}}, {"FLAT", !order && width > 0 && 16 % width == 0}};
+    launch(kernel(v, rows), "segment_sum", range1(parts), values, order ? order : offsets, offsets, out, heads, parts,
+           n, count, width, length);
+    launch(kernel(v.stem.c_str(), "join_heads", rows), "join_heads", range1(parts), offsets, heads, out, parts, count,
+           width, length);
+    return;
+  }
   const int64_t pieces = row_pieces(parts, width), joins = row_pieces(count, width);
   const Share work = share(joins, 4096 / width);
   launch(kernel("segments", "segment_sum", form(bool{order}, 0)), "segment_sum",
