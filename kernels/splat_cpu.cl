@@ -63,6 +63,12 @@ inline int any_open(const float16* through) {
   return any(most > 0.0f);
 }
 
+// Gaussians lie anywhere: a record that no cache holds would be waited for longer than its pixels take.
+#define AHEAD 8
+inline void ask_ahead(__global const float* records, __global const int* ids, int k, int end) {
+  __builtin_prefetch(records + RECORD * (size_t)ids[min(k + AHEAD, end - 1)]);
+}
+
 inline void store_row(float16 values, __global float* to, int count) {
   if (count >= TILE) {
     vstore16(values, 0, to);
@@ -92,6 +98,7 @@ __kernel FAT void blend_rows(__global const float* restrict records, __global co
   }
   const int begin = offsets[tile], end = offsets[tile + 1];
   for (int k = begin; k < end; k++) {
+    ask_ahead(records, ids, k, end);
     __global const float* s = records + RECORD * (size_t)ids[k];
     const int2 reached = rows_reached(s, left, top, rows);
     const float16 dx = s[0] - px, along = s[2] * dx * dx, slope = s[3] * dx;
@@ -140,6 +147,7 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
   const int begin = offsets[tile], end = offsets[tile + 1];
   int open = 1;
   for (int k = begin; k < end; k++) {
+    ask_ahead(records, ids, k, end);
     __global const float* s = records + RECORD * (size_t)ids[k];
     const int2 reached = open ? rows_reached(s, left, top, rows) : (int2)(0, 0);
     const float16 dx = s[0] - px, along = s[2] * dx * dx, slope = s[3] * dx;
