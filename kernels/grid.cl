@@ -160,6 +160,14 @@ FAT __kernel void hash_grid_split(__global const float* restrict g, __global flo
         STORE(LOAD((size_t)s * level_count + l, g), (size_t)l * n + s, by_level);
 }
 
+// sparse: most of it is not added to, and need not lie in a cache.
+inline void clear(__global float* to, uint count, int sparse) {
+  uint i = 0;
+  if (sparse && ((size_t)to & 63) == 0)
+    for (; i + 16 <= count; i += 16) STORE_PAST_CACHES((float16)(0.0f), (__global float16*)(to + i));
+  for (; i < count; i++) to[i] = 0.0f;
+}
+
 // dtable[row] += w * g for the rows [part, part + 1) / parts of one level.
 FAT __kernel void hash_grid_dtable(__global const float* restrict points, __global const float* restrict by_level, __global const int* restrict levels,
                                    __global float* restrict dtable, int n, int rows, int parts) {
@@ -168,7 +176,7 @@ FAT __kernel void hash_grid_dtable(__global const float* restrict points, __glob
   const uint part_rows = ((uint)rows + parts - 1) / parts, lo = part * part_rows, hi = min((uint)rows, lo + part_rows);
   __global float* restrict t = dtable + (size_t)level * rows * FEATURES;
   __global const float* restrict g = by_level + (size_t)level * n * FEATURES;
-  for (uint i = lo * FEATURES; i < hi * FEATURES; i++) t[i] = 0.0f;
+  clear(t + lo * FEATURES, (hi - lo) * FEATURES, 16 * n < rows * FEATURES / 16);
   Block b[2];
   if (n > 0) find_block(points, t, (int2)(0, n), form, rows - 1, b);
   for (int first = 0, turn = 0; first < n; first += BLOCK, turn ^= 1) {
