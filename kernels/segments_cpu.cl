@@ -49,10 +49,15 @@ INLINE float16 add_rows(float16 sum, int width) {
 // 16 segments of single numbers: as 16 times sum_lanes and add_rows, but their last additions are made side by side.
 INLINE float16 sum_16(__global const float* values, __global const int* offsets, int begin, int end, int n) {
   float16 r[16];
-  for (int j = 0; j < 16; j++) {
-    const int from = clamp(offsets[j], begin, end);
-    r[j] = sum_lanes(values, from, clamp(offsets[j + 1], from, end), n);
-  }
+  const int16 lengths = vload16(0, offsets + 1) - vload16(0, offsets);
+  if (offsets[16] <= end && offsets[16] + 16 <= n && !any(lengths > 16))
+    UNROLL for (int j = 0; j < 16; j++)
+      r[j] = select((float16)(0.0f), vload16(0, values + offsets[j]), LANE_NUMBERS < offsets[j + 1] - offsets[j]);
+  else
+    for (int j = 0; j < 16; j++) {
+      const int from = clamp(offsets[j], begin, end);
+      r[j] = sum_lanes(values, from, clamp(offsets[j + 1], from, end), n);
+    }
   transpose16(r);
   UNROLL for (int i = 0; i < 8; i++) r[i] += r[i + 8];
   UNROLL for (int i = 0; i < 4; i++) r[i] += r[i + 4];
