@@ -23,7 +23,6 @@
 #define T_IN (T_HIDDEN + (HIDDEN - 1) * WIDTH * WIDTH)           // [WIDTH][IN_PAD]
 #define PADDED_OUT (T_IN + WIDTH * IN_PAD)                       // [WIDTH][OUT_PAD]
 
-#define INLINE inline __attribute__((always_inline))
 #define UNROLL4 _Pragma("unroll 4")
 // The widest tile that divides a row of so many columns. Tile sizes must be constants to the preprocessor: with any that
 // only the optimiser finds out, accumulators stay in memory.
