@@ -11,7 +11,7 @@ inline int taps_from(int first, int size, int step) { return first < size ? (siz
 
 // Where result `o` meets `tap` in the input, or -1.
 inline int place_of(int o, int tap, int stride, int dilation, int pad, int size) {
-  const int spread = o * stride + tap - pad, at = spread / dilation;
+  const int spread = o * stride + tap - pad, at = dilation == 1 ? spread : spread / dilation;  // divisions are slow
   return spread >= 0 && at * dilation == spread && at < size ? at : -1;
 }
 
@@ -110,15 +110,16 @@ FAT __kernel void pack_pixels(__global const float* restrict x, __global float* 
   const int per_image = (out_height * out_width + 7) / 8, image = get_group_id(0) / per_image;
   const int line = get_group_id(0) - image * per_image, taps = R * S;
   const int begin = get_group_id(1) * chunk, end = min(channels, begin + chunk);
+  const int y0 = line * 8 / out_width, x0 = line * 8 - y0 * out_width;
   for (int t = 0; t < taps; t++) {
     int shift = 0, found = 0, apart = 0;  // apart: the eight do not lie side by side
-    for (int lane = 0; lane < 8; lane++) {
-      const int result = line * 8 + lane, y = result / out_width, x = result - y * out_width;
+    for (int lane = 0, y = y0, x = x0; lane < 8; lane++) {
       const int row = y < out_height ? place_of(y, t / S, stride, dilation, pad_y, H) : -1;
       const int column = place_of(x, t % S, stride, dilation, pad_x, W);
       const int place = row < 0 || column < 0 ? -1 : row * W + column;
       if (place >= 0) apart |= found && place - lane != shift, shift = place - lane, found = 1;
       places[t * 8 + lane] = place;
+      if (++x == out_width) x = 0, y++;
     }
     shifts[t] = apart ? INT_MIN : shift;
   }
