@@ -140,6 +140,7 @@ void add_conv_cases(OpCases& rows) {
       {"long rows", {1, 2, 9, 150}, {17, 2, 3, 3}, {.pad = 1}},
       {"many channels", {1, 70, 5, 9}, {37, 70, 3, 3}, {.pad = 1}},
       {"few filters", {2, 37, 5, 18}, {3, 37, 3, 3}, {.pad = 1}},
+      {"few filters, an odd row", {1, 5, 7, 40}, {3, 5, 3, 3}, {.pad = 1}},
       {"few channels", {1, 3, 9, 41}, {10, 3, 3, 3}, {.pad = 1}},
       {"small images", {9, 5, 4, 4}, {35, 5, 3, 3}, {.pad = 1}},
       {"few small images", {2, 5, 8, 8}, {35, 5, 3, 3}, {.pad = 1}},
