@@ -1,0 +1,21 @@
+// Gzip in memory, with limits that stop a small file from becoming a large one.
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace cloam {
+
+/// The content of one whole gzip stream; `name` stands at the head of errors. Fault::data for a stream that is damaged,
+/// cut short or followed by other bytes, that holds more than `largest` bytes, or more than 16 MB at over 200 times its
+/// own size.
+std::vector<std::uint8_t> gunzip(std::span<const std::uint8_t> bytes, std::uint64_t largest, const std::string& name);
+
+/// Equal contents give equal bytes: no name and no time are stored.
+std::vector<std::uint8_t> gzip(std::span<const std::uint8_t> bytes);
+
+bool is_gzip(std::span<const std::uint8_t> bytes);
+
+}  // namespace cloam
