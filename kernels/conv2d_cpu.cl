@@ -149,7 +149,7 @@ FAT __kernel void conv2d_rows(__global const float* restrict in, __global const 
               }
             } else {
               UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++)
-                  store16(acc[i][v], edge + (i * NV + v) * 16);
+                  vstore16(acc[i][v], i * NV + v, edge);
               for (int i = 0; i < min(MR, last - co); i++)
                 for (int j = 0; j < min(NVY, y_end - y); j++)
                   for (int q = 0; q < min(NVX * 16, x_end - x); q++) {
