@@ -1,7 +1,7 @@
 // Attention for CPU devices without the matrix of scores, after Milakov and Gimelshein, "Online normalizer calculation
 // for softmax" (2018) and Dao et al., "FlashAttention" (2022): blocks of scores live in scratch, the softmax is
-// corrected as much larger scores come. Blocks of rows are copied to local memory (scratch of one core), padded there, so
-// that products know no tails; all of them are one register tile of 8 x 32. The composition in
+// corrected as much larger scores come. Blocks of rows are copied to local memory (scratch of one core), padded there,
+// so that products know no tails; all of them are one register tile of 8 x 32. The composition in
 // runtime/ops/attention.cpp is version 1. Constants: D and E, the widths of keys and values; BQ queries x BK keys.
 // Sizes: narrow, medium and wide for widths up to 64, 128 and 512.
 //: variant attention cpu narrow BQ=128 BK=128
@@ -20,32 +20,28 @@
 // Scores are exponents of two here, less the `top` of their query; beyond this, top follows and sums shrink.
 #define SLACK 16.0f
 
-// A whole vector in one store: vstore16 becomes four of them. `to` in local memory is aligned, in global need not be.
-typedef float16 loose16 __attribute__((aligned(4)));
-#define STORE(value, to) (*(__local float16*)(to) = (value))
-#define STORE_OUT(value, to) (*(__global loose16*)(to) = (value))
-
 // Rows of x [rows, width] to local memory, `pitch` apart; columns up to a multiple of 32 are zeros, rows up to one of 8
 // are the last row again.
 inline void copy_rows(__global const float* restrict x, int rows, int width, __local float* restrict to, int pitch) {
   for (int i = 0; i < (rows + 7) / 8 * 8; i++) {
     __global const float* row = x + (size_t)min(i, rows - 1) * width;
     int j = 0;
-    for (; j + 16 <= width; j += 16) STORE(vload16(0, row + j), to + i * pitch + j);
+    for (; j + 16 <= width; j += 16) store16(vload16(0, row + j), to + i * pitch + j);
     for (; j < width; j++) to[i * pitch + j] = row[j];
     for (; j < PAD32(width); j++) to[i * pitch + j] = 0.0f;
   }
 }
 
 // x transposed: to [width][pitch], rows (now columns) up to a multiple of 32 are zeros.
-inline void copy_transposed(__global const float* restrict x, int rows, int width, __local float* restrict to, int pitch) {
+inline void copy_transposed(__global const float* restrict x, int rows, int width, __local float* restrict to,
+                            int pitch) {
   for (int i = 0; i < PAD32(rows); i += 16)
     for (int j = 0; j < width; j += 16) {
       if (i + 16 <= rows && j + 16 <= width) {
         float16 r[16];
         UNROLL for (int q = 0; q < 16; q++) r[q] = vload16(0, x + (size_t)(i + q) * width + j);
         transpose16(r);
-        UNROLL for (int q = 0; q < 16; q++) STORE(r[q], to + (j + q) * pitch + i);
+        UNROLL for (int q = 0; q < 16; q++) store16(r[q], to + (j + q) * pitch + i);
       } else {
         for (int q = j; q < min(j + 16, width); q++)
           for (int p = i; p < i + 16; p++) to[q * pitch + p] = p < rows ? x[(size_t)p * width + q] : 0.0f;
@@ -81,9 +77,11 @@ inline void multiply(__local const float* restrict a, int a_row, int a_step, __l
       float16 sum[8][2];
       clear_tile(sum);
       if (add)
-        UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++) sum[r][v] = vload16(v, tile + r * c_pitch);
+        UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++)
+            sum[r][v] = vload16(v, tile + r * c_pitch);
       add_tile(a + i * a_row, a_row, a_step, b + j, b_pitch, depth, sum);
-      UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++) STORE(sum[r][v], tile + r * c_pitch + 16 * v);
+      UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++)
+          store16(sum[r][v], tile + r * c_pitch + 16 * v);
     }
 }
 
@@ -101,22 +99,23 @@ inline void raise_top(const float16 largest[2], __local float* restrict top, __l
   float shrink[32];
   UNROLL for (int v = 0; v < 2; v++) {
     const float16 before = vload16(v, top), now = fmax(before, largest[v]), by = m_exp2_16(before - now);
-    STORE(now, top + 16 * v);
-    STORE(vload16(v, total) * by, total + 16 * v);
-    for (int i = 0; i < keys; i++) STORE(vload16(v, shares + 32 * i) * by, shares + 32 * i + 16 * v);
+    store16(now, top + 16 * v);
+    store16(vload16(v, total) * by, total + 16 * v);
+    for (int i = 0; i < keys; i++) store16(vload16(v, shares + 32 * i) * by, shares + 32 * i + 16 * v);
     vstore16(by, v, shrink);
   }
   for (int i = 0; i < (summed ? 32 : 0); i++)
-    for (int j = 0; j < E; j += 16) STORE(vload16(0, sums + i * EL + j) * shrink[i], sums + i * EL + j);
+    for (int j = 0; j < E; j += 16) store16(vload16(0, sums + i * EL + j) * shrink[i], sums + i * EL + j);
 }
 
 // Rows from `left` on are not counted.
 inline void cut_tile(int left, float16 score[8][2]) {
-  UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++) if (r >= left) score[r][v] = (float16)(-INFINITY);
+  UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++)
+      score[r][v] = r < left ? score[r][v] : (float16)(-INFINITY);
 }
 
-// Products of keys [n, DL] and 32 queries, in columns of `queries`, become shares [n][32] = 2^(factor * product - top). A
-// lane is a query: maxima and totals cross no lanes.
+// Products of keys [n, DL] and 32 queries, in columns of `queries`, become shares [n][32] = 2^(factor * product - top).
+// A lane is a query: maxima and totals cross no lanes.
 inline void share_keys(__local const float* restrict keys, int n, __local const float* restrict queries, float factor,
                        __local float* restrict shares, __local float* restrict top, __local float* restrict total,
                        __local float* restrict sums, int summed) {
@@ -139,10 +138,10 @@ inline void share_keys(__local const float* restrict keys, int n, __local const 
       float16 sum = vload16(v, total);
       UNROLL for (int r = 0; r < 8; r++) {
         const float16 share = share16(score[r][v] * factor - level);
-        STORE(share, shares + 32 * (i + r) + 16 * v);
+        store16(share, shares + 32 * (i + r) + 16 * v);
         sum += share;
       }
-      STORE(sum, total + 16 * v);
+      store16(sum, total + 16 * v);
     }
     i += 8;
   }
@@ -182,7 +181,7 @@ FAT __kernel void attention(__global const float* restrict q, __global const flo
   for (int i = 0; i < rows; i++) {
     const float by = 1.0f / total[i];
     int j = 0;
-    for (; j + 16 <= E; j += 16) STORE_OUT(vload16(0, sums + i * EL + j) * by, out + (size_t)i * E + j);
+    for (; j + 16 <= E; j += 16) store16(vload16(0, sums + i * EL + j) * by, out + (size_t)i * E + j);
     for (; j < E; j++) out[(size_t)i * E + j] = sums[i * EL + j] * by;
     logs[i] = top[i] / LOG2E + m_log(total[i]);
   }
@@ -196,7 +195,7 @@ inline void write_rows(__local const float* restrict from, int pitch, int rows, 
     int j = 0;
     for (; j + 16 <= width; j += 16) {
       const float16 value = vload16(0, from + i * pitch + j) * by;
-      STORE_OUT(add ? value + vload16(0, row + j) : value, row + j);
+      store16(add ? value + vload16(0, row + j) : value, row + j);
     }
     for (; j < width; j++) row[j] = from[i * pitch + j] * by + (add ? row[j] : 0.0f);
   }
@@ -211,11 +210,11 @@ inline void share_slopes(__local const float* restrict queries, __local const fl
   clear_tile(sum);
   add_tile(queries, DL, 1, key_columns, KL, D, sum);
   UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++)
-      STORE(share16(sum[r][v] * factor - levels[r]), shares + r * KL + 16 * v);
+      store16(share16(sum[r][v] * factor - levels[r]), shares + r * KL + 16 * v);
   clear_tile(sum);
   add_tile(given, EL, 1, value_columns, KL, E, sum);
   UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++)
-      STORE(vload16(v, shares + r * KL) * (sum[r][v] - means[r]), slopes + r * KL + 16 * v);
+      store16(vload16(v, shares + r * KL) * (sum[r][v] - means[r]), slopes + r * KL + 16 * v);
 }
 
 // With P the softmax, dP = dout v^T and dS = P (dP - delta), delta [batch, T] the sums of dout * out over a row:
