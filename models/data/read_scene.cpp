@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <map>
 
+#include "models/data/pandaset.h"
 #include "models/data/paths.h"
 #include "models/data/transforms_json.h"
 #include "runtime/error.h"
@@ -17,6 +18,7 @@ namespace fs = std::filesystem;
 constexpr SceneReader kReaders[] = {
     {"transforms.json", "transforms.json (nerfstudio, instant-ngp), transforms_train.json (NeRF-synthetic)",
      is_transforms_json, read_transforms_json},
+    {"PandaSet", "camera/*_camera/poses.json, lidar/poses.json (PandaSet)", is_pandaset, read_pandaset},
 };
 
 constexpr std::size_t kMostEntries = 10000;

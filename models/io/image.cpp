@@ -221,6 +221,13 @@ void write_png(const std::filesystem::path& path, const Image& image) {
   write(path, "png", spec, image.pixels.data());
 }
 
+void write_jpeg(const std::filesystem::path& path, const Image& image) {
+  OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
+  spec.attribute("Compression", "jpeg:95");
+  spec.attribute("jpeg:subsampling", "4:4:4");
+  write(path, "jpeg", spec, image.pixels.data());
+}
+
 void write_exr(const std::filesystem::path& path, int width, int height, const std::vector<Layer>& layers) {
   const int channels = static_cast<int>(layers.size());
   OIIO::ImageSpec spec(width, height, channels, OIIO::TypeDesc::FLOAT);

@@ -1,5 +1,5 @@
-// Images in and out. Input is PNG, JPEG or EXR as the file's CONTENT says, always 8 bit in memory; output is PNG or
-// an EXR with named float layers. No colour transform is applied anywhere, and EXIF orientation is ignored: poses
+// Images in and out. Input is PNG, JPEG or EXR as the file's CONTENT says, always 8 bit in memory; output is PNG, JPEG
+// or an EXR with named float layers. No colour transform is applied anywhere, and EXIF orientation is ignored: poses
 // belong to the pixels as stored, and the programs that made them ignored the tag too.
 #pragma once
 #include <cstdint>
@@ -38,6 +38,9 @@ Image downscale(const Image& image, int factor);
 
 /// Replaces `path` in one step. Fault::write if that fails.
 void write_png(const std::filesystem::path& path, const Image& image);
+
+/// RGB or grey at quality 95, colours not thinned out. Replaces `path` in one step. Fault::write if that fails.
+void write_jpeg(const std::filesystem::path& path, const Image& image);
 
 /// One float channel of an EXR: "R", "G", "B", "A", "depth.Z", "opacity.A"; values are [height, width].
 struct Layer {

@@ -20,6 +20,12 @@ void apply_holdout(Scene& scene, int n) {
   if (n < 2) {
     throw Error(Fault::usage, text("--holdout ", n, " leaves no image to train on: want 2 or more (8 is usual)"));
   }
+  if (scene.is_log) {
+    const auto split = [&](int step) { return step % n == 0 ? Split::test : Split::train; };
+    for (Frame& frame : scene.frames) frame.split = split(frame.step);
+    for (Sweep& sweep : scene.sweeps) sweep.split = split(sweep.step);
+    return;
+  }
   std::vector<std::size_t> order(scene.frames.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),

@@ -1,9 +1,6 @@
 // The one description of a capture that all readers fill and all methods take. Images stay on disk until
-// models/data/load_images.h reads them.
-//
-// Room that driving logs will take, as further members beside `frames` (readers of photos leave them empty):
-//   sweeps  LiDAR sweeps: points [N,3] in metres in the world frame, intensities, times, sensor pose
-//   actors  boxes with a track each: world_from_box per time stamp, size in metres, class name
+// models/data/load_images.h reads them, LiDAR points until models/data/load_sweep.h does. Photos have frames alone;
+// driving logs have sweeps and actors too, and count their moments in steps: what has one step belongs together.
 #pragma once
 #include <Eigen/Core>
 #include <filesystem>
@@ -26,6 +23,33 @@ struct Frame {
   Eigen::Matrix4d world_from_camera = Eigen::Matrix4d::Identity();
   int camera = 0;  // index into Scene::cameras
   Split split = Split::train;
+  std::string sensor;  // in logs the camera's name, "front_camera"
+  int step = 0;
+};
+
+/// What the LiDARs of a log saw about one moment.
+struct Sweep {
+  std::string file;      // relative to the root
+  double timestamp = 0;  // seconds
+  Eigen::Matrix4d world_from_lidar = Eigen::Matrix4d::Identity();
+  int step = 0;
+  Split split = Split::train;
+};
+
+/// Where an actor is at one step. Axes of the box: x right, y forward, z up; the origin is its centre.
+struct ActorBox {
+  int step = 0;
+  double timestamp = 0;  // seconds
+  Eigen::Matrix4d world_from_box = Eigen::Matrix4d::Identity();
+};
+
+/// A thing with a box of its own: vehicle, pedestrian, sign.
+struct Actor {
+  std::string id;                                  // unique in the log
+  std::string label;                               // the source's word: "Car", "Pedestrian"
+  Eigen::Vector3d size = Eigen::Vector3d::Zero();  // metres, along the box's axes
+  bool stationary = false;
+  std::vector<ActorBox> boxes;  // by step, at most one each
 };
 
 /// What the source says about where the subject is.
@@ -46,13 +70,18 @@ struct Scene {
   std::vector<Camera> cameras;        // distinct intrinsics only
   std::vector<Frame> frames;          // images that exist, in the order listed
   std::size_t frames_listed = 0;      // including those that were skipped
+  std::vector<Sweep> sweeps;          // by step
+  std::vector<Actor> actors;          // by id
+  bool is_log = false;                // frames, sweeps and actors have steps
+  bool night = false;                 // of a log
   std::vector<std::string> warnings;  // one line each, for the user
 };
 
 /// The indices of the frames of one split, in order.
 std::vector<std::size_t> frames_of(const Scene& scene, Split split);
 
-/// Sorts the frames by name and makes every nth of them, from the first on, the test split; all others train.
+/// Sorts the frames by name and makes every nth of them, from the first on, the test split; all others train. In a log
+/// every nth step is, with the images of all cameras and the sweep.
 /// A split that the source gave is forgotten. Fault::usage for n < 2, which would leave nothing to train on.
 void apply_holdout(Scene& scene, int n);
 

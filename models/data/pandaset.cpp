@@ -1,0 +1,312 @@
+// See pandaset.h.
+#include "models/data/pandaset.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "models/data/data_frame.h"
+#include "models/data/json.h"
+#include "models/data/paths.h"
+#include "models/data/poses.h"
+#include "models/io/image.h"
+#include "models/io/safetensors_header.h"  // printable
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kMostSteps = 100000;
+constexpr double kLongestBox = 200;  // metres: a train
+
+// The real car's static calibration (front camera from LiDAR), and the focal length that its front camera is known by.
+// NeuRAD found the published lidar/poses.json to be wrong and takes the LiDAR's pose from the front camera's in this
+// way.
+constexpr double kRealFrontFocal = 1970.0131;
+const Eigen::Quaterniond kFrontFromLidar(0.016213200031258722, 0.0030578899383849464, 0.7114721800418571,
+                                         -0.7025205466606356);
+const Eigen::Vector3d kFrontFromLidarOrigin(0.0002585796504896516, -0.03907777167811011, -0.0440125762408362);
+
+// The paper's list, for logs that do not say it themselves.
+const std::set<std::string> kNightLogs = {"057", "058", "059", "062", "063", "064", "065", "066", "067", "068",
+                                          "069", "070", "071", "072", "073", "074", "077", "078", "079", "149"};
+
+bool is_file(const fs::path& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
+
+// The first of several spellings of a file that exists, relative to the root.
+std::string find_file(const fs::path& root, const std::string& stem, std::initializer_list<const char*> extensions) {
+  for (const char* extension : extensions) {
+    if (is_file(resolve_inside(root, stem + extension))) return stem + extension;
+  }
+  return "";
+}
+
+Json read_json(const fs::path& root, const std::string& name) { return parse_json_file(resolve_inside(root, name)); }
+
+const Json& entries(const Json& json, const std::string& where) {
+  if (json.is_array() && json.size() <= kMostSteps) return json;
+  throw Error(Fault::data, text(where, ": looked for a list of at most ", kMostSteps, " entries, found ",
+                                json.is_array() ? text(json.size()) : std::string(json.type_name())));
+}
+
+// {"position": {x, y, z}, "heading": {w, x, y, z}}: world from sensor.
+Eigen::Matrix4d read_pose(const Json& json, const std::string& where) {
+  const Json &position = member(json, "position", where), &heading = member(json, "heading", where);
+  const Eigen::Quaterniond turn(number(heading, "w", where), number(heading, "x", where), number(heading, "y", where),
+                                number(heading, "z", where));
+  if (!(std::abs(turn.norm() - 1) < 0.01)) {
+    throw Error(Fault::data, text(where, ": the heading has length ", turn.norm(), ", want 1"));
+  }
+  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
+  pose.topLeftCorner<3, 3>() = turn.normalized().toRotationMatrix();
+  const char* axes[] = {"x", "y", "z"};
+  for (int axis = 0; axis < 3; ++axis) pose(axis, 3) = number(position, axes[axis], where);
+  return rigid(pose, where);
+}
+
+double read_time(const Json& json, const std::string& where) {
+  const auto* found = json.is_number() ? &json : nullptr;
+  const double time = found ? found->get<double>() : NAN;
+  if (!std::isfinite(time)) throw Error(Fault::data, text(where, ": looked for a time in seconds"));
+  return time;
+}
+
+class LogReader {
+ public:
+  LogReader(const fs::path& root, const ReadOptions& options) : options_(options) {
+    scene_.root = root;
+    scene_.format = "PandaSet";
+    scene_.metric = scene_.is_log = true;
+  }
+
+  Scene read() {
+    for (const char* name : kPandasetCameras) {
+      const std::string folder = text("camera/", name);
+      if (is_file(resolve_inside(scene_.root, folder + "/poses.json"))) read_camera(name, folder);
+    }
+    if (is_file(resolve_inside(scene_.root, "lidar/poses.json"))) read_sweeps();
+    read_cuboids();
+    read_time_of_day();
+    report();
+    if (scene_.frames.empty()) {
+      throw Error(Fault::data, text(scene_.root.string(), ": no usable image: ", scene_.frames_listed,
+                                    " listed in camera/*/poses.json"));
+    }
+    return std::move(scene_);
+  }
+
+ private:
+  // Runs `step`, and with --skip-bad turns its complaint about the data into a warning.
+  template <class Step>
+  void guarded(const char* what, Step step) {
+    try {
+      step();
+    } catch (const Error& error) {
+      if (!options_.skip_bad || error.fault() != Fault::data) throw;
+      scene_.warnings.push_back(text(what, " dropped: ", error.what()));
+    }
+  }
+
+  void read_camera(const std::string& name, const std::string& folder) {
+    const auto poses = read_poses(folder);
+    scene_.frames_listed += poses.entries.size();
+    int camera = -1;
+    for (int step = 0; step < int(poses.entries.size()); ++step) {
+      const std::string image = find_file(scene_.root, folder + "/" + pandaset_number(step), {".jpg", ".png", ".jpeg"});
+      if (image.empty()) {
+        missing_.push_back(folder + "/" + pandaset_number(step) + ".jpg");
+        continue;
+      }
+      guarded("frame", [&] {
+        Frame frame;
+        frame.name = frame.image = image;
+        frame.sensor = name;
+        frame.step = step;
+        frame.world_from_camera = poses.pose(step);
+        frame.timestamp = poses.time(step);
+        if (camera < 0) camera = find_or_add(scene_.cameras, read_intrinsics(folder, image));
+        frame.camera = camera;
+        scene_.frames.push_back(std::move(frame));
+      });
+    }
+  }
+
+  // PandaSet states no size: the first image has it.
+  Camera read_intrinsics(const std::string& folder, const std::string& image) const {
+    const std::string where = folder + "/intrinsics.json";
+    const Json json = read_json(scene_.root, where);
+    const ImageSize size = read_image_size(resolve_inside(scene_.root, image));
+    Camera camera;
+    camera.width = size.width;
+    camera.height = size.height;
+    camera.fx = number(json, "fx", where);
+    camera.fy = number(json, "fy", where);
+    camera.cx = number(json, "cx", where);
+    camera.cy = number(json, "cy", where);
+    const double longest = 1e6;
+    const bool sound = camera.fx > 1e-3 && camera.fx < longest && camera.fy > 1e-3 && camera.fy < longest &&
+                       std::abs(camera.cx) < longest && std::abs(camera.cy) < longest;
+    if (sound) return camera;
+    throw Error(Fault::data, text(where, ": the camera makes no sense: fx ", camera.fx, ", fy ", camera.fy, ", cx ",
+                                  camera.cx, ", cy ", camera.cy, " pixels"));
+  }
+
+  // The poses and times of one sensor, each looked at when it is asked for.
+  struct Poses {
+    std::string where;
+    Json entries, times;
+
+    std::string place(int step) const { return text(where, "/poses.json, entry ", step); }
+    Eigen::Matrix4d pose(int step) const { return read_pose(entries[std::size_t(step)], place(step)); }
+    double time(int step) const {
+      return read_time(times[std::size_t(step)], text(where, "/timestamps.json, entry ", step));
+    }
+  };
+
+  Poses read_poses(const std::string& folder) const {
+    Poses poses{folder, read_json(scene_.root, folder + "/poses.json"),
+                read_json(scene_.root, folder + "/timestamps.json")};
+    const std::size_t count = entries(poses.entries, folder + "/poses.json").size(),
+                      times = entries(poses.times, folder + "/timestamps.json").size();
+    if (count == times) return poses;
+    throw Error(Fault::data, text(folder, ": ", count, " poses but ", times, " time stamps"));
+  }
+
+  void read_sweeps() {
+    const auto poses = read_poses("lidar");
+    for (int step = 0; step < int(poses.entries.size()); ++step) {
+      const std::string file = find_file(scene_.root, "lidar/" + pandaset_number(step), {".pkl.gz", ".pkl"});
+      if (file.empty()) {
+        missing_.push_back("lidar/" + pandaset_number(step) + ".pkl.gz");
+        continue;
+      }
+      guarded("sweep", [&] {
+        scene_.sweeps.push_back({file, poses.time(step), sensor_pose(poses, step), step, Split::train});
+      });
+    }
+  }
+
+  Eigen::Matrix4d sensor_pose(const Poses& poses, int step) const {
+    const auto front = std::find_if(scene_.frames.begin(), scene_.frames.end(), [&](const Frame& frame) {
+      return frame.sensor == kPandasetCameras[0] && frame.step == step;
+    });
+    const bool real = front != scene_.frames.end() &&
+                      std::abs(scene_.cameras[std::size_t(front->camera)].fx - kRealFrontFocal) < 0.01;
+    if (!real) return poses.pose(step);
+    Eigen::Matrix4d front_from_lidar = Eigen::Matrix4d::Identity();
+    front_from_lidar.topLeftCorner<3, 3>() = kFrontFromLidar.normalized().toRotationMatrix();
+    front_from_lidar.topRightCorner<3, 1>() = kFrontFromLidarOrigin;
+    return front->world_from_camera * front_from_lidar;
+  }
+
+  void read_cuboids() {
+    std::error_code error;
+    if (!fs::is_directory(resolve_inside(scene_.root, "annotations/cuboids"), error)) return;
+    for (const auto& [step, time] : times_of_steps()) {
+      const std::string stem = "annotations/cuboids/" + pandaset_number(step);
+      const std::string file = find_file(scene_.root, stem, {".pkl.gz", ".pkl"});
+      if (file.empty()) {
+        missing_.push_back(stem + ".pkl.gz");
+        continue;
+      }
+      guarded("cuboids", [&] { read_cuboids_of(file, step, time); });
+    }
+    for (auto& [id, actor] : actors_) scene_.actors.push_back(std::move(actor));
+  }
+
+  // Cuboids are labelled on sweeps; without LiDAR the first camera's times must do.
+  std::map<int, double> times_of_steps() const {
+    std::map<int, double> times;
+    for (const Sweep& sweep : scene_.sweeps) times.emplace(sweep.step, sweep.timestamp);
+    for (const Frame& frame : scene_.frames) times.emplace(frame.step, frame.timestamp.value_or(0));
+    return times;
+  }
+
+  void read_cuboids_of(const std::string& file, int step, double time) {
+    const DataFrame frame = read_data_frame(resolve_inside(scene_.root, file));
+    if (frame.rows() == 0) return;
+    const auto &ids = frame.texts("uuid"), &labels = frame.texts("label");
+    const auto yaws = frame.numbers("yaw"), x = frame.numbers("position.x"), y = frame.numbers("position.y"),
+               z = frame.numbers("position.z"), width = frame.numbers("dimensions.x"),
+               length = frame.numbers("dimensions.y"), height = frame.numbers("dimensions.z");
+    const auto stationary =
+        frame.has("stationary") ? frame.numbers("stationary") : std::vector<double>(frame.rows(), 0);
+    // What both LiDARs saw has a box from each; sensor 1 is the one that looks ahead.
+    const auto sensors =
+        frame.has("cuboids.sensor_id") ? frame.numbers("cuboids.sensor_id") : std::vector<double>(frame.rows(), -1);
+    for (std::size_t row = 0; row < frame.rows(); ++row) {
+      if (sensors[row] == 1) continue;
+      const Eigen::Vector3d size(width[row], length[row], height[row]);
+      Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
+      // Yaw 0 looks along the world's y, as the box's own axes do.
+      pose.topLeftCorner<3, 3>() = Eigen::AngleAxisd(yaws[row], Eigen::Vector3d::UnitZ()).toRotationMatrix();
+      pose.topRightCorner<3, 1>() = Eigen::Vector3d(x[row], y[row], z[row]);
+      const std::string where = text(file, ", row ", row, " (", printable(ids[row]), ")");
+      if (!pose.allFinite() || !size.allFinite()) throw Error(Fault::data, text(where, ": a value is NaN or infinite"));
+      if (!(size.minCoeff() > 0) || size.maxCoeff() > kLongestBox) {
+        throw Error(Fault::data, text(where, ": a box of ", size.x(), " by ", size.y(), " by ", size.z(), " m"));
+      }
+      add_box(ids[row], labels[row], size, stationary[row] != 0, {step, time, rigid(pose, where)});
+    }
+  }
+
+  void add_box(const std::string& id, const std::string& label, const Eigen::Vector3d& size, bool stationary,
+               const ActorBox& box) {
+    Actor& actor = actors_[id];
+    if (!actor.boxes.empty() && actor.boxes.back().step == box.step) {
+      ++repeated_;
+      return;
+    }
+    // Boxes of a track may differ a little; the largest holds them all.
+    actor.size = actor.size.cwiseMax(size);
+    actor.id = id;
+    if (actor.boxes.empty()) actor.label = label;
+    actor.stationary = stationary;
+    actor.boxes.push_back(box);
+  }
+
+  void read_time_of_day() {
+    const std::string file = "meta/time_of_day.json";
+    scene_.night = kNightLogs.contains(scene_.root.filename().string());
+    if (is_file(resolve_inside(scene_.root, file))) {
+      scene_.night = flag(read_json(scene_.root, file), "night", false, file);
+    }
+  }
+
+  void report() {
+    constexpr std::size_t kMostNamed = 5;
+    if (repeated_ > 0) scene_.warnings.push_back(text(repeated_, " boxes dropped: two of one uuid at one step"));
+    if (missing_.empty()) return;
+    std::string names;
+    for (std::size_t i = 0; i < std::min(missing_.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing_[i];
+    scene_.warnings.push_back(text(missing_.size(), " listed files are missing and skipped: ", names,
+                                   missing_.size() > kMostNamed ? ", ..." : ""));
+  }
+
+  ReadOptions options_;
+  Scene scene_;
+  std::map<std::string, Actor> actors_;
+  std::vector<std::string> missing_;
+  int repeated_ = 0;
+};
+
+}  // namespace
+
+std::string pandaset_number(int step) { return (step < 10 ? "0" : "") + std::to_string(step); }
+
+bool is_pandaset(const fs::path& root) {
+  if (is_file(root / "lidar" / "poses.json")) return true;
+  return std::any_of(std::begin(kPandasetCameras), std::end(kPandasetCameras),
+                     [&](const char* name) { return is_file(root / "camera" / name / "poses.json"); });
+}
+
+Scene read_pandaset(const fs::path& root, const ReadOptions& options) { return LogReader(root, options).read(); }
+
+}  // namespace cloam

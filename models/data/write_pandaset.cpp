@@ -1,0 +1,162 @@
+// See write_pandaset.h.
+#include "models/data/write_pandaset.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "models/data/data_frame.h"
+#include "models/data/json.h"
+#include "models/data/pandaset.h"
+#include "models/io/commit.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kFullIntensity = 255;
+
+void write_json(const fs::path& path, const Json& json) { commit_text(path, json.dump(1) + "\n"); }
+
+Json pose_json(const Eigen::Matrix4d& pose) {
+  const Eigen::Quaterniond turn(Eigen::Matrix3d(pose.topLeftCorner<3, 3>()));
+  return {{"position", {{"x", pose(0, 3)}, {"y", pose(1, 3)}, {"z", pose(2, 3)}}},
+          {"heading", {{"w", turn.w()}, {"x", turn.x()}, {"y", turn.y()}, {"z", turn.z()}}}};
+}
+
+struct Moment {
+  double time = 0;
+  Eigen::Matrix4d world_from_sensor = Eigen::Matrix4d::Identity();
+};
+
+// poses.json and timestamps.json have an entry for each step from 0 on; gaps repeat what is before them (or after).
+void write_track(const fs::path& folder, const std::map<int, Moment>& moments) {
+  Json poses = Json::array(), times = Json::array();
+  if (moments.empty()) return;
+  for (int step = 0; step <= moments.rbegin()->first; ++step) {
+    const auto after = moments.upper_bound(step);
+    const Moment& moment = (after == moments.begin() ? after : std::prev(after))->second;
+    poses.push_back(pose_json(moment.world_from_sensor));
+    times.push_back(moment.time);
+  }
+  write_json(folder / "poses.json", poses);
+  write_json(folder / "timestamps.json", times);
+}
+
+void write_intrinsics(const fs::path& folder, const Camera& camera) {
+  if (camera.model != CameraModel::pinhole) {
+    throw Error(Fault::usage,
+                text(folder.string(), ": PandaSet's layout has pinhole cameras alone; this one has a lens"));
+  }
+  write_json(folder / "intrinsics.json", {{"fx", camera.fx}, {"fy", camera.fy}, {"cx", camera.cx}, {"cy", camera.cy}});
+}
+
+void write_cameras(const fs::path& root, const Scene& log, const LogContent& content) {
+  std::map<std::string, std::map<int, Moment>> tracks;
+  for (const Frame& frame : log.frames) {
+    const fs::path folder = root / "camera" / frame.sensor;
+    const Camera& camera = log.cameras.at(static_cast<std::size_t>(frame.camera));
+    auto& track = tracks[frame.sensor];
+    if (track.empty()) write_intrinsics(folder, camera);
+    track[frame.step] = {frame.timestamp.value_or(0), frame.world_from_camera};
+    const Image image = content.image(frame);
+    if (image.width != camera.width || image.height != camera.height) {
+      throw Error(Fault::internal, text(frame.name, ": an image of ", image.width, "x", image.height,
+                                        ", its camera has ", camera.width, "x", camera.height));
+    }
+    write_jpeg(folder / (pandaset_number(frame.step) + ".jpg"), image);
+  }
+  for (const auto& [sensor, track] : tracks) write_track(root / "camera" / sensor, track);
+}
+
+DataFrame sweep_frame(const LidarPoints& points, double timestamp) {
+  DataFrame frame;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> values;
+    for (std::size_t i = 0; i < points.size(); ++i) values.push_back(points.positions[3 * i + std::size_t(axis)]);
+    frame.add({std::string(1, "xyz"[axis]), std::move(values)});
+  }
+  std::vector<double> intensities, times;
+  for (const float value : points.intensities) intensities.push_back(std::round(value * kFullIntensity));
+  for (const float value : points.times) times.push_back(timestamp + value);
+  frame.add({"i", std::move(intensities)});
+  frame.add({"t", std::move(times)});
+  frame.add({"d", std::vector<std::int64_t>(points.sensors.begin(), points.sensors.end())});
+  return frame;
+}
+
+void write_sweeps(const fs::path& root, const Scene& log, const LogContent& content) {
+  std::map<int, Moment> track;
+  for (const Sweep& sweep : log.sweeps) {
+    track[sweep.step] = {sweep.timestamp, sweep.world_from_lidar};
+    const fs::path path = root / "lidar" / (pandaset_number(sweep.step) + ".pkl.gz");
+    write_data_frame(path, sweep_frame(content.points(sweep), sweep.timestamp));
+  }
+  write_track(root / "lidar", track);
+}
+
+// The cuboids of one step, a column at a time.
+DataFrame cuboid_frame(const Scene& log, int step) {
+  std::vector<std::string> ids, labels, motions;
+  std::vector<double> yaws;
+  std::vector<double> positions[3], sizes[3];
+  std::vector<std::uint8_t> stationary;
+  for (const Actor& actor : log.actors) {
+    const auto box =
+        std::find_if(actor.boxes.begin(), actor.boxes.end(), [&](const ActorBox& b) { return b.step == step; });
+    if (box == actor.boxes.end()) continue;
+    ids.push_back(actor.id);
+    labels.push_back(actor.label);
+    motions.push_back(actor.stationary ? "Parked" : "Moving");
+    stationary.push_back(actor.stationary);
+    yaws.push_back(std::atan2(box->world_from_box(1, 0), box->world_from_box(0, 0)));
+    for (int axis = 0; axis < 3; ++axis) {
+      positions[axis].push_back(box->world_from_box(axis, 3));
+      sizes[axis].push_back(actor.size[axis]);
+    }
+  }
+  const std::size_t rows = ids.size();
+  DataFrame frame;
+  frame.add({"uuid", std::move(ids)});
+  frame.add({"label", std::move(labels)});
+  frame.add({"yaw", std::move(yaws)});
+  frame.add({"stationary", std::move(stationary)});
+  frame.add({"camera_used", std::vector<std::int64_t>(rows, -1)});
+  for (int axis = 0; axis < 3; ++axis) frame.add({std::string("position.") + "xyz"[axis], std::move(positions[axis])});
+  for (int axis = 0; axis < 3; ++axis) frame.add({std::string("dimensions.") + "xyz"[axis], std::move(sizes[axis])});
+  frame.add({"attributes.object_motion", std::move(motions)});
+  frame.add({"cuboids.sibling_id", std::vector<std::string>(rows, "-")});
+  frame.add({"cuboids.sensor_id", std::vector<std::int64_t>(rows, -1)});  // seen by one LiDAR
+  return frame;
+}
+
+// gps.json has a place on Earth for each step; a log that was made has none, and stands at 0, 0.
+void write_meta(const fs::path& root, const Scene& log, const std::map<int, double>& times) {
+  Json gps = Json::array(), stamps = Json::array();
+  for (const auto& [step, time] : times) {
+    gps.push_back({{"lat", 0.0}, {"long", 0.0}, {"height", 0.0}, {"xvel", 0.0}, {"yvel", 0.0}});
+    stamps.push_back(time);
+  }
+  write_json(root / "meta" / "gps.json", gps);
+  write_json(root / "meta" / "timestamps.json", stamps);
+  write_json(root / "meta" / "time_of_day.json", {{"night", log.night}});
+}
+
+}  // namespace
+
+void write_pandaset(const fs::path& root, const Scene& log, const LogContent& content) {
+  write_cameras(root, log, content);
+  write_sweeps(root, log, content);
+  std::map<int, double> times;
+  for (const Sweep& sweep : log.sweeps) times.emplace(sweep.step, sweep.timestamp);
+  for (const Frame& frame : log.frames) times.emplace(frame.step, frame.timestamp.value_or(0));
+  for (const auto& [step, time] : times) {
+    write_data_frame(root / "annotations" / "cuboids" / (pandaset_number(step) + ".pkl.gz"), cuboid_frame(log, step));
+  }
+  write_meta(root, log, times);
+}
+
+}  // namespace cloam

@@ -1,0 +1,23 @@
+// A driving log in PandaSet's layout, with pickles that pandas reads.
+#pragma once
+#include <filesystem>
+#include <functional>
+
+#include "models/data/load_sweep.h"
+#include "models/io/image.h"
+#include "models/scene/scene.h"
+
+namespace cloam {
+
+/// What a Scene leaves on disk, asked for one at a time.
+struct LogContent {
+  std::function<Image(const Frame&)> image;  // RGB, of its camera's size
+  std::function<LidarPoints(const Sweep&)> points;
+};
+
+/// Writes images, LiDAR, cuboids and meta files of `log` below `root`, each file whole and durably. Steps run from 0; a
+/// camera that lacks one (readers then say so) gets the pose before it. Files of another log in `root` stay.
+/// Fault::usage for cameras with a lens, which the layout cannot hold; Fault::write.
+void write_pandaset(const std::filesystem::path& root, const Scene& log, const LogContent& content);
+
+}  // namespace cloam
