@@ -1,8 +1,11 @@
 // cloam check: is this folder a capture that can be trained? Every image is read, none is kept.
+#include <fmt/format.h>
+
 #include <nlohmann/json.hpp>
 
 #include "cli/capture.h"
 #include "cli/commands.h"
+#include "models/data/check_log.h"
 #include "models/data/read_scene.h"
 #include "runtime/error.h"
 
@@ -14,7 +17,8 @@ constexpr char kExamples[] = R"(Check a capture and show what a training would t
 Examples:
   cloam check data/fox
   cloam check data/fox --downscale 4 --holdout 8
-  cloam check data/fox --json)";
+  cloam check data/fox --json
+  cloam check data/pandaset/001          # a driving log: also time stamps, boxes, LiDAR on images)";
 
 struct CheckRequest {
   std::string data;
@@ -39,6 +43,42 @@ std::vector<std::string> check_images(const Scene& scene, const RunData& how) {
   return warnings;
 }
 
+nlohmann::ordered_json log_json(const LogReport& log) {
+  nlohmann::ordered_json fits = nlohmann::ordered_json::array();
+  for (const LidarFit& fit : log.fits) {
+    fits.push_back({{"camera", fit.sensor},
+                    {"images", fit.images},
+                    {"points_per_image", fit.points_per_image},
+                    {"share_worse", fit.share_worse},
+                    {"best_offset_pixels", {fit.offset_x, fit.offset_y}}});
+  }
+  return {{"steps", log.steps},
+          {"seconds", log.seconds},
+          {"rate_hz", log.rate},
+          {"sweeps", log.sweeps},
+          {"points_per_sweep", log.points_per_sweep},
+          {"points_dropped", log.points_dropped},
+          {"actors", log.actors},
+          {"boxes", log.boxes},
+          {"boxes_without_points", log.boxes_without_points},
+          {"lidar_fit", fits}};
+}
+
+std::string log_text(const LogReport& log) {
+  std::string out = fmt::format(
+      "log: {} steps, {:.1f} s at {:.1f} Hz; {} sweeps of {:.0f} points\n{} actors with {} boxes, {} of them "
+      "without a LiDAR point\n",
+      log.steps, log.seconds, log.rate, log.sweeps, log.points_per_sweep, log.actors, log.boxes,
+      log.boxes_without_points);
+  for (const LidarFit& fit : log.fits) {
+    out += fmt::format(
+        "{}: {:.0f} LiDAR points an image, that fit it better than at {:.0f} % of places near by; "
+        "best at ({:+.0f}, {:+.0f}) pixels\n",
+        fit.sensor, fit.points_per_image, 100 * fit.share_worse, fit.offset_x, fit.offset_y);
+  }
+  return out;
+}
+
 int run_command(const CheckRequest& request, const Common& common) {
   RunData how;
   how.downscale = request.downscale;
@@ -49,24 +89,29 @@ int run_command(const CheckRequest& request, const Common& common) {
   for (const auto& more : {check_images(scene, how), check_scene(scene)}) {
     warnings.insert(warnings.end(), more.begin(), more.end());
   }
+  LogReport log;
+  if (scene.is_log) log = check_log(scene, how.skip_bad);
+  warnings.insert(warnings.end(), log.warnings.begin(), log.warnings.end());
   for (const std::string& warning : warnings) warn(warning);
   const uint64_t bytes = image_bytes(scene, Split::train, how.downscale);
   if (common.json) {
-    const nlohmann::ordered_json json = {{"schema_version", 1},
-                                         {"format", scene.format},
-                                         {"images_listed", scene.frames_listed},
-                                         {"images", scene.frames.size()},
-                                         {"images_train", frames_of(scene, Split::train).size()},
-                                         {"images_test", frames_of(scene, Split::test).size()},
-                                         {"cameras", scene.cameras.size()},
-                                         {"has_alpha", scene.has_alpha},
-                                         {"image_bytes", bytes},
-                                         {"warnings", warnings}};
+    nlohmann::ordered_json json = {{"schema_version", 1},
+                                   {"format", scene.format},
+                                   {"images_listed", scene.frames_listed},
+                                   {"images", scene.frames.size()},
+                                   {"images_train", frames_of(scene, Split::train).size()},
+                                   {"images_test", frames_of(scene, Split::test).size()},
+                                   {"cameras", scene.cameras.size()},
+                                   {"has_alpha", scene.has_alpha},
+                                   {"image_bytes", bytes},
+                                   {"warnings", warnings}};
+    if (scene.is_log) json["log"] = log_json(log);
     put(json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
     return 0;
   }
   std::string out;
   for (const std::string& line : describe(scene, how)) out += line + "\n";
+  if (scene.is_log) out += log_text(log);
   put(out + "training images in memory: " + words_for_bytes(bytes) + "\n");
   say(common, "ok. next: cloam train nerf " + quoted(request.data));
   return 0;

@@ -1,0 +1,78 @@
+// Driving logs through the program: a sound one is reported on, a hostile one is exit 3 and runs nothing.
+#include <doctest/doctest.h>
+
+#include "models/data/write_pandaset.h"
+#include "models/io/commit.h"
+#include "models/io/gzip.h"
+#include "tests/cli/process.h"
+#include "tests/hostile_pickles.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+
+namespace {
+
+// One camera, two steps, a parked car with a point in it.
+fs::path small_log(const std::string& name) {
+  Scene log;
+  log.is_log = true;
+  log.cameras = {{16, 12, 10, 10, 8, 6, CameraModel::pinhole, {}, 0, 0}};
+  log.actors = {{"a", "Car", {2, 4, 1.5}, true, {}}};
+  for (int step = 0; step < 2; ++step) {
+    Frame frame;
+    frame.sensor = "front_camera";
+    frame.step = step;
+    frame.timestamp = 0.1 * step;
+    frame.world_from_camera(0, 3) = step;
+    log.frames.push_back(frame);
+    log.sweeps.push_back({"", 0.1 * step, Eigen::Matrix4d::Identity(), step, Split::train});
+    log.actors[0].boxes.push_back({step, 0.1 * step, Eigen::Matrix4d::Identity()});
+  }
+  const auto image = [](const Frame&) { return Image{16, 12, 3, std::vector<std::uint8_t>(3 * 16 * 12, 90)}; };
+  const auto points = [](const Sweep&) { return LidarPoints{{0, 0, 0.5f}, {0.5f}, {0}, {0}, 0}; };
+  write_pandaset(scratch() / name, log, {image, points});
+  return scratch() / name;
+}
+
+}  // namespace
+
+TEST_CASE("check reports on a log") {
+  const fs::path log = small_log("log");
+  const Outcome checked = cloam_with({"check", log.string(), "--json"});
+  REQUIRE_MESSAGE(checked.code == 0, checked.err);
+  const auto json = nlohmann::json::parse(checked.out);
+  CHECK(json["format"] == "PandaSet");
+  CHECK(json["log"]["steps"] == 2);
+  CHECK(json["log"]["boxes"] == 2);
+  CHECK(json["log"]["boxes_without_points"] == 0);
+  CHECK(json["log"]["lidar_fit"][0]["camera"] == "front_camera");
+  CHECK(cloam_with({"check", log.string()}).out.find("1 actors with 2 boxes") != std::string::npos);
+}
+
+TEST_CASE("hostile pickles in a log: exit 3, the file named, nothing run") {
+  const fs::path log = small_log("hostile"), canary = scratch() / "canary";
+  const char* files[] = {"annotations/cuboids/01.pkl.gz", "lidar/01.pkl.gz"};
+  int count = 0;
+  for (const HostilePickle& pickle : hostile_pickles(canary.string())) {
+    CAPTURE(pickle.name);
+    const fs::path file = log / files[count++ % 2];
+    const std::string sound = content_of(file);
+    const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(pickle.bytes.data()),
+                                              pickle.bytes.size());
+    const auto packed = gzip(bytes);
+    commit_bytes(file, std::as_bytes(std::span(packed)));
+    const Outcome checked = cloam_with({"check", log.string()});
+    CHECK_MESSAGE(checked.code == 3, checked.err);
+    CHECK_MESSAGE(checked.err.find(file.filename().string()) != std::string::npos, checked.err);
+    CHECK_FALSE(fs::exists(canary));
+    write_text(file, sound);
+  }
+  CHECK(count >= 50);
+  write_text(log / files[1], "no pickle");
+  CHECK(cloam_with({"check", log.string()}).code == 3);
+  const Outcome skipping = cloam_with({"check", log.string(), "--skip-bad"});
+  CHECK(skipping.code == 0);
+  CHECK(skipping.err.find("left out of the check") != std::string::npos);
+  fs::remove(log / files[1]);
+  CHECK(cloam_with({"check", log.string()}).code == 0);
+}
