@@ -103,29 +103,25 @@ inline int cell_of(float3 u, int side) {
 
 // Steps along each ray, keeps the intervals whose middle lies in a cell above the threshold. span [R,2]: near, far;
 // jitter [R]; cells [side^3]: optical thickness of one smallest step. The step grows with distance:
-// dt = clamp(t * cone, min_step, max_step). A ray ends where the cells it met add up to `opaque`.
+// dt = clamp(t * cone, min_step, max_step).
 // scratch [R, capacity] takes the kept t; interval lengths follow from t. counts [R + 1], the last one 0.
 FAT __kernel void march(__global const float* restrict origins, __global const float* restrict directions, __global const float* restrict span,
                         __global const float* restrict jitter, __global const float* restrict cells, __global float* restrict scratch,
                         __global int* restrict counts, int rays, int chunk, int side, int contract, int capacity, float min_step, float max_step,
-                        float cone, float threshold, float opaque, int explore) {
+                        float cone, float threshold, int explore) {
   const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk);
   for (int r = get_global_id(0) * chunk; r < end_ray; r++) {
     const float3 o = vload3(r, origins), d = vload3(r, directions);
     const float far = span[2 * r + 1];
     int kept = 0;
-    float t = span[2 * r], met = 0.0f;
+    float t = span[2 * r];
     t += jitter[r] * clamp(t * cone, min_step, max_step);
-    while (t < far && kept < capacity && met < opaque) {
+    while (t < far && kept < capacity) {
       const float dt = clamp(t * cone, min_step, max_step);
       const int cell = cell_of(to_unit(o + (t + 0.5f * dt) * d, contract), side);
-      const float thickness = cells[cell];
       // One empty cell in 64, others in each step, is looked into all the same: an error of the grid can mend.
       const bool trial = explore != 0 && ((uint)cell * 2654435761u ^ (uint)explore * 2246822519u) >> 26 == 0;
-      if (thickness > threshold || trial) {
-        scratch[(size_t)r * capacity + kept++] = t;
-        met += thickness;
-      }
+      if (cells[cell] > threshold || trial) scratch[(size_t)r * capacity + kept++] = t;
       t += dt;
     }
     counts[r] = kept;

@@ -111,7 +111,6 @@ struct MarchOptions {
   int capacity = 1024;    // samples a ray keeps at most
   float min_step = 0.01f, max_step = 1e9f, cone = 0.f;  // dt = clamp(t * cone, min_step, max_step)
   float threshold = 0.f;                                // cells above it are stepped through
-  float opaque = 1e9f;                                  // a ray ends where the values of its cells add up to this
   int explore = 0;  // not 0: one empty cell in 64, chosen by this number, is stepped through as well
 };
 /// Samples of all rays side by side; ray r owns [offsets[r], offsets[r+1]).

@@ -24,8 +24,6 @@ enum Stream : uint32_t {
 
 constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, distortion
 constexpr float kLeastTransmittance = 1e-3f;
-constexpr float kOpaque =
-    40.f;  // optical thickness of cells (maxima, so far too high) behind which nothing can be seen
 constexpr double kRenderSamples = 400000;  // samples in memory while rendering
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
@@ -119,7 +117,6 @@ MarchOptions Nerf::march_options() const {
   m.min_step = config_.min_step > 0 ? config_.min_step : 0.01f;
   m.cone = frame_.contract ? config_.cone : 0.f;
   m.threshold = occupancy_->threshold();
-  m.opaque = kOpaque / m.min_step;
   return m;
 }
 

@@ -131,7 +131,7 @@ RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& cells, co
   const auto [range, chunk] = chunks(count, 64);
   const Tensor scratch = empty({count, m.capacity}), counts = empty({count + 1}, DType::i32);
   launch(kernel("volume", "march"), "march", range, o, d, span, shift, grid, scratch, counts, count, chunk, m.side,
-         m.contract ? 1 : 0, m.capacity, m.min_step, m.max_step, m.cone, m.threshold, m.opaque, m.explore);
+         m.contract ? 1 : 0, m.capacity, m.min_step, m.max_step, m.cone, m.threshold, m.explore);
   const RaySamples out = packed(counts);
   launch(kernel("volume", "gather_samples"), "gather_samples", range, o, d, scratch, out.offsets, out.points, out.t,
          out.dt, out.ray, count, chunk, m.contract ? 1 : 0, m.capacity, m.min_step, m.max_step, m.cone);
