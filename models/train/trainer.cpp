@@ -89,7 +89,8 @@ void Loop::choose_horizon() {
   }
   const int64_t timed = progress_.step - timed_from_step_;
   if (timed_from_ == 0 || timed < 1 || now < budget * kTimingShare) return;
-  const double left = 0.94 * (budget - now) - saving_seconds();  // a little early is better than a decay cut short
+  // Steps get slower as scenes get sharper, and a little early is better than a decay cut short.
+  const double left = 0.86 * (budget - now) - saving_seconds();
   progress_.horizon =
       progress_.step +
       std::max<int64_t>(1, static_cast<int64_t>(left / ((now - timed_from_) / static_cast<double>(timed))));
