@@ -13,7 +13,6 @@
 //: variant matmul_blocked cpu thin MR=8 NV=1 KC=256 NC=256
 //: variant matmul_blocked cpu compact MR=4 NV=4 KC=32 NC=64
 #define NR (NV * 16)
-#define ALWAYS_INLINE inline __attribute__((always_inline))
 #if defined(__x86_64__) || defined(__aarch64__)  // compiled for the core itself: SPIR-V has no word for a prefetch
 #define PREFETCH(p) __builtin_prefetch((__global const void*)(p), 0, 2)
 #define PREFETCH_WRITE(p) __builtin_prefetch((__global const void*)(p), 1, 2)
@@ -87,7 +86,7 @@ struct Place {
   int pitch, rows, columns;
 };
 
-ALWAYS_INLINE void load_tile(float16 acc[MR][NV], const struct Place p, __local float* edge) {
+INLINE void load_tile(float16 acc[MR][NV], const struct Place p, __local float* edge) {
   if (p.rows >= MR && p.columns >= NR) {
     UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] =
         vload16(v, p.c + (size_t)i * p.pitch);
@@ -98,7 +97,7 @@ ALWAYS_INLINE void load_tile(float16 acc[MR][NV], const struct Place p, __local 
   }
 }
 
-ALWAYS_INLINE void store_tile(float16 acc[MR][NV], const struct Place p, const struct Ending end, __local float* edge) {
+INLINE void store_tile(float16 acc[MR][NV], const struct Place p, const struct Ending end, __local float* edge) {
   const int rows = min(p.rows, MR), columns = min(p.columns, NR);
   if (rows == MR && columns == NR) {
     if (end.flags & EPILOGUE_BIAS) {
@@ -143,11 +142,11 @@ struct Ahead {
   struct Lines a, b, c;
 };
 
-ALWAYS_INLINE __global const float* lines_at(const struct Lines l, int time) {
+INLINE __global const float* lines_at(const struct Lines l, int time) {
   return l.from + (size_t)min(time, l.last) * l.step;
 }
 
-ALWAYS_INLINE void fetch(const struct Ahead next, int time) {
+INLINE void fetch(const struct Ahead next, int time) {
   __global const float* a = lines_at(next.a, time);
   UNROLL for (int i = 0; i < MR; i++) PREFETCH(a + (size_t)i * next.a.line);
   __global const float* b = lines_at(next.b, time);
@@ -157,13 +156,13 @@ ALWAYS_INLINE void fetch(const struct Ahead next, int time) {
 }
 
 // Lines across `rows` rows of a matrix from row `first` on, or none that are new.
-ALWAYS_INLINE struct Lines across(__global const float* from, int pitch, int first, int rows) {
+INLINE struct Lines across(__global const float* from, int pitch, int first, int rows) {
   const struct Lines l = {from + (rows > 0 ? (size_t)first * pitch : 0), rows > 0 ? pitch : 0, 16,
                           rows > 0 ? rows - 1 : 0};
   return l;
 }
 
-ALWAYS_INLINE void multiply(float16 acc[MR][NV], A_SPACE const float* restrict a, const int* at, const float16 row[NV],
+INLINE void multiply(float16 acc[MR][NV], A_SPACE const float* restrict a, const int* at, const float16 row[NV],
                             size_t k) {
   UNROLL for (int i = 0; i < MR; i++) {
     const float16 x = (float16)(a[at[i] + k]);

@@ -15,15 +15,6 @@ inline float16 read16(__global const float* restrict x, int left, float fill) {
   for (int i = 0; i < 16; i++) part[i] = i < left ? x[i] : fill;
   return vload16(0, part);
 }
-inline void write16(float16 value, __global float* restrict y, int left) {
-  if (left >= 16) {
-    store16(value, y);
-  } else {
-    float part[16];
-    vstore16(value, 0, part);
-    for (int i = 0; i < left; i++) y[i] = part[i];
-  }
-}
 
 // Mean and variance of n values, in one pass: sums of differences from the first value, which cancel less than sums of
 // squares where the mean is large.
@@ -74,7 +65,7 @@ FAT __kernel void group_norm(__global const float* restrict x, __global const fl
       const size_t channel = begin + (size_t)c * pixels;
       for (int i = 0; i < pixels; i += 16) {
         const float16 centred = read16(x + channel + i, pixels - i, mean) - mean;
-        write16(activation(centred * scale + shift), y + channel + i, pixels - i);
+        write_first(activation(centred * scale + shift), y + channel + i, pixels - i);
       }
     }
   }
@@ -116,7 +107,7 @@ FAT __kernel void group_norm_grad(__global const float* restrict x, __global con
       for (int i = 0; i < pixels; i += 16) {
         const float16 u = (read16(x + channel + i, pixels - i, mean) - mean) * rate;
         const float16 d = read16(dy + channel + i, pixels - i, 0.0f) * activation_slope(u * scale + shift);
-        write16((d * scale - every - u * slope) * rate, out + channel + i, pixels - i);
+        write_first((d * scale - every - u * slope) * rate, out + channel + i, pixels - i);
       }
     }
   }
@@ -134,7 +125,7 @@ FAT __kernel void layer_norm(__global const float* restrict x, __global const fl
     stats[2 * row + 1] = rate;
     for (int i = 0; i < n; i += 16) {
       const float16 u = (read16(x + begin + i, n - i, mean) - mean) * rate;
-      write16(u * read16(gamma + i, n - i, 0.0f) + read16(beta + i, n - i, 0.0f), y + begin + i, n - i);
+      write_first(u * read16(gamma + i, n - i, 0.0f) + read16(beta + i, n - i, 0.0f), y + begin + i, n - i);
     }
   }
 }
@@ -153,8 +144,8 @@ FAT __kernel void layer_norm_grad(__global const float* restrict x, __global con
     for (int i = 0; i < n; i += 16) {
       const float16 u = (read16(x + begin + i, n - i, mean) - mean) * rate, given = read16(dy + begin + i, n - i, 0.0f);
       const float16 d = given * read16(gamma + i, n - i, 0.0f);
-      write16(read16(dgamma + i, n - i, 0.0f) + given * u, dgamma + i, n - i);
-      write16(read16(dbeta + i, n - i, 0.0f) + given, dbeta + i, n - i);
+      write_first(read16(dgamma + i, n - i, 0.0f) + given * u, dgamma + i, n - i);
+      write_first(read16(dbeta + i, n - i, 0.0f) + given, dbeta + i, n - i);
       sum += d;
       sum_u += d * u;
     }
@@ -162,7 +153,7 @@ FAT __kernel void layer_norm_grad(__global const float* restrict x, __global con
     for (int i = 0; i < n; i += 16) {
       const float16 u = (read16(x + begin + i, n - i, mean) - mean) * rate;
       const float16 d = read16(dy + begin + i, n - i, 0.0f) * read16(gamma + i, n - i, 0.0f);
-      write16((d - every - u * slope) * rate, out + begin + i, n - i);
+      write_first((d - every - u * slope) * rate, out + begin + i, n - i);
     }
   }
 }
@@ -177,11 +168,11 @@ FAT __kernel void softmax(__global const float* restrict x, __global float* rest
     for (int i = 0; i < n; i += 16) {
       const float16 e = m_exp16(read16(x + begin + i, n - i, -INFINITY) - top);
       sum += e;  // e^-87 beyond the end: nothing beside the largest, 1
-      if (!LOG) write16(e, y + begin + i, n - i);
+      if (!LOG) write_first(e, y + begin + i, n - i);
     }
     const float total = sum16(sum), by = 1.0f / total, log_total = m_log(total);
     for (int i = 0; i < n; i += 16)
-      write16(LOG ? (read16(x + begin + i, n - i, 0.0f) - top) - log_total : read16(y + begin + i, n - i, 0.0f) * by,
+      write_first(LOG ? (read16(x + begin + i, n - i, 0.0f) - top) - log_total : read16(y + begin + i, n - i, 0.0f) * by,
               y + begin + i, n - i);
   }
 }
@@ -199,7 +190,7 @@ FAT __kernel void softmax_grad(__global const float* restrict y, __global const 
     const float sum = sum16(sums);
     for (int i = 0; i < n; i += 16) {
       const float16 d = read16(dy + begin + i, n - i, 0.0f), value = read16(y + begin + i, n - i, 0.0f);
-      write16(LOG ? d - m_exp16(value) * sum : value * (d - sum), dx + begin + i, n - i);
+      write_first(LOG ? d - m_exp16(value) * sum : value * (d - sum), dx + begin + i, n - i);
     }
   }
 }

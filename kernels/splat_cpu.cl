@@ -69,16 +69,6 @@ inline void ask_ahead(__global const float* records, __global const int* ids, in
   __builtin_prefetch(records + RECORD * (size_t)ids[min(k + AHEAD, end - 1)]);
 }
 
-inline void store_row(float16 values, __global float* to, int count) {
-  if (count >= TILE) {
-    vstore16(values, 0, to);
-  } else {
-    float all[TILE];
-    vstore16(values, 0, all);
-    for (int x = 0; x < count; x++) to[x] = all[x];
-  }
-}
-
 inline float16 load_row(__global const float* from, int count) {
   if (count >= TILE) return vload16(0, from);
   float all[TILE];
@@ -117,10 +107,10 @@ __kernel FAT void blend_rows(__global const float* restrict records, __global co
   }
   for (int y = 0; y < rows; y++) {
     __global float* to = out + (size_t)(top + y) * width + left;
-    store_row(red[y], to, width - left);
-    store_row(green[y], to + plane, width - left);
-    store_row(blue[y], to + 2 * (size_t)plane, width - left);
-    store_row(fabs(through[y]), to + 3 * (size_t)plane, width - left);
+    write_first(red[y], to, width - left);
+    write_first(green[y], to + plane, width - left);
+    write_first(blue[y], to + 2 * (size_t)plane, width - left);
+    write_first(fabs(through[y]), to + 3 * (size_t)plane, width - left);
   }
 }
 
