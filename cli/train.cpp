@@ -214,7 +214,7 @@ bool has_time_for_preview(const TrainResult& result, const TrainOptions& options
 int train_in_folder(TrainJob& job, Capture capture, const TrainRequest& request, const Common& common, EventLog& log,
                     ProgressView& view) {
   const PreviewFrame preview = preview_frame(capture);
-  job.method->load_data({capture.scene, std::move(capture.train)});
+  job.method->load_data({{capture.scene, std::move(capture.train)}});
   const FolderLock lock(job.folder);
   if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
   const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
@@ -261,7 +261,7 @@ int run_train(TrainRequest request, const Common& common) {
   ProgressView view(style, log);
   Capture capture = read_capture(job.data, job.record.data, memory_budget());
   check_data_unchanged(job, request, fingerprint(capture.scene), view);
-  job.method->build(capture.scene, job.record.seed);
+  job.method->build({capture.scene}, job.record.seed);
   tell_plan(job, capture, common, log);
   if (!request.dry_run) return train_in_folder(job, std::move(capture), request, common, log, view);
   say(common, "dry run: nothing was written");

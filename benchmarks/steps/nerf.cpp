@@ -27,8 +27,8 @@ std::shared_ptr<Training> begin(const char* preset_name) {
   training->method->configure(config);
   for (const auto& [key, value] : preset.settings) config.set(key, value, "preset");
   const Scene scene = read_scene(data);
-  training->method->build(scene, 42);
-  training->method->load_data({scene, load_images(scene, Split::train)});
+  training->method->build({scene}, 42);
+  training->method->load_data({{scene, load_images(scene, Split::train)}});
   training->optimiser =
       std::make_unique<Optimiser>(training->method->parameters(), training->method->learning_rates({}));
   return training;

@@ -64,7 +64,9 @@ void Nerf::configure(Config& c) {
   c.bind("train.loss", config_.loss, "square | charbonnier");
 }
 
-void Nerf::build(const Scene& scene, uint64_t seed) {
+void Nerf::build(const Scenes& scenes, uint64_t seed) {
+  if (scenes.size() != 1) throw Error(Fault::usage, text("nerf learns one capture, not ", scenes.size()));
+  const Scene& scene = scenes.front();
   if (config_.sampling != "occupancy" && config_.sampling != "importance")
     throw Error(Fault::usage, text("setting sampling: \"", config_.sampling, "\", want occupancy or importance"));
   seed_ = seed;
@@ -79,9 +81,9 @@ void Nerf::build(const Scene& scene, uint64_t seed) {
   rays_ = config_.batch_rays;
 }
 
-void Nerf::load_data(TrainingData data) {
-  image_bytes_ = RayBank::bytes(data.pixels);
-  bank_ = std::make_unique<RayBank>(data.scene, data.pixels, frame_, range_);
+void Nerf::load_data(std::vector<TrainingData> data) {
+  image_bytes_ = RayBank::bytes(data.front().pixels);
+  bank_ = std::make_unique<RayBank>(data.front().scene, data.front().pixels, frame_, range_);
 }
 
 MemoryPlan Nerf::memory() const {

@@ -33,8 +33,8 @@ class Nerf final : public Method {
  public:
   const char* name() const override { return "nerf"; }
   void configure(Config& config) override;
-  void build(const Scene& scene, uint64_t seed) override;
-  void load_data(TrainingData data) override;
+  void build(const Scenes& scenes, uint64_t seed) override;
+  void load_data(std::vector<TrainingData> data) override;
   MemoryPlan memory() const override;
   Params& parameters() override { return params_; }
   std::vector<LearningRate> learning_rates(const Progress& progress) const override;

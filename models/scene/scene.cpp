@@ -1,12 +1,28 @@
 // See scene.h.
 #include "models/scene/scene.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "runtime/error.h"
 
 namespace cloam {
+namespace {
+
+constexpr double kAloneSeconds = 0.1;  // of the moments of a log that usual LiDARs make
+
+Eigen::Matrix4d between(const Eigen::Matrix4d& a, const Eigen::Matrix4d& b, double share) {
+  const Eigen::Quaterniond from(Eigen::Matrix3d(a.topLeftCorner<3, 3>())), to(Eigen::Matrix3d(b.topLeftCorner<3, 3>()));
+  Eigen::Matrix4d pose = a;
+  pose.topLeftCorner<3, 3>() = from.slerp(share, to).toRotationMatrix();
+  pose.topRightCorner<3, 1>() = (1 - share) * a.topRightCorner<3, 1>() + share * b.topRightCorner<3, 1>();
+  return pose;
+}
+
+}  // namespace
 
 std::vector<std::size_t> frames_of(const Scene& scene, Split split) {
   std::vector<std::size_t> indices;
@@ -33,6 +49,25 @@ void apply_holdout(Scene& scene, int n) {
   for (std::size_t rank = 0; rank < order.size(); ++rank) {
     scene.frames[order[rank]].split = rank % n == 0 ? Split::test : Split::train;
   }
+}
+
+std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time) {
+  const std::vector<ActorBox>& boxes = actor.boxes;
+  if (boxes.empty()) return std::nullopt;
+  double usual = std::numeric_limits<double>::infinity();  // the distance of boxes, which gaps only make longer
+  for (std::size_t i = 1; i < boxes.size(); ++i) usual = std::min(usual, boxes[i].timestamp - boxes[i - 1].timestamp);
+  if (boxes.size() == 1) usual = kAloneSeconds;
+  const auto next = std::lower_bound(boxes.begin(), boxes.end(), time,
+                                     [](const ActorBox& box, double t) { return box.timestamp < t; });
+  if (next == boxes.begin() || next == boxes.end()) {
+    const ActorBox& nearest = next == boxes.end() ? boxes.back() : boxes.front();
+    if (std::abs(nearest.timestamp - time) > 0.5 * usual) return std::nullopt;
+    return nearest.world_from_box;
+  }
+  const ActorBox& before = *(next - 1);
+  const double gap = next->timestamp - before.timestamp, share = (time - before.timestamp) / gap;
+  if (gap > 1.5 * usual && time != next->timestamp) return std::nullopt;
+  return between(before.world_from_box, next->world_from_box, share);
 }
 
 int find_or_add(std::vector<Camera>& cameras, const Camera& camera) {

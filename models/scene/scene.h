@@ -43,13 +43,21 @@ struct ActorBox {
   Eigen::Matrix4d world_from_box = Eigen::Matrix4d::Identity();
 };
 
+/// The looks of an actor of a run: shape and colour without a place.
+struct AssetName {
+  int scene = 0;         // index into the run's scenes
+  std::string actor_id;  // unique there
+  bool operator==(const AssetName&) const = default;
+};
+
 /// A thing with a box of its own: vehicle, pedestrian, sign.
 struct Actor {
   std::string id;                                  // unique in the log
   std::string label;                               // the source's word: "Car", "Pedestrian"
   Eigen::Vector3d size = Eigen::Vector3d::Zero();  // metres, along the box's axes
   bool stationary = false;
-  std::vector<ActorBox> boxes;  // by step, at most one each
+  std::vector<ActorBox> boxes;          // by step, at most one each
+  std::optional<AssetName> asset = {};  // in an edited scene: whose looks it has; none: its own
 };
 
 /// What the source says about where the subject is.
@@ -76,6 +84,14 @@ struct Scene {
   bool night = false;                 // of a log
   std::vector<std::string> warnings;  // one line each, for the user
 };
+
+/// What a run is trained on: one capture, or several logs.
+using Scenes = std::vector<Scene>;
+
+/// The actor's pose at a time between two of its boxes (positions linear, rotations spherical). Also up to half a usual
+/// distance of boxes before its first and after its last, where the nearest box stands; none elsewhere, or where boxes
+/// are missing for more than 1.5 of these distances.
+std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time);
 
 /// The indices of the frames of one split, in order.
 std::vector<std::size_t> frames_of(const Scene& scene, Split split);

@@ -7,6 +7,7 @@
 #include "models/nn/params.h"
 #include "models/scene/scene.h"
 #include "models/train/config.h"
+#include "models/train/street.h"
 
 namespace cloam {
 
@@ -17,17 +18,6 @@ struct Progress {
   uint64_t seed = 0;
   /// 0 at the start, 1 at the horizon; 0 as long as no horizon is chosen.
   float fraction() const { return horizon > 0 ? static_cast<float>(step) / static_cast<float>(horizon) : 0.f; }
-};
-
-/// Values [H,W,..] in [0,1] for colour; depth in scene units along the ray (0: nothing there).
-struct Picture {
-  int width = 0, height = 0;
-  std::vector<float> rgb, depth, opacity;
-};
-
-struct View {
-  Camera camera;
-  Eigen::Matrix4d world_from_camera;
 };
 
 /// Learning rate of the parameters whose names begin with `prefix` (the longest prefix wins).
@@ -57,9 +47,10 @@ class Method {
   virtual const char* name() const = 0;
   /// Declares every setting (before build).
   virtual void configure(Config& config) = 0;
-  /// Fits the model to a scene's extent and makes its parameters (seeded). Needs no pixels.
-  virtual void build(const Scene& scene, uint64_t seed) = 0;
-  virtual void load_data(TrainingData data) = 0;
+  /// Fits the model to the scenes' extent and makes its parameters (seeded). Needs no pixels.
+  virtual void build(const Scenes& scenes, uint64_t seed) = 0;
+  /// One entry a scene, in the order of build.
+  virtual void load_data(std::vector<TrainingData> data) = 0;
   virtual MemoryPlan memory() const = 0;
   virtual Params& parameters() = 0;
   virtual std::vector<LearningRate> learning_rates(const Progress& progress) const = 0;
@@ -73,6 +64,8 @@ class Method {
   /// Named figures of the last step for the progress line.
   virtual std::map<std::string, double> metrics() const { return {}; }
   virtual Picture render(const View& view) = 0;
+  /// What it can do with actors and LiDAR; null: it knows neither.
+  virtual Street* street() { return nullptr; }
   /// What a resumed run needs beside parameters and optimiser; names without prefix.
   virtual TensorMap state() const { return {}; }
   virtual void restore(const TensorMap&) {}

@@ -46,12 +46,12 @@ RestoredRun restore_run(const std::filesystem::path& folder) {
   RestoredRun run;
   run.record = read_record(folder);
   const RunPaths paths{folder};
-  run.scene = read_scene_file(paths.scene());
+  run.scenes = {read_scene_file(paths.scene())};
   run.checkpoint = load_latest_checkpoint(paths.checkpoints());
   check_belongs(run.checkpoint, run.record);
   Config config;
   run.method = configured_method(run.record, config);
-  run.method->build(run.scene, run.record.seed);
+  run.method->build(run.scenes, run.record.seed);
   run.progress = restore_method(*run.method, run.checkpoint.file);
   return run;
 }

@@ -10,7 +10,7 @@ namespace cloam {
 
 struct RestoredRun {
   RunRecord record;
-  Scene scene;  // the geometry that the model was fitted to; no images
+  Scenes scenes;  // the geometry that the model was fitted to; no images
   LoadedCheckpoint checkpoint;
   std::unique_ptr<Method> method;
   Progress progress;

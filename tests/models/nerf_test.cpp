@@ -48,8 +48,8 @@ Outcome train_small(const std::vector<std::pair<std::string, std::string>>& sett
   Config config;
   method->configure(config);
   for (const auto& [key, value] : settings) config.set(key, value, "test");
-  method->build(scene, 7);
-  method->load_data({scene, load_images(scene, Split::train)});
+  method->build({scene}, 7);
+  method->load_data({{scene, load_images(scene, Split::train)}});
   TrainOptions options;
   options.steps = steps;
   train({*method, folder.path / "ckpt", {}, nullptr, nullptr}, options, {});
@@ -170,8 +170,8 @@ TEST_CASE("a checkpoint of another shape is refused with the names that do not f
     method->configure(config);
     for (const auto& [key, value] : kSmallHash) config.set(key, value, "test");
     config.set("field.kind", kind, "test");
-    method->build(scene, 1);
-    method->load_data({scene, load_images(scene, Split::train)});
+    method->build({scene}, 1);
+    method->load_data({{scene, load_images(scene, Split::train)}});
     return method;
   };
   auto hash = build("hash");

@@ -1,0 +1,53 @@
+// What methods that know actors and LiDAR can do beside pictures; and the view and the picture that all methods share.
+#pragma once
+#include <vector>
+
+#include "models/scene/scene.h"
+
+namespace cloam {
+
+/// Values [H,W,..] in [0,1] for colour; depth in scene units along the ray (0: nothing there).
+struct Picture {
+  int width = 0, height = 0;
+  std::vector<float> rgb, depth, opacity;
+  std::vector<int> actors;  // of methods with a Street: 1 + place in Scene::actors of the actor seen, 0: none
+};
+
+struct View {
+  Camera camera;
+  Eigen::Matrix4d world_from_camera;
+  int scene = 0;    // of the run's scenes
+  double time = 0;  // seconds on that scene's clock; where actors are
+};
+
+/// Rays in the world frame of a scene; directions of length 1.
+struct WorldRays {
+  int scene = 0;
+  double time = 0;
+  std::vector<float> origins, directions;  // [R,3]
+};
+
+/// What a LiDAR would measure along rays, [R] each.
+struct LidarReturns {
+  std::vector<float> depths;  // metres; 0: nothing is hit
+  std::vector<int> actors;    // as Picture::actors
+};
+
+/// A point cloud's worth of an asset, [N] and [N,3].
+struct AssetSamples {
+  std::vector<float> distances;  // signed, metres in scale, negative inside
+  std::vector<float> colours;    // in [0,1], seen from where the surface faces
+};
+
+class Street {
+ public:
+  virtual ~Street() = default;
+  virtual LidarReturns measure(const WorldRays& rays) = 0;
+  /// The asset alone, on white. box_from_camera: the view in the axes of the actor's box (metres, origin its centre).
+  virtual Picture render_asset(const AssetName& asset, const Camera& camera,
+                               const Eigen::Matrix4d& box_from_camera) = 0;
+  /// points [N,3] in the axes of the actor's box.
+  virtual AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) = 0;
+};
+
+}  // namespace cloam
