@@ -1,4 +1,4 @@
-// Tri-plane features on CPU devices, for 16 * VECTORS channels: rows of texels are whole vectors, and what a block of
+// Tri-plane features on CPU devices, for LANES * VECTORS channels: rows of texels are whole vectors, and what a block of
 // samples will touch is asked for before it is computed with. The plain form is in kernels/planes.cl.
 // Gradient: samples are listed by bands of BAND rows, small enough for a core's cache, and a work-item adds up a plane's
 // band in the order of samples. A sample on the seam of two bands is in both lists, so a texel's sum has one order
@@ -7,36 +7,51 @@
 //: variant sample_planes_vectors cpu vectors BAND=64
 //: variant sample_planes_vectors cpu vectors BAND=128
 #define BLOCK 16
-#define CHANNELS (16 * VECTORS)
-#define FETCH(p) UNROLL for (int v = 0; v < VECTORS; v++) __builtin_prefetch((p) + 16 * v)
+#define CHANNELS (LANES * VECTORS)
+#define FETCH(p) UNROLL for (int v = 0; v < CHANNELS; v += 16) __builtin_prefetch((p) + v)
+#if LANES == 16
+typedef float16 texels_of;
+#define STORE(value, to) STORE_PAST_CACHES(value, to)
+#else
+typedef float4 texels_of;
+#define STORE(value, to) (*(to) = (value))
+#endif
 
 // One sample in one plane: its texel with the lowest coordinates, and its place from there to the next.
 typedef struct {
-  int x, y;
+  int x, y, last;  // last: there is no row below
   float fx, fy;
 } Texel;
 
 inline Texel texel_at(__global const float* points, int s, int plane, int height, int width) {
   const float u = plane == 2 ? points[3 * s + 1] : points[3 * s], v = plane == 0 ? points[3 * s + 1] : points[3 * s + 2];
   const float x = clamp(u * (float)width - 0.5f, 0.0f, (float)(width - 1)), y = clamp(v * (float)height - 0.5f, 0.0f, (float)(height - 1));
-  const Texel t = {(int)x, (int)y, x - (float)(int)x, y - (float)(int)y};
+  const Texel t = {(int)x, (int)y, 0, x - (float)(int)x, y - (float)(int)y};
+  return t;
+}
+
+// In the plane of all owners (planes.cl: rows, owned).
+inline Texel placed(__global const float* points, __global const int* owners, int s, int plane, int owned, int height, int width) {
+  Texel t = texel_at(points, s, plane, height, width);
+  t.last = t.y + 1 == height;
+  if (owned) t.y += owners[s] * height;
   return t;
 }
 
 // Work-items: chunks of samples x planes.
-FAT __kernel void sample_planes_vectors(__global const float* restrict planes, __global const float* restrict points, __global float* restrict out,
-                                        int n, int height, int width, int chunk) {
+FAT __kernel void sample_planes_vectors(__global const float* restrict planes, __global const float* restrict points, __global const int* restrict owners,
+                                        __global float* restrict out, int n, int owned, int rows, int height, int width, int chunk) {
   const int plane = get_global_id(1), end = min(n, ((int)get_global_id(0) + 1) * chunk);
-  __global const float* texels = planes + (size_t)plane * height * width * CHANNELS;
+  __global const float* texels = planes + (size_t)plane * rows * width * CHANNELS;
   for (int first = get_global_id(0) * chunk; first < end; first += BLOCK) {
     const int count = min(BLOCK, end - first);
     int at[BLOCK], right[BLOCK], below[BLOCK];
     float fx[BLOCK], fy[BLOCK];
     for (int i = 0; i < count; i++) {
-      const Texel t = texel_at(points, first + i, plane, height, width);
+      const Texel t = placed(points, owners, first + i, plane, owned, height, width);
       at[i] = (t.y * width + t.x) * CHANNELS;
       right[i] = t.x + 1 < width ? CHANNELS : 0;
-      below[i] = t.y + 1 < height ? width * CHANNELS : 0;
+      below[i] = t.last ? 0 : width * CHANNELS;
       fx[i] = t.fx;
       fy[i] = t.fy;
       __global const float* from = texels + at[i];
@@ -46,25 +61,27 @@ FAT __kernel void sample_planes_vectors(__global const float* restrict planes, _
       FETCH(from + below[i] + right[i]);
     }
     for (int i = 0; i < count; i++) {
-      __global const float *a = texels + at[i], *b = a + right[i], *c = a + below[i], *d = c + right[i];
-      __global float16* to = (__global float16*)(out + ((size_t)(first + i) * 3 + plane) * CHANNELS);
+      __global const texels_of* a = (__global const texels_of*)(texels + at[i]);
+      __global const texels_of *b = a + right[i] / LANES, *c = a + below[i] / LANES, *d = c + right[i] / LANES;
+      __global texels_of* to = (__global texels_of*)(out + ((size_t)(first + i) * 3 + plane) * CHANNELS);
       UNROLL for (int v = 0; v < VECTORS; v++) {
-        const float16 up = vload16(v, a) * (1.0f - fx[i]) + vload16(v, b) * fx[i];
-        const float16 down = vload16(v, c) * (1.0f - fx[i]) + vload16(v, d) * fx[i];
-        STORE_PAST_CACHES(up * (1.0f - fy[i]) + down * fy[i], to + v);
+        const texels_of up = a[v] * (1.0f - fx[i]) + b[v] * fx[i], down = c[v] * (1.0f - fx[i]) + d[v] * fx[i];
+        STORE(up * (1.0f - fy[i]) + down * fy[i], to + v);
       }
     }
   }
 }
 
 // How many of a chunk's samples touch each band: counts [plane][band][chunk].
-FAT __kernel void planes_count(__global const float* restrict points, __global int* restrict counts, int n, int height, int chunks, int chunk) {
-  const int plane = get_global_id(1), part = get_global_id(0), bands = (height + BAND - 1) / BAND;
+FAT __kernel void planes_count(__global const float* restrict points, __global const int* restrict owners, __global int* restrict counts, int n,
+                               int owned, int rows, int height, int chunks, int chunk) {
+  const int plane = get_global_id(1), part = get_global_id(0), bands = (rows + BAND - 1) / BAND;
   __global int* count = counts + (size_t)plane * bands * chunks + part;
   for (int b = 0; b < bands; b++) count[b * chunks] = 0;
   const int end = min(n, (part + 1) * chunk);
   for (int s = part * chunk; s < end; s++) {
-    const int y = texel_at(points, s, plane, height, 1).y, band = y / BAND, next = min(y + 1, height - 1) / BAND;
+    const Texel t = placed(points, owners, s, plane, owned, height, 1);
+    const int band = t.y / BAND, next = (t.last ? t.y : t.y + 1) / BAND;
     count[band * chunks]++;
     if (next != band) count[next * chunks]++;
   }
@@ -72,32 +89,32 @@ FAT __kernel void planes_count(__global const float* restrict points, __global i
 
 // Samples of every band in their order, each with its place in the plane: starts [plane][band][chunk] is the running sum of
 // counts, moved on to the lists' ends.
-FAT __kernel void planes_list(__global const float* restrict points, __global int* restrict starts, __global int* restrict list, int n, int height,
-                              int width, int chunks, int chunk) {
-  const int plane = get_global_id(1), part = get_global_id(0), bands = (height + BAND - 1) / BAND;
+FAT __kernel void planes_list(__global const float* restrict points, __global const int* restrict owners, __global int* restrict starts,
+                              __global int* restrict list, int n, int owned, int rows, int height, int width, int chunks, int chunk) {
+  const int plane = get_global_id(1), part = get_global_id(0), bands = (rows + BAND - 1) / BAND;
   __global int* start = starts + (size_t)plane * bands * chunks + part;
   const int end = min(n, (part + 1) * chunk);
   for (int s = part * chunk; s < end; s++) {
-    const Texel t = texel_at(points, s, plane, height, width);
-    const int band = t.y / BAND, next = min(t.y + 1, height - 1) / BAND;
+    const Texel t = placed(points, owners, s, plane, owned, height, width);
+    const int band = t.y / BAND, next = (t.last ? t.y : t.y + 1) / BAND;
     const int4 entry = (int4)(s, t.x | t.y << 16, as_int(t.fx), as_int(t.fy));
     vstore4(entry, start[band * chunks]++, list);
     if (next != band) vstore4(entry, start[next * chunks]++, list);
   }
 }
 
-inline void add_scaled(__global const float16* from, float scale, __global float16* to) {
+inline void add_scaled(__global const texels_of* from, float scale, __global texels_of* to) {
   UNROLL for (int v = 0; v < VECTORS; v++) to[v] += scale * from[v];
 }
 
 // ends [plane][band][chunk]: where the lists end.
 FAT __kernel void planes_add(__global const float* restrict g, __global const int* restrict list, __global const int* restrict ends,
-                             __global float* restrict dplanes, int height, int width, int chunks) {
+                             __global float* restrict dplanes, int rows, int height, int width, int chunks) {
   const int plane = get_global_id(1), band = get_global_id(0), bands = get_global_size(0), place = (plane * bands + band) * chunks;
   const int begin = place ? ends[place - 1] : 0, end = ends[place + chunks - 1];
-  const int lo = band * BAND, hi = min(height, lo + BAND), pitch = width * CHANNELS;
-  __global float* texels = dplanes + (size_t)plane * height * pitch;
-  for (int i = lo * pitch; i < hi * pitch; i += 16) *(__global float16*)(texels + i) = (float16)(0);
+  const int lo = band * BAND, hi = min(rows, lo + BAND), pitch = width * CHANNELS;
+  __global float* texels = dplanes + (size_t)plane * rows * pitch;
+  for (int i = lo * pitch; i < hi * pitch; i += LANES) *(__global texels_of*)(texels + i) = (texels_of)(0);
   for (int first = begin; first < end; first += BLOCK) {
     for (int i = min(end, first + BLOCK); i < min(end, first + 2 * BLOCK); i++) {
       const int4 entry = vload4(i, list);
@@ -110,17 +127,17 @@ FAT __kernel void planes_add(__global const float* restrict g, __global const in
     }
     for (int i = first; i < min(end, first + BLOCK); i++) {
       const int4 entry = vload4(i, list);
-      const int x = entry.y & 0xffff, y = entry.y >> 16, right = x + 1 < width ? CHANNELS : 0, last = y + 1 < height ? y + 1 : y;
+      const int x = entry.y & 0xffff, y = entry.y >> 16, right = x + 1 < width ? CHANNELS : 0, last = (y + 1) % height ? y + 1 : y;
       const float fx = as_float(entry.z), fy = as_float(entry.w);
-      __global const float16* from = (__global const float16*)(g + ((size_t)entry.x * 3 + plane) * CHANNELS);
+      __global const texels_of* from = (__global const texels_of*)(g + ((size_t)entry.x * 3 + plane) * CHANNELS);
       __global float *up = texels + y * pitch + x * CHANNELS, *down = texels + last * pitch + x * CHANNELS;
       if (y >= lo) {
-        add_scaled(from, (1.0f - fx) * (1.0f - fy), (__global float16*)up);
-        add_scaled(from, fx * (1.0f - fy), (__global float16*)(up + right));
+        add_scaled(from, (1.0f - fx) * (1.0f - fy), (__global texels_of*)up);
+        add_scaled(from, fx * (1.0f - fy), (__global texels_of*)(up + right));
       }
       if (last < hi) {
-        add_scaled(from, (1.0f - fx) * fy, (__global float16*)down);
-        add_scaled(from, fx * fy, (__global float16*)(down + right));
+        add_scaled(from, (1.0f - fx) * fy, (__global texels_of*)down);
+        add_scaled(from, fx * fy, (__global texels_of*)(down + right));
       }
     }
   }

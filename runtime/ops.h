@@ -100,6 +100,8 @@ class HashGridEncoder {
 /// Tri-plane features: planes [3,H,W,C] (xy, xz, yz), points [S,3] in [0,1]^3 -> [S,3C]; bilinear, half-pixel centres,
 /// border padding; once differentiable in both.
 Tensor sample_planes(const Tensor& planes, const Tensor& points);
+/// The same for many: planes [3,A,H,W,C], owners [S] int32 in [0,A), whose planes each point reads.
+Tensor sample_planes(const Tensor& planes, const Tensor& points, const Tensor& owners);
 
 struct Rays {
   Tensor origins, directions;  // [R,3]; directions of length 1

@@ -95,8 +95,8 @@ void add_grids(OpCases& rows) {
 }
 
 /// Bilinear with half-pixel centres; beyond the outer centres the border value goes on.
-double texture(const HostArray& planes, int64_t plane, double u, double v, int64_t channel) {
-  const int64_t height = planes.dim(1), width = planes.dim(2);
+double texture(const std::function<double(int64_t, int64_t)>& texel, int64_t height, int64_t width, double u,
+               double v) {
   const double x = std::clamp(u * static_cast<double>(width) - 0.5, 0.0, static_cast<double>(width - 1));
   const double y = std::clamp(v * static_cast<double>(height) - 0.5, 0.0, static_cast<double>(height - 1));
   double total = 0;
@@ -104,7 +104,7 @@ double texture(const HostArray& planes, int64_t plane, double u, double v, int64
     for (int64_t column = 0; column < width; column++) {
       const double weight = std::max(0.0, 1 - std::abs(x - static_cast<double>(column))) *
                             std::max(0.0, 1 - std::abs(y - static_cast<double>(row)));
-      total += weight * planes.at({plane, row, column, channel});
+      total += weight * texel(row, column);
     }
   return total;
 }
@@ -112,17 +112,28 @@ double texture(const HostArray& planes, int64_t plane, double u, double v, int64
 OpCase planes_row(const char* label, const Shape& planes, int64_t samples) {
   const auto reference = [](const HostArrays& in) {
     constexpr std::array<std::array<int64_t, 2>, 3> kAxes{{{0, 1}, {0, 2}, {1, 2}}};
-    const int64_t channels = in[0].dim(3);
+    const int rank = in[0].shape.rank();
+    const int64_t channels = in[0].dim(-1);
     return from_index({in[1].dim(0), 3 * channels}, [&](const Shape& i) {
       const auto& axes = kAxes[static_cast<size_t>(i[1] / channels)];
-      return texture(in[0], i[1] / channels, in[1].at({i[0], axes[0]}), in[1].at({i[0], axes[1]}), i[1] % channels);
+      const auto texel = [&](int64_t row, int64_t column) {
+        const int64_t plane = i[1] / channels, channel = i[1] % channels;
+        if (in.size() == 2) return in[0].at({plane, row, column, channel});
+        return in[0].at({plane, static_cast<int64_t>(in[2][i[0]]), row, column, channel});
+      };
+      return texture(texel, in[0].dim(rank - 3), in[0].dim(rank - 2), in[1].at({i[0], axes[0]}),
+                     in[1].at({i[0], axes[1]}));
     });
   };
-  return {.op = "sample_planes",
-          .label = label,
-          .inputs = {normal(planes), between({samples, 3}, 0, 1)},
-          .run = [](const Tensors& in) { return sample_planes(in[0], in[1]); },
-          .reference = reference};
+  OpCase row = {.op = "sample_planes",
+                .label = label,
+                .inputs = {normal(planes), between({samples, 3}, 0, 1)},
+                .run = [](const Tensors& in) { return sample_planes(in[0], in[1]); },
+                .reference = reference};
+  if (planes.rank() == 4) return row;
+  row.inputs.push_back(below({samples}, planes[1]));
+  row.run = [](const Tensors& in) { return sample_planes(in[0], in[1], in[2]); };
+  return row;
 }
 
 void add_planes(OpCases& rows) {
@@ -130,6 +141,9 @@ void add_planes(OpCases& rows) {
   rows.push_back(planes_row("whole vectors, several bands", {3, 37, 3, 16}, 53));
   rows.push_back(planes_row("one texel", {3, 1, 1, 32}, 3));
   rows.push_back(planes_row("no points", {3, 2, 2, 16}, 0));
+  rows.push_back(planes_row("four lanes", {3, 7, 5, 12}, 23));
+  rows.push_back(planes_row("owners", {3, 4, 3, 4, 2}, 29));
+  rows.push_back(planes_row("owners, bands across them", {3, 5, 13, 3, 12}, 61));
 }
 
 /// NeRF's equation 3: w_i = exp(-sum of sigma dt before i) (1 - exp(-sigma_i dt_i)).
