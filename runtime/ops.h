@@ -155,6 +155,53 @@ OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, in
 /// values [side^3] at the cells become max(decay * value, density), in place.
 void occupancy_merge(Tensor& values, const Tensor& cells, const Tensor& density, float decay);
 
+// ---- Streets (ops/street.cpp; kernels/street.cl has the layouts): a background in voxels, actors in boxes, the sky.
+struct StreetGrid {
+  Tensor cells;    // u8 [D,H,W]: is there anything
+  Tensor blocks;   // u8: the same of blocks of 8^3, counts rounded up
+  Tensor numbers;  // [16]: corner (3), voxel size, counts x y z, centre and half sizes (3 each) of what is not
+                   // contracted, furthest distance of the sky
+};
+struct StreetBoxes {
+  Tensor first;  // int32 [M+1]: the boxes of moment m are first[m] up to first[m+1]
+  Tensor boxes;  // [B,20]: rotation box_from_street (9), centre (3), half sizes (3), 0.5 / half side of the cube of the
+                 // owner's planes, owner
+};
+struct StreetRays {
+  Tensor origins, directions;  // [R,3] in the grid's axes, metres; directions of length 1
+  Tensor jitter;               // [R,2] in [0,1): shifts of the background's and of actors' steps
+  Tensor moments;              // int32 [R]
+};
+struct StreetSteps {
+  float background = 0.3f, actor = 0.05f;  // metres
+  int sky = 8;                             // samples behind the grid
+  bool shadows = false;                    // also where rays meet the ground below boxes
+};
+/// Ray r owns places [offsets[r], offsets[r+1]) of t and rows, by distance. Samples lie in two lists: rows below
+/// points.dim(0) are of the background, those from there on of actors.
+struct StreetSamples {
+  Tensor offsets, t, rows;                        // int32 [R+1], [S], int32 [S]
+  Tensor points, ray;                             // background: [B,3] contracted to [0,1]^3, int32 [B]
+  Tensor actor_points, actor_directions, owners;  // [A,3] in [0,1]^3 of the owner's cube, [A,3] in its box, int32 [A]
+  Tensor shadow_offsets, shadow_points, shadow_directions, shadow_owners, shadow_t,
+      shadow_ray;  // as offsets and actors
+};
+/// Runs at once (the number of samples is known only then); nothing is differentiable.
+StreetSamples street_samples(const StreetRays& rays, const StreetBoxes& boxes, const StreetGrid& grid,
+                             const StreetSteps& steps);
+struct StreetBlended {
+  Tensor alpha, features;   // [S], [S,C], by row
+  Tensor t, rows, offsets;  // of StreetSamples
+  Tensor ranges;            // [R]: where a LiDAR saw something, 0: it did not look
+  int sky = 8;              // samples at the end of each ray that are no matter
+  float near = 0.1f;        // metres around ranges where matter belongs
+};
+/// Front to back: [R,C+3]: sum of w f, depth (sum of w t), opacity without the sky, and the sum of w^2 of samples that
+/// are not near the range. The last sample takes all light that is left. Once differentiable in alpha and features.
+Tensor street_blend(const StreetBlended& blended);
+/// int32 [R]: the owner that gives most light of a ray, if more than half, else -1. At once.
+Tensor street_owners(const Tensor& alpha, const StreetSamples& samples);
+
 // ---- Gaussian splats (ops/splat.cpp).
 struct Splats {
   Tensor means;      // [G,2] in pixels; the centre of the first pixel is (0.5, 0.5)

@@ -1,0 +1,290 @@
+// Rays through a street: a background known by voxels, actors in boxes that move, the sky behind. (GenAssets, supplement
+// A; UniSim, Yang et al. 2023.) A work-item a ray (a chunk of rays on CPU devices).
+//
+// Boxes, 20 numbers each: rotation (box from street, 9), centre (3), half sizes (3), scale, owner. Of each moment m the
+// boxes [first_box[m], first_box[m + 1]).
+// Grid, 16 numbers: corner (3), voxel size, counts (3), centre (3) and half sizes (3) of what is not contracted, far
+// distance of the sky.
+//: variant street_steps reference walk
+//: variant street_blend reference blend
+//: variant street_blend_grad reference blend_grad
+
+#define MOST_BOXES 48
+#define BLOCK 8
+
+typedef struct {
+  float step, actor_step;
+  int sky, shadows;
+} Steps;
+
+typedef struct {
+  float3 origin, direction;
+  float background_shift, actor_shift;
+} Ray;
+
+// Where the results of a ray go; counting has no arrays.
+typedef struct {
+  int all, background, actor, shadow;
+} Places;
+
+typedef struct {
+  __global float *t, *points, *actor_points, *shadow_points, *actor_directions, *shadow_directions, *shadow_t;
+  __global int *rows, *owners, *shadow_owners, *ray_of, *shadow_rays;
+  int background_count;
+} Results;
+
+inline float3 to_box(__global const float* b, float3 v) {
+  return (float3)(b[0] * v.x + b[1] * v.y + b[2] * v.z, b[3] * v.x + b[4] * v.y + b[5] * v.z, b[6] * v.x + b[7] * v.y + b[8] * v.z);
+}
+
+// Where a ray is within |p| < half; x > y: nowhere.
+inline float2 inside(float3 p, float3 d, float3 half_size) {
+  const float3 safe = (float3)(fabs(d.x) < 1e-9f ? 1e-9f : d.x, fabs(d.y) < 1e-9f ? 1e-9f : d.y, fabs(d.z) < 1e-9f ? 1e-9f : d.z);
+  const float3 a = (-half_size - p) / safe, b = (half_size - p) / safe;
+  const float3 lo = fmin(a, b), hi = fmax(a, b);
+  return (float2)(fmax(fmax(lo.x, lo.y), fmax(lo.z, 0.0f)), fmin(hi.x, fmin(hi.y, hi.z)));
+}
+
+// mip-NeRF 360's contraction with the largest coordinate for a norm, to [0,1]^3.
+inline float3 contracted(float3 p, __global const float* grid) {
+  const float3 x = (p - vload3(0, grid + 7)) / vload3(0, grid + 10);
+  const float norm = fmax(fabs(x.x), fmax(fabs(x.y), fabs(x.z)));
+  return (norm > 1.0f ? x * ((2.0f - 1.0f / norm) / norm) : x) * 0.25f + 0.5f;
+}
+
+// A box's own coordinates in [0,1]^3; scale: 0.5 over the half size of the cube that they fill.
+inline float3 in_cube(__global const float* b, float3 p, float shrink) { return p * (b[15] * shrink) + 0.5f; }
+
+INLINE void add_actor(const Ray* ray, __global const float* b, float from, float to, float step, int write, Places* at, const Results* out) {
+  const float3 p = to_box(b, ray->origin - vload3(0, b + 9)), d = to_box(b, ray->direction);
+  // In whole steps from where the ray enters the box, whatever lies before it.
+  const float enters = inside(p, d, vload3(0, b + 12)).x;
+  int k = max(0, (int)ceil((from - enters) / step - ray->actor_shift));
+  for (float t = enters + ((float)k + ray->actor_shift) * step; t < to; k++, t = enters + ((float)k + ray->actor_shift) * step) {
+    if (write) {
+      out->t[at->all] = t;
+      out->rows[at->all] = out->background_count + at->actor;
+      vstore3(in_cube(b, p + t * d, 1.0f), at->actor, out->actor_points);
+      vstore3(d, at->actor, out->actor_directions);
+      out->owners[at->actor] = (int)b[16];
+    }
+    at->all++;
+    at->actor++;
+  }
+}
+
+INLINE void add_background(const Ray* ray, __global const float* grid, int r, float t, float seen_t, int write, Places* at, const Results* out) {
+  if (write) {
+    out->t[at->all] = seen_t;
+    out->rows[at->all] = at->background;
+    vstore3(contracted(ray->origin + t * ray->direction, grid), at->background, out->points);
+    out->ray_of[at->background] = r;
+  }
+  at->all++;
+  at->background++;
+}
+
+// The ground's part under a box, twice as large as it: where its shadow may fall.
+INLINE void add_shadow(const Ray* ray, __global const float* b, int r, int write, Places* at, const Results* out) {
+  const float3 p = to_box(b, ray->origin - vload3(0, b + 9)), d = to_box(b, ray->direction);
+  const float t = (-b[14] - p.z) / d.z;
+  const float3 hit = p + t * d;
+  if (!(d.z < -1e-4f && t > 0.0f && fabs(hit.x) < 2.0f * b[12] && fabs(hit.y) < 2.0f * b[13])) return;
+  if (write) {
+    vstore3(in_cube(b, hit, 0.5f), at->shadow, out->shadow_points);
+    vstore3(d, at->shadow, out->shadow_directions);
+    out->shadow_owners[at->shadow] = (int)b[16];
+    out->shadow_t[at->shadow] = t;
+    out->shadow_rays[at->shadow] = r;
+  }
+  at->shadow++;
+}
+
+// First and last distance at which each box of a moment is met, sorted by the first; later ones begin where earlier end.
+INLINE int find_hits(const Ray* ray, __global const float* boxes, int first, int last, float2* spans, int* which) {
+  int hits = 0;
+  for (int b = first; b < last; b++) {
+    __global const float* box = boxes + 20 * b;
+    const float2 span = inside(to_box(box, ray->origin - vload3(0, box + 9)), to_box(box, ray->direction), vload3(0, box + 12));
+    if (span.x >= span.y || hits == MOST_BOXES) continue;
+    int place = hits++;
+    for (; place > 0 && spans[place - 1].x > span.x; place--) {
+      spans[place] = spans[place - 1];
+      which[place] = which[place - 1];
+    }
+    spans[place] = span;
+    which[place] = b;
+  }
+  for (int i = 1; i < hits; i++) spans[i].x = fmax(spans[i].x, spans[i - 1].y), spans[i].y = fmax(spans[i].x, spans[i].y);
+  return hits;
+}
+
+// All samples of a ray in the order of distance: counted, or written as well.
+INLINE void walk(const Ray* ray, int r, __global const float* boxes, int first, int last, __global const float* grid,
+                 __global const uchar* cells, __global const uchar* blocks, const Steps* s, int write, Places* at, const Results* out) {
+  float2 spans[MOST_BOXES];
+  int which[MOST_BOXES];
+  const int hits = find_hits(ray, boxes, first, last, spans, which);
+  const float voxel = grid[3];
+  const int3 counts = (int3)((int)grid[4], (int)grid[5], (int)grid[6]);
+  const int3 block_counts = (counts + BLOCK - 1) / BLOCK;
+  const float3 size = (float3)((float)counts.x, (float)counts.y, (float)counts.z) * voxel;
+  const float3 start = ray->origin - vload3(0, grid), d = ray->direction;
+  const float2 range = inside(start - 0.5f * size, d, 0.5f * size);
+  int next = 0;
+  float t_free = 0.0f;  // the background begins again behind the boxes met so far
+  if (range.x < range.y) {
+    int k = max(0, (int)ceil(range.x / s->step - ray->background_shift));
+    for (float t = ((float)k + ray->background_shift) * s->step; t < range.y; t = ((float)k + ray->background_shift) * s->step) {
+      for (; next < hits && spans[next].x <= t; next++) {
+        add_actor(ray, boxes + 20 * which[next], spans[next].x, spans[next].y, s->actor_step, write, at, out);
+        t_free = spans[next].y;
+      }
+      const float3 p = (start + t * d) / voxel;
+      const int3 c = clamp((int3)((int)p.x, (int)p.y, (int)p.z), (int3)(0), counts - 1), b = c / BLOCK;
+      if (blocks[(b.z * block_counts.y + b.y) * block_counts.x + b.x] == 0) {
+        // Nothing in this block: on to its end.
+        const float3 half_block = (float3)(0.5f * BLOCK);
+        const float3 middle = (float3)((float)b.x, (float)b.y, (float)b.z) * (float)BLOCK + half_block;
+        const float end = t + inside(p - middle, d / voxel, half_block).y;
+        k = max(k + 1, (int)ceil(end / s->step - ray->background_shift));
+        continue;
+      }
+      if (t >= t_free && cells[(c.z * counts.y + c.y) * counts.x + c.x]) add_background(ray, grid, r, t, t, write, at, out);
+      k++;
+    }
+  }
+  for (; next < hits; next++) add_actor(ray, boxes + 20 * which[next], spans[next].x, spans[next].y, s->actor_step, write, at, out);
+  // The sky's samples in even steps of 1 / distance from the edge of the grid on; they are seen at that edge.
+  const float edge = fmax(range.x < range.y ? range.y : 1.0f, hits ? spans[hits - 1].y : 0.0f);
+  for (int i = 0; i < s->sky; i++) {
+    const float share = ((float)i + ray->background_shift) / (float)s->sky;
+    add_background(ray, grid, r, 1.0f / ((1.0f - share) / edge + share / fmax(grid[13], 2.0f * edge)), edge, write, at, out);
+  }
+  if (s->shadows)
+    for (int b = first; b < last; b++) add_shadow(ray, boxes + 20 * b, r, write, at, out);
+}
+
+INLINE Ray ray_at(int r, __global const float* origins, __global const float* directions, __global const float* jitter) {
+  const Ray ray = {vload3(r, origins), vload3(r, directions), jitter[2 * r], jitter[2 * r + 1]};
+  return ray;
+}
+
+// counts [4][rays + 1]: all samples, those of the background, of actors, places of shadows; the last of each is 0.
+FAT __kernel void street_count(__global const float* restrict origins, __global const float* restrict directions, __global const float* restrict jitter,
+                               __global const int* restrict moments, __global const int* restrict first_box, __global const float* restrict boxes,
+                               __global const float* restrict grid, __global const uchar* restrict cells, __global const uchar* restrict blocks,
+                               __global int* restrict counts, int rays, float step, float actor_step, int sky, int shadows, int chunk) {
+  const Steps s = {step, actor_step, sky, shadows};
+  const Results none = {0};
+  const int end = min(rays + 1, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end; r++) {
+    Places at = {0, 0, 0, 0};
+    if (r < rays) {
+      const Ray ray = ray_at(r, origins, directions, jitter);
+      walk(&ray, r, boxes, first_box[moments[r]], first_box[moments[r] + 1], grid, cells, blocks, &s, 0, &at, &none);
+    }
+    counts[r] = at.all;
+    counts[rays + 1 + r] = at.background;
+    counts[2 * (rays + 1) + r] = at.actor;
+    counts[3 * (rays + 1) + r] = at.shadow;
+  }
+}
+
+// starts: the running sums of counts, one row each.
+FAT __kernel void street_write(__global const float* restrict origins, __global const float* restrict directions, __global const float* restrict jitter,
+                               __global const int* restrict moments, __global const int* restrict first_box, __global const float* restrict boxes,
+                               __global const float* restrict grid, __global const uchar* restrict cells, __global const uchar* restrict blocks,
+                               __global const int* restrict starts, __global float* restrict t, __global int* restrict rows,
+                               __global float* restrict points, __global int* restrict ray_of, __global float* restrict actor_points,
+                               __global float* restrict actor_directions, __global int* restrict owners, __global float* restrict shadow_points,
+                               __global float* restrict shadow_directions, __global int* restrict shadow_owners, __global float* restrict shadow_t,
+                               __global int* restrict shadow_rays, int rays, float step, float actor_step, int sky, int shadows, int chunk) {
+  const Steps s = {step, actor_step, sky, shadows};
+  const Results out = {t, points, actor_points, shadow_points, actor_directions, shadow_directions, shadow_t, rows, owners, shadow_owners,
+                       ray_of, shadow_rays, starts[2 * rays + 1]};
+  const int end = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end; r++) {
+    Places at = {starts[r], starts[rays + 1 + r], starts[2 * (rays + 1) + r], starts[3 * (rays + 1) + r]};
+    const Ray ray = ray_at(r, origins, directions, jitter);
+    walk(&ray, r, boxes, first_box[moments[r]], first_box[moments[r] + 1], grid, cells, blocks, &s, 1, &at, &out);
+  }
+}
+
+// Front to back along a ray, with opacities instead of densities: w_i = alpha_i prod_{j<i} (1 - alpha_j); the last sample
+// takes what light is left. Sample i of the ray is row rows[i] of alpha and features.
+// out [rays, channels + 3]: sum of w f; depth, the sum of w t; opacity, the sum of w without the `sky` last samples;
+// stray, the sum of w^2 of samples further than `near` from where the LiDAR saw something (ranges[r]; 0: it did not look).
+FAT __kernel void blend(__global const float* restrict alpha, __global const float* restrict features, __global const float* restrict t,
+                        __global const int* restrict rows, __global const int* restrict offsets, __global const float* restrict ranges,
+                        __global float* restrict out, int rays, int channels, int sky, float near, int chunk) {
+  const int end = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end; r++) {
+    __global float* sum = out + (size_t)r * (channels + 3);
+    for (int c = 0; c < channels + 3; c++) sum[c] = 0.0f;
+    float through = 1.0f;
+    const int last = offsets[r + 1];
+    for (int i = offsets[r]; i < last; i++) {
+      const int row = rows[i];
+      const float w = through * (i + 1 == last ? 1.0f : alpha[row]);
+      __global const float* f = features + (size_t)row * channels;
+      for (int c = 0; c < channels; c++) sum[c] += w * f[c];
+      sum[channels] += w * t[i];
+      if (i < last - sky) sum[channels + 1] += w;
+      if (ranges[r] > 0.0f && fabs(t[i] - ranges[r]) > near) sum[channels + 2] += w * w;
+      through *= 1.0f - alpha[row];
+    }
+  }
+}
+
+// Adjoint, from the back: with u_i the derivative by w_i,
+//   d alpha_i = T_i u_i - sum_{j>i} w_j u_j / (1 - alpha_i),  d f_i = w_i g.
+// dalpha [samples], and behind it df [samples, channels]. The sum from behind holds only what light reaches, so that samples which nothing is seen of get next to nothing.
+FAT __kernel void blend_grad(__global const float* restrict alpha, __global const float* restrict features, __global const float* restrict t,
+                             __global const int* restrict rows, __global const int* restrict offsets, __global const float* restrict ranges,
+                             __global const float* restrict g, __global float* restrict dalpha, int rays, int samples, int channels, int sky,
+                             float near, int chunk) {
+  __global float* dfeatures = dalpha + samples;
+  const int end = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end; r++) {
+    __global const float* gr = g + (size_t)r * (channels + 3);
+    const int first = offsets[r], last = offsets[r + 1];
+    float through = 1.0f;
+    for (int i = first; i < last; i++) {
+      dalpha[rows[i]] = through;
+      through *= 1.0f - alpha[rows[i]];
+    }
+    float behind = 0.0f;
+    for (int i = last - 1; i >= first; i--) {
+      const int row = rows[i];
+      const float a = i + 1 == last ? 1.0f : alpha[row], T = dalpha[row], w = T * a;
+      __global const float* f = features + (size_t)row * channels;
+      __global float* df = dfeatures + (size_t)row * channels;
+      float u = t[i] * gr[channels];
+      for (int c = 0; c < channels; c++) u += f[c] * gr[c];
+      for (int c = 0; c < channels; c++) df[c] = w * gr[c];
+      if (i < last - sky) u += gr[channels + 1];
+      if (ranges[r] > 0.0f && fabs(t[i] - ranges[r]) > near) u += 2.0f * w * gr[channels + 2];
+      dalpha[row] = i + 1 == last ? 0.0f : T * u - behind / fmax(1.0f - a, 1e-6f);
+      behind += w * u;
+    }
+  }
+}
+
+// Weights of all samples, and for each ray the owner of the actor that most light comes from (-1: none has half of it).
+FAT __kernel void blend_owners(__global const float* restrict alpha, __global const int* restrict rows, __global const int* restrict offsets,
+                               __global const int* restrict owners, __global int* restrict seen, int rays, int background, int chunk) {
+  const int end = min(rays, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end; r++) {
+    float through = 1.0f, best = 0.5f, sum = 0.0f;
+    int current = -1;
+    seen[r] = -1;
+    for (int i = offsets[r]; i < offsets[r + 1]; i++) {
+      const int row = rows[i], owner = row < background ? -1 : owners[row - background];
+      if (owner != current) sum = 0.0f, current = owner;
+      sum += through * alpha[row];
+      through *= 1.0f - alpha[row];
+      if (owner >= 0 && sum > best) best = sum, seen[r] = owner;
+    }
+  }
+}

@@ -1,0 +1,146 @@
+// Samples along rays through a street with moving boxes, and their compositing by opacities.
+#include "runtime/cl.h"
+#include "runtime/ops.h"
+#include "runtime/ops/scan.h"
+
+namespace cloam {
+namespace {
+
+const Registered kRegistered("street_blend");
+
+constexpr int64_t kBoxNumbers = 20, kGridNumbers = 16;
+
+int32_t value_at(const Tensor& values, int64_t place) {
+  int32_t value = 0;
+  read_buffer(*values.node()->storage.buffer, static_cast<size_t>(place) * 4, 4, &value);
+  return value;
+}
+
+/// in: alpha, features, t, rows, offsets, ranges, g -> [rows (1 + C)]: by alpha, then by features.
+struct StreetBlendGrad final : Op {
+  StreetBlendGrad(int sky_samples, float near_metres) : sky(sky_samples), near(near_metres) {}
+  const char* name() const override { return "street_blend_grad"; }
+  void run(const Tensors& in, Tensor& out) const override {
+    const int64_t rays = in[4].dim(0) - 1;
+    const auto [range, chunk] = chunks(rays, 64);
+    launch(kernel("street", "blend_grad"), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], in[6], out, rays,
+           in[0].dim(0), in[1].dim(1), sky, near, chunk);
+  }
+  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
+    no_gradient("street_blend", "it is once differentiable");
+  }
+  int sky;
+  float near;
+};
+
+struct StreetBlend final : Op {
+  StreetBlend(int sky_samples, float near_metres) : sky(sky_samples), near(near_metres) {}
+  const char* name() const override { return "street_blend"; }
+  void run(const Tensors& in, Tensor& out) const override {
+    const int64_t rays = in[4].dim(0) - 1;
+    const auto [range, chunk] = chunks(rays, 64);
+    launch(kernel("street", "blend"), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], out, rays, in[1].dim(1),
+           sky, near, chunk);
+  }
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    const int64_t rows = in[0].dim(0), channels = in[1].dim(1);
+    Tensors all = in;
+    all.push_back(g);
+    const Tensor both = make(std::make_shared<StreetBlendGrad>(sky, near), {rows * (1 + channels)}, all);
+    return {slice(both, 0, 0, rows),
+            reshape(slice(both, 0, rows, rows * (1 + channels)), {rows, channels}),
+            Tensor(),
+            Tensor(),
+            Tensor(),
+            Tensor()};
+  }
+  int sky;
+  float near;
+};
+
+struct Marched {
+  StreetRays rays;
+  Tensor first_box, boxes, grid, cells, blocks;
+};
+
+/// All inputs in memory, and their shapes right.
+Marched prepare(const StreetRays& rays, const StreetBoxes& boxes, const StreetGrid& grid) {
+  match("street_samples", {{"origins", rays.origins, "R 3"},
+                           {"directions", rays.directions, "R 3"},
+                           {"jitter", rays.jitter, "R 2"},
+                           {"moments", rays.moments, "R"},
+                           {"first", boxes.first, "M"}});
+  if (boxes.boxes.rank() != 2 || boxes.boxes.dim(1) != kBoxNumbers || grid.numbers.numel() != kGridNumbers)
+    throw Error(Fault::internal,
+                text("[street_samples] boxes is ", to_string(boxes.boxes.shape()), " and the grid's numbers ",
+                     to_string(grid.numbers.shape()), ", want [B,20] and [16]"));
+  eval({rays.origins, rays.directions, rays.jitter, rays.moments});
+  return {{dense(rays.origins), dense(rays.directions), dense(rays.jitter), dense(rays.moments)},
+          dense(boxes.first),
+          dense(boxes.boxes),
+          dense(grid.numbers),
+          dense(grid.cells),
+          dense(grid.blocks)};
+}
+
+}  // namespace
+
+StreetSamples street_samples(const StreetRays& rays, const StreetBoxes& boxes, const StreetGrid& grid,
+                             const StreetSteps& steps) {
+  const Marched in = prepare(rays, boxes, grid);
+  const int64_t count = in.rays.origins.dim(0);
+  const auto [range, chunk] = chunks(count + 1, 32);
+  const Tensor counts = empty({4, count + 1}, DType::i32), starts = empty({4, count + 1}, DType::i32);
+  launch(kernel("street", "street_count"), "street_count", range, in.rays.origins, in.rays.directions, in.rays.jitter,
+         in.rays.moments, in.first_box, in.boxes, in.grid, in.cells, in.blocks, counts, count, steps.background,
+         steps.actor, steps.sky, steps.shadows ? 1 : 0, chunk);
+  scan_rows(counts, starts, 4, {.exclusive = true});
+  const auto total = [&](int64_t row) { return int64_t{value_at(starts, (row + 1) * (count + 1) - 1)}; };
+  const int64_t all = total(0), background = total(1), actor = total(2), shadow = total(3);
+  StreetSamples out;
+  const auto part = [&](int64_t row) { return reshape(slice(starts, 0, row, row + 1), {count + 1}); };
+  out.offsets = dense(part(0));
+  out.shadow_offsets = dense(part(3));
+  out.t = empty({all});
+  out.rows = empty({all}, DType::i32);
+  out.points = empty({background, 3});
+  out.ray = empty({background}, DType::i32);
+  out.actor_points = empty({actor, 3});
+  out.actor_directions = empty({actor, 3});
+  out.owners = empty({actor}, DType::i32);
+  out.shadow_points = empty({shadow, 3});
+  out.shadow_directions = empty({shadow, 3});
+  out.shadow_owners = empty({shadow}, DType::i32);
+  out.shadow_t = empty({shadow});
+  out.shadow_ray = empty({shadow}, DType::i32);
+  launch(kernel("street", "street_write"), "street_write", range, in.rays.origins, in.rays.directions, in.rays.jitter,
+         in.rays.moments, in.first_box, in.boxes, in.grid, in.cells, in.blocks, starts, out.t, out.rows, out.points,
+         out.ray, out.actor_points, out.actor_directions, out.owners, out.shadow_points, out.shadow_directions,
+         out.shadow_owners, out.shadow_t, out.shadow_ray, count, steps.background, steps.actor, steps.sky,
+         steps.shadows ? 1 : 0, chunk);
+  return out;
+}
+
+Tensor street_blend(const StreetBlended& b) {
+  match("street_blend",
+        {{"alpha", b.alpha, "S"}, {"features", b.features, "S C"}, {"t", b.t, "S"}, {"rows", b.rows, "S"}});
+  const int64_t rays = b.offsets.dim(0) - 1;
+  if (b.ranges.numel() != rays)
+    throw Error(Fault::internal,
+                text("[street_blend] ranges is ", to_string(b.ranges.shape()), ", want one a ray: ", rays));
+  return make(std::make_shared<StreetBlend>(b.sky, b.near), {rays, b.features.dim(1) + 3},
+              {b.alpha, b.features, b.t, b.rows, b.offsets, b.ranges});
+}
+
+Tensor street_owners(const Tensor& alpha, const StreetSamples& samples) {
+  match("street_owners", {{"alpha", alpha, "S"}, {"rows", samples.rows, "S"}});
+  const Tensor opacity = dense(alpha);
+  const int64_t rays = samples.offsets.dim(0) - 1;
+  const Tensor seen = empty({rays}, DType::i32);
+  const auto [range, chunk] = chunks(rays, 64);
+  launch(kernel("street", "blend_owners"), "blend_owners", range, opacity, samples.rows, samples.offsets,
+         samples.owners, seen, rays, samples.points.dim(0), chunk);
+  return seen;
+}
+
+}  // namespace cloam
