@@ -280,6 +280,14 @@ struct Window {
 Tensor unfold(const Tensor& x, const Window& window);
 /// The adjoint: every value added to the pixel that it was seen at -> [A,B,height,width,N].
 Tensor fold(const Tensor& windows, const Window& window, int64_t height, int64_t width);
+struct Pooling {
+  int window = 2, stride = 2, pad = 0;  // pad: up to half a window that hangs over every side; what is there never wins
+  bool ceil = false;                    // windows that the last row or column begins are cut, else left out
+  int64_t places(int64_t size) const;
+};
+/// The largest value of each window (ops/max_pool.cpp): x [N,C,H,W] -> [N,C,places(H),places(W)]. Of equal ones the
+/// first, row by row, gets the gradient.
+Tensor max_pool2d(const Tensor& x, const Pooling& with = {});
 
 // ---- Normalisation and attention (ops/norm.cpp, ops/attention.cpp): any number of times differentiable.
 Tensor softmax(const Tensor& x, int axis);

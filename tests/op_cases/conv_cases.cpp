@@ -1,6 +1,7 @@
-// Rows of convolutions and their adjoints.
+// Rows of convolutions, their adjoints, and pooling.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "tests/op_cases/cases.h"
 
@@ -126,6 +127,60 @@ void add_endings(OpCases& rows) {
   rows.push_back(ending(grouped, {"groups, bias, ReLU", {6}, false, Activation::relu}));
 }
 
+struct Pool {
+  const char* label;
+  InputSpec x;
+  Pooling with;
+  Shape y;
+};
+
+OpCase pooling(const Pool& c) {
+  return {.op = "max_pool2d",
+          .label = c.label,
+          .inputs = {c.x},
+          .run = [c](const Tensors& in) { return max_pool2d(in[0], c.with); },
+          .reference =
+              [c](const HostArrays& in) {
+                if (in[0].size() == 0) return HostArray({0, c.y[1], c.y[2], c.y[3]});
+                HostArray out(c.y, -std::numeric_limits<double>::infinity());
+                each_index(in[0].shape, [&](const Shape& i) {
+                  each_index({c.y[2], c.y[3]}, [&](const Shape& o) {
+                    const int64_t row = i[2] + c.with.pad - o[0] * c.with.stride,
+                                  column = i[3] + c.with.pad - o[1] * c.with.stride;
+                    if (row < 0 || row >= c.with.window || column < 0 || column >= c.with.window) return;
+                    double& largest = out.at({i[0], i[1], o[0], o[1]});
+                    largest = std::max(largest, in[0].at(i));
+                  });
+                });
+                return out;
+              }};
+}
+
+/// Pooling is linear almost everywhere: only what is done with the values has a second derivative.
+OpCase squared(OpCase row) {
+  const Reference pooled = row.reference;
+  row.second_order = true;
+  row.run = [run = row.run](const Tensors& in) { return square(run(in)); };
+  row.reference = [pooled](const HostArrays& in) {
+    HostArray out = pooled(in);
+    for (double& value : out.values) value *= value;
+    return out;
+  };
+  return row;
+}
+
+void add_pooling(OpCases& rows) {
+  rows.push_back(pooling({"2x2", distinct({2, 3, 6, 9}), {}, {2, 3, 3, 4}}));
+  rows.back().zero = {{0, 3, 6, 9}};
+  rows.back().bench = {normal({4, 64, 128, 128})};
+  rows.push_back(pooling({"3x3, stride 2, cut at the end", distinct({1, 5, 6, 29}), {3, 2, 0, true}, {1, 5, 3, 14}}));
+  rows.push_back(squared(pooling({"overlapping, squared", distinct({1, 2, 5, 4}), {3, 1, 1}, {1, 2, 5, 4}})));
+  rows.push_back(pooling({"padded", distinct({1, 2, 8, 7}), {3, 2, 1}, {1, 2, 4, 4}}));
+  rows.push_back(pooling({"padded, cut", distinct({2, 1, 5, 7}), {2, 3, 1, true}, {2, 1, 2, 3}}));
+  rows.push_back(pooling({"every pixel's surroundings", distinct({1, 2, 5, 9}), {3, 1, 1}, {1, 2, 5, 9}}));
+  rows.push_back(pooling({"long rows", distinct({1, 1, 4, 150}), {3, 2, 0, true}, {1, 1, 2, 75}}));
+}
+
 }  // namespace
 
 void add_conv_cases(OpCases& rows) {
@@ -158,6 +213,7 @@ void add_conv_cases(OpCases& rows) {
     rows.push_back(adjoint_w(c));
   }
   add_endings(rows);
+  add_pooling(rows);
 }
 
 }  // namespace cloam
