@@ -5,7 +5,7 @@
 //   max_pool2d_spread: the adjoint in `of`: every g[i,p,q] added to out[i] at that place
 // version 1. A value a work-item; the adjoint looks at all windows that a pixel is in.
 //: variant max_pool2d reference any
-#define BEATS(value, best) ((value) > (best) || (value) != (value))
+#define BEATS(value, best) ((value) > (best) || ((value) != (value) && (best) == (best)))
 
 // The place in a plane of the largest value of the window that begins at (top, left).
 inline int largest_place(__global const float* plane, int H, int W, int top, int left) {

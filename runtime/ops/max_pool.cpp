@@ -36,7 +36,8 @@ void MaxPool::run(const Tensors& in, Tensor& out) const {
   const int64_t H = x.dim(2), W = x.dim(3), P = pooled.dim(2), Q = pooled.dim(3);
   const Variant& v = choose("max_pool");
   Constants constants = v.constants;
-  for (const auto& [key, value] : Constants{{"WINDOW", with.window}, {"STRIDE", with.stride}, {"PAD", with.pad}})
+  for (const auto& [key, value] :
+       Constants{{"WINDOW", with.window}, {"STRIDE", with.stride}, {"PAD", with.pad}, {"PLACES", part != Part::pool}})
     constants.emplace_back(key, value);
   if (v.where == "cpu") {
     const int64_t planes = x.dim(0) * x.dim(1);
