@@ -139,9 +139,10 @@ FAT __kernel void pack_pixels(__global const float* restrict x, __global float* 
     }
 }
 
-// The taps that any result of the line meets: where their inputs lie within a channel, which weights they take.
-inline int list_taps(__local int* restrict places, __local int* restrict weights, int first, int results, int H, int W,
-                     int out_width, int R, int S, int stride, int dilation, int pad_y, int pad_x) {
+// The taps that any result of the line meets: where their inputs lie within a channel (pixels where a line is one of them,
+// `by_image`, else what pack_pixels wrote for the tap), which weights they take.
+inline int list_taps(__local int* restrict places, __local int* restrict weights, int first, int results, int by_image,
+                     int H, int W, int out_width, int R, int S, int stride, int dilation, int pad_y, int pad_x) {
   const int y0 = first / out_width, x0 = first - y0 * out_width;
   int count = 0;
   for (int t = 0; t < R * S; t++) {
@@ -149,7 +150,7 @@ inline int list_taps(__local int* restrict places, __local int* restrict weights
     for (int i = 0, y = y0, x = x0; i < results; i++) {
       const int row = place_of(y, t / S, stride, dilation, pad_y, H);
       const int column = place_of(x, t % S, stride, dilation, pad_x, W);
-      if (row >= 0 && column >= 0) place = results == 1 ? row * W + column : t;
+      if (row >= 0 && column >= 0) place = by_image ? row * W + column : t;
       if (++x == out_width) x = 0, y++;
     }
     if (place >= 0) places[count] = place * 8, weights[count++] = t * BLOCK;
@@ -198,7 +199,7 @@ FAT __kernel void conv2d_lines(__global const float* restrict lines, __global co
   for (int l = 0; l < here; l++) {
     const int line = first_line + l, pixel = line % per_image * (by_image ? 1 : 8);
     taps[l] = list_taps(places + l * MAX_TAPS, weights + l * MAX_TAPS, pixel, by_image ? 1 : min(8, results - pixel),
-                        in_height, in_width, out_width, R, S, stride, dilation, pad_y, pad_x);
+                        by_image, in_height, in_width, out_width, R, S, stride, dilation, pad_y, pad_x);
   }
   for (int c = 0; c < inputs; c += depth) {
     pack_block(scratch, w, z, group * inputs * outputs * R * S + first * output_stride + c * input_stride, count,

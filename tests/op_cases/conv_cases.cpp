@@ -199,6 +199,7 @@ void add_conv_cases(OpCases& rows) {
       {"few channels", {1, 3, 9, 41}, {10, 3, 3, 3}, {.pad = 1}},
       {"small images", {9, 5, 4, 4}, {35, 5, 3, 3}, {.pad = 1}},
       {"few small images", {2, 5, 8, 8}, {35, 5, 3, 3}, {.pad = 1}},
+      {"few small images, a last line of one result", {2, 5, 3, 3}, {35, 5, 3, 3}, {.pad = 1}},
       {"small images, stride 2", {9, 19, 6, 6}, {20, 19, 3, 3}, {.stride = 2, .pad = 1}},
   };
   for (const Convolution& c : all) {
