@@ -1,0 +1,90 @@
+// See weights.h.
+#include "models/io/weights.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+
+#include "models/io/npz.h"
+#include "models/io/safetensors_header.h"  // printable, shape_text
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+enum class Format { none, npz, safetensors };
+
+/// safetensors begin with the length of a header, which begins with a brace.
+Format format_of(const fs::path& path) {
+  std::error_code error;
+  if (!fs::is_regular_file(path, error)) return Format::none;
+  std::array<std::uint8_t, 9> start{};
+  std::ifstream file(path, std::ios::binary);
+  file.read(reinterpret_cast<char*>(start.data()), start.size());
+  const auto count = static_cast<size_t>(file.gcount());
+  if (is_zip({start.data(), count})) return Format::npz;
+  std::uint64_t header = 0;
+  std::memcpy(&header, start.data(), sizeof header);
+  const bool braced = count == start.size() && start[8] == '{' && header < fs::file_size(path, error);
+  return braced && !error ? Format::safetensors : Format::none;
+}
+
+fs::path the_file(const fs::path& path) {
+  std::error_code error;
+  if (!fs::is_directory(path, error)) return path;
+  std::vector<fs::path> found;
+  for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error))
+    if (format_of(entry->path()) != Format::none) found.push_back(entry->path());
+  if (found.size() == 1) return found[0];
+  std::sort(found.begin(), found.end());
+  std::string names;
+  for (const fs::path& file : found) names += " " + file.filename().string();
+  throw Error(Fault::data, text(path.string(), ": want a folder with one file of weights (.npz or safetensors), found ",
+                                found.empty() ? "none" : "several:", names, "; name the file itself"));
+}
+
+}  // namespace
+
+std::vector<float> Weights::take(const std::string& name, const std::vector<int64_t>& shape) const {
+  const std::string wanted = text(file.string(), ": looked for ", name, " F32 ", shape_text(shape), ", found ");
+  const auto at = tensors.find(name);
+  if (at == tensors.end()) throw Error(Fault::data, wanted + content());
+  if (at->second.shape != shape || at->second.dtype != "F32")
+    throw Error(Fault::data, text(wanted, at->second.dtype, " ", shape_text(at->second.shape)));
+  std::vector<float> values(at->second.data.size() / sizeof(float));
+  std::memcpy(values.data(), at->second.data.data(), at->second.data.size());
+  if (!std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); }))
+    throw Error(Fault::data, wanted + "NaN or infinite values in it");
+  return values;
+}
+
+std::string Weights::content() const {
+  constexpr size_t kShown = 4;
+  std::string all;
+  size_t shown = 0;
+  for (const auto& [name, tensor] : tensors) {
+    if (shown++ == kShown) break;
+    all += text(shown > 1 ? ", " : "", printable(name), " ", tensor.dtype, " ", shape_text(tensor.shape));
+  }
+  if (tensors.size() > kShown) all += text(" and ", tensors.size() - kShown, " more");
+  return all.empty() ? "no tensor" : all;
+}
+
+Weights read_weights(const fs::path& path) {
+  const fs::path file = the_file(path);
+  switch (format_of(file)) {
+    case Format::npz:
+      return {file, read_npz(file)};
+    case Format::safetensors:
+      return {file, read_safetensors(file).tensors};
+    default:
+      throw Error(Fault::data, text(file.string(), ": want a file of weights (.npz or safetensors), found ",
+                                    fs::exists(file) ? "something else" : "no file"));
+  }
+}
+
+}  // namespace cloam
