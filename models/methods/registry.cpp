@@ -2,6 +2,7 @@
 #include "models/methods/registry.h"
 
 #include "models/data/paths.h"
+#include "models/methods/genassets.h"
 #include "models/methods/nerf.h"
 #include "runtime/error.h"
 
@@ -15,6 +16,7 @@ struct MethodRow {
 
 const MethodRow kMethods[] = {
     {"nerf", [] { return std::unique_ptr<Method>(std::make_unique<Nerf>()); }},
+    {"genassets", [] { return std::unique_ptr<Method>(std::make_unique<GenAssets>()); }},
 };
 
 }  // namespace
@@ -34,6 +36,25 @@ const std::vector<Preset>& presets() {
         {"train.final_rate", "0.1"},
         {"train.decay_steps", "250000"}},
        200000},
+      {"genassets", "genassets", "the paper's sizes: a cluster's work, or a step on two cores", {}, 400000},
+      {"genassets-small",
+       "genassets",
+       "streets and their actors: minutes on two cores",
+       {{"background.side", "512"},
+        {"code.channels", "16"},
+        {"decoder.widths", "64,32,32,16"},
+        {"decoder.middle", "64"},
+        {"decoder.groups", "8"},
+        {"field.width", "32"},
+        {"image.side", "3"},
+        {"image.blocks", "4"},
+        {"image.doublings", "1"},
+        {"steps.actor", "0.1"},
+        {"train.rate_codes", "0.02"},
+        {"train.rate_decoder", "1e-3"},
+        {"train.rate_field", "2e-3"},
+        {"train.rate_image", "2e-3"}},
+       6000},
   };
   return rows;
 }

@@ -16,37 +16,42 @@ int32_t value_at(const Tensor& values, int64_t place) {
   return value;
 }
 
+struct BlendScalars {
+  int64_t background;
+  int sky;
+  float near;
+};
+
 /// in: alpha, features, t, rows, offsets, ranges, g -> [rows (1 + C)]: by alpha, then by features.
 struct StreetBlendGrad final : Op {
-  StreetBlendGrad(int sky_samples, float near_metres) : sky(sky_samples), near(near_metres) {}
+  explicit StreetBlendGrad(const BlendScalars& with) : scalars(with) {}
   const char* name() const override { return "street_blend_grad"; }
   void run(const Tensors& in, Tensor& out) const override {
     const int64_t rays = in[4].dim(0) - 1;
     const auto [range, chunk] = chunks(rays, 64);
     launch(kernel("street", "blend_grad"), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], in[6], out, rays,
-           in[0].dim(0), in[1].dim(1), sky, near, chunk);
+           in[0].dim(0), in[1].dim(1), scalars.background, scalars.sky, scalars.near, chunk);
   }
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
     no_gradient("street_blend", "it is once differentiable");
   }
-  int sky;
-  float near;
+  BlendScalars scalars;
 };
 
 struct StreetBlend final : Op {
-  StreetBlend(int sky_samples, float near_metres) : sky(sky_samples), near(near_metres) {}
+  explicit StreetBlend(const BlendScalars& with) : scalars(with) {}
   const char* name() const override { return "street_blend"; }
   void run(const Tensors& in, Tensor& out) const override {
     const int64_t rays = in[4].dim(0) - 1;
     const auto [range, chunk] = chunks(rays, 64);
     launch(kernel("street", "blend"), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], out, rays, in[1].dim(1),
-           sky, near, chunk);
+           scalars.background, scalars.sky, scalars.near, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     const int64_t rows = in[0].dim(0), channels = in[1].dim(1);
     Tensors all = in;
     all.push_back(g);
-    const Tensor both = make(std::make_shared<StreetBlendGrad>(sky, near), {rows * (1 + channels)}, all);
+    const Tensor both = make(std::make_shared<StreetBlendGrad>(scalars), {rows * (1 + channels)}, all);
     return {slice(both, 0, 0, rows),
             reshape(slice(both, 0, rows, rows * (1 + channels)), {rows, channels}),
             Tensor(),
@@ -54,8 +59,7 @@ struct StreetBlend final : Op {
             Tensor(),
             Tensor()};
   }
-  int sky;
-  float near;
+  BlendScalars scalars;
 };
 
 struct Marched {
@@ -128,7 +132,7 @@ Tensor street_blend(const StreetBlended& b) {
   if (b.ranges.numel() != rays)
     throw Error(Fault::internal,
                 text("[street_blend] ranges is ", to_string(b.ranges.shape()), ", want one a ray: ", rays));
-  return make(std::make_shared<StreetBlend>(b.sky, b.near), {rays, b.features.dim(1) + 3},
+  return make(std::make_shared<StreetBlend>(BlendScalars{b.background, b.sky, b.near}), {rays, b.features.dim(1) + 4},
               {b.alpha, b.features, b.t, b.rows, b.offsets, b.ranges});
 }
 

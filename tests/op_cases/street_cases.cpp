@@ -6,13 +6,13 @@
 namespace cloam {
 namespace {
 
-constexpr int64_t kSky = 2;
+constexpr int64_t kSky = 2, kBackground = 6;
 constexpr double kNear = 0.5;
 
 /// Inputs alpha, features, t, rows, offsets, ranges. The last sample of a ray takes the light that is left.
 HostArray blended(const HostArrays& in) {
   const int64_t rays = in[4].size() - 1, channels = in[1].dim(1);
-  HostArray out({rays, channels + 3});
+  HostArray out({rays, channels + 4});
   for (int64_t r = 0; r < rays; r++) {
     const auto first = static_cast<int64_t>(in[4][r]), last = static_cast<int64_t>(in[4][r + 1]);
     double through = 1;
@@ -23,6 +23,7 @@ HostArray blended(const HostArrays& in) {
       out.at({r, channels}) += weight * in[2][i];
       if (i < last - kSky) out.at({r, channels + 1}) += weight;
       if (in[5][r] > 0 && std::abs(in[2][i] - in[5][r]) > kNear) out.at({r, channels + 2}) += weight * weight;
+      if (row >= kBackground) out.at({r, channels + 3}) += weight;
       through *= 1 - in[0][row];
     }
   }
@@ -37,8 +38,8 @@ OpCase blend_row(const char* label, int64_t channels) {
                      given({5}, {0, 6, 6, 8, 11}, DType::i32), constant(given({4}, {2.5, 1, 0, 3}))},
           .run =
               [](const Tensors& in) {
-                return street_blend({reshape(in[0], {in[0].dim(0)}), in[1], in[2], in[3], in[4], in[5], kSky,
-                                     static_cast<float>(kNear)});
+                return street_blend({reshape(in[0], {in[0].dim(0)}), in[1], in[2], in[3], in[4], in[5], kBackground,
+                                     kSky, static_cast<float>(kNear)});
               },
           .reference = blended};
 }

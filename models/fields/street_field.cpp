@@ -1,0 +1,35 @@
+// The field of streets.
+#include "models/fields/street_field.h"
+
+namespace cloam {
+namespace {
+
+std::vector<int64_t> sizes(int64_t in, int layers, int64_t width, int64_t out) {
+  std::vector<int64_t> all = {in};
+  all.insert(all.end(), static_cast<size_t>(layers), width);
+  all.push_back(out);
+  return all;
+}
+
+}  // namespace
+
+StreetField::StreetField(const Scope& scope, const StreetFieldOptions& o)
+    : options_(o),
+      distance_(scope / "distance", sizes(3 * int64_t{o.plane_channels}, o.distance_layers, o.width, 1 + o.inner)),
+      feature_(scope / "feature", sizes(int64_t{o.inner} + 16, o.feature_layers, o.width, o.features)),
+      offset_(scope.constant("offset", {1}, o.distance)),
+      sharpness_(scope.constant("sharpness", {1}, o.sharpness)) {}
+
+StreetField::Geometry StreetField::geometry(const Tensor& planes) const {
+  const Tensor both = distance_(planes);
+  const int64_t samples = planes.dim(0);
+  return {reshape(slice(both, 1, 0, 1), {samples}) + offset_, slice(both, 1, 1, 1 + options_.inner)};
+}
+
+Tensor StreetField::features(const Tensor& inner, const Tensor& harmonics) const {
+  return feature_(concat({inner, harmonics}, 1));
+}
+
+Tensor StreetField::opacity(const Tensor& distance) const { return sigmoid(-maximum(sharpness_, 1e-4f) * distance); }
+
+}  // namespace cloam

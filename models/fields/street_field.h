@@ -1,0 +1,37 @@
+// The field of streets (GenAssets, supplement A; UniSim, Yang et al. 2023): tri-plane features to a signed distance,
+// and with the view to a feature that an image decoder turns to colour. Shared by actors and background.
+#pragma once
+#include "models/nn/layers.h"
+
+namespace cloam {
+
+struct StreetFieldOptions {
+  int plane_channels = 12;
+  int width = 64, distance_layers = 2, feature_layers = 3;
+  int inner = 31;  // features between the two networks
+  int features = 32;
+  float sharpness = 20;    // beta at the start
+  float distance = 0.15f;  // added to the first network's, so that space begins nearly empty
+};
+
+class StreetField {
+ public:
+  StreetField(const Scope& scope, const StreetFieldOptions& options);
+  struct Geometry {
+    Tensor distance;  // [S] in metres' scale, negative inside
+    Tensor inner;     // [S,inner]
+  };
+  /// planes: [S,3 plane_channels] of sample_planes.
+  Geometry geometry(const Tensor& planes) const;
+  /// harmonics: [S,16] of the view's direction -> [S,features].
+  Tensor features(const Tensor& inner, const Tensor& harmonics) const;
+  /// alpha = sigmoid(-beta s): [S]. No step length in it (UniSim).
+  Tensor opacity(const Tensor& distance) const;
+
+ private:
+  StreetFieldOptions options_;
+  SmallMlp distance_, feature_;
+  Tensor offset_, sharpness_;
+};
+
+}  // namespace cloam

@@ -1,0 +1,498 @@
+// GenAssets, stage 1.
+#include "models/methods/genassets.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+#include "models/scene/asset_class.h"
+#include "models/train/tensors.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+// Streams of random numbers within a step.
+enum Stream : uint32_t { kJitter = 0, kCodes = 1 };
+
+constexpr float kCodeDeviation = 0.05f;                // of codes' means at the start
+constexpr float kLogVariance = -6;                     // of codes at the start
+constexpr float kPadding[] = {0.125f, 0.125f, 0.05f};  // metres added to a box's half sizes (UniSim)
+constexpr float kCube = 1.1f;                          // a box's cube over its longest side
+constexpr float kShadowSlack = 0.3f;  // metres behind the background at which ground still counts as seen
+constexpr float kBright = 4;          // shadows begin as sigmoid(kBright)
+constexpr double kRenderRays = 4096;
+constexpr double kWorst = 0.05;  // share of LiDAR rays that are left out
+
+RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
+
+std::vector<int64_t> numbers_of(const std::string& list) {
+  std::vector<int64_t> out;
+  std::istringstream in(list);
+  for (std::string word; std::getline(in, word, ',');) {
+    const bool digits = !word.empty() && word.size() < 6 && word.find_first_not_of("0123456789") == std::string::npos;
+    if (!digits || std::stoll(word) < 1)
+      throw Error(Fault::usage, text("setting decoder.widths: \"", list, "\", want numbers as 256,128,128,64,64"));
+    out.push_back(std::stoll(word));
+  }
+  if (out.empty()) throw Error(Fault::usage, "setting decoder.widths is empty, want numbers as 256,128,128,64,64");
+  return out;
+}
+
+TensorMap part_of(const TensorMap& map, const std::string& prefix) {
+  TensorMap out;
+  for (const auto& [name, tensor] : map)
+    if (name.starts_with(prefix)) out[name.substr(prefix.size())] = tensor;
+  return out;
+}
+
+Tensor columns(const Tensor& x, int64_t begin, int64_t end) { return slice(x, 1, begin, end); }
+Tensor column(const Tensor& x, int64_t at) { return reshape(slice(x, 1, at, at + 1), {x.dim(0)}); }
+
+}  // namespace
+
+void GenAssets::configure(Config& c) {
+  c.bind("planes.channels", config_.field.plane_channels, "channels of a plane");
+  c.bind("background.side", config_.background_side, "texels a side of the background's planes");
+  c.bind("code.side", config_.code_side, "side of an actor's latent code");
+  c.bind("code.channels", config_.code_channels, "channels of an actor's latent code");
+  c.bind("code.variational", config_.variational, "codes as mean and variance, with the KL term");
+  c.bind("decoder.use", config_.decoder, "false: actors' planes are learned directly");
+  c.bind("decoder.widths", config_.decoder_widths, "of its blocks; planes double before each but the first");
+  c.bind("decoder.middle", config_.decoder_middle, "width of its first blocks and its attention");
+  c.bind("decoder.groups", config_.decoder_groups, "of its group norms");
+  c.bind("field.width", config_.field.width, "width of both networks");
+  c.bind("field.distance_layers", config_.field.distance_layers, "hidden layers to the signed distance");
+  c.bind("field.feature_layers", config_.field.feature_layers, "hidden layers to the feature");
+  c.bind("field.sharpness", config_.field.sharpness, "beta of the opacity at the start");
+  c.bind("image.width", config_.image.width, "channels of the image decoder");
+  c.bind("image.side", config_.image.side, "side of its kernels");
+  c.bind("image.blocks", config_.image.blocks, "its residual blocks");
+  c.bind("image.doublings", config_.image.doublings, "how often it doubles the map");
+  c.bind("steps.background", config_.steps.background, "metres between samples in occupied voxels");
+  c.bind("steps.actor", config_.steps.actor, "metres between samples in actors");
+  c.bind("steps.sky", config_.steps.sky, "samples of the sky");
+  c.bind("space.voxel", config_.space.voxel, "metres, of the LiDAR's occupancy grid");
+  c.bind("space.dilate", config_.space.dilate, "voxels around occupied ones that count as well");
+  c.bind("shadows", config_.shadows, "actors cast shadows on the ground below their boxes");
+  c.bind("batch.patches", config_.patches, "image patches a step");
+  c.bind("batch.patch_side", config_.patch_side, "rays a side of a patch");
+  c.bind("batch.lidar_rays", config_.lidar_rays, "LiDAR returns a step");
+  c.bind("weight.rgb", config_.weight_rgb, "of the squared colour error");
+  c.bind("weight.perceptual", config_.weight_perceptual, "of the perceptual loss");
+  c.bind("weight.lidar", config_.weight_lidar, "of the squared LiDAR depth error");
+  c.bind("weight.stray", config_.weight_stray, "of matter along LiDAR rays that is not near their return");
+  c.bind("weight.kl", config_.weight_kl, "of the codes' KL term");
+  c.bind("perceptual.weights", config_.perceptual_weights, "file with a pretrained network; empty: random features");
+  c.bind("train.rate_codes", config_.rate_codes, "learning rate of codes");
+  c.bind("train.rate_decoder", config_.rate_decoder, "learning rate of the asset decoder");
+  c.bind("train.rate_field", config_.rate_field, "learning rate of the field's networks");
+  c.bind("train.rate_image", config_.rate_image, "learning rate of the image decoder");
+  c.bind("train.rate_background", config_.rate_background, "learning rate of planes");
+  c.bind("train.final_rate", config_.final_rate, "factor on the rates at the last step");
+  c.bind("train.decay_start", config_.decay_start, "share of the steps before the rates fall");
+}
+
+void GenAssets::build(const Scenes& scenes, uint64_t seed) {
+  seed_ = seed;
+  const Scope root{params_, "", seed}, networks = root / "networks";
+  config_.image.features = config_.field.features;
+  field_ = std::make_unique<StreetField>(networks / "field", config_.field);
+  image_ = std::make_unique<ImageDecoder>(networks / "image", config_.image);
+  if (config_.decoder) {
+    AssetDecoderOptions o;
+    o.latent_channels = config_.code_channels;
+    o.classes = kAssetClassCount;
+    o.middle = config_.decoder_middle;
+    o.widths = numbers_of(config_.decoder_widths);
+    o.plane_channels = 3 * config_.field.plane_channels;
+    o.groups = config_.decoder_groups;
+    decoder_ = std::make_unique<AssetDecoder>(networks / "decoder", o);
+  }
+  if (config_.shadows)
+    shadow_.emplace(networks / "shadow", std::vector<int64_t>{3 * int64_t{config_.field.plane_channels} + 17, 32, 3});
+  if (config_.weight_perceptual > 0) perceptual_ = feature_network(config_.perceptual_weights);
+  for (const Scene& scene : scenes) {
+    if (!scene.is_log)
+      throw Error(Fault::data, text(scene.root.string(), " is no driving log (format ", scene.format,
+                                    "): genassets wants cameras with time stamps, boxes and LiDAR"));
+    logs_.push_back(make_log(scene, logs_.size(), root / ("log" + std::to_string(logs_.size()))));
+  }
+  find_looks();
+}
+
+namespace {
+
+int64_t planes_side(const GenAssetsConfig& config) {
+  return int64_t{config.code_side} << (numbers_of(config.decoder_widths).size() - 1);
+}
+
+}  // namespace
+
+GenAssets::Log GenAssets::make_log(const Scene& scene, size_t, const Scope& scope) const {
+  Log log;
+  log.scene = scene;
+  log.space = std::make_unique<StreetSpace>(scene, config_.space);
+  const int64_t side = config_.background_side, channels = config_.field.plane_channels;
+  log.background = scope.uniform("background", {3 * side * side, channels}, 0.1f);
+  const auto actors = static_cast<int64_t>(scene.actors.size());
+  const int64_t code = int64_t{config_.code_channels} * config_.code_side * config_.code_side;
+  if (actors > 0 && !config_.decoder) {
+    const int64_t texels = planes_side(config_) * planes_side(config_);
+    log.assets = scope.uniform("planes", {actors, 3 * texels * channels}, 0.1f);
+  } else if (actors > 0) {
+    log.assets = scope.uniform("codes", {actors, code * (config_.variational ? 2 : 1)}, kCodeDeviation);
+  }
+  for (const Actor& actor : scene.actors) log.classes.push_back(asset_class(actor.label));
+  return log;
+}
+
+GenAssets::AssetPlace GenAssets::place_of(const AssetName& asset) const {
+  if (asset.scene >= 0 && static_cast<size_t>(asset.scene) < logs_.size()) {
+    const std::vector<Actor>& actors = logs_[static_cast<size_t>(asset.scene)].scene.actors;
+    for (size_t i = 0; i < actors.size(); ++i)
+      if (actors[i].id == asset.actor_id) return {static_cast<size_t>(asset.scene), i};
+  }
+  throw Error(Fault::data, text("there is no actor ", asset.actor_id, " in log ", asset.scene, " of this run"));
+}
+
+void GenAssets::find_looks() {
+  for (size_t l = 0; l < logs_.size(); ++l)
+    for (size_t a = 0; a < logs_[l].scene.actors.size(); ++a) {
+      const Actor& actor = logs_[l].scene.actors[a];
+      logs_[l].looks.push_back(actor.asset ? place_of(*actor.asset) : AssetPlace{l, a});
+    }
+}
+
+void GenAssets::load_data(std::vector<TrainingData> data) {
+  for (size_t i = 0; i < logs_.size(); ++i) {
+    std::vector<StreetData::LoadedSweep> sweeps;
+    for (const Sweep& sweep : logs_[i].scene.sweeps)
+      if (sweep.split == Split::train) sweeps.push_back({&sweep, load_sweep(data[i].scene, sweep)});
+    Log& log = logs_[i];
+    log.data = std::make_unique<StreetData>(log.scene, std::move(data[i].pixels), std::move(sweeps), image_->scale());
+    log.space->look(log.scene, log.data->seen());
+  }
+}
+
+MemoryPlan GenAssets::memory() const {
+  MemoryPlan plan;
+  for (const auto& [name, p] : params_) plan.parameters += static_cast<uint64_t>(p.numel()) * 4;
+  plan.optimiser = 2 * plan.parameters;
+  for (const Log& log : logs_)
+    if (log.data) plan.images += log.data->bytes();
+  const int64_t rays = int64_t{config_.patches} * config_.patch_side * config_.patch_side + config_.lidar_rays;
+  const int64_t a_sample = 4 * (6 * 3 * int64_t{config_.field.plane_channels} + 12 * int64_t{config_.field.width});
+  const int64_t a_pixel = 4 * config_.image.width * (6 + 4 * int64_t{config_.image.blocks});
+  plan.work =
+      plan.parameters + static_cast<uint64_t>(rays * (40 * a_sample + image_->scale() * image_->scale() * a_pixel));
+  return plan;
+}
+
+std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) const {
+  const float along = std::clamp((progress.fraction() - config_.decay_start) / (1.f - config_.decay_start), 0.f, 1.f);
+  const float now = std::pow(config_.final_rate, along) * std::min(1.f, static_cast<float>(progress.step) / 30.f);
+  std::vector<LearningRate> rates = {{"networks.decoder", config_.rate_decoder * now},
+                                     {"networks.field", config_.rate_field * now},
+                                     {"networks.image", config_.rate_image * now},
+                                     {"networks.shadow", config_.rate_field * now}};
+  for (size_t i = 0; i < logs_.size(); ++i) {
+    const std::string log = "log" + std::to_string(i);
+    rates.push_back({log + ".background", config_.rate_background * now, true});
+    rates.push_back({log + ".codes", config_.rate_codes * now, true});
+    rates.push_back({log + ".planes", config_.rate_background * now, true});
+  }
+  return rates;
+}
+
+/// The boxes of every moment in street axes, as ops.h: StreetBoxes says. Owners are places in scene.actors.
+StreetBoxes GenAssets::boxes_of(const Log& log, const std::vector<double>& times) const {
+  std::vector<int32_t> first = {0};
+  std::vector<float> numbers;
+  for (const double time : times) {
+    for (size_t a = 0; a < log.scene.actors.size(); ++a) {
+      const Actor& actor = log.scene.actors[a];
+      const auto pose = world_from_box_at(actor, time);
+      if (!pose) continue;
+      const Eigen::Matrix4d street_from_box = log.space->street_from_world() * *pose;
+      for (int r = 0; r < 3; ++r)
+        for (int c = 0; c < 3; ++c) numbers.push_back(static_cast<float>(street_from_box(c, r)));
+      for (int k = 0; k < 3; ++k) numbers.push_back(static_cast<float>(street_from_box(k, 3)));
+      for (int k = 0; k < 3; ++k) numbers.push_back(static_cast<float>(actor.size[k] / 2) + kPadding[k]);
+      numbers.push_back(1.f / (kCube * static_cast<float>(std::max(0.5, actor.size.maxCoeff()))));
+      numbers.insert(numbers.end(), {static_cast<float>(a), 0, 0, 0});
+    }
+    first.push_back(static_cast<int32_t>(numbers.size() / 20));
+  }
+  if (numbers.empty()) numbers.resize(20);  // no buffer without bytes
+  return {from_host(first, {static_cast<int64_t>(first.size())}),
+          from_host(numbers, {static_cast<int64_t>(numbers.size() / 20), 20})};
+}
+
+/// [N, ...] rows of the codes (or planes) of assets, which may be of several logs.
+Tensor GenAssets::asset_rows(const std::vector<AssetPlace>& assets) const {
+  Tensors parts;
+  for (size_t begin = 0, end = 0; begin < assets.size(); begin = end) {
+    std::vector<int32_t> rows;
+    for (; end < assets.size() && assets[end].log == assets[begin].log; ++end)
+      rows.push_back(static_cast<int32_t>(assets[end].actor));
+    parts.push_back(gather_rows(logs_[assets[begin].log].assets, from_host(rows, {static_cast<int64_t>(rows.size())})));
+  }
+  return parts.size() == 1 ? parts.front() : concat(parts, 0);
+}
+
+GenAssets::Decoded GenAssets::decode(const std::vector<AssetPlace>& assets, const Drawing& how) const {
+  const auto count = static_cast<int64_t>(assets.size());
+  const int64_t side = planes_side(config_), channels = config_.field.plane_channels;
+  const Tensor rows = asset_rows(assets);
+  if (!decoder_) return {permute(reshape(rows, {count, 3, side, side, channels}), {1, 0, 2, 3, 4}), Tensor()};
+  Decoded out;
+  Tensor code = rows;
+  if (config_.variational) {
+    const int64_t numbers = rows.dim(1) / 2;
+    const Tensor mean_code = columns(rows, 0, numbers),
+                 log_variance = columns(rows, numbers, 2 * numbers) + kLogVariance;
+    code = mean_code;
+    if (how.random)
+      code = mean_code + exp(log_variance * 0.5f) * random_normal({count, numbers}, stream(how.key, kCodes));
+    const Tensor terms = square(mean_code) + exp(log_variance) - 1.f - log_variance;
+    out.kl = sum(terms) * (0.5f / static_cast<float>(count));
+  }
+  std::vector<int32_t> classes;
+  for (const AssetPlace& asset : assets) classes.push_back(logs_[asset.log].classes[asset.actor]);
+  const Tensor latent = reshape(code, {count, config_.code_channels, config_.code_side, config_.code_side});
+  const Tensor planes = (*decoder_)(latent, from_host(classes, {count}));
+  out.planes = permute(reshape(planes, {count, 3, channels, side, side}), {1, 0, 3, 4, 2});
+  return out;
+}
+
+GenAssets::Shaded GenAssets::shade(const Log& log, const RayList& rays, const Drawing& how, bool shadows) const {
+  const int64_t count = rays.count();
+  StreetRays at = {from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
+                   how.random ? random_uniform({count, 2}, stream(how.key, kJitter)) : full({count, 2}, 0.5f),
+                   from_host(rays.moments, {count})};
+  StreetSteps steps = config_.steps;
+  steps.shadows = shadows && shadow_;
+  Shaded out;
+  out.samples = street_samples(at, boxes_of(log, rays.times), log.space->grid(), steps);
+  const StreetSamples& s = out.samples;
+  // Actors that are met get slots; only they are decoded.
+  std::vector<int32_t> slot_of(log.scene.actors.size() + 1, -1);
+  const auto meet = [&](const std::vector<int32_t>& owners) {
+    for (const int32_t owner : owners)
+      if (slot_of[static_cast<size_t>(owner)] < 0) slot_of[static_cast<size_t>(owner)] = 0;
+  };
+  const int64_t actor_samples = s.owners.dim(0), shadow_places = s.shadow_owners.dim(0);
+  if (actor_samples > 0) meet(s.owners.to_host<int32_t>());
+  if (shadow_places > 0) meet(s.shadow_owners.to_host<int32_t>());
+  std::vector<AssetPlace> assets;
+  for (size_t a = 0; a + 1 < slot_of.size(); ++a)
+    if (slot_of[a] == 0) {
+      slot_of[a] = static_cast<int32_t>(assets.size());
+      assets.push_back(log.looks[a]);
+      out.owners.push_back(static_cast<int32_t>(a));
+    }
+  const int64_t side = config_.background_side, channels = config_.field.plane_channels;
+  Tensor features = sample_planes(reshape(log.background, {3, side, side, channels}), s.points);
+  Tensor harmonics = gather_rows(spherical_harmonics(at.directions), s.ray);
+  Tensor planes, slots;
+  if (!assets.empty()) {
+    const Decoded decoded = decode(assets, how);
+    planes = decoded.planes;
+    out.kl = decoded.kl;
+    slots = from_host(slot_of, {static_cast<int64_t>(slot_of.size())});
+  }
+  if (actor_samples > 0) {
+    features = concat({features, sample_planes(planes, s.actor_points, gather_rows(slots, s.owners))}, 0);
+    harmonics = concat({harmonics, spherical_harmonics(s.actor_directions)}, 0);
+  }
+  const StreetField::Geometry geometry = field_->geometry(features);
+  out.alpha = field_->opacity(geometry.distance);
+  const int64_t wide = config_.field.features;
+  const Tensor blended = street_blend({out.alpha, field_->features(geometry.inner, harmonics), s.t, s.rows, s.offsets,
+                                       from_host(rays.ranges, {count}), s.points.dim(0), steps.sky, config_.near});
+  out.features = columns(blended, 0, wide);
+  out.depth = column(blended, wide);
+  out.opacity = column(blended, wide + 1);
+  out.stray = column(blended, wide + 2);
+  out.actor_opacity = column(blended, wide + 3);
+  if (shadow_places > 0) out.shadow = shadows_of(log, out, planes, slots);
+  return out;
+}
+
+/// How much light is left on each ray's ground [R,3]: the product over the actors whose shadow may fall there.
+Tensor GenAssets::shadows_of(const Log& log, const Shaded& shaded, const Tensor& planes, const Tensor& slots) const {
+  const StreetSamples& s = shaded.samples;
+  const int64_t places = s.shadow_owners.dim(0);
+  const Tensor features = sample_planes(planes, s.shadow_points, gather_rows(slots, s.shadow_owners));
+  const Tensor night = full({places, 1}, log.scene.night ? 1.f : 0.f);
+  const Tensor dark =
+      softplus(-((*shadow_)(concat({features, spherical_harmonics(s.shadow_directions), night}, 1)) + kBright));
+  const Tensor depth = stop_gradient(gather_rows(shaded.depth, s.shadow_ray));
+  const Tensor seen = cast(s.shadow_t <= depth + kShadowSlack, DType::f32) *
+                      (1.f - stop_gradient(gather_rows(shaded.actor_opacity, s.shadow_ray)));
+  return exp(-segment_sum(dark * unsqueeze(seen, 1), s.shadow_offsets));
+}
+
+/// features [N,F,H,W] and shadow [N,3,H,W] (or empty) -> RGB at the image's size.
+Tensor GenAssets::image_of(const Tensor& features, const Tensor& shadow) const {
+  const Tensor image = (*image_)(features);
+  return shadow ? image * resize_bilinear(shadow, image.dim(2), image.dim(3)) : image;
+}
+
+/// Mean squared error without the worst rays (UniSim).
+Tensor GenAssets::lidar_loss(const Tensor& depth, const Tensor& ranges) const {
+  const Tensor error = square(depth - ranges);
+  const int64_t count = error.dim(0),
+                kept = std::max<int64_t>(1, static_cast<int64_t>((1 - kWorst) * static_cast<double>(count)));
+  const Tensor limit = slice(sort(stop_gradient(error)).keys, 0, kept - 1, kept);
+  return sum(where(error <= limit, error, 0.f)) * (1.f / static_cast<float>(kept));
+}
+
+Tensor GenAssets::loss(const Progress& progress) {
+  HostRandom random(seed_, static_cast<uint64_t>(progress.step));
+  const Log& log = logs_[random.below(logs_.size())];
+  const int64_t patches = config_.patches, side = log.data->patch_side(config_.patch_side);
+  RayList rays;
+  const Tensor truth = log.data->add_patches(rays, *log.space, random, patches, side);
+  const int64_t camera_rays = rays.count();
+  if (log.data->has_lidar()) log.data->add_returns(rays, *log.space, random, config_.lidar_rays);
+  const int64_t all = rays.count();
+  const Shaded seen = shade(log, rays, {{seed_, static_cast<uint32_t>(progress.step), 0}, true}, true);
+  const auto map = [&](const Tensor& x) {
+    return permute(reshape(slice(x, 0, 0, camera_rays), {patches, side, side, x.dim(1)}), {0, 3, 1, 2});
+  };
+  const Tensor image = image_of(map(seen.features), seen.shadow ? map(seen.shadow) : Tensor());
+  const Tensor squared = mean(square(image - truth));
+  observed_ = {squared};
+  Tensor total = squared * config_.weight_rgb;
+  if (perceptual_) total = total + perceptual_loss(*perceptual_, image, truth) * config_.weight_perceptual;
+  if (all > camera_rays) {
+    const Tensor depth = slice(seen.depth, 0, camera_rays, all);
+    const Tensor ranges =
+        from_host(std::vector<float>(rays.ranges.begin() + camera_rays, rays.ranges.end()), {all - camera_rays});
+    total = total + lidar_loss(depth, ranges) * config_.weight_lidar +
+            mean(slice(seen.stray, 0, camera_rays, all)) * config_.weight_stray;
+    observed_.push_back(mean(minimum(abs(stop_gradient(depth) - ranges), 1.f)));
+  }
+  if (seen.kl) total = total + seen.kl * config_.weight_kl;
+  last_samples_ = seen.samples.t.dim(0);
+  last_actors_ = static_cast<int64_t>(seen.owners.size());
+  return total;
+}
+
+std::map<std::string, double> GenAssets::metrics() const {
+  std::map<std::string, double> out = {{"samples", static_cast<double>(last_samples_)},
+                                       {"actors", static_cast<double>(last_actors_)}};
+  if (!observed_.empty() && observed_[0].evaluated())
+    out["psnr"] = -10 * std::log10(static_cast<double>(observed_[0].item()) + 1e-12);
+  if (observed_.size() > 1 && observed_[1].evaluated()) out["lidar_m"] = static_cast<double>(observed_[1].item());
+  return out;
+}
+
+namespace {
+
+RayList part(const RayList& rays, int64_t begin, int64_t end) {
+  RayList out;
+  out.times = rays.times;
+  out.origins.assign(rays.origins.begin() + 3 * begin, rays.origins.begin() + 3 * end);
+  out.directions.assign(rays.directions.begin() + 3 * begin, rays.directions.begin() + 3 * end);
+  out.moments.assign(rays.moments.begin() + begin, rays.moments.begin() + end);
+  out.ranges.assign(rays.ranges.begin() + begin, rays.ranges.begin() + end);
+  return out;
+}
+
+template <class T>
+void append(std::vector<T>& to, const std::vector<T>& from) {
+  to.insert(to.end(), from.begin(), from.end());
+}
+
+/// Every value of a map [h,w] for the scale x scale pixels that it stands for, cut to the picture.
+template <class T>
+std::vector<T> spread(const std::vector<T>& map, int64_t columns, int scale, int width, int height) {
+  std::vector<T> out;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) out.push_back(map[static_cast<size_t>((y / scale) * columns + x / scale)]);
+  return out;
+}
+
+}  // namespace
+
+Picture GenAssets::render(const View& view) {
+  const Log& log = logs_.at(static_cast<size_t>(view.scene));
+  const int scale = image_->scale();
+  RayList rays;
+  add_view(rays, view, *log.space, scale);
+  const int64_t columns = (view.camera.width + scale - 1) / scale, rows = rays.count() / columns,
+                wide = config_.field.features;
+  std::vector<float> features, shadow, depth, opacity;
+  std::vector<int> actors;
+  for (int64_t begin = 0; begin < rays.count();) {
+    const int64_t end = std::min(rays.count(), begin + static_cast<int64_t>(kRenderRays));
+    const Shaded seen = shade(log, part(rays, begin, end), {}, true);
+    const Tensor light = seen.shadow ? seen.shadow : ones({end - begin, 3});
+    eval({seen.features, seen.depth, seen.opacity, seen.alpha, light});
+    append(features, seen.features.to_host());
+    append(shadow, light.to_host());
+    append(depth, seen.depth.to_host());
+    append(opacity, seen.opacity.to_host());
+    for (const int32_t owner : street_owners(seen.alpha, seen.samples).to_host<int32_t>()) actors.push_back(owner + 1);
+    begin = end;
+  }
+  const auto map = [&](const std::vector<float>& x, int64_t channels) {
+    return permute(from_host(x, {1, rows, columns, channels}), {0, 3, 1, 2});
+  };
+  const Tensor image =
+      slice(slice(image_of(map(features, wide), map(shadow, 3)), 2, 0, view.camera.height), 3, 0, view.camera.width);
+  Picture out;
+  out.width = view.camera.width;
+  out.height = view.camera.height;
+  out.rgb = permute(reshape(image, {3, out.height, out.width}), {1, 2, 0}).to_host();
+  for (size_t i = 0; i < depth.size(); ++i)
+    if (opacity[i] < 0.5f) depth[i] = 0;
+  out.depth = spread(depth, columns, scale, out.width, out.height);
+  out.opacity = spread(opacity, columns, scale, out.width, out.height);
+  out.actors = spread(actors, columns, scale, out.width, out.height);
+  return out;
+}
+
+LidarReturns GenAssets::measure(const WorldRays& rays) {
+  const Log& log = logs_.at(static_cast<size_t>(rays.scene));
+  const Eigen::Matrix4d& street_from_world = log.space->street_from_world();
+  RayList list;
+  list.times.push_back(rays.time);
+  const size_t count = rays.origins.size() / 3;
+  for (size_t i = 0; i < count; ++i) {
+    const Eigen::Vector3d o(rays.origins[3 * i], rays.origins[3 * i + 1], rays.origins[3 * i + 2]),
+        d(rays.directions[3 * i], rays.directions[3 * i + 1], rays.directions[3 * i + 2]);
+    list.add((street_from_world * o.homogeneous()).head<3>(), street_from_world.topLeftCorner<3, 3>() * d);
+  }
+  LidarReturns out;
+  for (int64_t begin = 0; begin < list.count(); begin += static_cast<int64_t>(kRenderRays)) {
+    const int64_t end = std::min(list.count(), begin + static_cast<int64_t>(kRenderRays));
+    const Shaded seen = shade(log, part(list, begin, end), {}, false);
+    eval({seen.depth, seen.opacity, seen.alpha});
+    const std::vector<float> depth = seen.depth.to_host(), opacity = seen.opacity.to_host();
+    for (size_t i = 0; i < depth.size(); ++i) out.depths.push_back(opacity[i] < 0.5f ? 0.f : depth[i]);
+    for (const int32_t owner : street_owners(seen.alpha, seen.samples).to_host<int32_t>())
+      out.actors.push_back(owner + 1);
+  }
+  return out;
+}
+
+Picture GenAssets::render_asset(const AssetName&, const Camera&, const Eigen::Matrix4d&) { return {}; }
+AssetSamples GenAssets::sample_asset(const AssetName&, const std::vector<float>&) { return {}; }
+
+TensorMap GenAssets::state() const {
+  TensorMap out;
+  for (size_t i = 0; i < logs_.size(); ++i)
+    for (const auto& [name, tensor] : logs_[i].space->state()) out["log" + std::to_string(i) + "." + name] = tensor;
+  return out;
+}
+
+void GenAssets::restore(const TensorMap& state) {
+  for (size_t i = 0; i < logs_.size(); ++i) logs_[i].space->restore(part_of(state, "log" + std::to_string(i) + "."));
+}
+
+}  // namespace cloam

@@ -1,0 +1,112 @@
+// GenAssets, stage 1 ("Generating in-the-wild 3D Assets in Latent Space", CVPR 2025): driving logs to streets whose
+// actors are assets of their own. A small latent code an actor, decoded to tri-planes by one network for all, is placed
+// in its boxes and rendered together with the background's tri-planes. docs/methods/genassets.md has the whole.
+#pragma once
+#include <memory>
+
+#include "models/fields/asset_decoder.h"
+#include "models/fields/street_field.h"
+#include "models/nn/feature_network.h"
+#include "models/nn/image_decoder.h"
+#include "models/render/street_data.h"
+#include "models/train/method.h"
+
+namespace cloam {
+
+struct GenAssetsConfig {
+  StreetFieldOptions field;
+  StreetSpaceOptions space;
+  StreetSteps steps;
+  ImageDecoderOptions image;
+  int code_side = 8, code_channels = 32;             // latent code of an actor
+  std::string decoder_widths = "256,128,128,64,64";  // of the blocks; the planes double before each but the first
+  int decoder_middle = 256, decoder_groups = 32;
+  bool decoder = true;      // false: actors' tri-planes are learned directly (Table A2)
+  bool variational = true;  // codes as (mean, log variance) with the KL term
+  bool shadows = true;
+  int background_side = 256;  // texels
+  int patches = 4, patch_side = 32, lidar_rays = 1024;
+  float weight_rgb = 1, weight_perceptual = 0.1f, weight_lidar = 0.01f, weight_stray = 0.01f, weight_kl = 1e-5f;
+  std::string perceptual_weights;  // file; empty: fixed random features
+  float near = 0.1f;               // metres around a LiDAR's return where matter belongs
+  float rate_codes = 0.05f, rate_decoder = 1e-4f, rate_field = 1e-3f, rate_image = 1e-3f, rate_background = 0.02f;
+  float final_rate = 0.1f, decay_start = 0.3f;
+};
+
+class GenAssets final : public Method, public Street {
+ public:
+  const char* name() const override { return "genassets"; }
+  void configure(Config& config) override;
+  void build(const Scenes& scenes, uint64_t seed) override;
+  void load_data(std::vector<TrainingData> data) override;
+  MemoryPlan memory() const override;
+  Params& parameters() override { return params_; }
+  std::vector<LearningRate> learning_rates(const Progress& progress) const override;
+  Tensor loss(const Progress& progress) override;
+  Tensors observed() const override { return observed_; }
+  std::map<std::string, double> metrics() const override;
+  Picture render(const View& view) override;
+  TensorMap state() const override;
+  void restore(const TensorMap& state) override;
+  Street* street() override { return this; }
+  LidarReturns measure(const WorldRays& rays) override;
+  Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
+  AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
+
+ private:
+  struct AssetPlace {
+    size_t log, actor;
+    bool operator==(const AssetPlace&) const = default;
+  };
+  struct Log {
+    Scene scene;
+    std::unique_ptr<StreetSpace> space;
+    std::unique_ptr<StreetData> data;
+    Tensor background;              // [3 side^2, channels]
+    Tensor assets;                  // codes [A, ...] or planes [A, ...]
+    std::vector<int32_t> classes;   // of the actors
+    std::vector<AssetPlace> looks;  // of the actors: whose asset they wear
+  };
+  /// How samples are placed and codes drawn; without a key: in the middle, and the mean.
+  struct Drawing {
+    RandomKey key;
+    bool random = false;
+  };
+  struct Decoded {
+    Tensor planes;  // [3,N,side,side,channels]
+    Tensor kl;      // mean over the assets; empty without
+  };
+  struct Shaded {
+    StreetSamples samples;
+    Tensor alpha;                          // [S] by row
+    Tensor features, depth;                // [R,features], [R]
+    Tensor opacity, actor_opacity, stray;  // [R]
+    Tensor shadow;                         // [R,3] factors; empty: none
+    Tensor kl;
+    std::vector<int32_t> owners;  // actors by slot
+  };
+  Log make_log(const Scene& scene, size_t index, const Scope& scope) const;
+  void find_looks();
+  AssetPlace place_of(const AssetName& asset) const;
+  StreetBoxes boxes_of(const Log& log, const std::vector<double>& times) const;
+  Decoded decode(const std::vector<AssetPlace>& assets, const Drawing& how) const;
+  Tensor asset_rows(const std::vector<AssetPlace>& assets) const;
+  Shaded shade(const Log& log, const RayList& rays, const Drawing& how, bool shadows) const;
+  Tensor shadows_of(const Log& log, const Shaded& shaded, const Tensor& planes, const Tensor& slots) const;
+  Tensor image_of(const Tensor& features, const Tensor& shadow) const;
+  Tensor lidar_loss(const Tensor& depth, const Tensor& ranges) const;
+
+  GenAssetsConfig config_;
+  uint64_t seed_ = 0;
+  Params params_;
+  std::vector<Log> logs_;
+  std::unique_ptr<StreetField> field_;
+  std::unique_ptr<AssetDecoder> decoder_;
+  std::unique_ptr<ImageDecoder> image_;
+  std::optional<SmallMlp> shadow_;
+  std::optional<FeatureNetwork> perceptual_;
+  int64_t last_samples_ = 0, last_actors_ = 0;
+  Tensors observed_;  // means of the last step: squared colour error, LiDAR error
+};
+
+}  // namespace cloam

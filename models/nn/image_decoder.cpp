@@ -1,0 +1,27 @@
+// The image decoder.
+#include "models/nn/image_decoder.h"
+
+namespace cloam {
+
+ImageDecoder::ImageDecoder(const Scope& scope, const ImageDecoderOptions& o)
+    : options_(o),
+      enter_(scope / "enter", {o.features, o.width, o.side}),
+      leave_(scope / "leave", {o.width, 3, o.side}) {
+  for (int i = 0; i < o.blocks; i++) {
+    const Scope here = scope / ("block" + std::to_string(i));
+    blocks_.push_back({Conv2d(here / "first", {o.width, o.width, o.side}),
+                       Conv2d(here / "second", {.in = o.width, .out = o.width, .side = o.side, .gain = 0.3f})});
+  }
+}
+
+Tensor ImageDecoder::operator()(const Tensor& features) const {
+  Tensor h = enter_(features);
+  for (int i = 0; i < options_.blocks; i++) {
+    const Block& block = blocks_[static_cast<size_t>(i)];
+    h = h + block.second(relu(block.first(relu(h))));
+    if (i % 2 == 1 && i / 2 < options_.doublings) h = resize_nearest(h, 2 * h.dim(2), 2 * h.dim(3));
+  }
+  return sigmoid(leave_(relu(h)));
+}
+
+}  // namespace cloam

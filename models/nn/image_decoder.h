@@ -1,0 +1,33 @@
+// From a map of features to an image (GenAssets, supplement A: f_rgb): residual blocks, with the map doubled on the
+// way.
+#pragma once
+#include "models/nn/image_layers.h"
+
+namespace cloam {
+
+struct ImageDecoderOptions {
+  int features = 32, width = 32;
+  int side = 5;       // of the kernels
+  int blocks = 6;     // residual blocks
+  int doublings = 2;  // one after every second block, from the first on
+};
+
+class ImageDecoder {
+ public:
+  ImageDecoder(const Scope& scope, const ImageDecoderOptions& options);
+  /// [N,features,H,W] -> RGB [N,3,H scale,W scale] in (0,1).
+  Tensor operator()(const Tensor& features) const;
+  /// How much larger the image is than the map: 2^doublings.
+  int scale() const { return 1 << options_.doublings; }
+
+ private:
+  struct Block {
+    Conv2d first, second;
+  };
+  ImageDecoderOptions options_;
+  Conv2d enter_;
+  std::vector<Block> blocks_;
+  Conv2d leave_;
+};
+
+}  // namespace cloam

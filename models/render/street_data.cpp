@@ -1,0 +1,147 @@
+// See street_data.h.
+#include "models/render/street_data.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "models/scene/camera.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr size_t kSweepsAStep = 4;
+constexpr double kFarActor = 60;  // metres: patches look no further for actors
+
+Eigen::Vector3d rotate(const Eigen::Matrix4d& pose, const Eigen::Vector3d& v) { return pose.topLeftCorner<3, 3>() * v; }
+Eigen::Vector3d move(const Eigen::Matrix4d& pose, const Eigen::Vector3d& p) {
+  return (pose * p.homogeneous()).head<3>();
+}
+
+}  // namespace
+
+uint64_t HostRandom::next() {
+  uint64_t z = (state_ += 0x9e3779b97f4a7c15u);
+  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+  z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+  return z ^ (z >> 31);
+}
+
+void RayList::add(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, float range) {
+  const Eigen::Vector3d unit = direction.normalized();
+  for (int k = 0; k < 3; ++k) {
+    origins.push_back(static_cast<float>(origin[k]));
+    directions.push_back(static_cast<float>(unit[k]));
+  }
+  moments.push_back(static_cast<int32_t>(times.size()) - 1);
+  ranges.push_back(range);
+}
+
+void add_view(RayList& rays, const View& view, const StreetSpace& space, int scale) {
+  const Eigen::Matrix4d street_from_camera = space.street_from_world() * view.world_from_camera;
+  const Eigen::Vector3d origin = street_from_camera.block<3, 1>(0, 3);
+  rays.times.push_back(view.time);
+  const int rows = (view.camera.height + scale - 1) / scale, columns = (view.camera.width + scale - 1) / scale;
+  for (int y = 0; y < rows; ++y)
+    for (int x = 0; x < columns; ++x)
+      rays.add(origin, rotate(street_from_camera, direction(view.camera, {(x + 0.5) * scale, (y + 0.5) * scale})));
+}
+
+StreetData::StreetData(const Scene& scene, Pixels pixels, std::vector<LoadedSweep> sweeps, int scale)
+    : scene_(scene), pixels_(std::move(pixels)), sweeps_(std::move(sweeps)), scale_(scale) {
+  std::erase_if(sweeps_, [](const LoadedSweep& sweep) { return sweep.points.size() == 0; });
+}
+
+int64_t StreetData::patch_side(int64_t wanted) const {
+  for (const Camera& camera : pixels_.cameras)
+    wanted = std::min<int64_t>(wanted, std::min(camera.width, camera.height) / scale_);
+  if (wanted < 1) throw Error(Fault::data, text("images are smaller than the ", scale_, " pixels a ray stands for"));
+  return wanted;
+}
+
+StreetData::Corner StreetData::random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const {
+  const auto columns = static_cast<size_t>(photo.width / scale_ - side + 1),
+             rows = static_cast<size_t>(photo.height / scale_ - side + 1);
+  return {static_cast<int64_t>(random.below(columns)), static_cast<int64_t>(random.below(rows))};
+}
+
+/// A patch that holds the middle of some actor in sight; a random one where there is none.
+StreetData::Corner StreetData::corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const {
+  const Frame& frame = scene_.frames[photo.frame];
+  const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
+  const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
+  std::vector<Eigen::Vector2d> middles;
+  for (const Actor& actor : scene_.actors) {
+    const auto pose = world_from_box_at(actor, frame.timestamp.value_or(0));
+    if (!pose) continue;
+    const Eigen::Vector3d p = move(camera_from_world, pose->block<3, 1>(0, 3));
+    if (p.z() < 0.5 || p.z() > kFarActor) continue;
+    const Eigen::Vector2d at = project(camera, p);
+    if (at.x() >= 0 && at.y() >= 0 && at.x() < photo.width && at.y() < photo.height) middles.push_back(at);
+  }
+  if (middles.empty()) return random_corner(photo, random, side);
+  const Eigen::Vector2d middle = middles[random.below(middles.size())] / scale_;
+  const auto around = [&](double centre, int64_t size) {
+    const auto shift = static_cast<int64_t>(static_cast<double>(random.uniform()) * static_cast<double>(side));
+    return std::clamp<int64_t>(static_cast<int64_t>(centre) - shift, 0, size - side);
+  };
+  return {around(middle.x(), photo.width / scale_), around(middle.y(), photo.height / scale_)};
+}
+
+Tensor StreetData::add_patches(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count,
+                               int64_t side) const {
+  const int64_t pixels = side * scale_;
+  std::vector<float> truth(static_cast<size_t>(count * 3 * pixels * pixels));
+  for (int64_t n = 0; n < count; ++n) {
+    const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
+    const Frame& frame = scene_.frames[photo.frame];
+    const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
+    const Corner corner = n % 2 == 1 ? corner_near_actor(photo, random, side) : random_corner(photo, random, side);
+    const Eigen::Matrix4d street_from_camera = space.street_from_world() * frame.world_from_camera;
+    const Eigen::Vector3d origin = street_from_camera.block<3, 1>(0, 3);
+    rays.times.push_back(frame.timestamp.value_or(0));
+    for (int64_t y = corner.y; y < corner.y + side; ++y)
+      for (int64_t x = corner.x; x < corner.x + side; ++x)
+        rays.add(origin, rotate(street_from_camera, direction(camera, {(static_cast<double>(x) + 0.5) * scale_,
+                                                                       (static_cast<double>(y) + 0.5) * scale_})));
+    for (int64_t y = 0; y < pixels; ++y)
+      for (int64_t x = 0; x < pixels; ++x) {
+        const size_t from = static_cast<size_t>((corner.y * scale_ + y) * photo.width + corner.x * scale_ + x) * 4;
+        for (int64_t c = 0; c < 3; ++c)
+          truth[static_cast<size_t>(((n * 3 + c) * pixels + y) * pixels + x)] =
+              static_cast<float>(photo.rgba[from + static_cast<size_t>(c)]) / 255.f;
+      }
+  }
+  return from_host(truth, {count, 3, pixels, pixels});
+}
+
+void StreetData::add_returns(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count) const {
+  const auto parts = static_cast<int64_t>(std::min(kSweepsAStep, sweeps_.size()));
+  for (int64_t part = 0; part < parts; ++part) {
+    const LoadedSweep& seen = sweeps_[random.below(sweeps_.size())];
+    const Eigen::Matrix4d street_from_world = space.street_from_world();
+    const Eigen::Vector3d lidar = move(street_from_world, seen.sweep->world_from_lidar.block<3, 1>(0, 3));
+    rays.times.push_back(seen.sweep->timestamp);
+    for (int64_t i = part; i < count; i += parts) {
+      const float* p = &seen.points.positions[3 * random.below(seen.points.size())];
+      const Eigen::Vector3d way = move(street_from_world, {p[0], p[1], p[2]}) - lidar;
+      rays.add(lidar, way.norm() > 1e-3 ? way : Eigen::Vector3d::UnitX(), static_cast<float>(way.norm()));
+    }
+  }
+}
+
+uint64_t StreetData::bytes() const {
+  uint64_t total = 0;
+  for (const FramePixels& photo : pixels_.frames) total += photo.rgba.size();
+  for (const LoadedSweep& sweep : sweeps_) total += 21 * sweep.points.size();
+  return total;
+}
+
+std::vector<StreetSpace::Seen> StreetData::seen() const {
+  std::vector<StreetSpace::Seen> out;
+  for (const LoadedSweep& sweep : sweeps_) out.push_back({*sweep.sweep, sweep.points});
+  return out;
+}
+
+}  // namespace cloam

@@ -1,0 +1,68 @@
+// What a driving log gives a training step: patches of its images and returns of its LiDAR, as rays in street axes.
+#pragma once
+#include "models/data/load_images.h"
+#include "models/render/street_space.h"
+#include "models/train/street.h"
+
+namespace cloam {
+
+/// Numbers that depend on their key alone (splitmix64): which patches a step sees must be the same on every device.
+class HostRandom {
+ public:
+  HostRandom(uint64_t seed, uint64_t step) : state_(seed * 0x9e3779b97f4a7c15u + step * 0xd1b54a32d192ed03u) {}
+  uint64_t next();
+  size_t below(size_t n) { return static_cast<size_t>(next() % n); }
+  float uniform() { return static_cast<float>(next() >> 40) * 0x1p-24f; }
+
+ private:
+  uint64_t state_;
+};
+
+/// Rays side by side. A moment is a time that several of them share.
+struct RayList {
+  std::vector<float> origins, directions;  // [R,3], street axes, metres; directions of length 1
+  std::vector<int32_t> moments;            // [R]
+  std::vector<float> ranges;               // [R] metres to what a LiDAR saw; 0: a camera's ray
+  std::vector<double> times;               // of the moments, seconds
+  int64_t count() const { return static_cast<int64_t>(moments.size()); }
+  void add(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, float range = 0);
+};
+
+/// A ray through the middle of each cell of scale x scale pixels of a view, row by row, cut cells too: ceil(W / scale)
+/// x ceil(H / scale). A new moment.
+void add_view(RayList& rays, const View& view, const StreetSpace& space, int scale);
+
+class StreetData {
+ public:
+  /// `sweeps` are those of the training split, in memory. `scale`: pixels a ray. All must outlive this.
+  struct LoadedSweep {
+    const Sweep* sweep;
+    LidarPoints points;
+  };
+  StreetData(const Scene& scene, Pixels pixels, std::vector<LoadedSweep> sweeps, int scale);
+
+  /// The largest patch that fits every image, at most `wanted`; in rays.
+  int64_t patch_side(int64_t wanted) const;
+  /// `count` patches of side^2 rays, every second one (if it can be) around an actor, each a moment of its own. The
+  /// images: [count,3,side scale,side scale] in [0,1].
+  Tensor add_patches(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count, int64_t side) const;
+  /// `count` returns of some sweeps.
+  void add_returns(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count) const;
+  bool has_lidar() const { return !sweeps_.empty(); }
+  uint64_t bytes() const;
+  std::vector<StreetSpace::Seen> seen() const;
+
+ private:
+  struct Corner {
+    int64_t x, y;
+  };
+  Corner corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const;
+  Corner random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const;
+
+  const Scene& scene_;
+  Pixels pixels_;
+  std::vector<LoadedSweep> sweeps_;
+  int scale_;
+};
+
+}  // namespace cloam
