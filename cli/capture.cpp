@@ -24,9 +24,12 @@ const char* lens_name(const Camera& camera) {
 
 std::string size_text(const Camera& camera) { return text(camera.width, "x", camera.height); }
 
-std::string split_text(const Scene& scene, const RunData& how) {
+std::string split_text(const Scene& scene, const Reading& how) {
   const std::size_t test = frames_of(scene, Split::test).size();
-  if (how.holdout > 0) return text(test, " held out (every ", how.holdout, "th by name)");
+  if (!how.protocol.name.empty())
+    return text("protocol ", how.protocol.name, ": ", frames_of(scene, Split::train).size(), " train, ", test,
+                " are measured");
+  if (how.holdout > 0) return text(test, " held out (every ", how.holdout, scene.is_log ? "th step)" : "th by name)");
   return test > 0 ? text(test, " in the source's test split") : "none held out (--holdout 8 holds out every 8th)";
 }
 
@@ -36,9 +39,13 @@ std::string camera_text(const Scene& scene) {
   return text(lens_name(first), ", focal length ", first.fx, " pixels at full size");
 }
 
-void check_memory(const Scene& scene, const RunData& how, uint64_t budget) {
+void check_memory(const Captures& captures, const Reading& how, uint64_t budget) {
   const auto bytes = [&](int downscale) {
-    return image_bytes(scene, Split::train, downscale) + image_bytes(scene, Split::test, downscale);
+    uint64_t sum = 0;
+    for (const Capture& capture : captures) {
+      for (const Split split : {Split::train, Split::test}) sum += image_bytes(capture.scene, split, downscale);
+    }
+    return sum;
   };
   if (budget == 0 || bytes(how.downscale) <= budget) return;
   int fits = how.downscale;
@@ -48,11 +55,25 @@ void check_memory(const Scene& scene, const RunData& how, uint64_t budget) {
                    words_for_bytes(budget), "\n  fix: --downscale ", fits, " needs ", words_for_bytes(bytes(fits))));
 }
 
+void read_images(Capture& capture, const Reading& how) {
+  const LoadOptions options{how.downscale, how.skip_bad};
+  auto test = std::async(std::launch::async, [&] { return load_images(capture.scene, Split::test, options); });
+  capture.train = load_images(capture.scene, Split::train, options);
+  capture.test = test.get();
+  if (capture.train.frames.empty())
+    throw Error(Fault::data, capture.scene.root.string() + ": no image is left to train on");
+  capture.warnings = capture.scene.warnings;
+  for (const auto& more : {capture.train.warnings, capture.test.warnings, check_scene(capture.scene)}) {
+    capture.warnings.insert(capture.warnings.end(), more.begin(), more.end());
+  }
+}
+
 }  // namespace
 
-Scene read_split_scene(const std::filesystem::path& data, const RunData& how) {
+Scene read_split_scene(const std::filesystem::path& data, const Reading& how) {
   Scene scene = read_scene(data, {how.skip_bad});
   if (how.holdout > 0) apply_holdout(scene, how.holdout);
+  if (!how.protocol.name.empty()) apply_protocol(scene, how.protocol);
   return scene;
 }
 
@@ -65,24 +86,22 @@ uint64_t image_bytes(const Scene& scene, Split split, int downscale) {
   return 4 * pixels;
 }
 
-Capture read_capture(const std::filesystem::path& data, const RunData& how, uint64_t budget) {
-  Capture capture;
-  capture.scene = read_split_scene(data, how);
+Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, uint64_t budget) {
   if (how.downscale < 1) throw Error(Fault::usage, text("--downscale ", how.downscale, ": want 1 or more"));
-  check_memory(capture.scene, how, budget);
-  const LoadOptions options{how.downscale, how.skip_bad};
-  auto test = std::async(std::launch::async, [&] { return load_images(capture.scene, Split::test, options); });
-  capture.train = load_images(capture.scene, Split::train, options);
-  capture.test = test.get();
-  if (capture.train.frames.empty()) throw Error(Fault::data, text(data.string(), ": no image is left to train on"));
-  capture.warnings = capture.scene.warnings;
-  for (const auto& more : {capture.train.warnings, capture.test.warnings, check_scene(capture.scene)}) {
-    capture.warnings.insert(capture.warnings.end(), more.begin(), more.end());
-  }
-  return capture;
+  Captures captures;
+  for (const std::filesystem::path& path : data) captures.push_back({read_split_scene(path, how), {}, {}, {}});
+  check_memory(captures, how, budget);
+  for (Capture& capture : captures) read_images(capture, how);
+  return captures;
 }
 
-std::vector<std::string> describe(const Scene& scene, const RunData& how) {
+Scenes scenes_of(const Captures& captures) {
+  Scenes scenes;
+  for (const Capture& capture : captures) scenes.push_back(capture.scene);
+  return scenes;
+}
+
+std::vector<std::string> describe(const Scene& scene, const Reading& how) {
   const Camera& camera = scene.cameras.front();
   std::string images = text(scene.frames.size(), " images ", size_text(camera));
   if (how.downscale > 1)

@@ -1,4 +1,4 @@
-// A capture read and checked as a whole, before anything is made from it.
+// The captures of a run, read and checked as a whole before anything is made from them.
 #pragma once
 #include <filesystem>
 #include <string>
@@ -15,17 +15,21 @@ struct Capture {
   std::vector<std::string> warnings;
 };
 
-/// The capture with its split; images are not read. Fault::data, Fault::usage.
-Scene read_split_scene(const std::filesystem::path& data, const RunData& how);
+using Captures = std::vector<Capture>;
 
-/// Reads every image of both splits. Fault::memory, before reading, if they would not fit in `budget` bytes
-/// (0: no limit).
-Capture read_capture(const std::filesystem::path& data, const RunData& how, uint64_t budget);
+/// The capture with its split; images are not read. Fault::data, Fault::usage.
+Scene read_split_scene(const std::filesystem::path& data, const Reading& how);
+
+/// Reads every image that trains or is measured. Fault::memory, before reading, if they would not fit in `budget` bytes
+/// (0: no limit). Fault::data for a capture that leaves nothing to train on.
+Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, uint64_t budget);
+
+Scenes scenes_of(const Captures& captures);
 
 /// Bytes of the loaded images (8-bit RGBA) of one split at a downscale.
 uint64_t image_bytes(const Scene& scene, Split split, int downscale);
 
 /// "50 images 1080x1920", "held out 7 (every 8th)", the lens, one line each.
-std::vector<std::string> describe(const Scene& scene, const RunData& how);
+std::vector<std::string> describe(const Scene& scene, const Reading& how);
 
 }  // namespace cloam

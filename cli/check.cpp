@@ -27,7 +27,7 @@ struct CheckRequest {
 };
 
 /// One image in memory at a time. Returns what is odd, each kind of remark once.
-std::vector<std::string> check_images(const Scene& scene, const RunData& how) {
+std::vector<std::string> check_images(const Scene& scene, const Reading& how) {
   std::vector<std::string> warnings;
   Scene single = scene;
   int resized = 0;
@@ -80,7 +80,7 @@ std::string log_text(const LogReport& log) {
 }
 
 int run_command(const CheckRequest& request, const Common& common) {
-  RunData how;
+  Reading how;
   how.downscale = request.downscale;
   how.holdout = request.holdout;
   how.skip_bad = request.skip_bad;

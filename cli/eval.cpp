@@ -46,11 +46,12 @@ Pixels all_images(const Scene& scene, const LoadOptions& options) {
 
 /// The run's own photos: its held-out images, else those it was trained on.
 Photos own_photos(const RestoredRun& run, const fs::path& folder) {
-  const RunData& how = run.record.data;
+  const Reading& how = run.record.reading;
   const LoadOptions options{how.downscale, how.skip_bad};
   Photos photos;
-  photos.scene = read_split_scene(find_data(folder, how), how);
-  if (fingerprint(photos.scene) != how.fingerprint) warn("the data differs from what the run was trained on");
+  photos.scene = read_split_scene(find_data(folder, run.record.data.front()), how);
+  if (fingerprint(photos.scene) != run.record.data.front().fingerprint)
+    warn("the data differs from what the run was trained on");
   photos.train_scene = photos.scene;
   photos.train = load_images(photos.scene, Split::train, options);
   photos.measured = load_images(photos.scene, Split::test, options);
@@ -64,7 +65,7 @@ Photos own_photos(const RestoredRun& run, const fs::path& folder) {
 
 /// Photos of another folder in the same coordinates; the guesses are still made from the run's own.
 Photos other_photos(const RestoredRun& run, const EvalRequest& request) {
-  RunData how = run.record.data;
+  Reading how = run.record.reading;
   how.holdout = 0;
   const LoadOptions options{how.downscale, how.skip_bad};
   Photos photos;
@@ -73,7 +74,7 @@ Photos other_photos(const RestoredRun& run, const EvalRequest& request) {
   photos.protocol = photos.measured.frames.empty() ? "all-images" : "test-split";
   if (photos.measured.frames.empty()) photos.measured = all_images(photos.scene, options);
   try {
-    photos.train_scene = read_split_scene(find_data(request.run, run.record.data), run.record.data);
+    photos.train_scene = read_split_scene(find_data(request.run, run.record.data.front()), run.record.reading);
     photos.train = load_images(photos.train_scene, Split::train, options);
   } catch (const Error& error) {
     warn(text("no baselines: ", error.what()));
@@ -99,7 +100,7 @@ Report to_json(const Evaluation& result, const Photos& photos, const RestoredRun
   json["method"] = run.record.method;
   json["preset"] = run.record.preset;
   json["step"] = run.progress.step;
-  json["downscale"] = run.record.data.downscale;
+  json["downscale"] = run.record.reading.downscale;
   json["seconds"] = seconds;
   return json;
 }

@@ -49,21 +49,21 @@ std::vector<std::size_t> frames_of_choice(const Scene& scene, const std::string&
 
 /// Needs no images: the geometry of the run is in its folder.
 std::vector<NamedView> capture_views(const RestoredRun& run, const RenderRequest& request) {
-  const Scene scene = request.data.empty() ? run.scenes.front() : read_split_scene(request.data, run.record.data);
+  const Scene scene = request.data.empty() ? run.scenes.front() : read_split_scene(request.data, run.record.reading);
   const std::vector<std::size_t> frames = frames_of_choice(scene, request.split);
   const std::vector<std::string> names = file_names(scene, frames);
   std::vector<NamedView> views;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const Frame& frame = scene.frames[frames[i]];
     const Camera& camera = scene.cameras[static_cast<std::size_t>(frame.camera)];
-    views.push_back({names[i], {scaled(camera, run.record.data.downscale), frame.world_from_camera}});
+    views.push_back({names[i], view_of(frame, scaled(camera, run.record.reading.downscale), 0)});
   }
   return views;
 }
 
 std::vector<NamedView> orbit_views(const RestoredRun& run, int count) {
   const Camera& first = run.scenes.front().cameras[static_cast<std::size_t>(run.scenes.front().frames.front().camera)];
-  const Camera camera = scaled(first, run.record.data.downscale);
+  const Camera camera = scaled(first, run.record.reading.downscale);
   std::vector<NamedView> views;
   for (const Eigen::Matrix4d& pose : orbit_poses(run.scenes.front(), count)) {
     views.push_back({numbered("orbit", views.size()), {camera, pose}});

@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <csignal>
 #include <cstdlib>
@@ -24,12 +25,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kExamples[] = R"(Learn a scene from photos.
+constexpr char kExamples[] = R"(Learn scenes from photos or driving logs.
 
 Examples:
   cloam train nerf data/fox -o runs/fox --downscale 4 --holdout 8
   cloam train nerf data/fox -o runs/fox --time-budget 5m
   cloam train --resume runs/fox
+  cloam train nerf data/pandaset/001 --protocol sparse
   cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
 
 constexpr double kPreviewUntil = 0.9;  // share of a time budget
@@ -69,12 +71,15 @@ struct PreviewFrame {
   View view;
 };
 
-PreviewFrame preview_frame(const Capture& capture) {
-  const Pixels& pixels = capture.test.frames.empty() ? capture.train : capture.test;
+PreviewFrame preview_frame(const Captures& captures) {
+  const auto held_out = std::find_if(captures.begin(), captures.end(),
+                                     [](const Capture& capture) { return !capture.test.frames.empty(); });
+  const bool any = held_out != captures.end();
+  const Capture& capture = any ? *held_out : captures.front();
+  const Pixels& pixels = any ? capture.test : capture.train;
   const FramePixels& photo = pixels.frames.front();
-  return {
-      photo,
-      {pixels.cameras[static_cast<std::size_t>(photo.camera)], capture.scene.frames[photo.frame].world_from_camera}};
+  return {photo, view_of(capture.scene.frames[photo.frame], pixels.cameras[static_cast<std::size_t>(photo.camera)],
+                         any ? static_cast<int>(held_out - captures.begin()) : 0)};
 }
 
 /// A checkpoint to go on from; none (with a warning) if the run was ended before its first.
@@ -90,22 +95,36 @@ std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView&
   return checkpoint;
 }
 
-void check_data_unchanged(const TrainJob& job, const TrainRequest& request, const std::string& now,
+void check_data_unchanged(const TrainJob& job, const TrainRequest& request, const Captures& captures,
                           ProgressView& view) {
-  const std::string& before = job.record.data.fingerprint;
-  if (before.empty() || before == now) return;
-  const std::string difference =
-      text("the data differs from what the run was trained on (", before, "; now ", now, ")");
-  if (request.new_data.empty()) {
-    throw Error(Fault::data, text(difference, "\n  fix: to go on with it all the same: --data ", job.data.string()));
+  std::string all;
+  for (const fs::path& data : job.data) all += " --data " + quoted(data.string());
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    const std::string& before = job.record.data[i].fingerprint;
+    const std::string now = fingerprint(captures[i].scene);
+    if (before.empty() || before == now) continue;
+    const std::string difference =
+        text(job.data[i].string(), " differs from what the run was trained on (", before, "; now ", now, ")");
+    if (request.new_data.empty())
+      throw Error(Fault::data, text(difference, "\n  fix: to go on with it all the same:", all));
+    view.warning(difference);
   }
-  view.warning(difference);
 }
 
-void begin_folder(TrainJob& job, const Capture& capture, const TrainRequest& request) {
+/// The networks of the run named by --networks; a run that goes on has them in its own checkpoints and needs no other.
+void adopt_networks(TrainJob& job, const TrainRequest& request) {
+  if (!job.record.networks) return;
+  std::error_code error;
+  const bool own = request.resume && fs::exists(RunPaths{job.folder}.checkpoints(), error);
+  fs::path source = own ? job.folder : fs::path(job.record.networks->given);
+  if (request.resume && !own) source = find_data(job.folder, *job.record.networks);
+  job.method->adopt_networks(parameters_in(load_latest_checkpoint(RunPaths{source}.checkpoints()).file));
+  if (!own) job.record.networks->relative = relative_to_run(fs::weakly_canonical(source, error), job.folder);
+}
+
+void begin_folder(TrainJob& job, const Captures& captures, const TrainRequest& request) {
   if (request.overwrite && is_run(job.folder)) clear_run(job.folder);
   RunRecord& r = job.record;
-  std::error_code error;
   r.state = "running";
   r.version = kVersion;
   r.command_line = command_line();
@@ -113,12 +132,14 @@ void begin_folder(TrainJob& job, const Capture& capture, const TrainRequest& req
   r.driver = device().driver;
   r.started = time_stamp();
   r.ended = "";
-  r.data.fingerprint = fingerprint(capture.scene);
-  r.data.relative = fs::relative(capture.scene.root, fs::weakly_canonical(job.folder, error), error).string();
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    r.data[i].fingerprint = fingerprint(captures[i].scene);
+    r.data[i].relative = relative_to_run(captures[i].scene.root, job.folder);
+  }
   write_record(job.folder, r);
   if (request.resume) return;
   write_config(job.folder, job.config, text("Settings of ", r.method, ", preset ", r.preset, "; use with --config"));
-  write_scene(RunPaths{job.folder}.scene(), capture.scene);
+  write_scenes(RunPaths{job.folder}.scene(), scenes_of(captures));
 }
 
 TrainOptions options_of(const TrainJob& job, const TrainRequest& request) {
@@ -211,15 +232,17 @@ bool has_time_for_preview(const TrainResult& result, const TrainOptions& options
 }
 
 /// From here on files are written. Everything was read and checked before.
-int train_in_folder(TrainJob& job, Capture capture, const TrainRequest& request, const Common& common, EventLog& log,
+int train_in_folder(TrainJob& job, Captures captures, const TrainRequest& request, const Common& common, EventLog& log,
                     ProgressView& view) {
-  const PreviewFrame preview = preview_frame(capture);
-  job.method->load_data({{capture.scene, std::move(capture.train)}});
+  const PreviewFrame preview = preview_frame(captures);
+  std::vector<TrainingData> data;
+  for (Capture& capture : captures) data.push_back({capture.scene, std::move(capture.train)});
+  job.method->load_data(std::move(data));
   const FolderLock lock(job.folder);
   if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
   const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
   if (checkpoint) take_progress(job, *checkpoint, request);
-  begin_folder(job, capture, request);
+  begin_folder(job, captures, request);
   mend_log(RunPaths{job.folder}.events());
   log.open(RunPaths{job.folder}.events());
   log.write("start", {{"step", job.record.step}, {"command_line", command_line()}, {"device", job.record.device}});
@@ -259,11 +282,12 @@ int run_train(TrainRequest request, const Common& common) {
   open_device(common);
   EventLog log(style == ProgressStyle::jsonl);
   ProgressView view(style, log);
-  Capture capture = read_capture(job.data, job.record.data, memory_budget());
-  check_data_unchanged(job, request, fingerprint(capture.scene), view);
-  job.method->build({capture.scene}, job.record.seed);
-  tell_plan(job, capture, common, log);
-  if (!request.dry_run) return train_in_folder(job, std::move(capture), request, common, log, view);
+  Captures captures = read_captures(job.data, job.record.reading, memory_budget());
+  check_data_unchanged(job, request, captures, view);
+  job.method->build(scenes_of(captures), job.record.seed);
+  adopt_networks(job, request);
+  tell_plan(job, captures, common, log);
+  if (!request.dry_run) return train_in_folder(job, std::move(captures), request, common, log, view);
   say(common, "dry run: nothing was written");
   return 0;
 }
@@ -289,7 +313,15 @@ void add_data_options(CLI::App& parser, TrainRequest& r) {
       ->check(CLI::Range(2, 1 << 20))
       ->group(group);
   parser.add_flag("--skip-bad", r.skip_bad, "Drop damaged images with a warning")->group(group);
-  parser.add_option("--data", r.new_data, "Where a resumed run finds its data now")->group(group);
+  parser.add_option("--protocol", r.protocol, "Of driving logs: sparse, novel or rotate360 choose the training images")
+      ->check(CLI::IsMember(protocol_names()))
+      ->group(group);
+  parser.add_option("--sparse-every", r.sparse_every, "Steps between the training images of sparse")
+      ->check(CLI::Range(2, 1 << 20))
+      ->group(group);
+  parser.add_option("--data", r.new_data, "Where a resumed run finds its data now; one for each folder of the run")
+      ->allow_extra_args(false)
+      ->group(group);
 }
 
 void add_run_options(CLI::App& parser, TrainRequest& r) {
@@ -329,8 +361,12 @@ std::string joined(const std::vector<std::string>& words) {
 void add_method_options(CLI::App& parser, TrainRequest& r) {
   const char* group = "Method";
   parser.add_option("METHOD", r.method, joined(method_names()));
-  parser.add_option("DATA", r.data, "Folder of the capture");
+  parser.add_option("DATA", r.data, "Folders of the captures; several logs are one run");
   parser.add_option("--preset", r.preset, joined(preset_names()) + " (default: named as the method)")->group(group);
+  parser
+      .add_option("--networks", r.networks,
+                  "A run whose networks are taken as they are: only what is new in DATA is learned")
+      ->group(group);
   parser.add_option("--config", r.config_file, "TOML file with settings")->group(group);
   parser.add_option("--set", r.settings, "key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
       ->allow_extra_args(false)

@@ -27,20 +27,26 @@ std::string name_of_data(const fs::path& data) {
   return name.empty() ? "data" : name;
 }
 
-std::string single_data(const TrainRequest& request) {
-  if (request.data.size() == 1) return request.data.front();
+void check_data_given(const TrainRequest& request) {
+  if (!request.data.empty()) return;
   const std::string given = request.method;
   std::error_code error;
-  if (request.data.empty() && fs::is_directory(given, error)) {
+  if (fs::is_directory(given, error)) {
     throw Error(Fault::usage, text("the method is missing: cloam train nerf ", quoted(given)));
   }
-  throw Error(Fault::usage, text("train ", given, " takes one data folder, got ", request.data.size()));
+  throw Error(Fault::usage, text("want a data folder: cloam train ", given, " DATA"));
+}
+
+/// "runs/fox-nerf", "runs/001+5-genassets" for six logs.
+fs::path default_folder(const TrainRequest& request) {
+  const std::size_t more = request.data.size() - 1;
+  const std::string rest = more > 0 ? text("+", more) : "";
+  return fs::path("runs") / (name_of_data(request.data.front()) + rest + "-" + request.method);
 }
 
 int64_t seed_of(const TrainRequest& request) { return request.seed.value_or(42); }
 
-void apply_settings(const TrainRequest& request, const Preset& preset, Config& config) {
-  for (const auto& [key, value] : preset.settings) config.set(key, value, text("preset ", preset.name));
+void apply_settings(const TrainRequest& request, Config& config) {
   if (!request.config_file.empty()) {
     for (const auto& [key, value] : read_settings(request.config_file)) {
       config.set(key, value, "file " + fs::path(request.config_file).filename().string());
@@ -57,19 +63,6 @@ std::optional<double> budget_of(const TrainRequest& request) {
   return parse_duration(request.time_budget);
 }
 
-void fill_record(const TrainRequest& request, TrainJob& job) {
-  RunRecord& r = job.record;
-  r.seed = static_cast<uint64_t>(seed_of(request));
-  r.steps = request.steps;
-  r.time_budget_seconds = budget_of(request);
-  r.save_every = request.save_every.value_or(0);
-  r.data.given = request.data.front();
-  r.data.downscale = request.downscale.value_or(1);
-  r.data.holdout = request.holdout.value_or(0);
-  r.data.skip_bad = request.skip_bad;
-  for (const ConfigEntry& entry : job.config.entries()) r.settings[entry.key] = to_string(entry.value);
-}
-
 template <class Value>
 void same(const char* option, const std::optional<Value>& given, const Value& stored) {
   if (!given || *given == stored) return;
@@ -81,12 +74,48 @@ std::optional<std::string> if_given(const std::string& value) {
   return value.empty() ? std::nullopt : std::optional(value);
 }
 
+Protocol protocol_of(const TrainRequest& request) {
+  if (request.protocol.empty() && request.sparse_every)
+    throw Error(Fault::usage, "--sparse-every goes with --protocol sparse");
+  if (!request.protocol.empty() && request.holdout)
+    throw Error(Fault::usage, "--protocol and --holdout both choose the training images: give one of them");
+  return {request.protocol, request.sparse_every.value_or(0)};
+}
+
+/// Method, preset and settings of the run whose networks are taken are those of the new one.
+void take_networks(const TrainRequest& request, TrainJob& job) {
+  const RunRecord other = read_record(request.networks);
+  same("method", if_given(request.method), other.method);
+  same("--preset", if_given(request.preset), other.preset);
+  job.record.preset = other.preset;
+  job.record.reading.downscale = other.reading.downscale;
+  job.record.networks = RunData{request.networks, "", ""};
+  for (const auto& [key, value] : other.settings) job.config.set(key, value, "run " + request.networks);
+}
+
+void fill_record(const TrainRequest& request, TrainJob& job) {
+  RunRecord& r = job.record;
+  r.seed = static_cast<uint64_t>(seed_of(request));
+  r.steps = request.steps;
+  r.time_budget_seconds = budget_of(request);
+  r.save_every = request.save_every.value_or(0);
+  for (const std::string& data : request.data) r.data.push_back({data, "", ""});
+  r.reading.downscale = request.downscale.value_or(r.reading.downscale);
+  r.reading.holdout = request.holdout.value_or(0);
+  r.reading.skip_bad = request.skip_bad;
+  r.reading.protocol = protocol_of(request);
+  for (const ConfigEntry& entry : job.config.entries()) r.settings[entry.key] = to_string(entry.value);
+}
+
 void check_same(const TrainRequest& request, const RunRecord& record) {
   same("method", if_given(request.method), record.method);
   same("--preset", if_given(request.preset), record.preset);
   same("--seed", request.seed, static_cast<int64_t>(record.seed));
-  same("--downscale", request.downscale, record.data.downscale);
-  same("--holdout", request.holdout, record.data.holdout);
+  same("--downscale", request.downscale, record.reading.downscale);
+  same("--holdout", request.holdout, record.reading.holdout);
+  same("--protocol", if_given(request.protocol), record.reading.protocol.name);
+  same("--sparse-every", request.sparse_every, record.reading.protocol.sparse_every);
+  same("--networks", if_given(request.networks), record.networks ? record.networks->given : "none");
   if (request.steps && record.horizon > 0) same("--steps", request.steps, record.horizon);
   auto wanted = request.config_file.empty() ? decltype(read_settings("")){} : read_settings(request.config_file);
   for (const std::string& setting : request.settings) wanted.push_back(split_setting(setting));
@@ -101,19 +130,37 @@ void check_same(const TrainRequest& request, const RunRecord& record) {
   }
 }
 
-MemoryPlan memory_plan(const TrainJob& job, const Capture& capture) {
+/// One folder a capture of the run: as given now, else where the record says.
+void find_captures(const std::vector<std::string>& given, TrainJob& job) {
+  std::vector<RunData>& data = job.record.data;
+  if (!given.empty() && given.size() != data.size())
+    throw Error(Fault::usage, text("the run has ", data.size(), " data folders, --data gives ", given.size(),
+                                   ": name one for each, in the order of the run"));
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    job.data.push_back(given.empty() ? find_data(job.folder, data[i]) : fs::path(given[i]));
+    if (!given.empty()) data[i].given = given[i];
+  }
+}
+
+uint64_t training_bytes(const Captures& captures, int downscale) {
+  uint64_t sum = 0;
+  for (const Capture& capture : captures) sum += image_bytes(capture.scene, Split::train, downscale);
+  return sum;
+}
+
+MemoryPlan memory_plan(const TrainJob& job, const Captures& captures) {
   MemoryPlan plan = job.method->memory();
-  if (plan.images == 0) plan.images = image_bytes(capture.scene, Split::train, job.record.data.downscale);
+  if (plan.images == 0) plan.images = training_bytes(captures, job.record.reading.downscale);
   return plan;
 }
 
-void check_memory(const MemoryPlan& plan, const TrainJob& job, const Capture& capture) {
+void check_memory(const MemoryPlan& plan, const TrainJob& job, const Captures& captures) {
   if (plan.total() <= memory_budget()) return;
   const uint64_t model = plan.total() - plan.images;
   std::string fix =
       text("fix: ", words_for_bytes(model), " are the model's: fewer of its --set batch.* or field.* fit");
-  for (int factor = job.record.data.downscale + 1; factor <= 64 && model < memory_budget(); ++factor) {
-    const uint64_t images = image_bytes(capture.scene, Split::train, factor);
+  for (int factor = job.record.reading.downscale + 1; factor <= 64 && model < memory_budget(); ++factor) {
+    const uint64_t images = training_bytes(captures, factor);
     if (model + images > memory_budget()) continue;
     fix = text("fix: --downscale ", factor, " fits (", words_for_bytes(model + images), ")");
     break;
@@ -131,21 +178,30 @@ std::string schedule_text(const TrainJob& job) {
   return text(job.default_steps, " steps");
 }
 
-Event plan_event(const TrainJob& job, const Capture& capture, const MemoryPlan& plan) {
-  const Camera& camera = capture.train.cameras.front();
+Event plan_event(const TrainJob& job, const Captures& captures, const MemoryPlan& plan) {
+  const Camera& camera = captures.front().train.cameras.front();
+  std::size_t train = 0, test = 0;
+  std::vector<std::string> data, warnings;
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    const Capture& capture = captures[i];
+    data.push_back(job.data[i].string());
+    train += capture.train.frames.size();
+    test += capture.test.frames.size();
+    warnings.insert(warnings.end(), capture.warnings.begin(), capture.warnings.end());
+  }
   return {{"method", job.record.method},
           {"preset", job.record.preset},
-          {"data", job.data.string()},
-          {"images_train", capture.train.frames.size()},
-          {"images_test", capture.test.frames.size()},
+          {"data", data},
+          {"images_train", train},
+          {"images_test", test},
           {"width", camera.width},
           {"height", camera.height},
-          {"downscale", job.record.data.downscale},
+          {"downscale", job.record.reading.downscale},
           {"memory_bytes", plan.total()},
           {"memory_budget_bytes", memory_budget()},
           {"device", device().name},
           {"device_id", device().id},
-          {"warnings", capture.warnings}};
+          {"warnings", warnings}};
 }
 
 }  // namespace
@@ -172,21 +228,23 @@ void check_folder(const fs::path& folder, bool overwrite) {
 TrainJob new_job(const TrainRequest& request) {
   if (request.method.empty()) throw Error(Fault::usage, "want a method and a data folder: cloam train nerf DATA");
   TrainJob job;
-  const std::string data = single_data(request);
+  check_data_given(request);
   job.method = make_method(request.method);
-  const Preset& preset = find_preset(request.preset.empty() ? request.method : request.preset);
+  job.record.preset = request.preset.empty() ? request.method : request.preset;
+  job.method->configure(job.config);
+  if (!request.networks.empty()) take_networks(request, job);
+  const Preset& preset = find_preset(job.record.preset);
   if (request.method != preset.method) {
     throw Error(Fault::usage,
                 text("the preset ", preset.name, " is one of ", preset.method, ", not of ", request.method));
   }
   job.record.method = request.method;
-  job.record.preset = preset.name;
   job.default_steps = preset.steps;
-  job.method->configure(job.config);
-  apply_settings(request, preset, job.config);
-  job.data = data;
-  job.folder =
-      request.out.empty() ? fs::path("runs") / (name_of_data(data) + "-" + request.method) : fs::path(request.out);
+  if (request.networks.empty())
+    for (const auto& [key, value] : preset.settings) job.config.set(key, value, text("preset ", preset.name));
+  apply_settings(request, job.config);
+  job.data.assign(request.data.begin(), request.data.end());
+  job.folder = request.out.empty() ? default_folder(request) : fs::path(request.out);
   check_folder(job.folder, request.overwrite);
   fill_record(request, job);
   return job;
@@ -208,21 +266,20 @@ TrainJob resumed_job(const TrainRequest& request) {
     job.record.time_budget_seconds = budget_of(request);
   else if (job.record.horizon > 0)
     job.record.time_budget_seconds.reset();  // the horizon it chose stands
-  const std::string given = !request.new_data.empty() ? request.new_data
-                            : request.data.empty()    ? ""
-                                                      : request.data.front();
-  job.data = given.empty() ? find_data(job.folder, job.record.data) : fs::path(given);
-  if (!given.empty()) job.record.data.given = given;
+  find_captures(request.new_data.empty() ? request.data : request.new_data, job);
   return job;
 }
 
-void tell_plan(const TrainJob& job, const Capture& capture, const Common& common, EventLog& log) {
-  const MemoryPlan plan = memory_plan(job, capture);
-  for (const std::string& warning : capture.warnings) warn(warning);
-  const char* label = "plan   ";
-  for (const std::string& line : describe(capture.scene, job.record.data)) {
-    say(common, label + line);
-    label = "       ";
+void tell_plan(const TrainJob& job, const Captures& captures, const Common& common, EventLog& log) {
+  const MemoryPlan plan = memory_plan(job, captures);
+  std::string label = "plan   ";
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    const std::string name = captures.size() > 1 ? name_of_data(job.data[i]) + ": " : "";
+    for (const std::string& warning : captures[i].warnings) warn(name + warning);
+    for (const std::string& line : describe(captures[i].scene, job.record.reading)) {
+      say(common, label + name + line);
+      label = "       ";
+    }
   }
   say(common, text("model  ", job.record.method, ", preset ", job.record.preset, ", seed ", job.record.seed, ", ",
                    schedule_text(job)));
@@ -235,8 +292,8 @@ void tell_plan(const TrainJob& job, const Capture& capture, const Common& common
     if (common.verbose)
       say(common, text("       ", entry.key, " = ", to_string(entry.value), "  (", entry.origin, ") ", entry.help));
   }
-  log.write("plan", plan_event(job, capture, plan));
-  check_memory(plan, job, capture);
+  log.write("plan", plan_event(job, captures, plan));
+  check_memory(plan, job, captures);
 }
 
 }  // namespace cloam

@@ -10,7 +10,8 @@
 namespace cloam {
 
 struct TrainJob {
-  std::filesystem::path folder, data;
+  std::filesystem::path folder;
+  std::vector<std::filesystem::path> data;
   RunRecord record;
   Config config;
   std::unique_ptr<Method> method;
@@ -29,6 +30,6 @@ void check_folder(const std::filesystem::path& folder, bool overwrite);
 TrainJob resumed_job(const TrainRequest& request);
 
 /// Tells images, memory, device and warnings. Fault::memory, naming what would fit, if the plan is over the budget.
-void tell_plan(const TrainJob& job, const Capture& capture, const Common& common, EventLog& log);
+void tell_plan(const TrainJob& job, const Captures& captures, const Common& common, EventLog& log);
 
 }  // namespace cloam

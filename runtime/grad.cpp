@@ -34,16 +34,14 @@ void accumulate(std::unordered_map<Node*, Tensor>& grads, const Tensor& input, c
   if (!fresh) at->second = at->second + fitted;
 }
 
-}  // namespace
-
-Tensors grad(const Tensor& loss, const Tensors& wrt) {
-  if (loss.numel() != 1)
-    throw Error(Fault::internal,
-                text("[grad] the loss must be one value, got shape ", to_string(loss.shape()), ": sum or mean it"));
-  return grad(loss, wrt, broadcast_to(Tensor(1.f), loss.shape()));
+Tensors with_zeros(Tensors gradients, const Tensors& wrt) {
+  for (size_t i = 0; i < wrt.size(); i++)
+    if (!gradients[i]) gradients[i] = zeros(wrt[i].shape());
+  return gradients;
 }
 
-Tensors grad(const Tensor& out, const Tensors& wrt, const Tensor& g) {
+/// Empty handles where nothing arrives.
+Tensors walk_back(const Tensor& out, const Tensors& wrt, const Tensor& g) {
   if (!(out.shape() == g.shape()))
     throw Error(Fault::internal, text("[grad] out has shape ", to_string(out.shape()), " but its gradient ",
                                       to_string(g.shape()), ", want the same"));
@@ -61,9 +59,22 @@ Tensors grad(const Tensor& out, const Tensors& wrt, const Tensor& g) {
   Tensors result;
   for (const Tensor& w : wrt) {
     auto found = grads.find(w.node());
-    result.push_back(found == grads.end() ? zeros(w.shape()) : broadcast_to(found->second, w.shape()));
+    result.push_back(found == grads.end() ? Tensor() : broadcast_to(found->second, w.shape()));
   }
   return result;
 }
+
+}  // namespace
+
+Tensors grad_where_reached(const Tensor& loss, const Tensors& wrt) {
+  if (loss.numel() != 1)
+    throw Error(Fault::internal,
+                text("[grad] the loss must be one value, got shape ", to_string(loss.shape()), ": sum or mean it"));
+  return walk_back(loss, wrt, broadcast_to(Tensor(1.f), loss.shape()));
+}
+
+Tensors grad(const Tensor& loss, const Tensors& wrt) { return with_zeros(grad_where_reached(loss, wrt), wrt); }
+
+Tensors grad(const Tensor& out, const Tensors& wrt, const Tensor& g) { return with_zeros(walk_back(out, wrt, g), wrt); }
 
 }  // namespace cloam

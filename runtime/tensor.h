@@ -65,7 +65,9 @@ void eval(const Tensors& outputs);
 void assign(const std::vector<std::pair<Tensor, Tensor>>& updates);
 /// d loss / d wrt, lazily, written with ops (so it can be differentiated again). The loss must have one element.
 Tensors grad(const Tensor& loss, const Tensors& wrt);
-/// The same for any tensor, given d loss / d out, of the shape of out.
+/// The same with an empty handle where the loss does not depend on a tensor, instead of zeros that cost memory.
+Tensors grad_where_reached(const Tensor& loss, const Tensors& wrt);
+/// As grad, for any tensor, given d loss / d out, of the shape of out.
 Tensors grad(const Tensor& out, const Tensors& wrt, const Tensor& g);
 /// Waits until all launched work is done.
 void synchronize();

@@ -12,7 +12,7 @@
 
 namespace cloam {
 
-enum class Split { train, test };
+enum class Split { train, test, unused };  // unused: a protocol leaves it out
 
 struct Frame {
   std::string name;                 // the image path as listed; unique in a sound capture
@@ -95,11 +95,6 @@ std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time
 
 /// The indices of the frames of one split, in order.
 std::vector<std::size_t> frames_of(const Scene& scene, Split split);
-
-/// Sorts the frames by name and makes every nth of them, from the first on, the test split; all others train. In a log
-/// every nth step is, with the images of all cameras and the sweep.
-/// A split that the source gave is forgotten. Fault::usage for n < 2, which would leave nothing to train on.
-void apply_holdout(Scene& scene, int n);
 
 /// The index of an equal camera, added if it is new.
 int find_or_add(std::vector<Camera>& cameras, const Camera& camera);

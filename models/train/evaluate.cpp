@@ -133,7 +133,7 @@ Evaluation evaluate(Method& method, const EvaluationData& data,
   for (const FramePixels& frame : data.photos.frames) {
     const Frame& source = data.scene.frames[frame.frame];
     const Camera& camera = data.photos.cameras[static_cast<std::size_t>(frame.camera)];
-    const Picture picture = method.render({camera, source.world_from_camera});
+    const Picture picture = method.render(view_of(source, camera, 0));
     const std::vector<float> truth = on_white(frame);
     ImageScore score = score_image(picture.rgb, truth, frame);
     score.name = source.image;

@@ -25,6 +25,7 @@ struct LearningRate {
   std::string prefix;
   float rate = 1e-3f;
   bool sparse = false;  // rows without a gradient stand still and count their own steps
+  bool frozen = false;  // never changed: no gradient, no optimiser state
 };
 
 struct AdamSettings {
@@ -39,6 +40,12 @@ struct TrainingData {
 struct MemoryPlan {
   uint64_t parameters = 0, optimiser = 0, images = 0, work = 0;  // bytes
   uint64_t total() const { return parameters + optimiser + images + work; }
+};
+
+/// of_parameters: in the order asked for, pending; an empty handle where the loss does not depend on one.
+struct Gradients {
+  Tensor loss;
+  Tensors of_parameters;
 };
 
 class Method {
@@ -57,6 +64,8 @@ class Method {
   virtual AdamSettings adam() const { return {}; }
   /// The loss of one step, as a lazy graph.
   virtual Tensor loss(const Progress& progress) = 0;
+  /// The loss of one step and its gradients; a method that cannot hold the graph of a whole step overrides it.
+  virtual Gradients gradients(const Progress& progress, const Tensors& wanted);
   /// Tensors that metrics() will read: evaluated together with the loss.
   virtual Tensors observed() const { return {}; }
   /// Densify, refresh the occupancy grid.
@@ -66,6 +75,9 @@ class Method {
   virtual Picture render(const View& view) = 0;
   /// What it can do with actors and LiDAR; null: it knows neither.
   virtual Street* street() { return nullptr; }
+  /// After build: takes the networks among the parameters of another run and leaves them frozen from here on, whatever
+  /// the data. Fault::usage for methods whose networks belong to one scene.
+  virtual void adopt_networks(const TensorMap& parameters);
   /// What a resumed run needs beside parameters and optimiser; names without prefix.
   virtual TensorMap state() const { return {}; }
   virtual void restore(const TensorMap&) {}

@@ -34,6 +34,8 @@ Optimiser::Optimiser(const Params& parameters, const std::vector<LearningRate>& 
   std::set<std::string> prefixes;
   for (const auto& [name, p] : parameters) {
     const LearningRate& rate = rate_of(name, rates);
+    if (rate.frozen) continue;
+    names_.push_back(name);
     if (!rate.sparse) {
       prefixes.insert(rate.prefix);
       continue;
@@ -50,14 +52,11 @@ void Optimiser::add_group(const std::string& prefix, const Params& parameters, c
   group.prefix = prefix;
   std::vector<Shape> shapes;
   std::vector<std::string> names;
-  size_t place = 0;
-  for (const auto& [name, p] : parameters) {
-    if (rate_of(name, rates).prefix == prefix) {
-      group.order.push_back(place);
-      shapes.push_back(p.shape());
-      names.push_back(name);
-    }
-    place++;
+  for (size_t place = 0; place < names_.size(); place++) {
+    if (rate_of(names_[place], rates).prefix != prefix) continue;
+    group.order.push_back(place);
+    shapes.push_back(parameters.at(names_[place]).shape());
+    names.push_back(names_[place]);
   }
   for (Flat* flat : {&group.parameters, &group.m, &group.v, &group.gradients}) *flat = flat_zeros(shapes);
   for (size_t i = 0; i < names.size(); i++) {
@@ -68,9 +67,20 @@ void Optimiser::add_group(const std::string& prefix, const Params& parameters, c
   groups_.push_back(std::move(group));
 }
 
-void Optimiser::expect(const Tensors& gradients) const {
-  for (const Group& group : groups_)
-    for (size_t i = 0; i < group.order.size(); i++) expect_at(gradients[group.order[i]], group.gradients.parts[i]);
+Tensors Optimiser::wanted(const Params& parameters) const {
+  Tensors out;
+  for (const std::string& name : names_) out.push_back(parameters.at(name));
+  return out;
+}
+
+void Optimiser::expect(Tensors& gradients) const {
+  for (const Group& group : groups_) {
+    for (size_t i = 0; i < group.order.size(); i++) {
+      Tensor& gradient = gradients[group.order[i]];
+      if (!gradient) gradient = zeros(group.gradients.parts[i].shape());
+      expect_at(gradient, group.gradients.parts[i]);
+    }
+  }
 }
 
 void Optimiser::step_group(Group& group, const Tensors& parameters, const Tensors& gradients, const AdamStep& with) {
@@ -84,12 +94,13 @@ void Optimiser::step_group(Group& group, const Tensors& parameters, const Tensor
 void Optimiser::step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates,
                      const AdamSettings& adam, int64_t step) {
   const auto with = [&](float rate) { return AdamStep{rate, adam.beta1, adam.beta2, adam.epsilon, 0.f, step}; };
-  Tensors in_order;
-  for (auto& [name, p] : parameters) {
-    if (steps_.contains(name))
-      adam_step_rows(p, m_[name], v_[name], steps_[name], gradients[in_order.size()], with(rate_of(name, rates).rate));
-    in_order.push_back(p);
+  for (size_t i = 0; i < names_.size(); i++) {
+    const std::string& name = names_[i];
+    if (!gradients[i] || !steps_.contains(name)) continue;
+    adam_step_rows(parameters.at(name), m_[name], v_[name], steps_[name], gradients[i],
+                   with(rate_of(name, rates).rate));
   }
+  const Tensors in_order = wanted(parameters);
   for (Group& group : groups_) step_group(group, in_order, gradients, with(rate_with(group.prefix, rates)));
 }
 

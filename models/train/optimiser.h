@@ -8,13 +8,16 @@ namespace cloam {
 
 class Optimiser {
  public:
-  /// Zero moments for every parameter; rows of `sparse` ones count their own steps. Parameters with one learning rate
-  /// move into one buffer, so that a step is one launch for all of them.
+  /// Zero moments for every parameter that is not frozen; rows of `sparse` ones count their own steps. Parameters with
+  /// one learning rate move into one buffer, so that a step is one launch for all of them.
   Optimiser(const Params& parameters, const std::vector<LearningRate>& rates);
-  /// Before the gradients (in the order of the map) are evaluated: they shall lie where step() reads them, which saves
-  /// copies. They hold until the next step's are evaluated.
-  void expect(const Tensors& gradients) const;
-  /// One step (counted from 1) in place.
+  /// The parameters to compute gradients of: all that are not frozen, in the order of the map.
+  Tensors wanted(const Params& parameters) const;
+  /// Before the gradients (in the order of wanted) are evaluated: they shall lie where step() reads them, which saves
+  /// copies; they hold until the next step's are evaluated. An empty one of a dense parameter becomes zeros, since its
+  /// moments fade all the same; a sparse parameter stands still.
+  void expect(Tensors& gradients) const;
+  /// One step (counted from 1) in place, with evaluated gradients.
   void step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates,
             const AdamSettings& adam, int64_t step);
   /// Tensors "m.NAME", "v.NAME", "steps.NAME".
@@ -24,12 +27,13 @@ class Optimiser {
  private:
   struct Group {
     std::string prefix;         // of the learning rate
-    std::vector<size_t> order;  // places of its parameters in the map
+    std::vector<size_t> order;  // places of its parameters among those wanted
     Flat parameters, m, v, gradients;
   };
   void add_group(const std::string& prefix, const Params& parameters, const std::vector<LearningRate>& rates);
   void step_group(Group& group, const Tensors& parameters, const Tensors& gradients, const AdamStep& with);
 
+  std::vector<std::string> names_;  // not frozen, in the order of the map
   std::vector<Group> groups_;
   Params m_, v_, steps_;
 };

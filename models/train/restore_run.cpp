@@ -46,7 +46,7 @@ RestoredRun restore_run(const std::filesystem::path& folder) {
   RestoredRun run;
   run.record = read_record(folder);
   const RunPaths paths{folder};
-  run.scenes = {read_scene_file(paths.scene())};
+  run.scenes = read_scene_file(paths.scene());
   run.checkpoint = load_latest_checkpoint(paths.checkpoints());
   check_belongs(run.checkpoint, run.record);
   Config config;

@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kSchema = 1;
+constexpr int kSchema = 2;
 
 int64_t whole(const Json& object, const std::string& key, const std::string& where) {
   const Json& value = member(object, key, where);
@@ -29,19 +29,29 @@ uint64_t seed_of(const Json& object, const std::string& where) {
 }
 
 Json to_json(const RunData& data) {
-  return {{"given", data.given},         {"relative", data.relative}, {"fingerprint", data.fingerprint},
-          {"downscale", data.downscale}, {"holdout", data.holdout},   {"skip_bad", data.skip_bad}};
+  return {{"given", data.given}, {"relative", data.relative}, {"fingerprint", data.fingerprint}};
 }
 
 RunData data_from(const Json& json, const std::string& where) {
-  RunData data;
-  data.given = string(json, "given", where);
-  data.relative = string(json, "relative", where);
-  data.fingerprint = string(json, "fingerprint", where);
-  data.downscale = static_cast<int>(std::clamp<int64_t>(whole(json, "downscale", where), 1, 1 << 16));
-  data.holdout = static_cast<int>(std::clamp<int64_t>(whole(json, "holdout", where), 0, 1 << 30));
-  data.skip_bad = flag(json, "skip_bad", false, where);
-  return data;
+  return {string(json, "given", where), string(json, "relative", where), string(json, "fingerprint", where)};
+}
+
+Json to_json(const Reading& reading) {
+  return {{"downscale", reading.downscale},
+          {"holdout", reading.holdout},
+          {"skip_bad", reading.skip_bad},
+          {"protocol", reading.protocol.name},
+          {"sparse_every", reading.protocol.sparse_every}};
+}
+
+Reading reading_from(const Json& json, const std::string& where) {
+  Reading reading;
+  reading.downscale = static_cast<int>(std::clamp<int64_t>(whole(json, "downscale", where), 1, 1 << 16));
+  reading.holdout = static_cast<int>(std::clamp<int64_t>(whole(json, "holdout", where), 0, 1 << 30));
+  reading.skip_bad = flag(json, "skip_bad", false, where);
+  reading.protocol.name = string(json, "protocol", where);
+  reading.protocol.sparse_every = static_cast<int>(std::clamp<int64_t>(whole(json, "sparse_every", where), 0, 1 << 30));
+  return reading;
 }
 
 Json options_to_json(const RunRecord& record) {
@@ -103,7 +113,8 @@ RunRecord read_record(const fs::path& folder) {
   }
   const Json json = parse_json_file(path);
   const std::string where = path.string();
-  if (whole(json, "schema_version", where) != kSchema) throw Error(Fault::data, where + ": of another version");
+  if (whole(json, "schema_version", where) != kSchema)
+    throw Error(Fault::data, where + ": of another version of the program; train anew");
   RunRecord record;
   record.state = string(json, "state", where);
   record.version = string(json, "version", where);
@@ -117,7 +128,10 @@ RunRecord read_record(const fs::path& folder) {
   record.seed = seed_of(json, where);
   record.step = whole(json, "step", where);
   record.horizon = whole(json, "horizon", where);
-  record.data = data_from(member(json, "data", where), where + ", data");
+  for (const Json& data : array(json, "data", where)) record.data.push_back(data_from(data, where + ", data"));
+  if (record.data.empty()) throw Error(Fault::data, where + ": \"data\" is empty");
+  record.reading = reading_from(member(json, "reading", where), where + ", reading");
+  if (json.contains("networks")) record.networks = data_from(json["networks"], where + ", networks");
   read_options(record, member(json, "options", where), where + ", options");
   const Json& settings = member(json, "settings", where);
   if (!settings.is_object()) throw Error(Fault::data, where + ": \"settings\" is no object");
@@ -139,7 +153,11 @@ void write_record(const fs::path& folder, const RunRecord& r) {
                                  {"ended", r.ended},
                                  {"step", r.step},
                                  {"horizon", r.horizon}};
-  json["data"] = to_json(r.data);
+  Json data = Json::array();
+  for (const RunData& one : r.data) data.push_back(to_json(one));
+  json["data"] = data;
+  json["reading"] = to_json(r.reading);
+  if (r.networks) json["networks"] = to_json(*r.networks);
   json["options"] = options_to_json(r);
   json["settings"] = r.settings;
   commit_text(RunPaths{folder}.record(), json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
@@ -161,6 +179,11 @@ fs::path find_data(const fs::path& folder, const RunData& data) {
   throw Error(Fault::data, text("the data of the run ", folder.string(),
                                 " is gone.\n  looked for: ", beside.lexically_normal().string(), "; ", data.given,
                                 "\n  fix:        name its new place with --data"));
+}
+
+std::string relative_to_run(const fs::path& path, const fs::path& folder) {
+  std::error_code error;
+  return fs::relative(path, fs::weakly_canonical(folder, error), error).string();
 }
 
 std::string fingerprint(const Scene& scene) {

@@ -6,7 +6,7 @@
 #include <optional>
 #include <string>
 
-#include "models/scene/scene.h"
+#include "models/scene/split.h"
 #include "models/train/config.h"
 
 namespace cloam {
@@ -22,14 +22,19 @@ struct RunPaths {
   std::filesystem::path eval() const { return root / "eval"; }
 };
 
-/// The capture that a run was trained on, and how it was read.
+/// A folder that a run was made from.
 struct RunData {
-  std::string given;     // as typed
-  std::string relative;  // from the run folder
-  std::string fingerprint;
+  std::string given;        // as typed
+  std::string relative;     // from the run folder
+  std::string fingerprint;  // of captures
+};
+
+/// How all captures of a run are read and split.
+struct Reading {
   int downscale = 1;
   int holdout = 0;  // 0: the split of the source
   bool skip_bad = false;
+  Protocol protocol = {};  // no name: none
 };
 
 /// state: running | finished | interrupted | stopped (--stop-after) | out of time | failed.
@@ -37,7 +42,9 @@ struct RunRecord {
   std::string state = "running";
   std::string version, method, preset, command_line, device, driver, started, ended;
   uint64_t seed = 42;
-  RunData data;
+  std::vector<RunData> data;  // one a scene
+  Reading reading;
+  std::optional<RunData> networks;  // the run whose networks it uses
   std::map<std::string, std::string> settings;
   std::optional<int64_t> steps;
   std::optional<double> time_budget_seconds;
@@ -55,8 +62,11 @@ void write_record(const std::filesystem::path& folder, const RunRecord& record);
 /// The settings with where each comes from, as a file that --config takes.
 void write_config(const std::filesystem::path& folder, const Config& config, const std::string& head);
 
-/// Where the data of a run lies now: beside the folder as when it was trained, or as given. Fault::data if neither.
+/// Where a capture of a run lies now: beside the folder as when it was trained, or as given. Fault::data if neither.
 std::filesystem::path find_data(const std::filesystem::path& folder, const RunData& data);
+
+/// `path` from the run folder, so that both can be moved together.
+std::string relative_to_run(const std::filesystem::path& path, const std::filesystem::path& folder);
 
 /// Number, names and sizes of the images, as a short text. Equal after copying the data elsewhere.
 std::string fingerprint(const Scene& scene);

@@ -1,4 +1,4 @@
-// The geometry of the capture that a run was fitted to, kept in the run folder (scene.json): a method can be rebuilt
+// The geometry of the captures that a run was fitted to, kept in the run folder (scene.json): a method can be rebuilt
 // from it without the data.
 #pragma once
 #include <filesystem>
@@ -7,9 +7,9 @@
 
 namespace cloam {
 
-void write_scene(const std::filesystem::path& path, const Scene& scene);
+void write_scenes(const std::filesystem::path& path, const Scenes& scenes);
 
-/// All but the root, the warnings and the masks. Fault::data for a damaged file.
-Scene read_scene_file(const std::filesystem::path& path);
+/// All but the root, the warnings and the masks; at least one scene. Fault::data for a damaged file.
+Scenes read_scene_file(const std::filesystem::path& path);
 
 }  // namespace cloam

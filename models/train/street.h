@@ -20,6 +20,11 @@ struct View {
   double time = 0;  // seconds on that scene's clock; where actors are
 };
 
+/// What a frame shows, with a camera of the size wanted.
+inline View view_of(const Frame& frame, const Camera& camera, int scene) {
+  return {camera, frame.world_from_camera, scene, frame.timestamp.value_or(0)};
+}
+
 /// Rays in the world frame of a scene; directions of length 1.
 struct WorldRays {
   int scene = 0;

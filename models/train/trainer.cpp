@@ -1,8 +1,10 @@
 // The training loop.
 #include "models/train/trainer.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <iterator>
 #include <set>
 
 #include "models/io/checkpoint.h"
@@ -105,13 +107,11 @@ double Loop::saving_seconds() const {
 void Loop::one_step() {
   const double before = seconds();
   progress_.step++;
-  Tensors wanted;
-  for (const auto& [name, p] : run_.method.parameters()) wanted.push_back(p);
-  const Tensor loss = run_.method.loss(progress_);
-  Tensors all = grad(loss, wanted);
+  auto [loss, all] = run_.method.gradients(progress_, optimiser_.wanted(run_.method.parameters()));
   optimiser_.expect(all);
+  Tensors results;
+  std::copy_if(all.begin(), all.end(), std::back_inserter(results), [](const Tensor& g) { return bool(g); });
   const Tensors observed = run_.method.observed();
-  Tensors results = all;
   results.insert(results.end(), observed.begin(), observed.end());
   results.push_back(loss);
   eval(results);
@@ -208,8 +208,10 @@ TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainL
   return Loop(run, options, listener).train();
 }
 
+TensorMap parameters_in(const SafetensorsFile& checkpoint) { return with_prefix(checkpoint.tensors, kParameter); }
+
 Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {
-  const TensorMap stored = with_prefix(checkpoint.tensors, kParameter);
+  const TensorMap stored = parameters_in(checkpoint);
   std::set<std::string> wanted, found;
   for (const auto& [name, p] : method.parameters()) wanted.insert(name);
   for (const auto& [name, t] : stored) found.insert(name);

@@ -55,6 +55,9 @@ struct TrainRun {
 };
 TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainListener& listener);
 
+/// The parameters that a checkpoint holds, under their names in the model.
+TensorMap parameters_in(const SafetensorsFile& checkpoint);
+
 /// Parameters, state and progress of a checkpoint into a built method. Fault::data listing missing, extra and misshapen
 /// names in one message.
 Progress restore_method(Method& method, const SafetensorsFile& checkpoint);

@@ -242,7 +242,7 @@ TEST_CASE("typing errors: exit 2 with the nearest name") {
            {{"train", "nerf", data, "--max-memory", "lots"}, "6G"},
            {{"train", "nerf", data, "--holdout", "1"}, "--holdout"},
            {{"train", "nerf", data, "--config", "no-such.toml"}, "no-such.toml"},
-           {{"train", "nerf", data, data}, "one data folder"},
+           {{"train", "nerf", data, data}, "one capture"},
            {{"train"}, "train nerf DATA"},
            {{"train", "--resume"}, "RUN"},
            {{"eval", existing_run().string() + "x"}, "precious"},

@@ -12,13 +12,13 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// One camera, two steps, a parked car with a point in it.
-fs::path small_log(const std::string& name) {
+// One camera, a parked car with a point in it.
+fs::path small_log(const std::string& name, int steps = 2) {
   Scene log;
   log.is_log = true;
   log.cameras = {{16, 12, 10, 10, 8, 6, CameraModel::pinhole, {}, 0, 0}};
   log.actors = {{"a", "Car", {2, 4, 1.5}, true, {}}};
-  for (int step = 0; step < 2; ++step) {
+  for (int step = 0; step < steps; ++step) {
     Frame frame;
     frame.sensor = "front_camera";
     frame.step = step;
@@ -75,4 +75,43 @@ TEST_CASE("hostile pickles in a log: exit 3, the file named, nothing run") {
   CHECK(skipping.err.find("left out of the check") != std::string::npos);
   fs::remove(log / files[1]);
   CHECK(cloam_with({"check", log.string()}).code == 0);
+}
+
+TEST_CASE("a protocol chooses the training images of a log, and the record says so") {
+  const fs::path log = small_log("protocol-log", 12), run = scratch() / "protocol-run";
+  const auto training = [&](const Words& more) {
+    Words words = small_training(log, run, {"--steps", "2", "--downscale", "1"});
+    words.insert(words.end(), more.begin(), more.end());
+    return cloam_with(words);
+  };
+  const Outcome trained = training({"--protocol", "sparse"});
+  REQUIRE_MESSAGE(trained.code == 0, trained.err);
+  CHECK(trained.err.find("protocol sparse: 4 train, 8 are measured") != std::string::npos);  // 0, 5, 10, 11
+  CHECK(json_of(run / "run.json").at("reading").at("protocol") == "sparse");
+  const auto scene = json_of(run / "scene.json").at("scenes").at(0);
+  CHECK(scene.at("frames").at(11).at("split") == "train");
+  CHECK(scene.at("sweeps").at(1).at("split") == "test");
+  CHECK(scene.at("actors").at(0).at("boxes").size() == 12);
+  CHECK(cloam_with({"train", "--resume", run.string(), "--protocol", "novel"}).code == 2);
+  fs::remove_all(run);
+  CHECK(training({"--protocol", "sparse", "--holdout", "3"}).code == 2);
+  CHECK(training({"--protocol", "dense"}).code == 2);
+  CHECK(training({"--sparse-every", "3"}).code == 2);
+  CHECK(cloam_with(small_training(small_scene(), run, {"--protocol", "sparse"})).code == 2);  // photos
+  CHECK_FALSE(fs::exists(run));
+}
+
+TEST_CASE("methods for one capture refuse several, and networks of others") {
+  const fs::path a = small_log("one"), b = small_log("two"), run = scratch() / "several";
+  Words words = small_training(a, run, {"--steps", "2"});
+  words.insert(words.begin() + 3, b.string());
+  const Outcome several = cloam_with(words);
+  CHECK(several.code == 2);
+  CHECK(several.err.find("one capture") != std::string::npos);
+  REQUIRE(cloam_with(small_training(a, run, {"--steps", "2"})).code == 0);
+  const Outcome networks =
+      cloam_with({"train", "nerf", b.string(), "--networks", run.string(), "-o", (scratch() / "adopting").string()});
+  CHECK(networks.code == 2);
+  CHECK(networks.err.find("no networks that several scenes share") != std::string::npos);
+  CHECK_FALSE(fs::exists(scratch() / "adopting"));
 }

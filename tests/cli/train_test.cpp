@@ -48,7 +48,7 @@ TEST_CASE("a run folder holds the record, the settings, the log and the last thr
   CHECK(record.at("state") == "finished");
   CHECK(record.at("step") == 40);
   CHECK(record.at("seed") == 42);
-  CHECK(record.at("data").at("relative") == "../scene");
+  CHECK(record.at("data").at(0).at("relative") == "../scene");
   CHECK(record.at("settings").at("batch.rays") == "64");
   CHECK(contains(content_of(golden() / "config.toml"), "batch.rays = 64  # --set"));
   CHECK_FALSE(fs::exists(golden() / "ckpt" / "000010.safetensors"));

@@ -15,6 +15,7 @@
 #include "models/data/read_scene.h"
 #include "models/io/image.h"
 #include "models/scene/camera.h"
+#include "models/scene/split.h"
 #include "runtime/error.h"
 
 namespace fs = std::filesystem;

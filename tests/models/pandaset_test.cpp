@@ -16,6 +16,7 @@
 #include "models/data/load_images.h"
 #include "models/data/read_scene.h"
 #include "models/data/write_pandaset.h"
+#include "models/scene/split.h"
 #include "runtime/error.h"
 
 namespace fs = std::filesystem;

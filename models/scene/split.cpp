@@ -1,0 +1,84 @@
+// See split.h.
+#include "models/scene/split.h"
+
+#include <algorithm>
+#include <numeric>
+#include <set>
+
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr int kManyFrames = 40, kSparseOfMany = 10, kSparseOfFew = 5;
+
+void hold_out_steps(Scene& log, int n) {
+  const auto split = [&](int step) { return step % n == 0 ? Split::test : Split::train; };
+  for (Frame& frame : log.frames) frame.split = split(frame.step);
+  for (Sweep& sweep : log.sweeps) sweep.split = split(sweep.step);
+}
+
+void split_sparse(Scene& log, const std::string& front, int every) {
+  std::set<int> steps, training;
+  for (const Frame& frame : log.frames)
+    if (frame.sensor == front) steps.insert(frame.step);
+  if (steps.empty()) return;
+  if (every == 0) every = steps.size() < kManyFrames ? kSparseOfFew : kSparseOfMany;
+  for (const int step : steps)
+    if (step % every == 0 || step == *steps.rbegin()) training.insert(step);
+  for (Frame& frame : log.frames) {
+    const Split split = training.contains(frame.step) ? Split::train : Split::test;
+    frame.split = frame.sensor == front ? split : Split::unused;
+  }
+  for (Sweep& sweep : log.sweeps) sweep.split = training.contains(sweep.step) ? Split::train : Split::test;
+}
+
+void split_by_camera(Scene& log, const std::string& front, const std::string& measured) {
+  for (Frame& frame : log.frames) {
+    const Split other = frame.sensor == measured ? Split::test : Split::unused;
+    frame.split = frame.sensor == front ? Split::train : other;
+  }
+  for (Sweep& sweep : log.sweeps) sweep.split = Split::train;
+}
+
+}  // namespace
+
+void apply_holdout(Scene& scene, int n) {
+  if (n < 2) {
+    throw Error(Fault::usage, text("--holdout ", n, " leaves no image to train on: want 2 or more (8 is usual)"));
+  }
+  if (scene.is_log) return hold_out_steps(scene, n);
+  std::vector<std::size_t> order(scene.frames.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return scene.frames[a].image < scene.frames[b].image; });
+  for (std::size_t rank = 0; rank < order.size(); ++rank) {
+    scene.frames[order[rank]].split = rank % n == 0 ? Split::test : Split::train;
+  }
+}
+
+const std::vector<std::string>& protocol_names() {
+  static const std::vector<std::string> names = {"sparse", "novel", "rotate360"};
+  return names;
+}
+
+void apply_protocol(Scene& scene, const Protocol& protocol) {
+  if (!scene.is_log)
+    throw Error(Fault::usage, text("--protocol ", protocol.name, " is for driving logs; ", scene.root.string(),
+                                   " holds photos: --holdout 8 is what fits"));
+  const std::string front = front_sensor(scene);
+  if (protocol.name == "sparse") return split_sparse(scene, front, protocol.sparse_every);
+  if (protocol.name == "novel") return split_by_camera(scene, front, kFrontLeftSensor);
+  if (protocol.name == "rotate360") return split_by_camera(scene, front, "");
+  throw Error(Fault::usage, text("--protocol ", protocol.name, ": want sparse, novel or rotate360"));
+}
+
+std::string front_sensor(const Scene& scene) {
+  for (const char* name : {"front_camera", "image_02"}) {
+    const auto is_it = [&](const Frame& frame) { return frame.sensor == name; };
+    if (std::any_of(scene.frames.begin(), scene.frames.end(), is_it)) return name;
+  }
+  return scene.frames.empty() ? "" : scene.frames.front().sensor;
+}
+
+}  // namespace cloam

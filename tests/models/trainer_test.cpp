@@ -1,0 +1,171 @@
+// What the trainer promises to methods, shown with the smallest of them; and the geometry that a run keeps.
+#include "models/train/trainer.h"
+
+#include <doctest/doctest.h>
+
+#include <filesystem>
+
+#include "models/io/checkpoint.h"
+#include "models/nn/params.h"
+#include "models/train/optimiser.h"
+#include "models/train/scene_file.h"
+#include "runtime/error.h"
+#include "runtime/ops.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+
+namespace {
+
+/// Each parameter is drawn to 1. A scene's own is in the loss of every second step alone.
+class TwoScenes final : public Method {
+ public:
+  const char* name() const override { return "two-scenes"; }
+  void configure(Config&) override {}
+  void build(const Scenes&, uint64_t) override {
+    const Scope scope{params_, "", 1};
+    (void)scope.constant("network", {3}, 0.f);
+    for (const char* plane : {"plane.0", "plane.1"}) (void)scope.constant(plane, {2, 2}, 0.f);
+  }
+  void load_data(std::vector<TrainingData>) override {}
+  MemoryPlan memory() const override { return {}; }
+  Params& parameters() override { return params_; }
+  std::vector<LearningRate> learning_rates(const Progress&) const override {
+    return {{"network", 0.1f, false, frozen_}, {"plane", 0.1f, true}};
+  }
+  void adopt_networks(const TensorMap& parameters) override {
+    const float* values = reinterpret_cast<const float*>(parameters.at("network").data.data());
+    assign({{params_.at("network"), from_host(std::vector<float>(values, values + 3), {3})}});
+    frozen_ = true;
+  }
+  Tensor loss(const Progress& progress) override {
+    const Tensor& plane = params_.at(progress.step % 2 == 0 ? "plane.0" : "plane.1");
+    return sum(square(params_.at("network") - 1.f)) + sum(square(plane - 1.f));
+  }
+  Gradients gradients(const Progress& progress, const Tensors& wanted) override {
+    Gradients all = Method::gradients(progress, wanted);
+    wanted_ = wanted.size();
+    reached_ = 0;
+    for (const Tensor& gradient : all.of_parameters) reached_ += bool(gradient);
+    return all;
+  }
+  Picture render(const View&) override { return {}; }
+  std::vector<float> values(const char* name) { return params_.at(name).to_host(); }
+
+  size_t wanted_ = 0, reached_ = 0;
+
+ private:
+  Params params_;
+  bool frozen_ = false;
+};
+
+struct Folder {
+  fs::path path = fs::temp_directory_path() / "cloam-trainer-test";
+  Folder() { fs::remove_all(path); }
+  ~Folder() { fs::remove_all(path); }
+};
+
+void train_to(TwoScenes& method, const fs::path& folder, int64_t steps) {
+  TrainOptions options;
+  options.steps = steps;
+  train({method, folder, {}, nullptr, nullptr}, options, {});
+}
+
+}  // namespace
+
+TEST_CASE("a sparse parameter that the loss does not reach costs no gradient and stands still") {
+  const Folder folder;
+  TwoScenes method;
+  method.build({}, 1);
+  train_to(method, folder.path, 1);
+  CHECK(method.wanted_ == 3);
+  CHECK(method.reached_ == 2);
+  CHECK(method.values("plane.0") == std::vector<float>(4, 0.f));
+  CHECK(method.values("plane.1")[0] == doctest::Approx(0.1));  // Adam's first step is as long as its rate
+  const SafetensorsFile saved = load_latest_checkpoint(folder.path).file;
+  CHECK(saved.tensors.contains("adam.m.plane.0"));
+}
+
+TEST_CASE("adopted networks stay as they were, have no optimiser state and are saved with the run") {
+  const Folder folder;
+  TwoScenes first, second;
+  first.build({}, 1);
+  second.build({}, 2);
+  train_to(first, folder.path / "a", 4);
+  second.adopt_networks(parameters_in(load_latest_checkpoint(folder.path / "a").file));
+  train_to(second, folder.path / "b", 4);
+  CHECK(second.wanted_ == 2);
+  CHECK(second.values("network") == first.values("network"));
+  CHECK(second.values("plane.0")[0] > 0.1f);
+  const SafetensorsFile saved = load_latest_checkpoint(folder.path / "b").file;
+  CHECK(saved.tensors.contains("param.network"));
+  CHECK_FALSE(saved.tensors.contains("adam.m.network"));
+  TwoScenes restored;
+  restored.build({}, 3);
+  restore_method(restored, saved);
+  CHECK(restored.values("network") == first.values("network"));
+}
+
+TEST_CASE("a dense parameter without a gradient goes on by its momentum") {
+  Params params;
+  params["w"] = parameter({0.f, 0.f}, {2});
+  const std::vector<LearningRate> rates = {{"", 0.1f}};
+  Optimiser optimiser(params, rates);
+  Tensors first = {from_host(std::vector<float>{1.f, -1.f}, {2})}, none = {Tensor()};
+  optimiser.expect(first);
+  optimiser.step(params, first, rates, {}, 1);
+  const std::vector<float> before = params["w"].to_host();
+  optimiser.expect(none);
+  optimiser.step(params, none, rates, {}, 2);
+  CHECK(params["w"].to_host()[0] < before[0]);
+}
+
+TEST_CASE("scene.json keeps all that a model of a log is built from, for each scene") {
+  Scene log;
+  log.format = "PandaSet";
+  log.is_log = log.night = log.metric = true;
+  log.cameras = {{16, 12, 10, 11, 8, 6, CameraModel::pinhole, {}, 0, 0}};
+  Frame frame;
+  frame.name = frame.image = "camera/front_camera/07.jpg";
+  frame.sensor = "front_camera";
+  frame.step = 7;
+  frame.timestamp = 1557539924.4499;
+  frame.split = Split::unused;
+  frame.world_from_camera(0, 3) = 0.1;
+  log.frames = {frame};
+  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
+  pose(1, 3) = 1.0 / 3.0;
+  log.sweeps = {{"lidar/07.pkl.gz", 1557539924.5, pose, 7, Split::test}};
+  log.actors = {{"a", "Car", {2, 4, 1.5}, true, {{7, 1557539924.5, pose}}, AssetName{1, "b"}},
+                {"b", "Bus", {3, 9, 3}, false, {}, {}}};
+  Scene photos;
+  photos.cameras = log.cameras;
+  photos.frames = {Frame{}};
+
+  const Folder folder;
+  write_scenes(folder.path / "scene.json", {log, photos});
+  const Scenes read = read_scene_file(folder.path / "scene.json");
+  REQUIRE(read.size() == 2);
+  const Scene& back = read[0];
+  CHECK((back.is_log && back.night && back.metric));
+  CHECK(back.frames[0].sensor == "front_camera");
+  CHECK(back.frames[0].step == 7);
+  CHECK(back.frames[0].timestamp == frame.timestamp);
+  CHECK(back.frames[0].split == Split::unused);
+  CHECK(back.frames[0].world_from_camera == frame.world_from_camera);
+  REQUIRE(back.sweeps.size() == 1);
+  CHECK(back.sweeps[0].file == "lidar/07.pkl.gz");
+  CHECK(back.sweeps[0].timestamp == 1557539924.5);
+  CHECK(back.sweeps[0].split == Split::test);
+  CHECK(back.sweeps[0].world_from_lidar == pose);
+  REQUIRE(back.actors.size() == 2);
+  CHECK(back.actors[0].label == "Car");
+  CHECK(back.actors[0].size == log.actors[0].size);
+  CHECK(back.actors[0].stationary);
+  CHECK(back.actors[0].boxes[0].world_from_box == pose);
+  CHECK(back.actors[0].boxes[0].step == 7);
+  CHECK(back.actors[0].asset == log.actors[0].asset);
+  CHECK_FALSE(back.actors[1].asset);
+  CHECK_FALSE(read[1].is_log);
+  CHECK_FALSE(read[1].frames[0].timestamp);
+}
