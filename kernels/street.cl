@@ -5,9 +5,6 @@
 // boxes [first_box[m], first_box[m + 1]).
 // Grid, 16 numbers: corner (3), voxel size, counts (3), centre (3) and half sizes (3) of what is not contracted, far
 // distance of the sky.
-//: variant street_steps reference walk
-//: variant street_blend reference blend
-//: variant street_blend_grad reference blend_grad
 
 #define MOST_BOXES 48
 #define BLOCK 8

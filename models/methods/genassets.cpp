@@ -197,6 +197,7 @@ std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) co
                                      {"networks.field", config_.rate_field * now},
                                      {"networks.image", config_.rate_image * now},
                                      {"networks.shadow", config_.rate_field * now}};
+  for (LearningRate& rate : rates) rate.frozen = frozen_;
   for (size_t i = 0; i < logs_.size(); ++i) {
     const std::string log = "log" + std::to_string(i);
     rates.push_back({log + ".background", config_.rate_background * now, true});
@@ -489,6 +490,14 @@ TensorMap GenAssets::state() const {
   for (size_t i = 0; i < logs_.size(); ++i)
     for (const auto& [name, tensor] : logs_[i].space->state()) out["log" + std::to_string(i) + "." + name] = tensor;
   return out;
+}
+
+void GenAssets::adopt_networks(const TensorMap& parameters) {
+  std::vector<std::pair<Tensor, Tensor>> updates;
+  for (const auto& [name, p] : params_)
+    if (name.starts_with("networks.")) updates.push_back({p, tensor_from(parameters, name, p.shape())});
+  assign(updates);
+  frozen_ = true;
 }
 
 void GenAssets::restore(const TensorMap& state) {

@@ -48,6 +48,7 @@ class GenAssets final : public Method, public Street {
   Picture render(const View& view) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
+  void adopt_networks(const TensorMap& parameters) override;
   Street* street() override { return this; }
   LidarReturns measure(const WorldRays& rays) override;
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
@@ -105,6 +106,7 @@ class GenAssets final : public Method, public Street {
   std::unique_ptr<ImageDecoder> image_;
   std::optional<SmallMlp> shadow_;
   std::optional<FeatureNetwork> perceptual_;
+  bool frozen_ = false;  // the networks are another run's
   int64_t last_samples_ = 0, last_actors_ = 0;
   Tensors observed_;  // means of the last step: squared colour error, LiDAR error
 };
