@@ -9,6 +9,7 @@
 
 #include "models/data/data_frame.h"
 #include "models/data/json.h"
+#include "models/data/log_builder.h"
 #include "models/data/paths.h"
 #include "models/data/poses.h"
 #include "models/io/image.h"
@@ -21,7 +22,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMostSteps = 100000;
-constexpr double kLongestBox = 200;  // metres: a train
 
 // The real car's static calibration (front camera from LiDAR), and the focal length that its front camera is known by.
 // NeuRAD found the published lidar/poses.json to be wrong and takes the LiDAR's pose from the front camera's in this
@@ -34,11 +34,6 @@ const Eigen::Vector3d kFrontFromLidarOrigin(0.0002585796504896516, -0.0390777716
 // The paper's list, for logs that do not say it themselves.
 const std::set<std::string> kNightLogs = {"057", "058", "059", "062", "063", "064", "065", "066", "067", "068",
                                           "069", "070", "071", "072", "073", "074", "077", "078", "079", "149"};
-
-bool is_file(const fs::path& path) {
-  std::error_code error;
-  return fs::is_regular_file(path, error);
-}
 
 // The first of several spellings of a file that exists, relative to the root.
 std::string find_file(const fs::path& root, const std::string& stem, std::initializer_list<const char*> extensions) {
@@ -80,11 +75,7 @@ double read_time(const Json& json, const std::string& where) {
 
 class LogReader {
  public:
-  LogReader(const fs::path& root, const ReadOptions& options) : options_(options) {
-    scene_.root = root;
-    scene_.format = "PandaSet";
-    scene_.metric = scene_.is_log = true;
-  }
+  LogReader(const fs::path& root, const ReadOptions& options) : log_(root, "PandaSet", options) {}
 
   Scene read() {
     for (const char* name : kPandasetCameras) {
@@ -94,26 +85,10 @@ class LogReader {
     if (is_file(resolve_inside(scene_.root, "lidar/poses.json"))) read_sweeps();
     read_cuboids();
     read_time_of_day();
-    report();
-    if (scene_.frames.empty()) {
-      throw Error(Fault::data, text(scene_.root.string(), ": no usable image: ", scene_.frames_listed,
-                                    " listed in camera/*/poses.json"));
-    }
-    return std::move(scene_);
+    return log_.finish("camera/*/poses.json");
   }
 
  private:
-  // Runs `step`, and with --skip-bad turns its complaint about the data into a warning.
-  template <class Step>
-  void guarded(const char* what, Step step) {
-    try {
-      step();
-    } catch (const Error& error) {
-      if (!options_.skip_bad || error.fault() != Fault::data) throw;
-      scene_.warnings.push_back(text(what, " dropped: ", error.what()));
-    }
-  }
-
   void read_camera(const std::string& name, const std::string& folder) {
     const auto poses = read_poses(folder);
     scene_.frames_listed += poses.entries.size();
@@ -121,10 +96,10 @@ class LogReader {
     for (int step = 0; step < int(poses.entries.size()); ++step) {
       const std::string image = find_file(scene_.root, folder + "/" + pandaset_number(step), {".jpg", ".png", ".jpeg"});
       if (image.empty()) {
-        missing_.push_back(folder + "/" + pandaset_number(step) + ".jpg");
+        log_.missing(folder + "/" + pandaset_number(step) + ".jpg");
         continue;
       }
-      guarded("frame", [&] {
+      log_.guarded("frame", [&] {
         Frame frame;
         frame.name = frame.image = image;
         frame.sensor = name;
@@ -150,12 +125,8 @@ class LogReader {
     camera.fy = number(json, "fy", where);
     camera.cx = number(json, "cx", where);
     camera.cy = number(json, "cy", where);
-    const double longest = 1e6;
-    const bool sound = camera.fx > 1e-3 && camera.fx < longest && camera.fy > 1e-3 && camera.fy < longest &&
-                       std::abs(camera.cx) < longest && std::abs(camera.cy) < longest;
-    if (sound) return camera;
-    throw Error(Fault::data, text(where, ": the camera makes no sense: fx ", camera.fx, ", fy ", camera.fy, ", cx ",
-                                  camera.cx, ", cy ", camera.cy, " pixels"));
+    require_sound(camera, where);
+    return camera;
   }
 
   // The poses and times of one sensor, each looked at when it is asked for.
@@ -184,10 +155,10 @@ class LogReader {
     for (int step = 0; step < int(poses.entries.size()); ++step) {
       const std::string file = find_file(scene_.root, "lidar/" + pandaset_number(step), {".pkl.gz", ".pkl"});
       if (file.empty()) {
-        missing_.push_back("lidar/" + pandaset_number(step) + ".pkl.gz");
+        log_.missing("lidar/" + pandaset_number(step) + ".pkl.gz");
         continue;
       }
-      guarded("sweep", [&] {
+      log_.guarded("sweep", [&] {
         scene_.sweeps.push_back({file, poses.time(step), sensor_pose(poses, step), step, Split::train});
       });
     }
@@ -213,12 +184,11 @@ class LogReader {
       const std::string stem = "annotations/cuboids/" + pandaset_number(step);
       const std::string file = find_file(scene_.root, stem, {".pkl.gz", ".pkl"});
       if (file.empty()) {
-        missing_.push_back(stem + ".pkl.gz");
+        log_.missing(stem + ".pkl.gz");
         continue;
       }
-      guarded("cuboids", [&] { read_cuboids_of(file, step, time); });
+      log_.guarded("cuboids", [&] { read_cuboids_of(file, step, time); });
     }
-    for (auto& [id, actor] : actors_) scene_.actors.push_back(std::move(actor));
   }
 
   // Cuboids are labelled on sweeps; without LiDAR the first camera's times must do.
@@ -249,27 +219,8 @@ class LogReader {
       pose.topLeftCorner<3, 3>() = Eigen::AngleAxisd(yaws[row], Eigen::Vector3d::UnitZ()).toRotationMatrix();
       pose.topRightCorner<3, 1>() = Eigen::Vector3d(x[row], y[row], z[row]);
       const std::string where = text(file, ", row ", row, " (", printable(ids[row]), ")");
-      if (!pose.allFinite() || !size.allFinite()) throw Error(Fault::data, text(where, ": a value is NaN or infinite"));
-      if (!(size.minCoeff() > 0) || size.maxCoeff() > kLongestBox) {
-        throw Error(Fault::data, text(where, ": a box of ", size.x(), " by ", size.y(), " by ", size.z(), " m"));
-      }
-      add_box(ids[row], labels[row], size, stationary[row] != 0, {step, time, rigid(pose, where)});
+      log_.add({ids[row], labels[row], size, stationary[row] != 0, {step, time, pose}}, where);
     }
-  }
-
-  void add_box(const std::string& id, const std::string& label, const Eigen::Vector3d& size, bool stationary,
-               const ActorBox& box) {
-    Actor& actor = actors_[id];
-    if (!actor.boxes.empty() && actor.boxes.back().step == box.step) {
-      ++repeated_;
-      return;
-    }
-    // Boxes of a track may differ a little; the largest holds them all.
-    actor.size = actor.size.cwiseMax(size);
-    actor.id = id;
-    if (actor.boxes.empty()) actor.label = label;
-    actor.stationary = stationary;
-    actor.boxes.push_back(box);
   }
 
   void read_time_of_day() {
@@ -280,21 +231,8 @@ class LogReader {
     }
   }
 
-  void report() {
-    constexpr std::size_t kMostNamed = 5;
-    if (repeated_ > 0) scene_.warnings.push_back(text(repeated_, " boxes dropped: two of one uuid at one step"));
-    if (missing_.empty()) return;
-    std::string names;
-    for (std::size_t i = 0; i < std::min(missing_.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing_[i];
-    scene_.warnings.push_back(text(missing_.size(), " listed files are missing and skipped: ", names,
-                                   missing_.size() > kMostNamed ? ", ..." : ""));
-  }
-
-  ReadOptions options_;
-  Scene scene_;
-  std::map<std::string, Actor> actors_;
-  std::vector<std::string> missing_;
-  int repeated_ = 0;
+  LogBuilder log_;
+  Scene& scene_ = log_.scene;
 };
 
 }  // namespace

@@ -86,6 +86,11 @@ fs::path resolve_inside(const fs::path& root, const std::string& relative) {
   return result;
 }
 
+bool is_file(const fs::path& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
+
 std::string nearest_name(const std::string& wanted, const std::vector<std::string>& names) {
   std::string nearest;
   std::size_t least = wanted.size() / 3 + 2;  // a typing error or two, not another word

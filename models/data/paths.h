@@ -12,6 +12,9 @@ namespace cloam {
 /// or not anything lies there.
 std::filesystem::path resolve_inside(const std::filesystem::path& root, const std::string& relative);
 
+/// A regular file, or a link to one.
+bool is_file(const std::filesystem::path& path);
+
 /// The name among `names` that is most like `wanted`, or "" if none is near: for "did you mean".
 std::string nearest_name(const std::string& wanted, const std::vector<std::string>& names);
 

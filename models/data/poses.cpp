@@ -44,4 +44,13 @@ Eigen::Matrix4d rigid(const Eigen::Matrix4d& world_from_camera, const std::strin
   return pose;
 }
 
+void require_sound(const Camera& camera, const std::string& where) {
+  const double longest = 1e6;
+  const bool focal = camera.fx > 1e-3 && camera.fx < longest && camera.fy > 1e-3 && camera.fy < longest;
+  const bool centre = std::abs(camera.cx) < longest && std::abs(camera.cy) < longest;
+  if (focal && centre) return;
+  throw Error(Fault::data, text(where, ": the camera makes no sense: focal lengths fx ", camera.fx, ", fy ", camera.fy,
+                                ", centre cx ", camera.cx, ", cy ", camera.cy, " pixels"));
+}
+
 }  // namespace cloam

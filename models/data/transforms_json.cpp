@@ -21,11 +21,6 @@ namespace fs = std::filesystem;
 constexpr int kLongestSide = 1 << 17;
 constexpr std::size_t kMostNamed = 5;
 
-bool is_file(const fs::path& path) {
-  std::error_code error;
-  return fs::is_regular_file(path, error);
-}
-
 // A number of the frame, else of the file.
 struct Settings {
   const Json& file;
@@ -70,39 +65,6 @@ CameraModel camera_model(const Settings& settings, const Camera& camera) {
   if (known.contains(name)) return straight ? CameraModel::pinhole : CameraModel::opencv;
   throw Error(Fault::data, text(settings.where, ": camera_model is ", name.substr(0, 40),
                                 ", want PINHOLE, OPENCV or OPENCV_FISHEYE; undistort the images first"));
-}
-
-void require_sound(const Camera& camera, const std::string& where) {
-  const double longest = 1e6;
-  const bool focal = camera.fx > 1e-3 && camera.fx < longest && camera.fy > 1e-3 && camera.fy < longest;
-  const bool centre = std::abs(camera.cx) < longest && std::abs(camera.cy) < longest;
-  if (focal && centre) return;
-  throw Error(Fault::data, text(where, ": the camera makes no sense: fl_x ", camera.fx, ", fl_y ", camera.fy, ", cx ",
-                                camera.cx, ", cy ", camera.cy, " pixels"));
-}
-
-Camera read_camera(const Settings& settings, const fs::path& image) {
-  Camera camera;
-  const auto w = settings.number("w"), h = settings.number("h");
-  const ImageSize size = w && h ? ImageSize{} : read_image_size(image);
-  camera.width = w ? side(*w, "w", settings.where) : size.width;
-  camera.height = h ? side(*h, "h", settings.where) : size.height;
-  const auto fx = focal_length(settings, "x", camera.width), fy = focal_length(settings, "y", camera.height);
-  if (!fx && !fy) {
-    throw Error(Fault::data, text(settings.where,
-                                  ": no focal length: looked for fl_x, fl_y, camera_angle_x and "
-                                  "camera_angle_y in the frame and in the file"));
-  }
-  camera.fx = fx ? *fx : *fy;
-  camera.fy = fy ? *fy : *fx;
-  camera.cx = settings.number("cx", 0.5 * camera.width);
-  camera.cy = settings.number("cy", 0.5 * camera.height);
-  for (int i = 0; i < 4; ++i) camera.k[i] = settings.number("k" + std::to_string(i + 1), 0);
-  camera.p1 = settings.number("p1", 0);
-  camera.p2 = settings.number("p2", 0);
-  camera.model = camera_model(settings, camera);
-  require_sound(camera, settings.where);
-  return camera;
 }
 
 // One json file and which of its frames test.
@@ -195,8 +157,7 @@ class Reader {
     if (frame.mask && !is_file(resolve_inside(scene_.root, *frame.mask))) {
       throw Error(Fault::data, text(where, ": the mask ", *frame.mask, " is missing"));
     }
-    const Settings settings{source.file, json, where};
-    frame.camera = find_or_add(scene_.cameras, read_camera(settings, scene_.root / frame.image));
+    frame.camera = find_or_add(scene_.cameras, read_camera_json(source.file, json, scene_.root / frame.image, where));
     scene_.frames.push_back(std::move(frame));
   }
 
@@ -226,6 +187,31 @@ class Reader {
 };
 
 }  // namespace
+
+Camera read_camera_json(const Json& file, const Json& frame, const fs::path& image, const std::string& where) {
+  const Settings settings{file, frame, where};
+  Camera camera;
+  const auto w = settings.number("w"), h = settings.number("h");
+  const ImageSize size = w && h ? ImageSize{} : read_image_size(image);
+  camera.width = w ? side(*w, "w", settings.where) : size.width;
+  camera.height = h ? side(*h, "h", settings.where) : size.height;
+  const auto fx = focal_length(settings, "x", camera.width), fy = focal_length(settings, "y", camera.height);
+  if (!fx && !fy) {
+    throw Error(Fault::data, text(settings.where,
+                                  ": no focal length: looked for fl_x, fl_y, camera_angle_x and "
+                                  "camera_angle_y in the frame and in the file"));
+  }
+  camera.fx = fx ? *fx : *fy;
+  camera.fy = fy ? *fy : *fx;
+  camera.cx = settings.number("cx", 0.5 * camera.width);
+  camera.cy = settings.number("cy", 0.5 * camera.height);
+  for (int i = 0; i < 4; ++i) camera.k[i] = settings.number("k" + std::to_string(i + 1), 0);
+  camera.p1 = settings.number("p1", 0);
+  camera.p2 = settings.number("p2", 0);
+  camera.model = camera_model(settings, camera);
+  require_sound(camera, settings.where);
+  return camera;
+}
 
 bool is_transforms_json(const fs::path& root) {
   return is_file(root / "transforms.json") || is_file(root / "transforms_train.json");

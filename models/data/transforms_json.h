@@ -4,6 +4,7 @@
 #pragma once
 #include <filesystem>
 
+#include "models/data/json.h"
 #include "models/data/reader.h"
 
 namespace cloam {
@@ -13,5 +14,10 @@ bool is_transforms_json(const std::filesystem::path& root);
 /// Listed images that do not exist are skipped with one warning. Fault::data for anything else that is wrong (with
 /// options.skip_bad, a wrong frame is dropped with a warning), and if no frame is left.
 Scene read_transforms_json(const std::filesystem::path& root, const ReadOptions& options);
+
+/// Intrinsics by these formats' keys: fl_x, fl_y or camera_angle_x, camera_angle_y, and optionally cx, cy, w, h,
+/// camera_model, k1 to k4, p1, p2. The frame's own win over the file's; a size that neither has is that of the image.
+Camera read_camera_json(const Json& file, const Json& frame, const std::filesystem::path& image,
+                        const std::string& where);
 
 }  // namespace cloam

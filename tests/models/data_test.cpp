@@ -297,7 +297,7 @@ TEST_CASE("bad frames stop with the frame and key named, or are dropped with ski
   CHECK(holds(attempt(R"({"transform_matrix":)" + kPose + "}"), "file_path is missing"));
   CHECK(holds(attempt(R"({"file_path":7,"transform_matrix":)" + kPose + "}"), "want a string"));
   CHECK(holds(attempt("[]"), "frame 1"));
-  CHECK(holds(attempt(frame("a.png", kPose, R"(,"fl_x":0)")), "fl_x 0"));
+  CHECK(holds(attempt(frame("a.png", kPose, R"(,"fl_x":0)")), "fx 0"));
   CHECK(holds(attempt(frame("a.png", kPose, R"(,"w":7.5)")), "w is 7.5"));
   CHECK(holds(attempt(frame("a.png", kPose, R"(,"camera_model":"EQUIRECTANGULAR")")), "EQUIRECTANGULAR"));
   CHECK(holds(attempt(frame("a.png", kPose, R"(,"mask_path":"no.png")")), "no.png"));

@@ -1,0 +1,61 @@
+// See log_builder.h.
+#include "models/data/log_builder.h"
+
+#include <algorithm>
+
+#include "models/data/poses.h"
+
+namespace cloam {
+namespace {
+
+constexpr double kLongestBox = 200;  // metres: a train
+constexpr std::size_t kMostNamed = 5;
+
+}  // namespace
+
+LogBuilder::LogBuilder(const std::filesystem::path& root, const char* format, const ReadOptions& options)
+    : options_(options) {
+  scene.root = root;
+  scene.format = format;
+  scene.metric = scene.is_log = true;
+}
+
+void LogBuilder::add(const LabelledBox& labelled, const std::string& where) {
+  const Eigen::Vector3d& size = labelled.size;
+  ActorBox box = labelled.box;
+  if (!box.world_from_box.allFinite() || !size.allFinite())
+    throw Error(Fault::data, text(where, ": a value is NaN or infinite"));
+  if (!(size.minCoeff() > 0) || size.maxCoeff() > kLongestBox) {
+    throw Error(Fault::data, text(where, ": a box of ", size.x(), " by ", size.y(), " by ", size.z(), " m"));
+  }
+  box.world_from_box = rigid(box.world_from_box, where);
+  Actor& actor = actors_[labelled.id];
+  if (!actor.boxes.empty() && actor.boxes.back().step == box.step) {
+    ++repeated_;
+    return;
+  }
+  // Boxes of a track may differ a little; the largest holds them all.
+  actor.size = actor.size.cwiseMax(size);
+  actor.id = labelled.id;
+  if (actor.boxes.empty()) actor.label = labelled.label;
+  actor.stationary = labelled.stationary;
+  actor.boxes.push_back(box);
+}
+
+Scene LogBuilder::finish(const std::string& listed_in) {
+  for (auto& [id, actor] : actors_) scene.actors.push_back(std::move(actor));
+  if (repeated_ > 0) scene.warnings.push_back(text(repeated_, " boxes dropped: two of one actor at one step"));
+  if (!missing_.empty()) {
+    std::string names;
+    for (std::size_t i = 0; i < std::min(missing_.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing_[i];
+    scene.warnings.push_back(text(missing_.size(), " listed files are missing and skipped: ", names,
+                                  missing_.size() > kMostNamed ? ", ..." : ""));
+  }
+  if (scene.frames.empty()) {
+    throw Error(Fault::data,
+                text(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed in ", listed_in));
+  }
+  return std::move(scene);
+}
+
+}  // namespace cloam
