@@ -1,43 +1,143 @@
-// See load_sweep.h.
+// See load_sweep.h. Each format gives the same columns; what is no point is dropped from them in one place.
 #include "models/data/load_sweep.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "models/data/data_frame.h"
 #include "models/data/paths.h"
+#include "models/io/bytes.h"
+#include "models/io/npy.h"
+#include "models/io/ply.h"
+#include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
+namespace fs = std::filesystem;
+
 constexpr double kFarthest = 1e6;
 constexpr double kFullIntensity = 255;
+constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
 
-bool sound(const std::array<double, 5>& values) {
-  const bool finite = std::all_of(values.begin(), values.end(), [](double value) { return std::isfinite(value); });
-  return finite && std::all_of(values.begin(), values.begin() + 3, [](double x) { return std::abs(x) < kFarthest; });
+// Those that a file lacks are empty and count as 0.
+struct Columns {
+  std::vector<double> x, y, z;    // metres
+  std::vector<double> intensity;  // 0 to 1
+  std::vector<double> time;       // seconds after the sweep's time stamp
+  std::vector<double> sensor;
+
+  std::size_t size() const { return x.size(); }
+};
+
+double entry(const std::vector<double>& column, std::size_t row) { return column.empty() ? 0 : column[row]; }
+
+// PandaSet: x y z, i from 0 to 255, t in absolute seconds, d the LiDAR.
+Columns read_data_frame_points(const fs::path& path, const Sweep& sweep) {
+  const DataFrame frame = read_data_frame(path);
+  Columns columns{frame.numbers("x"), frame.numbers("y"), frame.numbers("z"),
+                  frame.numbers("i"), frame.numbers("t"), {}};
+  for (double& value : columns.intensity) value /= kFullIntensity;
+  for (double& value : columns.time) value -= sweep.timestamp;
+  if (frame.has("d")) columns.sensor = frame.numbers("d");
+  return columns;
+}
+
+// KITTI: x y z and reflectance from 0 to 1, as float32 one after another.
+Columns read_kitti_points(const fs::path& path, const Sweep&) {
+  const auto bytes = read_file(path, kMostBytes);
+  constexpr std::size_t size = 4 * sizeof(float);
+  if (bytes.size() % size != 0) {
+    throw Error(Fault::data, text(path.string(), ": holds ", bytes.size(), " bytes, want a multiple of ", size,
+                                  " (x y z reflectance as float32); the file is damaged or cut short"));
+  }
+  ByteReader reader(bytes, path.string());
+  Columns columns;
+  while (reader.remaining() > 0) {
+    for (auto* column : {&columns.x, &columns.y, &columns.z, &columns.intensity}) {
+      column->push_back(double(reader.little<float>("a point")));
+    }
+  }
+  return columns;
+}
+
+// From 0 to 255 where any is above 1.
+void scale_intensity(std::vector<double>& values) {
+  const bool bytes = std::any_of(values.begin(), values.end(), [](double value) { return value > 1; });
+  for (double& value : values) value /= bytes ? kFullIntensity : 1;
+}
+
+// [N, 3 or more]: x y z, intensity, seconds after the time stamp; what follows is left out.
+Columns read_npy_points(const fs::path& path, const Sweep&) {
+  const auto bytes = read_file(path, kMostBytes);
+  const NpyArray array = parse_npy(bytes, path.string());
+  if (array.shape.size() != 2 || array.shape[1] < 3) {
+    throw Error(Fault::data, text(path.string(), ": looked for an array of shape [N, 3] (x y z) or [N, 4] with ",
+                                  "intensity, found ", array.shape.size(), " axes",
+                                  array.shape.size() == 2 ? text(", the second of ", array.shape[1]) : ""));
+  }
+  const std::vector<float> values = npy_floats(array);
+  const std::size_t rows = array.shape[0], width = array.shape[1];
+  Columns columns;
+  std::vector<double>* targets[] = {&columns.x, &columns.y, &columns.z, &columns.intensity, &columns.time};
+  for (std::size_t c = 0; c < std::min(width, std::size(targets)); ++c) {
+    for (std::size_t row = 0; row < rows; ++row) targets[c]->push_back(double(values[row * width + c]));
+  }
+  scale_intensity(columns.intensity);
+  return columns;
+}
+
+Columns read_ply_points(const fs::path& path, const Sweep&) {
+  const auto bytes = read_file(path, kMostBytes);
+  const PlyVertices vertices = parse_ply(bytes, path.string());
+  const auto doubles = [](const std::vector<float>& values) {
+    return std::vector<double>(values.begin(), values.end());
+  };
+  Columns columns{
+      doubles(vertices.column("x")), doubles(vertices.column("y")), doubles(vertices.column("z")), {}, {}, {}};
+  if (const PlyColumn* found = vertices.find("intensity")) columns.intensity = doubles(found->values);
+  if (const PlyColumn* found = vertices.find("time")) columns.time = doubles(found->values);
+  scale_intensity(columns.intensity);
+  return columns;
+}
+
+struct PointReader {
+  const char* extension;
+  Columns (*read)(const fs::path& path, const Sweep& sweep);
+};
+
+constexpr PointReader kReaders[] = {
+    {".gz", read_data_frame_points}, {".pkl", read_data_frame_points}, {".bin", read_kitti_points},
+    {".npy", read_npy_points},       {".ply", read_ply_points},
+};
+
+Columns read_columns(const fs::path& path, const Sweep& sweep) {
+  const auto reader = std::find_if(std::begin(kReaders), std::end(kReaders),
+                                   [&](const PointReader& known) { return path.extension() == known.extension; });
+  if (reader != std::end(kReaders)) return reader->read(path, sweep);
+  throw Error(Fault::data, text(path.string(), ": LiDAR points are read from .pkl.gz, .pkl, .bin, .npy and .ply"));
 }
 
 }  // namespace
 
-// PandaSet: x y z in the world, i from 0 to 255, t in absolute seconds, d the LiDAR.
 LidarPoints load_sweep(const Scene& scene, const Sweep& sweep) {
-  const DataFrame frame = read_data_frame(resolve_inside(scene.root, sweep.file));
-  const auto x = frame.numbers("x"), y = frame.numbers("y"), z = frame.numbers("z"), i = frame.numbers("i"),
-             t = frame.numbers("t");
-  const auto d = frame.has("d") ? frame.numbers("d") : std::vector<double>(frame.rows(), 0);
+  const Columns columns = read_columns(resolve_inside(scene.root, sweep.file), sweep);
+  const Eigen::Matrix4d world_from_points =
+      sweep.points_in_world ? Eigen::Matrix4d::Identity().eval() : sweep.world_from_lidar;
   LidarPoints points;
-  for (std::size_t row = 0; row < frame.rows(); ++row) {
-    const std::array<double, 5> values = {x[row], y[row], z[row], i[row], t[row] - sweep.timestamp};
-    if (!sound(values)) {
+  for (std::size_t row = 0; row < columns.size(); ++row) {
+    const Eigen::Vector4d given(columns.x[row], columns.y[row], columns.z[row], 1);
+    const Eigen::Vector3d place = (world_from_points * given).head<3>();
+    const double intensity = entry(columns.intensity, row), time = entry(columns.time, row);
+    const bool sound = std::isfinite(intensity) && std::isfinite(time) && place.cwiseAbs().maxCoeff() < kFarthest;
+    if (!sound || !place.allFinite()) {
       ++points.dropped;
       continue;
     }
-    for (int axis = 0; axis < 3; ++axis) points.positions.push_back(static_cast<float>(values[axis]));
-    points.intensities.push_back(static_cast<float>(std::clamp(values[3] / kFullIntensity, 0.0, 1.0)));
-    points.times.push_back(static_cast<float>(values[4]));
-    points.sensors.push_back(d[row] == 1 ? 1 : 0);
+    for (int axis = 0; axis < 3; ++axis) points.positions.push_back(static_cast<float>(place[axis]));
+    points.intensities.push_back(static_cast<float>(std::clamp(intensity, 0.0, 1.0)));
+    points.times.push_back(static_cast<float>(time));
+    points.sensors.push_back(entry(columns.sensor, row) == 1 ? 1 : 0);
   }
   return points;
 }

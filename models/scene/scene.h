@@ -34,6 +34,7 @@ struct Sweep {
   Eigen::Matrix4d world_from_lidar = Eigen::Matrix4d::Identity();
   int step = 0;
   Split split = Split::train;
+  bool points_in_world = true;  // what the file holds; false: in the LiDAR's own frame
 };
 
 /// Where an actor is at one step. Axes of the box: x right, y forward, z up; the origin is its centre.
