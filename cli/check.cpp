@@ -18,7 +18,8 @@ Examples:
   cloam check data/fox
   cloam check data/fox --downscale 4 --holdout 8
   cloam check data/fox --json
-  cloam check data/pandaset/001          # a driving log: also time stamps, boxes, LiDAR on images)";
+  cloam check data/pandaset/001          # a driving log: also time stamps, boxes, LiDAR on images
+  cloam check data/2011_09_26_drive_0005_sync)";
 
 struct CheckRequest {
   std::string data;

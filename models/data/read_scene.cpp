@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <map>
 
+#include "models/data/kitti.h"
 #include "models/data/pandaset.h"
 #include "models/data/paths.h"
 #include "models/data/transforms_json.h"
@@ -19,6 +20,7 @@ constexpr SceneReader kReaders[] = {
     {"transforms.json", "transforms.json (nerfstudio, instant-ngp), transforms_train.json (NeRF-synthetic)",
      is_transforms_json, read_transforms_json},
     {"PandaSet", "camera/*_camera/poses.json, lidar/poses.json (PandaSet)", is_pandaset, read_pandaset},
+    {"KITTI", "image_02/data, velodyne_points/data, oxts/data in a drive's folder (KITTI raw)", is_kitti, read_kitti},
 };
 
 constexpr std::size_t kMostEntries = 10000;

@@ -1,0 +1,484 @@
+// See kitti.h. Frames of axes: imu and velo x forward, y left, z up; cameras x right, y down, z forward; rect is camera
+// 0 after rectification, in which the images of all four lie.
+#include "models/data/kitti.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <numbers>
+#include <optional>
+#include <pugixml.hpp>
+#include <set>
+#include <string_view>
+
+#include "models/data/log_builder.h"
+#include "models/data/paths.h"
+#include "models/data/poses.h"
+#include "models/io/bytes.h"
+#include "models/io/image.h"
+#include "models/io/safetensors_header.h"  // printable
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kCameras = 4;
+constexpr int kMostSteps = 100000;
+constexpr std::size_t kMostEntries = 10000;  // folders that are looked at in search of drives
+constexpr std::uint64_t kMostTextBytes = std::uint64_t{16} << 20, kMostXmlBytes = std::uint64_t{32} << 20;
+constexpr double kEarthRadius = 6378137;  // metres, at the equator
+constexpr double kFarthest = 1e5;         // metres that a drive leads away
+constexpr double kFrameRate = 10;         // Hz, where time stamps are missing
+constexpr double kRadians = std::numbers::pi / 180;
+
+std::string camera_name(int camera) { return text("image_0", camera); }
+
+std::string padded(int number, std::size_t width) {
+  const std::string digits = std::to_string(number);
+  return std::string(width - std::min(width, digits.size()), '0') + digits;
+}
+
+std::string number_name(int step) { return padded(step, 10); }
+
+bool is_folder(const fs::path& path) {
+  std::error_code error;
+  return fs::is_directory(path, error);
+}
+
+bool is_drive(const fs::path& folder) {
+  for (int camera = 0; camera < kCameras; ++camera) {
+    if (is_folder(folder / camera_name(camera) / "data")) return true;
+  }
+  return is_folder(folder / "velodyne_points" / "data") && is_folder(folder / "oxts" / "data");
+}
+
+std::vector<fs::path> folders_in(const fs::path& folder) {
+  std::vector<fs::path> found;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    if (found.size() < kMostEntries && is_folder(entry->path())) found.push_back(entry->path());
+  }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+std::vector<fs::path> drives_in(const fs::path& root) {
+  if (is_drive(root)) return {root};
+  std::vector<fs::path> drives;
+  for (const fs::path& folder : folders_in(root)) {
+    if (is_drive(folder)) {
+      drives.push_back(folder);
+      continue;
+    }
+    for (const fs::path& inner : folders_in(folder)) {
+      if (is_drive(inner)) drives.push_back(inner);
+    }
+  }
+  return drives;
+}
+
+fs::path one_drive(const fs::path& root) {
+  const auto drives = drives_in(root);
+  if (drives.size() == 1) return drives[0] == root ? root : resolve_inside(root, fs::relative(drives[0], root));
+  constexpr std::size_t most = 10;
+  std::string names;
+  for (std::size_t i = 0; i < std::min(most, drives.size()); ++i) names += "\n  " + drives[i].string();
+  throw Error(Fault::data, text(root.string(), ": holds ", drives.size(), " drives, want one; give the folder of one:",
+                                names, drives.size() > most ? "\n  ..." : ""));
+}
+
+std::string read_text(const fs::path& path) {
+  const auto bytes = read_file(path, kMostTextBytes);
+  return {bytes.begin(), bytes.end()};
+}
+
+std::vector<std::string> lines_of(const std::string& content) {
+  std::vector<std::string> lines;
+  for (std::size_t start = 0; start < content.size();) {
+    const std::size_t end = std::min(content.find('\n', start), content.size());
+    lines.push_back(content.substr(start, end - start));
+    start = end + 1;
+  }
+  return lines;
+}
+
+double number_of(std::string_view word, const std::string& where) {
+  double value = 0;
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+  if (error == std::errc() && end == word.data() + word.size() && std::isfinite(value)) return value;
+  throw Error(Fault::data, text(where, ": looked for a finite number, found '", printable(word), "'"));
+}
+
+// The first `count` numbers of a line.
+std::vector<double> numbers_of(std::string_view line, std::size_t count, const std::string& where) {
+  constexpr std::string_view spaces = " \t\r\n";
+  std::vector<double> numbers;
+  while (numbers.size() < count) {
+    line.remove_prefix(std::min(line.find_first_not_of(spaces), line.size()));
+    if (line.empty()) throw Error(Fault::data, text(where, ": looked for ", count, " numbers, found ", numbers.size()));
+    const std::string_view word = line.substr(0, line.find_first_of(spaces));
+    numbers.push_back(number_of(word, where));
+    line.remove_prefix(word.size());
+  }
+  return numbers;
+}
+
+/// A file of lines "name: numbers".
+class Calibration {
+ public:
+  explicit Calibration(const fs::path& path) : path_(path) {
+    if (!is_file(path)) {
+      throw Error(Fault::data, text(path.string(), " is missing: a drive needs its day's calibration in the folder ",
+                                    "above it (the archive ..._calib.zip)"));
+    }
+    for (const std::string& line : lines_of(read_text(path))) {
+      const std::size_t colon = line.find(':');
+      if (colon != std::string::npos) entries_.emplace(line.substr(0, colon), line.substr(colon + 1));
+    }
+  }
+
+  bool has(const std::string& name) const { return entries_.contains(name); }
+  std::string where(const std::string& name) const { return text(path_.string(), ": ", name); }
+
+  std::vector<double> numbers(const std::string& name, std::size_t count) const {
+    if (!has(name)) throw Error(Fault::data, text(where(name), " is missing"));
+    return numbers_of(entries_.at(name), count, where(name));
+  }
+
+  Eigen::Matrix3d matrix3(const std::string& name) const {
+    return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(numbers(name, 9).data());
+  }
+
+  /// Rotation R and translation T.
+  Eigen::Matrix4d pose() const {
+    Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
+    pose.topLeftCorner<3, 3>() = matrix3("R");
+    pose.topRightCorner<3, 1>() = Eigen::Vector3d(numbers("T", 3).data());
+    return rigid(pose, where("R"));
+  }
+
+ private:
+  fs::path path_;
+  std::map<std::string, std::string> entries_;
+};
+
+Eigen::Matrix4d inverse(const Eigen::Matrix4d& pose) { return Eigen::Isometry3d(pose).inverse().matrix(); }
+
+// "2011-09-26 13:04:44.540000000" in seconds since 1970, as if it were UTC; nothing for an empty line.
+std::optional<double> time_of(std::string_view line, const std::string& where) {
+  while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.remove_suffix(1);
+  if (line.empty()) return {};
+  const bool shaped = line.size() >= 19 && line[4] == '-' && line[7] == '-' && (line[10] == ' ' || line[10] == 'T') &&
+                      line[13] == ':' && line[16] == ':';
+  if (!shaped) {
+    throw Error(Fault::data,
+                text(where, ": looked for a time as 2011-09-26 13:04:44.540000000, found '", printable(line), "'"));
+  }
+  const auto whole = [&](std::size_t start, std::size_t size) {
+    int value = -1;  // no part of a time
+    std::from_chars(line.data() + start, line.data() + start + size, value);
+    return value;
+  };
+  const std::chrono::year_month_day day{std::chrono::year(whole(0, 4)), std::chrono::month(unsigned(whole(5, 2))),
+                                        std::chrono::day(unsigned(whole(8, 2)))};
+  if (!day.ok()) throw Error(Fault::data, text(where, ": there is no day '", printable(line.substr(0, 10)), "'"));
+  const double days = double(std::chrono::sys_days(day).time_since_epoch().count());
+  return 86400 * days + 3600 * whole(11, 2) + 60 * whole(14, 2) + number_of(line.substr(17), where);
+}
+
+/// The time stamps of one sensor, a line a frame.
+class TimeStamps {
+ public:
+  TimeStamps() = default;
+  TimeStamps(const fs::path& drive, const std::string& file) : file_(file) {
+    const fs::path path = resolve_inside(drive, file);
+    if (is_file(path)) lines_ = lines_of(read_text(path));
+  }
+
+  std::optional<double> at(int step) const {
+    if (std::size_t(step) >= lines_.size()) return {};
+    return time_of(lines_[std::size_t(step)], text(file_, ", line ", step + 1));
+  }
+
+ private:
+  std::string file_;
+  std::vector<std::string> lines_;
+};
+
+// Frame numbers of the files in a folder: 0000000007.png is 7. Other names are no frames.
+std::set<int> numbers_in(const fs::path& folder, const char* extension) {
+  std::set<int> numbers;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    const std::string stem = entry->path().stem().string();
+    int number = 0;
+    const auto [last, failed] = std::from_chars(stem.data(), stem.data() + stem.size(), number);
+    const bool named = failed == std::errc() && last == stem.data() + stem.size() && stem.size() == 10;
+    if (named && number >= 0 && number < kMostSteps && entry->path().extension() == extension) numbers.insert(number);
+  }
+  return numbers;
+}
+
+Eigen::Matrix4d pose_of(const Eigen::Vector3d& roll_pitch_yaw, const Eigen::Vector3d& position) {
+  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
+  pose.topLeftCorner<3, 3>() = (Eigen::AngleAxisd(roll_pitch_yaw.z(), Eigen::Vector3d::UnitZ()) *
+                                Eigen::AngleAxisd(roll_pitch_yaw.y(), Eigen::Vector3d::UnitY()) *
+                                Eigen::AngleAxisd(roll_pitch_yaw.x(), Eigen::Vector3d::UnitX()))
+                                   .toRotationMatrix();
+  pose.topRightCorner<3, 1>() = position;
+  return pose;
+}
+
+/// What GPS and inertial sensors tell: angles in radians, metres above the sea.
+struct Oxts {
+  double latitude = 0, longitude = 0, altitude = 0;
+  Eigen::Vector3d roll_pitch_yaw = Eigen::Vector3d::Zero();  // yaw 0 is east, counter-clockwise
+};
+
+Oxts read_oxts(const std::string& content, const std::string& file) {
+  const auto values = numbers_of(content, 6, file);
+  if (std::abs(values[0]) > 85 || std::abs(values[1]) > 360) {
+    throw Error(Fault::data, text(file, ": latitude ", values[0], ", longitude ", values[1], " degrees"));
+  }
+  return {values[0] * kRadians, values[1] * kRadians, values[2], {values[3], values[4], values[5]}};
+}
+
+// As the devkit's convertOxtsToPose: Mercator's projection, scaled to metres at the first frame's latitude.
+Eigen::Vector3d position(const Oxts& oxts, const Oxts& first) {
+  const double scale = kEarthRadius * std::cos(first.latitude);
+  const double north = std::log(std::tan(std::numbers::pi / 4 + oxts.latitude / 2));
+  return {scale * oxts.longitude, scale * north, oxts.altitude};
+}
+
+class DriveReader {
+ public:
+  DriveReader(const fs::path& drive, const ReadOptions& options)
+      : drive_(drive),
+        log_(drive, "KITTI", options),
+        cameras_(calibration("calib_cam_to_cam.txt")),
+        oxts_times_(drive, "oxts/timestamps.txt"),
+        sweep_times_(drive, "velodyne_points/timestamps.txt") {
+    const Eigen::Matrix4d velo_from_imu = calibration("calib_imu_to_velo.txt").pose(),
+                          cam0_from_velo = calibration("calib_velo_to_cam.txt").pose();
+    Eigen::Matrix4d rect_from_cam0 = Eigen::Matrix4d::Identity();
+    rect_from_cam0.topLeftCorner<3, 3>() = cameras_.matrix3("R_rect_00");
+    imu_from_velo_ = inverse(velo_from_imu);
+    imu_from_rect_ =
+        imu_from_velo_ * inverse(cam0_from_velo) * inverse(rigid(rect_from_cam0, cameras_.where("R_rect_00")));
+  }
+
+  Scene read() {
+    if (drive_.filename().string().ends_with("_extract")) {
+      throw Error(Fault::data, text(drive_.string(), ": is an unsynchronised drive, whose images are not rectified; ",
+                                    "download the one named ..._sync"));
+    }
+    read_poses();
+    for (int camera = 0; camera < kCameras; ++camera) {
+      if (is_folder(resolve_inside(drive_, camera_name(camera) + "/data"))) read_camera(camera);
+    }
+    if (is_folder(resolve_inside(drive_, "velodyne_points/data"))) read_sweeps();
+    if (is_file(resolve_inside(drive_, "tracklet_labels.xml"))) log_.guarded("tracklets", [&] { read_tracklets(); });
+    return log_.finish("image_0*/data");
+  }
+
+ private:
+  Calibration calibration(const char* name) const { return Calibration(resolve_inside(drive_.parent_path(), name)); }
+
+  std::set<int> numbers(const std::string& folder, const char* extension) const {
+    return numbers_in(resolve_inside(drive_, folder), extension);
+  }
+
+  void read_poses() {
+    std::optional<Oxts> first;
+    for (const int step : numbers("oxts/data", ".txt")) {
+      const std::string file = "oxts/data/" + number_name(step) + ".txt";
+      log_.guarded("pose", [&] {
+        const Oxts oxts = read_oxts(read_text(resolve_inside(drive_, file)), file);
+        if (!first) first = oxts;
+        const Eigen::Vector3d place = position(oxts, *first) - position(*first, *first);
+        if (place.norm() > kFarthest) {
+          throw Error(Fault::data, text(file, ": the car is ", place.norm(), " m away from its first pose"));
+        }
+        world_from_imu_.emplace(step, rigid(pose_of(oxts.roll_pitch_yaw, place), file));
+      });
+    }
+    if (!world_from_imu_.empty()) return;
+    throw Error(Fault::data, text(drive_.string(), ": no pose: looked for oxts/data/0000000000.txt and so on, which ",
+                                  "the archives ..._sync.zip hold"));
+  }
+
+  // Files of one sensor by step: those that are there, and those that the poses lead one to expect.
+  template <class Add>
+  void for_each_step(const std::string& folder, const char* extension, Add add) {
+    const std::set<int> found = numbers(folder, extension);
+    std::set<int> steps = found;
+    for (const auto& [step, pose] : world_from_imu_) steps.insert(step);
+    for (const int step : steps) {
+      const std::string file = folder + "/" + number_name(step) + extension;
+      const auto pose = world_from_imu_.find(step);
+      if (!found.contains(step)) {
+        log_.missing(file);
+      } else if (pose == world_from_imu_.end()) {
+        log_.missing("oxts/data/" + number_name(step) + ".txt");
+      } else {
+        add(step, file, pose->second);
+      }
+    }
+  }
+
+  void read_camera(int number) {
+    const std::string name = camera_name(number), folder = name + "/data";
+    const TimeStamps times(drive_, name + "/timestamps.txt");
+    const char* extension = numbers(folder, ".png").empty() && !numbers(folder, ".jpg").empty() ? ".jpg" : ".png";
+    std::optional<RectifiedCamera> camera;
+    for_each_step(folder, extension, [&](int step, const std::string& file, const Eigen::Matrix4d& world_from_imu) {
+      ++scene_.frames_listed;
+      log_.guarded("frame", [&] {
+        if (!camera) camera = read_intrinsics(number, file);
+        Frame frame;
+        frame.name = frame.image = file;
+        frame.sensor = name;
+        frame.step = step;
+        frame.timestamp = time_at(times, step);
+        frame.world_from_camera = world_from_imu * imu_from_rect_ * camera->rect_from_camera;
+        frame.camera = find_or_add(scene_.cameras, camera->intrinsics);
+        scene_.frames.push_back(std::move(frame));
+      });
+    });
+  }
+
+  struct RectifiedCamera {
+    Camera intrinsics;
+    Eigen::Matrix4d rect_from_camera = Eigen::Matrix4d::Identity();
+  };
+
+  // P_rect = K [I | t]: pixels from points in rect, with the camera at -t. No half pixel is added to the centre: LiDAR
+  // fits the images better without.
+  RectifiedCamera read_intrinsics(int number, const std::string& image) const {
+    const std::string key = text("P_rect_0", number), size_key = text("S_rect_0", number);
+    const auto values = cameras_.numbers(key, 12);
+    const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> projection(values.data());
+    const Eigen::Matrix3d intrinsics = projection.leftCols<3>();
+    const Eigen::Vector3d others(intrinsics(0, 1), intrinsics(1, 0), intrinsics(2, 0));
+    if (others.norm() > 1e-6 || std::abs(intrinsics(2, 1)) > 1e-9 || std::abs(intrinsics(2, 2) - 1) > 1e-9) {
+      throw Error(Fault::data, text(cameras_.where(key), " is no projection of a rectified image: looked for ",
+                                    "fx 0 cx ., 0 fy cy ., 0 0 1 ."));
+    }
+    RectifiedCamera camera;
+    camera.intrinsics.fx = intrinsics(0, 0);
+    camera.intrinsics.fy = intrinsics(1, 1);
+    camera.intrinsics.cx = intrinsics(0, 2);
+    camera.intrinsics.cy = intrinsics(1, 2);
+    require_sound(camera.intrinsics, cameras_.where(key));
+    camera.rect_from_camera.topRightCorner<3, 1>() = -(intrinsics.inverse() * projection.col(3));
+    camera.rect_from_camera = rigid(camera.rect_from_camera, cameras_.where(key));
+    set_size(camera.intrinsics, size_key, image);
+    return camera;
+  }
+
+  void set_size(Camera& camera, const std::string& key, const std::string& image) const {
+    if (!cameras_.has(key)) {
+      const ImageSize size = read_image_size(resolve_inside(drive_, image));
+      camera.width = size.width;
+      camera.height = size.height;
+      return;
+    }
+    constexpr double longest = 1 << 17;
+    const auto size = cameras_.numbers(key, 2);
+    const bool sound = std::all_of(size.begin(), size.end(), [](double side) { return side >= 1 && side <= longest; });
+    if (!sound) throw Error(Fault::data, text(cameras_.where(key), " is ", size[0], " by ", size[1], " pixels"));
+    camera.width = int(size[0]);
+    camera.height = int(size[1]);
+  }
+
+  double time_at(const TimeStamps& times, int step) const {
+    if (const auto own = times.at(step)) return *own;
+    return oxts_times_.at(step).value_or(step / kFrameRate);
+  }
+
+  void read_sweeps() {
+    for_each_step(
+        "velodyne_points/data", ".bin", [&](int step, const std::string& file, const Eigen::Matrix4d& world_from_imu) {
+          log_.guarded("sweep", [&] {
+            scene_.sweeps.push_back(
+                {file, time_at(sweep_times_, step), world_from_imu * imu_from_velo_, step, Split::train, false});
+          });
+        });
+  }
+
+  // The XML of a Boost archive: <tracklets> with an <item> each, whose <poses> have an <item> a frame.
+  void read_tracklets() {
+    const std::string file = "tracklet_labels.xml";
+    auto bytes = read_file(resolve_inside(drive_, file), kMostXmlBytes);
+    pugi::xml_document document;  // expands no entity that a file defines
+    const auto parsed = document.load_buffer_inplace(bytes.data(), bytes.size());
+    if (!parsed) throw Error(Fault::data, text(file, ": byte ", parsed.offset, ": ", parsed.description()));
+    const pugi::xml_node tracklets = document.child("boost_serialization").child("tracklets");
+    if (!tracklets) throw Error(Fault::data, text(file, ": has no <tracklets> in <boost_serialization>"));
+    int index = 0;
+    for (const pugi::xml_node tracklet : tracklets.children("item")) {
+      const std::string id = padded(index++, 3);
+      log_.guarded("tracklet", [&] { read_tracklet(tracklet, id, text(file, ", tracklet ", id)); });
+    }
+    if (boxes_without_pose_ > 0)
+      scene_.warnings.push_back(text(boxes_without_pose_, " boxes dropped: their frames have no pose in oxts/data"));
+  }
+
+  static double value_of(const pugi::xml_node& node, const char* key, const std::string& where) {
+    const pugi::xml_node child = node.child(key);
+    if (!child) throw Error(Fault::data, text(where, ": <", key, "> is missing"));
+    return number_of(child.text().get(), text(where, ": <", key, ">"));
+  }
+
+  void read_tracklet(const pugi::xml_node& tracklet, const std::string& id, const std::string& where) {
+    const double height = value_of(tracklet, "h", where), first = value_of(tracklet, "first_frame", where);
+    const Eigen::Vector3d size(value_of(tracklet, "w", where), value_of(tracklet, "l", where), height);
+    if (!(first >= 0 && first < kMostSteps)) throw Error(Fault::data, text(where, ": <first_frame> is ", first));
+    const std::string label = printable(tracklet.child("objectType").text().get());
+    int step = int(first);
+    for (const pugi::xml_node pose : tracklet.child("poses").children("item")) {
+      const std::string place = text(where, ", frame ", step);
+      const Eigen::Matrix4d velo_from_box = read_box(pose, height, place);
+      const auto car = world_from_imu_.find(step);
+      if (car == world_from_imu_.end())
+        ++boxes_without_pose_;
+      else
+        log_.add(
+            {id, label, size, false, {step, time_at(sweep_times_, step), car->second * imu_from_velo_ * velo_from_box}},
+            place);
+      ++step;
+    }
+  }
+
+  // A tracklet's x points forward and its origin is the middle of the underside; here y does, and it is the centre.
+  static Eigen::Matrix4d read_box(const pugi::xml_node& pose, double height, const std::string& where) {
+    const auto value = [&](const char* key) { return value_of(pose, key, where); };
+    const Eigen::Vector3d angles(value("rx"), value("ry"), value("rz")), place(value("tx"), value("ty"), value("tz"));
+    Eigen::Matrix4d tracklet_from_box = Eigen::Matrix4d::Identity();
+    tracklet_from_box.topLeftCorner<3, 3>() << 0, 1, 0, -1, 0, 0, 0, 0, 1;
+    tracklet_from_box(2, 3) = height / 2;
+    return pose_of(angles, place) * tracklet_from_box;
+  }
+
+  fs::path drive_;
+  LogBuilder log_;
+  Scene& scene_ = log_.scene;
+  Calibration cameras_;
+  TimeStamps oxts_times_, sweep_times_;
+  Eigen::Matrix4d imu_from_velo_ = Eigen::Matrix4d::Identity(), imu_from_rect_ = Eigen::Matrix4d::Identity();
+  std::map<int, Eigen::Matrix4d> world_from_imu_;
+  int boxes_without_pose_ = 0;
+};
+
+}  // namespace
+
+bool is_kitti(const fs::path& root) { return !drives_in(root).empty(); }
+
+Scene read_kitti(const fs::path& root, const ReadOptions& options) {
+  return DriveReader(one_drive(root), options).read();
+}
+
+}  // namespace cloam
