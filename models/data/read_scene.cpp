@@ -7,6 +7,7 @@
 #include "models/data/kitti.h"
 #include "models/data/pandaset.h"
 #include "models/data/paths.h"
+#include "models/data/rig.h"
 #include "models/data/transforms_json.h"
 #include "runtime/error.h"
 
@@ -20,6 +21,7 @@ constexpr SceneReader kReaders[] = {
     {"transforms.json", "transforms.json (nerfstudio, instant-ngp), transforms_train.json (NeRF-synthetic)",
      is_transforms_json, read_transforms_json},
     {"PandaSet", "camera/*_camera/poses.json, lidar/poses.json (PandaSet)", is_pandaset, read_pandaset},
+    {"rig", "rig.json (a car of your own: docs/formats.md)", is_rig, read_rig},
     {"KITTI", "image_02/data, velodyne_points/data, oxts/data in a drive's folder (KITTI raw)", is_kitti, read_kitti},
 };
 

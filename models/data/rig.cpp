@@ -1,0 +1,276 @@
+// See rig.h.
+#include "models/data/rig.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "models/data/json.h"
+#include "models/data/log_builder.h"
+#include "models/data/paths.h"
+#include "models/data/poses.h"
+#include "models/data/transforms_json.h"
+#include "models/io/safetensors_header.h"  // printable
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kFile = "rig.json";
+constexpr double kFarthest = 1e5;  // metres; float32 still tells 8 mm apart there
+
+// A list that may be absent.
+const Json& entries(const Json& json, const char* key) {
+  static const Json nothing = Json::array();
+  return json.contains(key) ? array(json, key, kFile) : nothing;
+}
+
+Eigen::Vector3d vector3(const Json& object, const std::string& key, const std::string& where) {
+  const Json& values = array(object, key, where);
+  const bool sound =
+      values.size() == 3 && std::all_of(values.begin(), values.end(), [](const Json& v) { return v.is_number(); });
+  const Eigen::Vector3d result =
+      sound ? Eigen::Vector3d(values[0].get<double>(), values[1].get<double>(), values[2].get<double>())
+            : Eigen::Vector3d::Constant(NAN);
+  if (!result.allFinite()) throw Error(Fault::data, text(where, ": ", key, " is not a list of 3 finite numbers"));
+  return result;
+}
+
+Eigen::Matrix4d checked_pose(const Eigen::Matrix4d& given, const std::string& where) {
+  const Eigen::Matrix4d pose = rigid(given, where);
+  if (pose.topRightCorner<3, 1>().cwiseAbs().maxCoeff() < kFarthest) return pose;
+  throw Error(Fault::data, text(where, ": lies more than ", kFarthest, " m from the origin; subtract one offset from ",
+                                "all positions, so that they begin near 0"));
+}
+
+Eigen::Matrix4d read_pose(const Json& object, const std::string& key, const std::string& where) {
+  return checked_pose(matrix4(object, key, where), text(where, ": ", key));
+}
+
+// world_from_box, or position and yaw; yaw 0 looks along the world's y, as the box's own axes do.
+Eigen::Matrix4d read_box_pose(const Json& box, const std::string& where) {
+  if (box.is_object() && box.contains("world_from_box")) return read_pose(box, "world_from_box", where);
+  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
+  pose.topLeftCorner<3, 3>() =
+      Eigen::AngleAxisd(number(box, "yaw", where), Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  pose.topRightCorner<3, 1>() = vector3(box, "position", where);
+  return checked_pose(pose, text(where, ": position"));
+}
+
+/// The moments that steps are counted by.
+class Moments {
+ public:
+  Moments() = default;
+  explicit Moments(std::vector<double> times) : times_(std::move(times)) {
+    std::sort(times_.begin(), times_.end());
+    times_.erase(std::unique(times_.begin(), times_.end()), times_.end());
+    std::vector<double> gaps;
+    for (std::size_t i = 1; i < times_.size(); ++i) gaps.push_back(times_[i] - times_[i - 1]);
+    if (gaps.empty()) return;
+    std::nth_element(gaps.begin(), gaps.begin() + std::ptrdiff_t(gaps.size() / 2), gaps.end());
+    usual_gap_ = gaps[gaps.size() / 2];
+  }
+
+  bool empty() const { return times_.empty(); }
+
+  int nearest(double time) const {
+    const auto after = std::lower_bound(times_.begin(), times_.end(), time);
+    if (after == times_.begin()) return 0;
+    const bool earlier = after == times_.end() || time - *std::prev(after) <= *after - time;
+    return int(after - times_.begin()) - earlier;
+  }
+
+  double distance(double time) const { return std::abs(times_[std::size_t(nearest(time))] - time); }
+  bool near(double time) const { return distance(time) <= usual_gap_; }
+
+  std::string range() const { return text("from ", times_.front(), " to ", times_.back(), " s"); }
+
+ private:
+  std::vector<double> times_;
+  double usual_gap_ = INFINITY;
+};
+
+class RigReader {
+ public:
+  RigReader(const fs::path& root, const ReadOptions& options)
+      : log_(root, "rig", options), json_(parse_json_file(resolve_inside(root, kFile))) {}
+
+  Scene read() {
+    cameras_ = &member(json_, "cameras", kFile);
+    if (!cameras_->is_object()) throw Error(Fault::data, text(kFile, ": cameras is not an object of cameras by name"));
+    scene_.night = flag(json_, "night", false, kFile);
+    read_sweeps();
+    read_frames();
+    read_actors();
+    if (extra_images_ > 0) {
+      scene_.warnings.push_back(text(extra_images_, " of ", scene_.frames_listed,
+                                     " images left out: of each camera a step has the one ",
+                                     "nearest in time; steps (sweeps, if there are any) run ", moments_.range()));
+    }
+    return log_.finish("rig.json");
+  }
+
+ private:
+  void read_sweeps() {
+    const Json& sweeps = entries(json_, "sweeps");
+    for (std::size_t i = 0; i < sweeps.size(); ++i) {
+      log_.guarded("sweep", [&] { read_sweep(sweeps[i], text(kFile, ": sweeps[", i, "]")); });
+    }
+    std::stable_sort(scene_.sweeps.begin(), scene_.sweeps.end(),
+                     [](const Sweep& a, const Sweep& b) { return a.timestamp < b.timestamp; });
+    std::vector<double> times;
+    for (Sweep& sweep : scene_.sweeps) {
+      sweep.step = int(times.size());
+      if (!times.empty() && times.back() == sweep.timestamp) {
+        throw Error(Fault::data, text(kFile, ": sweeps has two of timestamp ", sweep.timestamp,
+                                      "; write the points of several LiDARs into one file"));
+      }
+      times.push_back(sweep.timestamp);
+    }
+    moments_ = Moments(std::move(times));
+  }
+
+  void read_sweep(const Json& json, const std::string& where) {
+    Sweep sweep;
+    sweep.file = string(json, "points", where);
+    const std::string extension = fs::path(sweep.file).extension().string();
+    const bool there = is_file(resolve_inside(scene_.root, sweep.file));
+    if (extension != ".ply" && extension != ".npy") {
+      throw Error(Fault::data, text(where, ": points is ", printable(sweep.file), ", want a .ply or .npy file"));
+    }
+    sweep.timestamp = number(json, "timestamp", where);
+    sweep.world_from_lidar = read_pose(json, "world_from_lidar", where);
+    sweep.points_in_world = flag(json, "points_in_world", false, where);
+    if (there)
+      scene_.sweeps.push_back(std::move(sweep));
+    else
+      log_.missing(sweep.file);
+  }
+
+  void read_frames() {
+    const Json& frames = array(json_, "frames", kFile);
+    scene_.frames_listed = frames.size();
+    std::vector<Frame> read;
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      log_.guarded("frame", [&] { read_frame(frames[i], text(kFile, ": frames[", i, "]"), read); });
+    }
+    if (moments_.empty()) moments_ = moments_of_images(read);
+    keep_nearest(read);
+    if (!read.empty() && scene_.frames.empty()) {
+      throw Error(Fault::data, text(kFile, ": no timestamp in frames is near one in sweeps, which run ",
+                                    moments_.range(), ": do they come from one clock?"));
+    }
+  }
+
+  // Of each camera the image nearest to each step.
+  void keep_nearest(const std::vector<Frame>& read) {
+    std::map<std::pair<std::string, int>, std::size_t> nearest;
+    for (std::size_t i = 0; i < read.size(); ++i) {
+      const double time = *read[i].timestamp;
+      if (!moments_.near(time)) continue;
+      const auto [found, first] = nearest.emplace(std::pair(read[i].sensor, moments_.nearest(time)), i);
+      if (moments_.distance(time) < moments_.distance(*read[found->second].timestamp)) found->second = i;
+    }
+    std::map<std::size_t, int> kept;  // in the order listed
+    for (const auto& [place, index] : nearest) kept.emplace(index, place.second);
+    for (const auto& [index, step] : kept) {
+      scene_.frames.push_back(read[index]);
+      scene_.frames.back().step = step;
+    }
+    extra_images_ = read.size() - kept.size();
+  }
+
+  static Moments moments_of_images(const std::vector<Frame>& frames) {
+    std::map<std::string, std::vector<double>> times;
+    for (const Frame& frame : frames) times[frame.sensor].push_back(*frame.timestamp);
+    std::vector<double> most;
+    for (auto& [sensor, own] : times) {
+      if (own.size() > most.size()) most = std::move(own);
+    }
+    return Moments(std::move(most));
+  }
+
+  void read_frame(const Json& json, const std::string& where, std::vector<Frame>& read) {
+    Frame frame;
+    frame.name = frame.image = string(json, "image", where);
+    const fs::path image = resolve_inside(scene_.root, frame.image);
+    frame.sensor = string(json, "camera", where);
+    frame.timestamp = number(json, "timestamp", where);
+    frame.world_from_camera = read_pose(json, "world_from_camera", where);
+    frame.mask = optional_string(json, "mask", where);
+    if (frame.mask && !is_file(resolve_inside(scene_.root, *frame.mask)))
+      throw Error(Fault::data, text(where, ": mask: there is no ", *frame.mask));
+    const Json& camera = camera_of(frame.sensor, where);
+    if (!is_file(image)) {
+      log_.missing(frame.image);
+      return;
+    }
+    const std::string place = text(kFile, ": cameras: ", frame.sensor);
+    frame.camera = find_or_add(scene_.cameras, read_camera_json(camera, camera, image, place));
+    read.push_back(std::move(frame));
+  }
+
+  const Json& camera_of(const std::string& name, const std::string& where) const {
+    const auto found = cameras_->find(name);
+    if (found != cameras_->end() && found->is_object() && name == printable(name)) return *found;
+    std::vector<std::string> names;
+    for (const auto& [other, camera] : cameras_->items()) names.push_back(printable(other));
+    const std::string near = nearest_name(name, names);
+    throw Error(Fault::data, text(where, ": camera is ", printable(name), ", which is no object in cameras",
+                                  near.empty() ? "" : "; did you mean " + near + "?"));
+  }
+
+  void read_actors() {
+    const Json& actors = entries(json_, "actors");
+    for (std::size_t i = 0; i < actors.size(); ++i) {
+      const std::string where = text(kFile, ": actors[", i, "]");
+      log_.guarded("actor", [&] { read_actor(actors[i], where); });
+    }
+  }
+
+  void read_actor(const Json& json, const std::string& where) {
+    LabelledBox labelled;
+    labelled.id = printable(string(json, "id", where));
+    labelled.label = printable(string(json, "label", where));
+    labelled.size = vector3(json, "size", where);
+    labelled.stationary = flag(json, "stationary", false, where);
+    if (!ids_.insert(labelled.id).second)
+      throw Error(Fault::data, text(where, ": id: two actors are named ", labelled.id));
+    std::map<int, std::pair<ActorBox, std::string>> boxes;  // by step, the nearest in time
+    const Json& listed = array(json, "boxes", where);
+    for (std::size_t i = 0; i < listed.size(); ++i) {
+      const std::string place = text(where, ".boxes[", i, "]");
+      ActorBox box;
+      box.timestamp = number(listed[i], "timestamp", place);
+      box.world_from_box = read_box_pose(listed[i], place);
+      if (moments_.empty() || !moments_.near(box.timestamp)) continue;
+      box.step = moments_.nearest(box.timestamp);
+      const auto [found, first] = boxes.emplace(box.step, std::pair(box, place));
+      if (moments_.distance(box.timestamp) < moments_.distance(found->second.first.timestamp))
+        found->second = {box, place};
+    }
+    for (const auto& [step, box] : boxes) {
+      labelled.box = box.first;
+      log_.add(labelled, box.second);
+    }
+  }
+
+  LogBuilder log_;
+  Scene& scene_ = log_.scene;
+  Json json_;
+  const Json* cameras_ = nullptr;
+  Moments moments_;
+  std::set<std::string> ids_;
+  std::size_t extra_images_ = 0;
+};
+
+}  // namespace
+
+bool is_rig(const fs::path& root) { return is_file(root / kFile); }
+
+Scene read_rig(const fs::path& root, const ReadOptions& options) { return RigReader(root, options).read(); }
+
+}  // namespace cloam
