@@ -9,6 +9,7 @@ Command add_eval(CLI::App& program);
 Command add_render(CLI::App& program);
 Command add_check(CLI::App& program);
 Command add_demo(CLI::App& program);
+Command add_synth(CLI::App& program);
 Command add_info(CLI::App& program);
 Command add_selftest(CLI::App& program);
 Command add_bench(CLI::App& program);

@@ -105,7 +105,7 @@ int main_of(int argc, char** argv) {
   program.require_subcommand(0, 1);
   std::vector<Command> commands;
   for (const auto add :
-       {add_train, add_eval, add_render, add_check, add_demo, add_info, add_selftest, add_bench, add_tune}) {
+       {add_train, add_eval, add_render, add_check, add_demo, add_synth, add_info, add_selftest, add_bench, add_tune}) {
     commands.push_back(add(program));
   }
   const int parsed = parse(program, argc, argv);

@@ -2,7 +2,6 @@
 // loses more digits than the march.
 #include "models/data/ray_cast.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,12 +11,15 @@
 namespace cloam {
 namespace {
 
+using Eigen::AlignedBox3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kSurfaceOffset = 1e-6;  // how far a shadow ray starts from its surface
 
 Vector3d along(const Ray& ray, double distance) { return ray.origin + distance * ray.direction; }
+
+AlignedBox3d cube(double half) { return {Vector3d::Constant(-half), Vector3d::Constant(half)}; }
 
 /// Distances at which the ray enters and leaves a sphere about the origin.
 std::optional<std::pair<double, double>> sphere_span(const Ray& ray, double radius) {
@@ -38,6 +40,8 @@ class Sphere : public Solid {
     const double distance = span->first > nearest ? span->first : span->second;
     return RayHit{distance, along(ray, distance) / radius_};
   }
+
+  AlignedBox3d bounds() const override { return cube(radius_); }
 
  private:
   double radius_;
@@ -63,8 +67,66 @@ class Box : public Solid {
     return RayHit{enter, normal};
   }
 
+  AlignedBox3d bounds() const override { return {-half_, half_}; }
+
  private:
   Vector3d half_;
+};
+
+class Tapered : public Solid {
+ public:
+  explicit Tapered(const TaperedShape& shape) : bounds_(corner(shape, false), corner(shape, true)) {
+    const double height = shape.high - shape.low;
+    for (int axis = 0; axis < 2; ++axis) {
+      for (const double sign : {-1.0, 1.0}) {
+        const auto edge = [&](const Eigen::AlignedBox2d& box) { return sign > 0 ? box.max()[axis] : box.min()[axis]; };
+        // sign (x - edge(z)) <= 0, where edge(z) runs straight from bottom to top.
+        const double slope = (edge(shape.top) - edge(shape.bottom)) / height;
+        Vector3d normal = Vector3d::Zero();
+        normal[axis] = sign;
+        normal.z() = -sign * slope;
+        add(normal, sign * (edge(shape.bottom) - slope * shape.low));
+      }
+    }
+    add(-Vector3d::UnitZ(), -shape.low);
+    add(Vector3d::UnitZ(), shape.high);
+  }
+
+  // As the box, with planes that are not parallel.
+  std::optional<RayHit> hit(const Ray& ray, double nearest) const override {
+    double enter = nearest, leave = std::numeric_limits<double>::infinity();
+    int face = -1;
+    for (int i = 0; i < 6; ++i) {
+      const double speed = normals_[std::size_t(i)].dot(ray.direction),
+                   outside = normals_[std::size_t(i)].dot(ray.origin) - offsets_[std::size_t(i)];
+      if (speed == 0 && outside > 0) return std::nullopt;
+      const double distance = -outside / speed;
+      if (speed < 0 && distance > enter) enter = distance, face = i;
+      if (speed > 0) leave = std::min(leave, distance);
+      if (enter > leave) return std::nullopt;
+    }
+    if (face < 0) return std::nullopt;
+    return RayHit{enter, normals_[std::size_t(face)]};
+  }
+
+  AlignedBox3d bounds() const override { return bounds_; }
+
+ private:
+  static Vector3d corner(const TaperedShape& shape, bool far) {
+    const Eigen::AlignedBox2d all = shape.bottom.merged(shape.top);
+    const Vector2d place = far ? all.max() : all.min();
+    return {place.x(), place.y(), far ? shape.high : shape.low};
+  }
+
+  void add(const Vector3d& normal, double offset) {
+    normals_[count_] = normal.normalized();
+    offsets_[count_++] = offset / normal.norm();
+  }
+
+  AlignedBox3d bounds_;
+  std::array<Vector3d, 6> normals_;  // out of the solid
+  std::array<double, 6> offsets_{};
+  std::size_t count_ = 0;
 };
 
 class Ring : public Solid {
@@ -81,6 +143,11 @@ class Ring : public Solid {
       distance += clearance;
     }
     return std::nullopt;
+  }
+
+  AlignedBox3d bounds() const override {
+    const double reach = shape_.radius + shape_.thickness;
+    return {Vector3d(-reach, -shape_.thickness, -reach), Vector3d(reach, shape_.thickness, reach)};
   }
 
  private:
@@ -160,6 +227,10 @@ class Revolution : public Solid {
     return best;
   }
 
+  AlignedBox3d bounds() const override {
+    return {Vector3d(-radius_, -radius_, low_), Vector3d(radius_, radius_, high_)};
+  }
+
  private:
   static constexpr double kSlack = 1e-6;
 
@@ -204,6 +275,27 @@ class Revolution : public Solid {
   double low_ = std::numeric_limits<double>::infinity(), high_ = -low_;
 };
 
+class Placed : public Solid {
+ public:
+  Placed(std::unique_ptr<Solid> solid, const Vector3d& centre, const Eigen::Matrix3d& turn)
+      : solid_(std::move(solid)), centre_(centre), turn_(turn) {}
+
+  std::optional<RayHit> hit(const Ray& ray, double nearest) const override {
+    auto found = solid_->hit({turn_.transpose() * (ray.origin - centre_), turn_.transpose() * ray.direction}, nearest);
+    if (found) found->normal = turn_ * found->normal;
+    return found;
+  }
+
+  AlignedBox3d bounds() const override {
+    return solid_->bounds().transformed(Eigen::Affine3d(Eigen::Translation3d(centre_) * turn_));
+  }
+
+ private:
+  std::unique_ptr<Solid> solid_;
+  Vector3d centre_;
+  Eigen::Matrix3d turn_;
+};
+
 Ray to_object(const SceneObject& object, const Ray& ray) {
   const Eigen::Matrix3d solid_from_world = object.world_from_solid.transpose();
   return {solid_from_world * (ray.origin - object.centre), solid_from_world * ray.direction};
@@ -233,6 +325,10 @@ Vector3d light_at(const std::vector<SceneObject>& objects, const Vector3d& point
 
 std::unique_ptr<Solid> make_sphere(double radius) { return std::make_unique<Sphere>(radius); }
 std::unique_ptr<Solid> make_box(const Vector3d& half_size) { return std::make_unique<Box>(half_size); }
+std::unique_ptr<Solid> make_tapered(const TaperedShape& shape) { return std::make_unique<Tapered>(shape); }
+std::unique_ptr<Solid> make_placed(std::unique_ptr<Solid> solid, const Vector3d& centre, const Eigen::Matrix3d& turn) {
+  return std::make_unique<Placed>(std::move(solid), centre, turn);
+}
 std::unique_ptr<Solid> make_ring(const RingShape& shape) { return std::make_unique<Ring>(shape); }
 std::unique_ptr<Solid> make_revolution(const std::vector<Vector2d>& profile) {
   return std::make_unique<Revolution>(profile);

@@ -1,7 +1,7 @@
 // Exact rays against a handful of solids, Lambert shading with one sun and hard shadows: the truth behind the synthetic
 // scenes. World frame right-handed, z up, metres. Host code in double; nothing here is trained or differentiated.
 #pragma once
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -25,10 +25,18 @@ class Solid {
   virtual ~Solid() = default;
   /// The nearest hit further than `nearest` along the ray.
   virtual std::optional<RayHit> hit(const Ray& ray, double nearest) const = 0;
+  virtual Eigen::AlignedBox3d bounds() const = 0;
 };
 
 std::unique_ptr<Solid> make_sphere(double radius);
 std::unique_ptr<Solid> make_box(const Eigen::Vector3d& half_size);
+
+/// A box whose bottom and top are rectangles of different sizes and places. Rays that start inside it miss it.
+struct TaperedShape {
+  Eigen::AlignedBox2d bottom, top;  // in x and y
+  double low = 0, high = 1;         // z
+};
+std::unique_ptr<Solid> make_tapered(const TaperedShape& shape);
 
 /// Ring in the xz plane around the y axis; the part nearer than `cut` to the line x = cut_axis_x parallel to z is
 /// absent.
@@ -41,6 +49,10 @@ std::unique_ptr<Solid> make_ring(const RingShape& shape);
 /// Turns a profile of (radius, z) about the z axis. The profile runs from the axis to the axis with the solid on its
 /// left; edges of more than about 45 degrees stay sharp, the rest is shaded smoothly.
 std::unique_ptr<Solid> make_revolution(const std::vector<Eigen::Vector2d>& profile);
+
+/// The solid turned and then moved to `centre`.
+std::unique_ptr<Solid> make_placed(std::unique_ptr<Solid> solid, const Eigen::Vector3d& centre,
+                                   const Eigen::Matrix3d& turn);
 
 /// A smooth curve through the points (Catmull-Rom), `steps` pieces between neighbours.
 std::vector<Eigen::Vector2d> smooth_profile(const std::vector<Eigen::Vector2d>& points, int steps);

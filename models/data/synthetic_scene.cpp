@@ -10,6 +10,7 @@
 #include <string>
 #include <utility>
 
+#include "models/data/procedural.h"
 #include "models/data/ray_cast.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"
@@ -28,52 +29,6 @@ constexpr double kCameraDistance = 4.0;
 constexpr double kBoardTop = -0.62;
 constexpr int kSamplesPerSide = 2;
 const Vector3d kInk(0.07, 0.04, 0.035);  // the dark paint of the jar
-
-/// splitmix64 (Steele, Lea and Flood 2014): the standard library's distributions differ between implementations.
-uint64_t mixed(uint64_t x) {
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111eb;
-  return x ^ (x >> 31);
-}
-
-class Random {
- public:
-  explicit Random(uint64_t seed) : state_(mixed(seed + 1)) {}
-  double between(double low, double high) {
-    state_ += 0x9e3779b97f4a7c15;
-    return low + (high - low) * static_cast<double>(mixed(state_) >> 11) * 0x1p-53;
-  }
-
- private:
-  uint64_t state_;
-};
-
-double lattice_value(int x, int y, int z) {
-  const auto key =
-      (uint64_t{uint32_t(x)} * 73856093) ^ (uint64_t{uint32_t(y)} * 19349663) ^ (uint64_t{uint32_t(z)} * 83492791);
-  return static_cast<double>(mixed(key) >> 11) * 0x1p-53;
-}
-
-/// Smooth noise in [0,1] with features of about one unit.
-double noise(const Vector3d& p) {
-  const Vector3d cell = p.array().floor();
-  const Vector3d t = p - cell;
-  const Vector3d s = t.array().square() * (3.0 - 2.0 * t.array());
-  double sum = 0;
-  for (int corner = 0; corner < 8; ++corner) {
-    double weight = 1;
-    std::array<int, 3> at{};
-    for (int i = 0; i < 3; ++i) {
-      const int bit = (corner >> i) & 1;
-      at[size_t(i)] = int(cell[i]) + bit;
-      weight *= bit ? s[i] : 1 - s[i];
-    }
-    sum += weight * lattice_value(at[0], at[1], at[2]);
-  }
-  return sum;
-}
-
-Vector3d mix(const Vector3d& a, const Vector3d& b, double t) { return a + t * (b - a); }
 
 bool odd(double cells) { return static_cast<long>(std::floor(cells)) & 1; }
 
@@ -246,11 +201,6 @@ std::vector<Matrix4d> test_cameras(int count) {
     cameras.push_back(look_at_origin(azimuth, (32.5 + 12.5 * std::sin(2 * azimuth)) * kPi / 180));
   }
   return cameras;
-}
-
-double srgb(double linear) {
-  const double x = std::clamp(linear, 0.0, 1.0);
-  return x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
 }
 
 /// Sum over the samples of one pixel: encoded colour in [0,1] and, last, how many hit something.

@@ -1,0 +1,162 @@
+// cloam synth: streets that it makes itself, as driving logs with the truth beside them.
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "cli/commands.h"
+#include "models/data/pandaset.h"
+#include "models/data/paths.h"
+#include "models/data/street_log.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kExamples[] = R"(Make driving logs of invented streets in PandaSet's layout, with actor masks, depth and
+the same frames with all actors turned. Equal options give equal bytes.
+
+Examples:
+  cloam synth -o streets
+  cloam synth -o streets --logs 8 --frames 20 --night 0.25
+  cloam synth -o streets --logs 2 --size 160x90 --cameras front,front_left,back
+  cloam check streets/001)";
+
+struct SynthRequest {
+  std::string out, cameras = "front,front_left", size = "320x180";
+  int logs = 2;
+  bool no_truth = false, overwrite = false;
+  StreetLogOptions log;
+};
+
+/// "front,left_camera": names with or without _camera.
+std::vector<std::string> camera_list(const std::string& list) {
+  std::vector<std::string> cameras, known;
+  for (const std::string name : kPandasetCameras) known.push_back(name.substr(0, name.size() - 7));
+  for (const std::string& given : CLI::detail::split(list, ',')) {
+    const std::string ending = "_camera";
+    const bool ends = given.size() > ending.size() && given.ends_with(ending);
+    const std::string name = ends ? given.substr(0, given.size() - ending.size()) : given;
+    if (std::find(known.begin(), known.end(), name) == known.end()) {
+      std::string all;
+      for (const std::string& word : known) all += (all.empty() ? "" : ", ") + word;
+      const std::string near = nearest_name(name, known);
+      throw Error(Fault::usage, text("--cameras ", list, ": there is no camera '", given, "'; want some of ", all,
+                                     near.empty() ? "" : "; did you mean " + near + "?"));
+    }
+    if (std::find(cameras.begin(), cameras.end(), name + ending) == cameras.end()) cameras.push_back(name + ending);
+  }
+  return cameras;
+}
+
+/// "320x180".
+void read_size(const std::string& given, StreetLogOptions& log) {
+  int length = 0;
+  const bool whole = std::sscanf(given.c_str(), "%5dx%5d%n", &log.width, &log.height, &length) == 2 &&
+                     length == static_cast<int>(given.size());
+  if (!whole) throw Error(Fault::usage, text("--size ", given, ": want WIDTHxHEIGHT, as 320x180"));
+}
+
+fs::path log_folder(const SynthRequest& request, int log) {
+  return fs::path(request.out) / std::to_string(1001 + log).substr(1);
+}
+
+/// Logs of an earlier call must not mix with these.
+void check_folders(const SynthRequest& request) {
+  for (int log = 0; log < request.logs; ++log) {
+    const fs::path folder = log_folder(request, log);
+    std::error_code error;
+    if (!fs::exists(folder, error)) continue;
+    if (!request.overwrite) {
+      throw Error(Fault::usage, text(folder.string(), " exists; add --overwrite, or name another folder with -o"));
+    }
+    for (const char* part : {"camera", "lidar", "annotations", "meta", "truth"}) fs::remove_all(folder / part, error);
+  }
+}
+
+/// One line that is rewritten on a terminal; elsewhere a line a log.
+class Progress {
+ public:
+  Progress(int pictures, const Common& common) : pictures_(pictures), common_(common), draws_(isatty(2) != 0) {}
+  ~Progress() {
+    if (open_) std::fputc('\n', stderr);
+  }
+
+  void count(const fs::path& log) {
+    ++done_;
+    if (common_.quiet || !draws_) return;
+    std::fprintf(stderr, "\r%s", line(log).c_str());
+    open_ = true;
+  }
+  void end_log(const fs::path& log) {
+    if (!draws_) say(common_, line(log));
+  }
+
+ private:
+  std::string line(const fs::path& log) const {
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    return text(log.string(), "  ", done_, "/", pictures_, " pictures, ",
+                words_for_seconds(seconds / done_ * (pictures_ - done_)), " left    ");
+  }
+
+  int pictures_, done_ = 0;
+  const Common& common_;
+  bool draws_, open_ = false;
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+int run_command(SynthRequest request, const Common& common) {
+  request.log.cameras = camera_list(request.cameras);
+  read_size(request.size, request.log);
+  request.log.truth = !request.no_truth;
+  check_folders(request);
+  std::vector<std::string> folders;
+  {
+    Progress progress(request.logs * street_log_pictures(request.log), common);
+    for (int log = 0; log < request.logs; ++log) {
+      const fs::path folder = log_folder(request, log);
+      StreetLogOptions options = request.log;
+      options.seed = street_log_seed(request.log.seed, log);
+      write_street_log(folder, options, [&] { progress.count(folder); });
+      progress.end_log(folder);
+      folders.push_back(folder.string());
+    }
+  }
+  if (common.json) {
+    const nlohmann::ordered_json json = {{"schema_version", 1}, {"logs", folders}};
+    put(json.dump() + "\n");
+  }
+  say(common, text(request.logs, " logs in ", request.out, ". next: cloam check ", quoted(folders.front())));
+  return 0;
+}
+
+}  // namespace
+
+Command add_synth(CLI::App& program) {
+  CLI::App* parser = program.add_subcommand("synth", kExamples);
+  const auto request = std::make_shared<SynthRequest>();
+  const auto common = std::make_shared<Common>();
+  parser->add_option("-o,--out", request->out, "Folder for the logs 001, 002, ...")->required();
+  parser->add_option("--logs", request->logs, "How many (2)")->check(CLI::Range(1, 999));
+  parser->add_option("--frames", request->log.frames, "Steps of each, ten a second (20)")->check(CLI::Range(1, 200));
+  parser->add_option("--seed", request->log.seed, "Of streets, traffic and noise (0)")->check(CLI::NonNegativeNumber);
+  parser->add_option("--cameras", request->cameras,
+                     "Some of front, front_left, front_right, left, right, back (front,front_left)");
+  parser->add_option("--size", request->size, "Of the pictures (320x180)");
+  parser->add_option("--night", request->log.night, "Probability that a log is at night (0.25)")
+      ->check(CLI::Range(0.0, 1.0));
+  parser->add_option("--beams", request->log.beams, "Of the LiDAR (32)")->check(CLI::Range(1, 256));
+  parser->add_flag("--rolling-shutter", request->log.rolling_shutter,
+                   "Pictures take 30 ms from top to bottom, sweeps 100 ms around");
+  parser->add_flag("--no-truth", request->no_truth, "No masks, depth or turned actors");
+  parser->add_flag("--overwrite", request->overwrite, "Replace logs that are there");
+  add_common(*parser, *common);
+  return {parser, [=] { return run_command(*request, *common); }};
+}
+
+}  // namespace cloam

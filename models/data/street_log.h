@@ -1,0 +1,33 @@
+// A made street as a driving log in PandaSet's layout, with the truth that real logs lack beside it (docs/formats.md).
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace cloam {
+
+struct StreetLogOptions {
+  std::vector<std::string> cameras = {"front_camera", "front_left_camera"};  // of kPandasetCameras
+  int frames = 20;
+  int width = 320, height = 180;
+  int beams = 32;
+  double night = 0.25;           // probability
+  bool rolling_shutter = false;  // pictures take 30 ms and sweeps 100 ms, in which all goes on moving
+  bool truth = true;
+  std::uint64_t seed = 0;
+};
+
+/// A seed for each log of a set.
+std::uint64_t street_log_seed(std::uint64_t seed, int log);
+
+/// How many pictures write_street_log makes.
+int street_log_pictures(const StreetLogOptions& options);
+
+/// Writes the log of a seed below `root` and calls `on_picture` after each picture. Equal options give equal bytes,
+/// whatever the number of cores. Fault::usage for options out of range; Fault::write.
+void write_street_log(const std::filesystem::path& root, const StreetLogOptions& options,
+                      const std::function<void()>& on_picture = {});
+
+}  // namespace cloam
