@@ -90,11 +90,12 @@ struct Face {
 };
 
 void add_faces(ThingBuilder& build, const Size& size, const Face& face) {
-  const double half = size.half() - 0.04, front = size.front(), recess = face.recess;
+  const double half = size.half() - 0.04, lights = size.half() - 0.1;  // the body is narrower where it is higher
+  const double front = size.front(), recess = face.recess;
   const Extent nose{front - recess - 0.06, front - 0.02}, rear{-front + 0.02, -front + recess + 0.06};
-  build.pair({half - face.light_width, half}, nose, {face.light_height, face.light_height + face.light_rise},
+  build.pair({lights - face.light_width, lights}, nose, {face.light_height, face.light_height + face.light_rise},
              lamp(kHeadlight, 1.1));
-  build.pair({half - face.tail_width, half}, rear, {face.tail_height, face.tail_height + face.tail_rise},
+  build.pair({lights - face.tail_width, lights}, rear, {face.tail_height, face.tail_height + face.tail_rise},
              lamp(kTaillight, 1.2));
   build.block({-0.55 * half, 0.55 * half}, {nose.low, nose.high - 0.01},
               {face.light_height - 0.22, face.light_height + 0.10}, plain({0.05, 0.05, 0.055}));
@@ -133,7 +134,9 @@ void add_car_body(ThingBuilder& build, const CarPlan& plan, const Material& body
   build.tapered({-half + 0.03, half - 0.03}, {-front + 0.08, front - 0.06}, {0.2, shoulder}, {-0.03, {-front, front}},
                 body);
   build.tapered({-half, half}, {-front, front}, {shoulder, plan.belt}, {0.07, {-front + 0.06, front - 0.16}}, body);
-  add_faces(build, size, {.light_height = shoulder - 0.04, .tail_height = shoulder + 0.02});
+  add_faces(
+      build, size,
+      {.light_height = shoulder - 0.04, .tail_height = shoulder + 0.02, .tail_rise = plan.belt - shoulder - 0.05});
   const double radius = 0.30 + 0.06 * (size.height - 1.3), axle = 0.5 * size.length - 0.82;
   for (const double y : {axle, -axle}) build.wheel_pair({half - 0.18, half + 0.02}, y, radius, rim);
   add_mirrors(build, size, size.front() - plan.hood - 0.55, plan.belt - 0.02);
