@@ -22,6 +22,7 @@ constexpr char kIntroduction[] =
   cloam train nerf DATA -o runs/my --time-budget 5m
   cloam eval runs/my                             PSNR and SSIM on photos that were held out
   cloam render runs/my -o pictures --path orbit  new views, and a turntable
+  cloam synth -o streets                         invented driving logs, with masks, depth and turned actors as truth
   cloam selftest --quick                         does this device compute right?
   cloam bench                                    how fast is it here?
 

@@ -30,6 +30,7 @@ Examples:
 struct SynthRequest {
   std::string out, cameras = "front,front_left", size = "320x180";
   int logs = 2;
+  double night = 0.25;
   bool no_truth = false, overwrite = false;
   StreetLogOptions log;
 };
@@ -122,6 +123,7 @@ int run_command(SynthRequest request, const Common& common) {
       const fs::path folder = log_folder(request, log);
       StreetLogOptions options = request.log;
       options.seed = street_log_seed(request.log.seed, log);
+      options.night = street_log_night(request.log.seed, log, request.night);
       write_street_log(folder, options, [&] { progress.count(folder); });
       progress.end_log(folder);
       folders.push_back(folder.string());
@@ -148,7 +150,7 @@ Command add_synth(CLI::App& program) {
   parser->add_option("--cameras", request->cameras,
                      "Some of front, front_left, front_right, left, right, back (front,front_left)");
   parser->add_option("--size", request->size, "Of the pictures (320x180)");
-  parser->add_option("--night", request->log.night, "Probability that a log is at night (0.25)")
+  parser->add_option("--night", request->night, "Probability that a log is at night (0.25)")
       ->check(CLI::Range(0.0, 1.0));
   parser->add_option("--beams", request->log.beams, "Of the LiDAR (32)")->check(CLI::Range(1, 256));
   parser->add_flag("--rolling-shutter", request->log.rolling_shutter,

@@ -18,7 +18,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kBehind = 25, kAhead = 62;  // metres around the ego car in which there is traffic
+constexpr double kBehind = 22, kAhead = 52;  // metres around the ego car in which there is traffic
 constexpr double kClear = 8;                 // free road before and behind the ego car
 constexpr std::size_t kMostActors = 255;
 
@@ -133,7 +133,7 @@ class Layout {
 
   void add_parked() {
     for (const double side : {1.0, -1.0}) {
-      fill_lane(kParked, {0, side * plan_.parking(), 0, 0, side > 0 ? 0 : M_PI}, {1.2, 11}, true);
+      fill_lane(kParked, {0, side * plan_.parking(), 0, 0, side > 0 ? 0 : M_PI}, {1.5, 14}, true);
     }
   }
 
@@ -154,7 +154,7 @@ class Layout {
     Random& random = actor_random_;
     Track track;
     track.along = random.between(-10, 45);
-    track.right = side * random.between(plan_.kerb() + 1.4, plan_.pavement() - 0.5);
+    track.right = side * random.between(plan_.kerb() + 0.95, plan_.kerb() + 1.65);
     const bool stands = random.chance(0.25);
     if (stands) {
       track.turn = random.between(-M_PI, M_PI);
@@ -195,7 +195,7 @@ class Layout {
     for (const double side : {1.0, -1.0}) {
       const Extent range = surroundings();
       for (double along = range.low; along < range.high; along += random.between(8, 20)) {
-        place(make_tree(random), along, side * (plan_.kerb() + 0.8), random.between(-M_PI, M_PI));
+        place(make_tree(random), along, side * (plan_.kerb() + 2.2), random.between(-M_PI, M_PI));
         if (random.chance(0.4)) {
           place(make_furniture(random), along + 4, side * (plan_.pavement() + random.between(-0.6, 0.1)), 0.5 * M_PI);
         }

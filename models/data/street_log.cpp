@@ -27,12 +27,12 @@ constexpr int kTurns = 8;
 void check(const StreetLogOptions& options) {
   const bool sound = options.frames >= 1 && options.frames <= 200 && options.width >= 16 && options.width <= 4096 &&
                      options.height >= 16 && options.height <= 4096 && options.beams >= 1 && options.beams <= 256 &&
-                     options.night >= 0 && options.night <= 1 && !options.cameras.empty();
+                     !options.cameras.empty();
   if (sound) return;
   throw Error(
       Fault::usage,
       text("a synthetic log has 1 to 200 frames, pictures of 16 to 4096 pixels a side, 1 to 256 beams, at least "
-           "one camera and a probability of night from 0 to 1; got ",
+           "one camera; got ",
            options.frames, ", ", options.width, "x", options.height, ", ", options.beams, ", ", options.cameras.size(),
            " and ", options.night));
 }
@@ -58,11 +58,10 @@ void write_half_npy(const fs::path& path, const std::vector<float>& values, int 
 class StreetLog {
  public:
   StreetLog(const fs::path& root, const StreetLogOptions& options, const std::function<void()>& on_picture)
-      : root_(root), options_(options), on_picture_(on_picture) {
-    Random random(options.seed);
-    night_ = random.chance(options.night);
-    street_ = make_street(random.bits(), night_, options.frames / kRate);
-  }
+      : root_(root),
+        options_(options),
+        on_picture_(on_picture),
+        street_(make_street(options.seed, options.night, options.frames / kRate)) {}
 
   void write() {
     const Scene log = describe();
@@ -81,7 +80,7 @@ class StreetLog {
   Scene describe() const {
     Scene log;
     log.is_log = log.metric = true;
-    log.night = night_;
+    log.night = options_.night;
     for (const std::string& name : options_.cameras) {
       const Mount& mount = mount_of(name);
       const double focal = mount.focal * options_.width;
@@ -183,7 +182,6 @@ class StreetLog {
   fs::path root_;
   StreetLogOptions options_;
   std::function<void()> on_picture_;
-  bool night_ = false;
   MadeStreet street_;
 };
 
@@ -194,6 +192,11 @@ bool sees_front(const StreetLogOptions& options) {
 }  // namespace
 
 std::uint64_t street_log_seed(std::uint64_t seed, int log) { return mixed(mixed(seed) + std::uint64_t(log)); }
+
+bool street_log_night(std::uint64_t seed, int log, double probability) {
+  const double start = Random(mixed(seed) ^ 0x6e69676874).between(0, 1);
+  return std::floor(start + (log + 1) * probability) > std::floor(start + log * probability);
+}
 
 int street_log_pictures(const StreetLogOptions& options) {
   const int turned = options.truth && sees_front(options) ? kTurns - 1 : 0;

@@ -13,7 +13,7 @@ struct StreetLogOptions {
   int frames = 20;
   int width = 320, height = 180;
   int beams = 32;
-  double night = 0.25;           // probability
+  bool night = false;
   bool rolling_shutter = false;  // pictures take 30 ms and sweeps 100 ms, in which all goes on moving
   bool truth = true;
   std::uint64_t seed = 0;
@@ -21,6 +21,10 @@ struct StreetLogOptions {
 
 /// A seed for each log of a set.
 std::uint64_t street_log_seed(std::uint64_t seed, int log);
+
+/// Whether a log of the set is at night: each with this probability, and the logs before it together with it in the
+/// same proportion, as nearly as whole logs allow (systematic sampling).
+bool street_log_night(std::uint64_t seed, int log, double probability);
 
 /// How many pictures write_street_log makes.
 int street_log_pictures(const StreetLogOptions& options);

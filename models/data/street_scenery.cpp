@@ -154,7 +154,7 @@ std::shared_ptr<const Thing> make_building(const BuildingShape& shape, Random& r
 
 std::shared_ptr<const Thing> make_tree(Random& random) {
   ThingBuilder build;
-  const double trunk = random.between(1.9, 2.8), radius = random.between(1.0, 1.7);
+  const double trunk = random.between(2.2, 3.0), radius = random.between(1.0, 1.5);
   const Vector3d green = mix({0.06, 0.16, 0.03}, {0.16, 0.19, 0.04}, random.between(0, 1));
   const double seed = random.between(0, 100);
   const Material leaves = [=](const Spot& spot) {

@@ -103,7 +103,7 @@ std::optional<Return> lidar_return(const StreetMoment& moment, const Ray& ray, R
   const double facing = std::abs(ray.direction.dot(seen->normal));
   const double grey = seen->surface.albedo.mean();
   const double intensity = std::min(1.0, std::pow(grey, 0.8) * (0.4 + 0.6 * facing) * (1 + 2 * noise));
-  const double strength = intensity * (0.3 + 0.7 * facing) * std::pow(50 / seen->distance, 2);
+  const double strength = intensity * (0.3 + 0.7 * facing) * std::pow(80 / seen->distance, 2);
   const double kept = (1 - std::exp(-4 * strength)) * (1 - 4 * std::min(0.2, seen->surface.gloss));
   if (chance > kept) return std::nullopt;
   return Return{ray.origin + (seen->distance + noise) * ray.direction, intensity};

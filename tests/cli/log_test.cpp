@@ -49,6 +49,43 @@ TEST_CASE("check reports on a log") {
   CHECK(cloam_with({"check", log.string()}).out.find("1 actors with 2 boxes") != std::string::npos);
 }
 
+TEST_CASE("synth makes logs that check finds sound, and never in silence over others") {
+  const fs::path out = scratch() / "streets";
+  const Words words = {"synth", "-o",        out.string(),        "--logs", "2",     "--frames", "2", "--seed",
+                       "3",     "--cameras", "back,front_camera", "--size", "64x36", "--night",  "1"};
+  const Outcome made = cloam_with(words);
+  REQUIRE_MESSAGE(made.code == 0, made.err);
+  CHECK(made.out.empty());
+  CHECK(made.err.find("36/36 pictures") != std::string::npos);  // 2 logs of 2 steps: 2 cameras and 7 turns
+  for (const char* file : {"camera/back_camera/01.jpg", "truth/back_camera/01_depth.npy", "truth/actors.json",
+                           "truth/rot045/front_camera/00.jpg", "truth/rot315/front_camera/01_actor.png"}) {
+    CHECK_MESSAGE(fs::exists(out / "002" / file), file);
+  }
+  CHECK(json_of(out / "001/meta/time_of_day.json")["night"] == true);
+  const Outcome checked = cloam_with({"check", (out / "002").string(), "--json"});
+  REQUIRE_MESSAGE(checked.code == 0, checked.err);
+  const auto json = nlohmann::json::parse(checked.out);
+  CHECK(json["images"] == 4);
+  CHECK(json["warnings"].empty());
+  CHECK(json["log"]["actors"] >= 10);
+  const auto before = snapshot(out);
+  CHECK(cloam_with(words).code == 2);
+  CHECK(snapshot(out) == before);
+  Words shorter = words;
+  shorter[6] = "1";
+  shorter.push_back("--overwrite");
+  CHECK(cloam_with(shorter).code == 0);
+  CHECK_FALSE(fs::exists(out / "001/camera/back_camera/01.jpg"));
+  const std::string other = (scratch() / "none").string();
+  for (const Words& wrong : {Words{"--cameras", "frnt"}, Words{"--size", "64"}, Words{"--size", "8x8"},
+                             Words{"--frames", "0"}, Words{"--night", "2"}}) {
+    const Outcome refused = cloam_with({"synth", "-o", other, wrong[0], wrong[1]});
+    CHECK_MESSAGE(refused.code == 2, refused.err);
+  }
+  CHECK(cloam_with({"synth", "-o", other, "--cameras", "frnt"}).err.find("did you mean front?") != std::string::npos);
+  CHECK_FALSE(fs::exists(other));
+}
+
 TEST_CASE("hostile pickles in a log: exit 3, the file named, nothing run") {
   const fs::path log = small_log("hostile"), canary = scratch() / "canary";
   const char* files[] = {"annotations/cuboids/01.pkl.gz", "lidar/01.pkl.gz"};

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -48,7 +49,6 @@ StreetLogOptions small_options() {
   options.frames = kFrames;
   options.width = kWidth;
   options.height = kHeight;
-  options.night = 0;
   options.seed = 11;
   return options;
 }
@@ -252,10 +252,7 @@ TEST_CASE("street logs: turned actors lie in their turned boxes, and their shado
 }
 
 TEST_CASE("street logs: the turned frames on disk are those of their angle") {
-  const StreetLogOptions options = small_options();
-  Random random(options.seed);
-  random.chance(options.night);
-  const MadeStreet street = make_street(random.bits(), false, 0.1 * kFrames);
+  const MadeStreet street = make_street(small_options().seed, false, 0.1 * kFrames);
   Exposure exposure = exposure_of(0);
   exposure.camera = {kWidth,
                      kHeight,
@@ -329,7 +326,7 @@ TEST_CASE("street logs: equal options give equal bytes, another seed another str
   write_street_log(a.path, options);
   write_street_log(b.path, options);
   options.seed = 12;
-  options.night = 1;
+  options.night = true;
   write_street_log(c.path, options);
   std::size_t files = 0, different = 0;
   for (const auto& entry : fs::recursive_directory_iterator(a.path)) {
@@ -348,6 +345,19 @@ TEST_CASE("street logs: equal options give equal bytes, another seed another str
   options = small_options();
   options.frames = 0;
   CHECK_THROWS_AS(write_street_log(c.path, options), Error);
+}
+
+TEST_CASE("street logs: nights come in the proportion that was asked for, in another order for another seed") {
+  std::set<std::string> orders;
+  for (const std::uint64_t seed : {1, 2, 3, 4, 5, 6}) {
+    std::string order;
+    for (int log = 0; log < 40; ++log) order += street_log_night(seed, log, 0.25) ? 'n' : 'd';
+    CHECK(std::count(order.begin(), order.end(), 'n') == 10);
+    orders.insert(order);
+    CHECK_FALSE(street_log_night(seed, 0, 0));
+    CHECK(street_log_night(seed, 7, 1));
+  }
+  CHECK(orders.size() >= 2);
 }
 
 TEST_CASE("street logs: pandas reads their pickles") {
