@@ -63,7 +63,9 @@ int run_command(const DemoRequest& request, const Common& common) {
   if (code != 0) return code;  // interrupted; all is saved and said
   Common talk = common;
   talk.quiet = true;
-  run_eval({run.string(), "", ""}, common.json ? common : talk);
+  EvalRequest eval;
+  eval.run = run.string();
+  run_eval(eval, common.json ? common : talk);
   say(common, "rendering a turntable");
   RenderRequest render;
   render.run = run.string();

@@ -202,6 +202,21 @@ Image read_image(const std::filesystem::path& path) {
   return image;
 }
 
+Labels read_labels(const std::filesystem::path& path) {
+  Decoder decoder = open(path, 1);
+  const bool deep = decoder.spec.format == OIIO::TypeDesc::UINT16;
+  if (decoder.format != "png" || (!deep && decoder.spec.format != OIIO::TypeDesc::UINT8))
+    throw Error(Fault::data, text(path.string(), ": want a PNG of whole numbers with 8 or 16 bit"));
+  Labels labels{decoder.spec.width, decoder.spec.height, {}};
+  if (deep) {
+    labels.values = decode<std::uint16_t>(path, decoder, OIIO::TypeDesc::UINT16);
+  } else {
+    const Bytes bytes = decode<std::uint8_t>(path, decoder, OIIO::TypeDesc::UINT8);
+    labels.values.assign(bytes.begin(), bytes.end());
+  }
+  return labels;
+}
+
 std::vector<float> read_exr_layer(const std::filesystem::path& path, const std::string& name) {
   Decoder decoder = open(path, 64);
   const auto& names = decoder.spec.channelnames;

@@ -32,6 +32,16 @@ ImageSize read_image_size(const std::filesystem::path& path);
 /// clamping to [0, 1].
 Image read_image(const std::filesystem::path& path);
 
+/// Whole numbers a pixel, [height, width].
+struct Labels {
+  int width = 0;
+  int height = 0;
+  std::vector<std::uint16_t> values;
+};
+
+/// A PNG with one channel of 8 or 16 bit, as stored. Errors as read_image; Fault::data for other images.
+Labels read_labels(const std::filesystem::path& path);
+
 /// Mean over factor x factor boxes; a rest of rows or columns at the end is dropped, so the result has
 /// floor(width / factor) columns. Colours are weighted by alpha. Fault::usage if nothing would be left.
 Image downscale(const Image& image, int factor);

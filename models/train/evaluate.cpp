@@ -1,121 +1,53 @@
 // See evaluate.h. Photos and renders are compared as float [H,W,3] in [0,1]; nothing is rounded to 8 bits.
 #include "models/train/evaluate.h"
 
-#include <Eigen/Dense>
-#include <algorithm>
 #include <cmath>
-#include <limits>
+#include <optional>
 
+#include "models/metrics/feature_distance.h"
 #include "models/metrics/psnr.h"
 #include "models/metrics/ssim.h"
 #include "models/train/pictures.h"
-#include "runtime/error.h"
+#include "runtime/ops.h"
 
 namespace cloam {
 namespace {
 
-double psnr_of(const std::vector<float>& rgb, const std::vector<float>& truth, const FramePixels& frame) {
-  return frame.mask.empty() ? psnr(rgb, truth) : masked_psnr(rgb, truth, frame.mask, 3);
+void score_actors(ImageScore& score, const Picture& picture, const MeasuredPhoto& photo) {
+  const std::vector<std::uint8_t> mask = photo.actors->any();
+  score.masked_psnr = masked_psnr(picture.rgb, photo.rgb, mask, 3);
+  score.masked_ssim = masked_ssim(picture.rgb, photo.rgb, mask, {photo.pixels.height, photo.pixels.width, 3});
 }
 
-template <class Value>
-double mean_of(const std::vector<ImageScore>& images, Value value) {
-  double sum = 0;
-  int count = 0;
-  for (const ImageScore& image : images) {
-    if (std::isnan(value(image))) continue;
-    sum += value(image);
-    ++count;
-  }
-  return count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
+void score_features(ImageScore& score, const FeatureNetwork& network, const Picture& picture,
+                    const MeasuredPhoto& photo) {
+  const int w = photo.pixels.width, h = photo.pixels.height;
+  if (std::min(w, h) < network.smallest) return;
+  const auto distance = [&](const std::vector<float>& a, const std::vector<float>& b) {
+    return static_cast<double>(feature_distance(network, as_batch(a, w, h), as_batch(b, w, h)).item());
+  };
+  score.feature_distance = distance(picture.rgb, photo.rgb);
+  if (!photo.actors || std::isnan(score.masked_psnr)) return;
+  const std::vector<std::uint8_t> mask = photo.actors->any();
+  score.masked_feature_distance = distance(on_black(picture.rgb, mask), on_black(photo.rgb, mask));
 }
 
-struct Mean {
-  double sum = 0;
-  int count = 0;
-  void add(double value) {
-    if (std::isnan(value)) return;
-    sum += value;
-    ++count;
-  }
-  std::optional<double> value() const { return count > 0 ? std::optional(sum / count) : std::nullopt; }
-};
-
-/// Mean colour of the training photos, every pixel with the same weight.
-std::vector<double> colour_of(const Pixels& train) {
-  std::vector<double> colour(3, 0);
-  double count = 0;
-  for (const FramePixels& frame : train.frames) {
-    const std::vector<float> rgb = on_white(frame);
-    for (std::size_t i = 0; i < rgb.size(); ++i) colour[i % 3] += static_cast<double>(rgb[i]);
-    count += static_cast<double>(rgb.size() / 3);
-  }
-  for (double& channel : colour) channel /= count;
-  return colour;
+ImageScore score_photo(const Picture& picture, const MeasuredPhoto& photo, const Guesses& guesses,
+                       const FeatureNetwork* features) {
+  ImageScore score = score_image(picture.rgb, photo.rgb, photo.pixels);
+  score.guesses = guesses.score(photo);
+  if (photo.actors) score_actors(score, picture, photo);
+  if (features) score_features(score, *features, picture, photo);
+  return score;
 }
-
-class Baselines {
- public:
-  explicit Baselines(const EvaluationData& data) : data_(data) {
-    if (!data.train.frames.empty()) colour_ = colour_of(data.train);
-    Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-    const auto count = static_cast<double>(std::max<std::size_t>(1, data.train.frames.size()));
-    for (const FramePixels& frame : data.train.frames) centre += place(data.train_scene, frame) / count;
-    for (const FramePixels& frame : data.train.frames) {
-      extent_ += (place(data.train_scene, frame) - centre).norm() / count;
-    }
-  }
-
-  void add(const FramePixels& frame, const std::vector<float>& truth) {
-    if (colour_.empty()) return;
-    std::vector<float> guess(truth.size());
-    for (std::size_t i = 0; i < guess.size(); ++i) guess[i] = static_cast<float>(colour_[i % 3]);
-    mean_colour.add(psnr_of(guess, truth, frame));
-    if (const FramePixels* near = nearest(frame)) nearest_frame.add(psnr_of(on_white(*near), truth, frame));
-  }
-
-  Mean mean_colour, nearest_frame;
-
- private:
-  static Eigen::Vector3d place(const Scene& scene, const FramePixels& frame) {
-    return scene.frames[frame.frame].world_from_camera.block<3, 1>(0, 3);
-  }
-  static Eigen::Vector3d sight(const Scene& scene, const FramePixels& frame) {
-    return scene.frames[frame.frame].world_from_camera.block<3, 1>(0, 2);
-  }
-
-  /// The angle in radians plus the way in units of the cameras' mean distance from their centre. A photo is no
-  /// baseline for itself.
-  double distance(const FramePixels& frame, const FramePixels& other) const {
-    const double cosine = sight(data_.scene, frame).dot(sight(data_.train_scene, other));
-    const double way = (place(data_.scene, frame) - place(data_.train_scene, other)).norm();
-    return std::acos(std::clamp(cosine, -1.0, 1.0)) + way / std::max(extent_, 1e-12);
-  }
-
-  bool is_candidate(const FramePixels& frame, const FramePixels& other) const {
-    const bool itself =
-        &frame == &other || (data_.scene.root == data_.train_scene.root &&
-                             data_.scene.frames[frame.frame].image == data_.train_scene.frames[other.frame].image);
-    return !itself && frame.width == other.width && frame.height == other.height;
-  }
-
-  const FramePixels* nearest(const FramePixels& frame) const {
-    const FramePixels* best = nullptr;
-    double least = std::numeric_limits<double>::infinity();
-    for (const FramePixels& other : data_.train.frames) {
-      const double candidate = is_candidate(frame, other) ? distance(frame, other) : least;
-      if (candidate < least) best = &other;
-      least = std::min(least, candidate);
-    }
-    return best;
-  }
-
-  const EvaluationData& data_;
-  std::vector<double> colour_;
-  double extent_ = 0;
-};
 
 }  // namespace
+
+std::vector<float> on_black(const std::vector<float>& rgb, const std::vector<std::uint8_t>& mask) {
+  std::vector<float> out(rgb);
+  for (std::size_t i = 0; i < out.size(); ++i) out[i] = mask[i / 3] != 0 ? out[i] : 0.f;
+  return out;
+}
 
 ImageScore score_image(const std::vector<float>& rgb, const std::vector<float>& truth, const FramePixels& frame) {
   const ImageShape shape{frame.height, frame.width, 3};
@@ -126,28 +58,38 @@ ImageScore score_image(const std::vector<float>& rgb, const std::vector<float>& 
   return score;
 }
 
-Evaluation evaluate(Method& method, const EvaluationData& data,
-                    const std::function<void(const EvaluatedImage&)>& seen) {
-  Evaluation result;
-  Baselines baselines(data);
-  for (const FramePixels& frame : data.photos.frames) {
-    const Frame& source = data.scene.frames[frame.frame];
-    const Camera& camera = data.photos.cameras[static_cast<std::size_t>(frame.camera)];
-    const Picture picture = method.render(view_of(source, camera, 0));
-    const std::vector<float> truth = on_white(frame);
-    ImageScore score = score_image(picture.rgb, truth, frame);
-    score.name = source.image;
-    baselines.add(frame, truth);
-    result.masked = result.masked || !frame.mask.empty();
-    result.images.push_back(score);
-    seen({result.images.back(), frame, truth, picture});
+std::vector<ImageScore> evaluate(Method& method, const MeasuredScene& measured, const EvaluateOptions& options) {
+  std::vector<ImageScore> scores;
+  for (const FramePixels& pixels : measured.photos.frames) {
+    const Frame& frame = measured.scene.frames[pixels.frame];
+    const Camera& camera = measured.photos.cameras[static_cast<std::size_t>(pixels.camera)];
+    const Picture picture = method.render(view_of(frame, camera, measured.index));
+    const std::vector<float> truth = on_white(pixels);
+    const auto mask = measured.masks ? std::optional(measured.masks->of(frame, camera)) : std::nullopt;
+    const MeasuredPhoto photo{measured.scene, pixels, truth, mask ? &*mask : nullptr};
+    scores.push_back(options.compare ? score_photo(picture, photo, measured.guesses, options.features) : ImageScore{});
+    scores.back().name = frame.image;
+    options.seen({scores.back(), pixels, truth, picture, photo.actors});
   }
-  result.psnr = mean_of(result.images, [](const ImageScore& i) { return i.psnr; });
-  result.psnr_full = mean_of(result.images, [](const ImageScore& i) { return i.psnr_full; });
-  result.ssim = mean_of(result.images, [](const ImageScore& i) { return i.ssim; });
-  result.baseline_mean_colour_psnr = baselines.mean_colour.value();
-  result.baseline_nearest_frame_psnr = baselines.nearest_frame.value();
-  return result;
+  return scores;
+}
+
+double mean_score(const std::vector<ImageScore>& images, const std::function<double(const ImageScore&)>& figure) {
+  double sum = 0;
+  int count = 0;
+  for (const ImageScore& image : images) {
+    if (std::isnan(figure(image))) continue;
+    sum += figure(image);
+    ++count;
+  }
+  return count > 0 ? sum / count : kNoScore;
+}
+
+Tensor as_batch(const std::vector<float>& rgb, int width, int height) {
+  std::vector<float> planes(rgb.size());
+  const std::size_t count = rgb.size() / 3;
+  for (std::size_t i = 0; i < rgb.size(); ++i) planes[i % 3 * count + i / 3] = rgb[i];
+  return from_host(planes, {1, 3, height, width});
 }
 
 }  // namespace cloam

@@ -1,30 +1,33 @@
 // How near renders come to photos, and what trivial guesses would score on the same photos.
 #pragma once
 #include <functional>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "models/data/load_images.h"
+#include "models/nn/feature_network.h"
+#include "models/train/baselines.h"
 #include "models/train/method.h"
 
 namespace cloam {
 
-/// psnr, ssim: over the pixels that the mask keeps; psnr_full: over all.
+/// psnr, ssim: over the pixels that the photo's mask keeps; psnr_full: over all. masked_…: over the actors that have a
+/// box at the photo's step, all together (ssim with both images black elsewhere); NaN where none is seen.
+/// feature_distance: of a network, if one is given; of photo and render, and of both with all but the actors black.
 struct ImageScore {
   std::string name;
-  double psnr = 0, ssim = 0, psnr_full = 0;
+  double psnr = kNoScore, ssim = kNoScore, psnr_full = kNoScore;
+  double masked_psnr = kNoScore, masked_ssim = kNoScore;
+  double feature_distance = kNoScore, masked_feature_distance = kNoScore;
+  GuessScores guesses = {};
 };
 
-/// Means of the images' values (NaN, an image that is masked out whole, is left out).
-struct Evaluation {
-  std::vector<ImageScore> images;
-  double psnr = 0, ssim = 0, psnr_full = 0;
-  bool masked = false;
-  /// Every pixel the mean colour of the training photos.
-  std::optional<double> baseline_mean_colour_psnr;
-  /// A copy of the training photo of equal size whose camera is nearest in place and direction; none if no size fits.
-  std::optional<double> baseline_nearest_frame_psnr;
+/// The photos of one scene that are measured.
+struct MeasuredScene {
+  int index = 0;       // in the run
+  const Scene& scene;  // of the photos
+  const Pixels& photos;
+  const Guesses& guesses;
+  const ActorMasks* masks = nullptr;  // of logs
 };
 
 /// One image as it is measured. truth, picture.rgb: [H,W,3].
@@ -33,21 +36,28 @@ struct EvaluatedImage {
   const FramePixels& frame;
   const std::vector<float>& truth;
   const Picture& picture;
+  const ActorMask* actors = nullptr;  // of logs
 };
 
-struct EvaluationData {
-  const Scene& scene;  // of the measured photos
-  const Pixels& photos;
-  const Scene& train_scene;
-  const Pixels& train;
+struct EvaluateOptions {
+  bool compare = true;  // false: the photos are no truth, and are only shown beside the renders
+  const FeatureNetwork* features = nullptr;
+  std::function<void(const EvaluatedImage&)> seen = [](const EvaluatedImage&) {};  // called after each
 };
 
-/// Renders and measures every photo of data.photos; `seen` is called after each.
-Evaluation evaluate(
-    Method& method, const EvaluationData& data,
-    const std::function<void(const EvaluatedImage&)>& seen = [](const EvaluatedImage&) {});
+/// The pixels that mask [H,W] is not 0 at, black elsewhere.
+std::vector<float> on_black(const std::vector<float>& rgb, const std::vector<std::uint8_t>& mask);
 
-/// PSNR of one photo, over what its mask keeps, and over all pixels.
+/// Renders and measures every photo.
+std::vector<ImageScore> evaluate(Method& method, const MeasuredScene& measured, const EvaluateOptions& options = {});
+
+/// Figures are taken per image and then averaged, whatever the scene; images without one (NaN) are left out.
+double mean_score(const std::vector<ImageScore>& images, const std::function<double(const ImageScore&)>& figure);
+
+/// PSNR and SSIM of one photo, over what its mask keeps, and PSNR over all pixels.
 ImageScore score_image(const std::vector<float>& rgb, const std::vector<float>& truth, const FramePixels& frame);
+
+/// An image [H,W,3] as networks take it, [1,3,H,W].
+Tensor as_batch(const std::vector<float>& rgb, int width, int height);
 
 }  // namespace cloam

@@ -42,11 +42,12 @@ std::unique_ptr<Method> configured_method(const RunRecord& record, Config& confi
   }
 }
 
-RestoredRun restore_run(const std::filesystem::path& folder) {
+RestoredRun restore_run(const std::filesystem::path& folder, const std::function<void(Scenes&)>& edit) {
   RestoredRun run;
   run.record = read_record(folder);
   const RunPaths paths{folder};
   run.scenes = read_scene_file(paths.scene());
+  edit(run.scenes);
   run.checkpoint = load_latest_checkpoint(paths.checkpoints());
   check_belongs(run.checkpoint, run.record);
   Config config;

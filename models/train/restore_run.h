@@ -1,5 +1,6 @@
 // A trained model from its run folder.
 #pragma once
+#include <functional>
 #include <memory>
 
 #include "models/io/checkpoint.h"
@@ -16,9 +17,11 @@ struct RestoredRun {
   Progress progress;
 };
 
-/// Reads the record, the geometry and the newest whole checkpoint, and builds the method from them.
+/// Reads the record, the geometry and the newest whole checkpoint, and builds the method from them; `edit` may change
+/// the scenes before: where actors are, not how many.
 /// Fault::usage for a folder that does not exist; Fault::data for what is damaged or does not fit together.
-RestoredRun restore_run(const std::filesystem::path& folder);
+RestoredRun restore_run(
+    const std::filesystem::path& folder, const std::function<void(Scenes&)>& edit = [](Scenes&) {});
 
 /// What a checkpoint says about the model that it belongs to.
 std::map<std::string, std::string> checkpoint_metadata(const RunRecord& record);

@@ -1,0 +1,31 @@
+// The photos that an evaluation measures, one scene of the run at a time.
+#pragma once
+#include <string>
+
+#include "cli/eval.h"
+#include "models/data/load_images.h"
+#include "models/train/restore_run.h"
+
+namespace cloam {
+
+struct Photos {
+  int index = 0;     // of the run's scenes
+  std::string name;  // of the folder
+  std::string protocol;
+  Scene scene, train_scene;  // of the photos that are measured, and of those that guesses are made from
+  Pixels measured, train;
+  LoadOptions options;
+};
+
+/// The protocol that is measured: the one asked for, else the run's own; empty: what the run held out.
+std::string protocol_of(const RestoredRun& run, const EvalRequest& request);
+
+/// How many scenes there are to measure.
+std::size_t count_scenes(const RestoredRun& run, const EvalRequest& request);
+
+/// The run's own photos: those that the protocol measures or that the run held out, else those it was trained on.
+/// With --data those of another folder in the same coordinates, of which it takes the test split, else all. The guesses
+/// are always made from the run's own training photos. Tells what is odd as warnings.
+Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t index);
+
+}  // namespace cloam

@@ -1,0 +1,39 @@
+// What an evaluation found, as JSON, as files in the run folder and as a table.
+#pragma once
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "models/train/evaluate.h"
+
+namespace cloam {
+
+/// Of one capture or log.
+struct SceneResult {
+  std::string name;  // of its folder
+  std::vector<ImageScore> images;
+  std::vector<double> lidar_errors;  // metres, a ray each
+  bool masks_from_truth = false;
+};
+
+struct EvalResult {
+  std::string protocol, train_protocol;
+  std::vector<SceneResult> scenes;
+  bool has_masks = false;  // photos with pixels that do not count
+  bool is_log = false;
+  std::string features;                           // name of the feature network; empty: none
+  std::optional<double> kernel_feature_distance;  // of rotate360: of renders and source images, their actors alone
+  std::string method, preset;
+  int64_t step = 0;
+  int downscale = 1;
+  double seconds = 0;
+};
+
+nlohmann::ordered_json to_json(const EvalResult& result);
+/// eval.json (with each image) and per_image.csv.
+void write_reports(const std::filesystem::path& folder, const EvalResult& result);
+std::string table(const EvalResult& result);
+
+}  // namespace cloam

@@ -1,0 +1,158 @@
+// See actor_masks.h.
+#include "models/data/actor_masks.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "models/data/json.h"
+#include "models/data/paths.h"
+#include "models/io/image.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+const ActorBox* box_at_step(const Actor& actor, int step) {
+  const auto found =
+      std::find_if(actor.boxes.begin(), actor.boxes.end(), [&](const ActorBox& box) { return box.step == step; });
+  return found == actor.boxes.end() ? nullptr : &*found;
+}
+
+/// "camera/front_camera/07.jpg" -> "truth/front_camera/07_actor.png"; images of the truth itself have theirs beside.
+std::string mask_path(const Frame& frame) {
+  fs::path path = frame.image;
+  if (frame.image.starts_with("camera/")) path = "truth" / path.lexically_relative("camera");
+  return (path.parent_path() / (path.stem().string() + "_actor.png")).generic_string();
+}
+
+/// Where the line from `origin` along `direction` (in box axes) enters the box of this size about 0, in lengths of
+/// direction; none if it misses it or the box lies behind. Kay and Kajiya 1986: three slabs.
+std::optional<double> entry(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                            const Eigen::Vector3d& size) {
+  double near = 0, far = std::numeric_limits<double>::infinity();
+  for (int axis = 0; axis < 3; ++axis) {
+    const double half = 0.5 * size[axis];
+    if (direction[axis] == 0) {
+      if (std::abs(origin[axis]) > half) return std::nullopt;
+      continue;
+    }
+    const double a = (-half - origin[axis]) / direction[axis], b = (half - origin[axis]) / direction[axis];
+    near = std::max(near, std::min(a, b));
+    far = std::min(far, std::max(a, b));
+  }
+  return near <= far ? std::optional(near) : std::nullopt;
+}
+
+/// The number that more than half of the pixels of a block are, all actors together being more than half of it: else 0.
+int most_of(std::vector<int>& block) {
+  const auto empty = static_cast<std::size_t>(std::count(block.begin(), block.end(), 0));
+  if (2 * empty >= block.size()) return 0;
+  std::map<int, int> counts;
+  for (const int actor : block)
+    if (actor != 0) ++counts[actor];
+  return std::max_element(counts.begin(), counts.end(),
+                          [](const auto& a, const auto& b) { return a.second < b.second; })
+      ->first;
+}
+
+ActorMask reduced(const ActorMask& full, int factor) {
+  if (factor == 1) return full;
+  ActorMask mask{full.width / factor, full.height / factor, {}};
+  std::vector<int> block;
+  for (int row = 0; row < mask.height; ++row) {
+    for (int column = 0; column < mask.width; ++column) {
+      block.clear();
+      for (int i = 0; i < factor * factor; ++i) {
+        const int y = row * factor + i / factor, x = column * factor + i % factor;
+        block.push_back(full.actors[static_cast<std::size_t>(y) * full.width + x]);
+      }
+      mask.actors.push_back(most_of(block));
+    }
+  }
+  return mask;
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> ActorMask::any() const {
+  std::vector<std::uint8_t> mask(actors.size());
+  std::transform(actors.begin(), actors.end(), mask.begin(), [](int actor) { return actor != 0 ? 255 : 0; });
+  return mask;
+}
+
+ActorMasks::ActorMasks(const Scene& scene, bool use_truth) : scene_(scene) {
+  const fs::path path = scene.root / "truth" / "actors.json";
+  std::error_code error;
+  if (!use_truth || !fs::is_regular_file(path, error)) return;
+  from_truth_ = true;
+  std::map<std::string, int> places;
+  for (std::size_t i = 0; i < scene.actors.size(); ++i) places[scene.actors[i].id] = 1 + static_cast<int>(i);
+  const Json json = parse_json_file(path);
+  if (!json.is_object()) throw Error(Fault::data, path.string() + ": want an object of instance numbers");
+  for (const auto& [number, id] : json.items()) {
+    const bool sound = !number.empty() && number.size() <= 5 &&
+                       std::all_of(number.begin(), number.end(), [](char c) { return c >= '0' && c <= '9'; });
+    if (!sound || !id.is_string())
+      throw Error(Fault::data, text(path.string(), ": \"", number.substr(0, 40), "\": want \"NUMBER\": \"ID\""));
+    const auto place = places.find(id.get<std::string>());
+    numbers_[std::stoi(number)] = place == places.end() ? 0 : place->second;  // without any box: does not count
+  }
+}
+
+ActorMask ActorMasks::read(const Frame& frame, const Camera& camera) const {
+  const fs::path path = resolve_inside(scene_.root, mask_path(frame));
+  const Labels labels = read_labels(path);
+  const int factor = camera.width > 0 ? std::max(1, labels.width / camera.width) : 1;
+  if (labels.width / factor != camera.width || labels.height / factor != camera.height)
+    throw Error(Fault::data, text(path.string(), ": the mask has ", labels.width, "x", labels.height,
+                                  " pixels, the image as loaded ", camera.width, "x", camera.height));
+  ActorMask mask{labels.width, labels.height, {}};
+  for (const std::uint16_t number : labels.values) {
+    const auto found = numbers_.find(number);
+    const int actor = found == numbers_.end() ? 0 : found->second;
+    const bool counts = actor > 0 && box_at_step(scene_.actors[static_cast<std::size_t>(actor) - 1], frame.step);
+    mask.actors.push_back(counts ? actor : 0);
+  }
+  return reduced(mask, factor);
+}
+
+ActorMask ActorMasks::of(const Frame& frame, const Camera& camera) const {
+  if (from_truth()) return read(frame, camera);
+  std::vector<PlacedBox> boxes;
+  for (std::size_t i = 0; i < scene_.actors.size(); ++i) {
+    const Actor& actor = scene_.actors[i];
+    if (!box_at_step(actor, frame.step)) continue;
+    const auto pose = world_from_box_at(actor, frame.timestamp.value_or(0));
+    boxes.push_back(
+        {1 + static_cast<int>(i), actor.size, pose.value_or(box_at_step(actor, frame.step)->world_from_box)});
+  }
+  return outlines(boxes, camera, frame.world_from_camera);
+}
+
+ActorMask outlines(const std::vector<PlacedBox>& boxes, const Camera& camera,
+                   const Eigen::Matrix4d& world_from_camera) {
+  const std::size_t count = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+  const std::vector<float> directions = pixel_directions(camera);
+  ActorMask mask{camera.width, camera.height, std::vector<int>(count, 0)};
+  std::vector<double> nearest(count, std::numeric_limits<double>::infinity());
+  for (const PlacedBox& box : boxes) {
+    const Eigen::Matrix4d box_from_camera = box.world_from_box.inverse() * world_from_camera;
+    const Eigen::Matrix3d turn = box_from_camera.topLeftCorner<3, 3>();
+    const Eigen::Vector3d origin = box_from_camera.topRightCorner<3, 1>();
+    for (std::size_t i = 0; i < count; ++i) {
+      const Eigen::Vector3d ray(directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]);
+      const auto at = entry(origin, turn * ray, box.size);
+      if (!at || *at >= nearest[i]) continue;
+      nearest[i] = *at;
+      mask.actors[i] = box.actor;
+    }
+  }
+  return mask;
+}
+
+}  // namespace cloam

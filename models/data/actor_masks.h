@@ -1,0 +1,49 @@
+// Which actor each pixel of a log's image shows.
+#pragma once
+#include <cstdint>
+#include <map>
+#include <vector>
+
+#include "models/scene/scene.h"
+
+namespace cloam {
+
+/// actors [H,W]: 1 + place in Scene::actors of the actor seen, 0: none.
+struct ActorMask {
+  int width = 0, height = 0;
+  std::vector<int> actors;
+
+  /// [H,W], 255 where any actor is seen: as the metrics take it.
+  std::vector<std::uint8_t> any() const;
+};
+
+/// Masks of one log, exact where it has truth beside it: truth/CAMERA/NN_actor.png (instance numbers, 8 or 16 bit, 0
+/// none) and truth/actors.json, which maps them to the ids of actors. Only actors with a box at the frame's step count
+/// (in PandaSet's logs those further away have none). Without truth the outlines of the boxes stand for them, the
+/// nearest in front.
+class ActorMasks {
+ public:
+  /// Without use_truth the boxes are taken in any case. Fault::data for an actors.json that is damaged.
+  explicit ActorMasks(const Scene& scene, bool use_truth = true);
+  bool from_truth() const { return from_truth_; }
+  /// camera: of the image as loaded; masks of truth are reduced to its size, where a pixel counts if most of those it
+  /// stands for do. Fault::data, naming the file, if truth lacks it or its size does not fit.
+  ActorMask of(const Frame& frame, const Camera& camera) const;
+
+ private:
+  ActorMask read(const Frame& frame, const Camera& camera) const;
+
+  const Scene& scene_;
+  bool from_truth_ = false;
+  std::map<int, int> numbers_;  // instance number -> 1 + place of the actor
+};
+
+struct PlacedBox {
+  int actor = 0;  // 1 + place in Scene::actors
+  Eigen::Vector3d size;
+  Eigen::Matrix4d world_from_box;
+};
+/// The first actor whose box each pixel's ray meets.
+ActorMask outlines(const std::vector<PlacedBox>& boxes, const Camera& camera, const Eigen::Matrix4d& world_from_camera);
+
+}  // namespace cloam
