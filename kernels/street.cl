@@ -288,3 +288,60 @@ FAT __kernel void blend_owners(__global const float* restrict alpha, __global co
     }
   }
 }
+
+// What of each ray's samples is worth shading: those that light reaches (transmittance `least` and more), and the last,
+// which takes the light that is left. counts [3][rays + 1] as street_count's first three.
+FAT __kernel void lit_count(__global const float* restrict alpha, __global const int* restrict rows, __global const int* restrict offsets,
+                            __global int* restrict counts, int rays, int background, float least, int chunk) {
+  const int end = min(rays + 1, ((int)get_global_id(0) + 1) * chunk);
+  for (int r = get_global_id(0) * chunk; r < end; r++) {
+    int all = 0, behind = 0;
+    if (r < rays) {
+      float through = 1.0f;
+      const int last = offsets[r + 1] - 1;
+      for (int i = offsets[r]; i <= last; i++) {
+        const int row = rows[i];
+        if (through >= least || i == last) {
+          all++;
+          behind += row < background;
+        }
+        through *= 1.0f - alpha[row];
+      }
+    }
+    counts[r] = all;
+    counts[rays + 1 + r] = behind;
+    counts[2 * (rays + 1) + r] = all - behind;
+  }
+}
+
+FAT __kernel void lit_write(__global const float* restrict alpha, __global const int* restrict rows, __global const int* restrict offsets,
+                            __global const float* restrict t, __global const float* restrict points, __global const float* restrict actor_points,
+                            __global const float* restrict actor_directions, __global const int* restrict owners, __global const int* restrict starts,
+                            __global int* restrict to_rows, __global float* restrict to_t, __global float* restrict to_points,
+                            __global int* restrict to_ray, __global float* restrict to_actor_points, __global float* restrict to_actor_directions,
+                            __global int* restrict to_owners, int rays, int background, float least, int chunk) {
+  const int end = min(rays, ((int)get_global_id(0) + 1) * chunk), kept_background = starts[2 * rays + 1];
+  for (int r = get_global_id(0) * chunk; r < end; r++) {
+    int at = starts[r], b = starts[rays + 1 + r], a = starts[2 * (rays + 1) + r];
+    float through = 1.0f;
+    const int last = offsets[r + 1] - 1;
+    for (int i = offsets[r]; i <= last; i++) {
+      const int row = rows[i];
+      if (through >= least || i == last) {
+        to_t[at] = t[i];
+        if (row < background) {
+          to_rows[at] = b;
+          vstore3(vload3(row, points), b, to_points);
+          to_ray[b++] = r;
+        } else {
+          to_rows[at] = kept_background + a;
+          vstore3(vload3(row - background, actor_points), a, to_actor_points);
+          vstore3(vload3(row - background, actor_directions), a, to_actor_directions);
+          to_owners[a++] = owners[row - background];
+        }
+        at++;
+      }
+      through *= 1.0f - alpha[row];
+    }
+  }
+}

@@ -66,6 +66,14 @@ Tensors walk_back(const Tensor& out, const Tensors& wrt, const Tensor& g) {
 
 }  // namespace
 
+void eval_for_gradient(const Tensors& outputs) {
+  Tensors all = outputs;
+  for (const Tensor& output : outputs)
+    for (const Tensor& t : tracked_order(output))
+      if (t.node()->op && t.node()->op->kind() == OpKind::kernel && !t.evaluated()) all.push_back(t);
+  eval(all);
+}
+
 Tensors grad_where_reached(const Tensor& loss, const Tensors& wrt) {
   if (loss.numel() != 1)
     throw Error(Fault::internal,

@@ -189,6 +189,9 @@ struct StreetSamples {
 /// Runs at once (the number of samples is known only then); nothing is differentiable.
 StreetSamples street_samples(const StreetRays& rays, const StreetBoxes& boxes, const StreetGrid& grid,
                              const StreetSteps& steps);
+/// The samples that light reaches: those of each ray before its transmittance falls below `least`, and its last. alpha [S]
+/// by row. At once.
+StreetSamples street_lit(const StreetSamples& samples, const Tensor& alpha, float least);
 struct StreetBlended {
   Tensor alpha, features;   // [S], [S,C], by row
   Tensor t, rows, offsets;  // of StreetSamples

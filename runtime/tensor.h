@@ -61,6 +61,9 @@ Tensor parameter(const std::vector<float>& values, const Shape& shape);
 
 /// Evaluates all outputs together (one plan). Intermediate results that nobody asked for are not kept.
 void eval(const Tensors& outputs);
+/// The same, but keeps what kernel ops computed on the way, as far as a gradient of the outputs reaches: a later
+/// evaluation of that gradient need not compute it again. Costs the memory of it all.
+void eval_for_gradient(const Tensors& outputs);
 /// Evaluates every value, then moves it into its target: all handles on the target see the change.
 void assign(const std::vector<std::pair<Tensor, Tensor>>& updates);
 /// d loss / d wrt, lazily, written with ops (so it can be differentiated again). The loss must have one element.

@@ -16,14 +16,14 @@ std::vector<int64_t> sizes(int64_t in, int layers, int64_t width, int64_t out) {
 StreetField::StreetField(const Scope& scope, const StreetFieldOptions& o)
     : options_(o),
       distance_(scope / "distance", sizes(3 * int64_t{o.plane_channels}, o.distance_layers, o.width, 1 + o.inner)),
-      feature_(scope / "feature", sizes(int64_t{o.inner} + 16, o.feature_layers, o.width, o.features)),
+      feature_(scope / "feature", sizes(int64_t{o.inner} + 17, o.feature_layers, o.width, o.features)),
       offset_(scope.constant("offset", {1}, o.distance)),
       sharpness_(scope.constant("sharpness", {1}, o.sharpness)) {}
 
 StreetField::Geometry StreetField::geometry(const Tensor& planes) const {
   const Tensor both = distance_(planes);
   const int64_t samples = planes.dim(0);
-  return {reshape(slice(both, 1, 0, 1), {samples}) + offset_, slice(both, 1, 1, 1 + options_.inner)};
+  return {reshape(slice(both, 1, 0, 1), {samples}) + offset_, both};
 }
 
 Tensor StreetField::features(const Tensor& inner, const Tensor& harmonics) const {

@@ -19,7 +19,7 @@ class StreetField {
   StreetField(const Scope& scope, const StreetFieldOptions& options);
   struct Geometry {
     Tensor distance;  // [S] in metres' scale, negative inside
-    Tensor inner;     // [S,inner]
+    Tensor inner;     // [S,1 + inner], the first as the distance, which costs less than leaving it out
   };
   /// planes: [S,3 plane_channels] of sample_planes.
   Geometry geometry(const Tensor& planes) const;

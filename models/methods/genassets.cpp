@@ -22,6 +22,7 @@ constexpr float kPadding[] = {0.125f, 0.125f, 0.05f};  // metres added to a box'
 constexpr float kCube = 1.1f;                          // a box's cube over its longest side
 constexpr float kShadowSlack = 0.3f;  // metres behind the background at which ground still counts as seen
 constexpr float kBright = 4;          // shadows begin as sigmoid(kBright)
+constexpr float kLeastTransmittance = 1e-3f;
 constexpr double kRenderRays = 4096;
 constexpr double kWorst = 0.05;  // share of LiDAR rays that are left out
 
@@ -208,12 +209,13 @@ std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) co
 }
 
 /// The boxes of every moment in street axes, as ops.h: StreetBoxes says. Owners are places in scene.actors.
-StreetBoxes GenAssets::boxes_of(const Log& log, const std::vector<double>& times) const {
+StreetBoxes GenAssets::boxes_of(const Log& log, const RayList& rays) const {
   std::vector<int32_t> first = {0};
   std::vector<float> numbers;
-  for (const double time : times) {
+  for (const double time : rays.times) {
     for (size_t a = 0; a < log.scene.actors.size(); ++a) {
       const Actor& actor = log.scene.actors[a];
+      if (!rays.actors.empty() && !rays.actors[a]) continue;
       const auto pose = world_from_box_at(actor, time);
       if (!pose) continue;
       const Eigen::Matrix4d street_from_box = log.space->street_from_world() * *pose;
@@ -276,39 +278,27 @@ GenAssets::Shaded GenAssets::shade(const Log& log, const RayList& rays, const Dr
   StreetSteps steps = config_.steps;
   steps.shadows = shadows && shadow_;
   Shaded out;
-  out.samples = street_samples(at, boxes_of(log, rays.times), log.space->grid(), steps);
+  out.samples = street_samples(at, boxes_of(log, rays), log.space->grid(), steps);
+  out.marched = out.samples.t.dim(0);
+  const Met met = meet(log, out.samples);
+  out.owners = met.owners;
+  Decoded decoded;
+  Tensor slots;
+  if (!met.assets.empty()) {
+    decoded = decode(met.assets, how);
+    slots = from_host(met.slot_of, {static_cast<int64_t>(met.slot_of.size())});
+  }
+  out.kl = decoded.kl;
+  if (how.skim) {
+    const Tensor features = features_at(log, out.samples, decoded.planes, slots);
+    const Tensor all = stop_gradient(field_->opacity(field_->geometry(features).distance));
+    if (decoded.planes) eval_for_gradient({decoded.planes});
+    out.samples = street_lit(out.samples, all, kLeastTransmittance);
+  }
   const StreetSamples& s = out.samples;
-  // Actors that are met get slots; only they are decoded.
-  std::vector<int32_t> slot_of(log.scene.actors.size() + 1, -1);
-  const auto meet = [&](const std::vector<int32_t>& owners) {
-    for (const int32_t owner : owners)
-      if (slot_of[static_cast<size_t>(owner)] < 0) slot_of[static_cast<size_t>(owner)] = 0;
-  };
-  const int64_t actor_samples = s.owners.dim(0), shadow_places = s.shadow_owners.dim(0);
-  if (actor_samples > 0) meet(s.owners.to_host<int32_t>());
-  if (shadow_places > 0) meet(s.shadow_owners.to_host<int32_t>());
-  std::vector<AssetPlace> assets;
-  for (size_t a = 0; a + 1 < slot_of.size(); ++a)
-    if (slot_of[a] == 0) {
-      slot_of[a] = static_cast<int32_t>(assets.size());
-      assets.push_back(log.looks[a]);
-      out.owners.push_back(static_cast<int32_t>(a));
-    }
-  const int64_t side = config_.background_side, channels = config_.field.plane_channels;
-  Tensor features = sample_planes(reshape(log.background, {3, side, side, channels}), s.points);
   Tensor harmonics = gather_rows(spherical_harmonics(at.directions), s.ray);
-  Tensor planes, slots;
-  if (!assets.empty()) {
-    const Decoded decoded = decode(assets, how);
-    planes = decoded.planes;
-    out.kl = decoded.kl;
-    slots = from_host(slot_of, {static_cast<int64_t>(slot_of.size())});
-  }
-  if (actor_samples > 0) {
-    features = concat({features, sample_planes(planes, s.actor_points, gather_rows(slots, s.owners))}, 0);
-    harmonics = concat({harmonics, spherical_harmonics(s.actor_directions)}, 0);
-  }
-  const StreetField::Geometry geometry = field_->geometry(features);
+  if (s.owners.dim(0) > 0) harmonics = concat({harmonics, spherical_harmonics(s.actor_directions)}, 0);
+  const StreetField::Geometry geometry = field_->geometry(features_at(log, s, decoded.planes, slots));
   out.alpha = field_->opacity(geometry.distance);
   const int64_t wide = config_.field.features;
   const Tensor blended = street_blend({out.alpha, field_->features(geometry.inner, harmonics), s.t, s.rows, s.offsets,
@@ -318,8 +308,32 @@ GenAssets::Shaded GenAssets::shade(const Log& log, const RayList& rays, const Dr
   out.opacity = column(blended, wide + 1);
   out.stray = column(blended, wide + 2);
   out.actor_opacity = column(blended, wide + 3);
-  if (shadow_places > 0) out.shadow = shadows_of(log, out, planes, slots);
+  if (s.shadow_owners.dim(0) > 0) out.shadow = shadows_of(log, out, decoded.planes, slots);
   return out;
+}
+
+/// The features of all samples' planes by row.
+Tensor GenAssets::features_at(const Log& log, const StreetSamples& s, const Tensor& planes, const Tensor& slots) const {
+  const int64_t side = config_.background_side, channels = config_.field.plane_channels;
+  const Tensor background = sample_planes(reshape(log.background, {3, side, side, channels}), s.points);
+  if (s.owners.dim(0) == 0) return background;
+  return concat({background, sample_planes(planes, s.actor_points, gather_rows(slots, s.owners))}, 0);
+}
+
+/// Actors that rays meet get slots: only they are decoded.
+GenAssets::Met GenAssets::meet(const Log& log, const StreetSamples& s) const {
+  Met met;
+  met.slot_of.assign(log.scene.actors.size() + 1, -1);
+  for (const Tensor& owners : {s.owners, s.shadow_owners})
+    if (owners.dim(0) > 0)
+      for (const int32_t owner : owners.to_host<int32_t>()) met.slot_of[static_cast<size_t>(owner)] = 0;
+  for (size_t a = 0; a < log.scene.actors.size(); ++a)
+    if (met.slot_of[a] == 0) {
+      met.slot_of[a] = static_cast<int32_t>(met.assets.size());
+      met.assets.push_back(log.looks[a]);
+      met.owners.push_back(static_cast<int32_t>(a));
+    }
+  return met;
 }
 
 /// How much light is left on each ray's ground [R,3]: the product over the actors whose shadow may fall there.
@@ -360,7 +374,9 @@ Tensor GenAssets::loss(const Progress& progress) {
   const int64_t camera_rays = rays.count();
   if (log.data->has_lidar()) log.data->add_returns(rays, *log.space, random, config_.lidar_rays);
   const int64_t all = rays.count();
-  const Shaded seen = shade(log, rays, {{seed_, static_cast<uint32_t>(progress.step), 0}, true}, true);
+  // A pass through the distance alone finds what lies behind surfaces; it pays once a quarter of the samples are dark.
+  const bool skim = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
+  const Shaded seen = shade(log, rays, {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skim}, true);
   const auto map = [&](const Tensor& x) {
     return permute(reshape(slice(x, 0, 0, camera_rays), {patches, side, side, x.dim(1)}), {0, 3, 1, 2});
   };
@@ -379,13 +395,15 @@ Tensor GenAssets::loss(const Progress& progress) {
   }
   if (seen.kl) total = total + seen.kl * config_.weight_kl;
   last_samples_ = seen.samples.t.dim(0);
+  if (skim) lit_permille_ = 1000 * (last_samples_ + 1) / (seen.marched + 1);
   last_actors_ = static_cast<int64_t>(seen.owners.size());
   return total;
 }
 
 std::map<std::string, double> GenAssets::metrics() const {
   std::map<std::string, double> out = {{"samples", static_cast<double>(last_samples_)},
-                                       {"actors", static_cast<double>(last_actors_)}};
+                                       {"actors", static_cast<double>(last_actors_)},
+                                       {"lit", static_cast<double>(lit_permille_) / 1000}};
   if (!observed_.empty() && observed_[0].evaluated())
     out["psnr"] = -10 * std::log10(static_cast<double>(observed_[0].item()) + 1e-12);
   if (observed_.size() > 1 && observed_[1].evaluated()) out["lidar_m"] = static_cast<double>(observed_[1].item());
@@ -489,6 +507,7 @@ TensorMap GenAssets::state() const {
   TensorMap out;
   for (size_t i = 0; i < logs_.size(); ++i)
     for (const auto& [name, tensor] : logs_[i].space->state()) out["log" + std::to_string(i) + "." + name] = tensor;
+  out["lit"] = named_integers({lit_permille_});
   return out;
 }
 
@@ -502,6 +521,7 @@ void GenAssets::adopt_networks(const TensorMap& parameters) {
 
 void GenAssets::restore(const TensorMap& state) {
   for (size_t i = 0; i < logs_.size(); ++i) logs_[i].space->restore(part_of(state, "log" + std::to_string(i) + "."));
+  lit_permille_ = integers_from(state, "lit", 1).front();
 }
 
 }  // namespace cloam

@@ -72,6 +72,12 @@ class GenAssets final : public Method, public Street {
   struct Drawing {
     RandomKey key;
     bool random = false;
+    bool skim = true;  // leave out samples behind surfaces
+  };
+  struct Met {
+    std::vector<int32_t> slot_of;    // of the log's actors; -1: none
+    std::vector<AssetPlace> assets;  // by slot
+    std::vector<int32_t> owners;     // actors by slot
   };
   struct Decoded {
     Tensor planes;  // [3,N,side,side,channels]
@@ -79,6 +85,7 @@ class GenAssets final : public Method, public Street {
   };
   struct Shaded {
     StreetSamples samples;
+    int64_t marched = 0;                   // samples before the dark ones were left out
     Tensor alpha;                          // [S] by row
     Tensor features, depth;                // [R,features], [R]
     Tensor opacity, actor_opacity, stray;  // [R]
@@ -89,9 +96,11 @@ class GenAssets final : public Method, public Street {
   Log make_log(const Scene& scene, size_t index, const Scope& scope) const;
   void find_looks();
   AssetPlace place_of(const AssetName& asset) const;
-  StreetBoxes boxes_of(const Log& log, const std::vector<double>& times) const;
+  StreetBoxes boxes_of(const Log& log, const RayList& rays) const;
   Decoded decode(const std::vector<AssetPlace>& assets, const Drawing& how) const;
   Tensor asset_rows(const std::vector<AssetPlace>& assets) const;
+  Met meet(const Log& log, const StreetSamples& samples) const;
+  Tensor features_at(const Log& log, const StreetSamples& samples, const Tensor& planes, const Tensor& slots) const;
   Shaded shade(const Log& log, const RayList& rays, const Drawing& how, bool shadows) const;
   Tensor shadows_of(const Log& log, const Shaded& shaded, const Tensor& planes, const Tensor& slots) const;
   Tensor image_of(const Tensor& features, const Tensor& shadow) const;
@@ -106,7 +115,8 @@ class GenAssets final : public Method, public Street {
   std::unique_ptr<ImageDecoder> image_;
   std::optional<SmallMlp> shadow_;
   std::optional<FeatureNetwork> perceptual_;
-  bool frozen_ = false;  // the networks are another run's
+  bool frozen_ = false;          // the networks are another run's
+  int64_t lit_permille_ = 1000;  // of the samples marched to, those that light reaches
   int64_t last_samples_ = 0, last_actors_ = 0;
   Tensors observed_;  // means of the last step: squared colour error, LiDAR error
 };

@@ -19,6 +19,25 @@ Eigen::Vector3d move(const Eigen::Matrix4d& pose, const Eigen::Vector3d& p) {
   return (pose * p.homogeneous()).head<3>();
 }
 
+/// The box of an actor that rays shall not meet, with room for its mirrors.
+struct Excluded {
+  Eigen::Matrix4d box_from_world;
+  Eigen::Vector3d half;
+  bool holds(const Eigen::Vector3d& world) const {
+    return (move(box_from_world, world).cwiseAbs().array() < half.array()).all();
+  }
+};
+
+std::vector<Excluded> excluded_boxes(const Scene& scene, const std::vector<bool>& kept, double time) {
+  std::vector<Excluded> boxes;
+  for (size_t a = 0; a < kept.size(); ++a) {
+    if (kept[a]) continue;
+    if (const auto pose = world_from_box_at(scene.actors[a], time))
+      boxes.push_back({pose->inverse(), scene.actors[a].size / 2 + Eigen::Vector3d(0.2, 0.2, 0.1)});
+  }
+  return boxes;
+}
+
 }  // namespace
 
 uint64_t HostRandom::next() {
@@ -89,9 +108,36 @@ StreetData::Corner StreetData::corner_near_actor(const FramePixels& photo, HostR
   return {around(middle.x(), photo.width / scale_), around(middle.y(), photo.height / scale_)};
 }
 
+/// Those whose boxes, twice as wide and long for their shadows, have a corner region that meets the patch.
+void StreetData::mark_actors(RayList& rays, const FramePixels& photo, const Corner& corner, int64_t side) const {
+  const Frame& frame = scene_.frames[photo.frame];
+  const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
+  const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
+  for (size_t a = 0; a < scene_.actors.size(); ++a) {
+    const auto pose = world_from_box_at(scene_.actors[a], frame.timestamp.value_or(0));
+    if (!pose || rays.actors[a]) continue;
+    Eigen::Vector2d low(1e9, 1e9), high(-1e9, -1e9);
+    bool behind = false;
+    for (int k = 0; k < 8; ++k) {
+      const Eigen::Vector3d sign(k & 1 ? 1 : -1, k & 2 ? 1 : -1, k & 4 ? 0.6 : -0.6);
+      const Eigen::Vector3d p = move(camera_from_world, move(*pose, sign.cwiseProduct(scene_.actors[a].size)));
+      behind = behind || p.z() < 0.1;
+      if (p.z() < 0.1) continue;
+      const Eigen::Vector2d at = project(camera, p) / scale_;
+      low = low.cwiseMin(at);
+      high = high.cwiseMax(at);
+    }
+    if (low.x() > high.x()) continue;  // all of it lies behind the camera
+    rays.actors[a] =
+        behind || (low.x() < static_cast<double>(corner.x + side) && high.x() > static_cast<double>(corner.x) &&
+                   low.y() < static_cast<double>(corner.y + side) && high.y() > static_cast<double>(corner.y));
+  }
+}
+
 Tensor StreetData::add_patches(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count,
                                int64_t side) const {
   const int64_t pixels = side * scale_;
+  rays.actors.assign(scene_.actors.size(), false);
   std::vector<float> truth(static_cast<size_t>(count * 3 * pixels * pixels));
   for (int64_t n = 0; n < count; ++n) {
     const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
@@ -101,6 +147,7 @@ Tensor StreetData::add_patches(RayList& rays, const StreetSpace& space, HostRand
     const Eigen::Matrix4d street_from_camera = space.street_from_world() * frame.world_from_camera;
     const Eigen::Vector3d origin = street_from_camera.block<3, 1>(0, 3);
     rays.times.push_back(frame.timestamp.value_or(0));
+    mark_actors(rays, photo, corner, side);
     for (int64_t y = corner.y; y < corner.y + side; ++y)
       for (int64_t x = corner.x; x < corner.x + side; ++x)
         rays.add(origin, rotate(street_from_camera, direction(camera, {(static_cast<double>(x) + 0.5) * scale_,
@@ -123,9 +170,11 @@ void StreetData::add_returns(RayList& rays, const StreetSpace& space, HostRandom
     const Eigen::Matrix4d street_from_world = space.street_from_world();
     const Eigen::Vector3d lidar = move(street_from_world, seen.sweep->world_from_lidar.block<3, 1>(0, 3));
     rays.times.push_back(seen.sweep->timestamp);
+    const std::vector<Excluded> boxes = excluded_boxes(scene_, rays.actors, seen.sweep->timestamp);
     for (int64_t i = part; i < count; i += parts) {
       const float* p = &seen.points.positions[3 * random.below(seen.points.size())];
-      const Eigen::Vector3d way = move(street_from_world, {p[0], p[1], p[2]}) - lidar;
+      const Eigen::Vector3d world(p[0], p[1], p[2]), way = move(street_from_world, world) - lidar;
+      if (std::any_of(boxes.begin(), boxes.end(), [&](const Excluded& box) { return box.holds(world); })) continue;
       rays.add(lidar, way.norm() > 1e-3 ? way : Eigen::Vector3d::UnitX(), static_cast<float>(way.norm()));
     }
   }

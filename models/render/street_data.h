@@ -24,6 +24,7 @@ struct RayList {
   std::vector<int32_t> moments;            // [R]
   std::vector<float> ranges;               // [R] metres to what a LiDAR saw; 0: a camera's ray
   std::vector<double> times;               // of the moments, seconds
+  std::vector<bool> actors;                // which of Scene::actors the rays may meet; empty: all
   int64_t count() const { return static_cast<int64_t>(moments.size()); }
   void add(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, float range = 0);
 };
@@ -44,9 +45,9 @@ class StreetData {
   /// The largest patch that fits every image, at most `wanted`; in rays.
   int64_t patch_side(int64_t wanted) const;
   /// `count` patches of side^2 rays, every second one (if it can be) around an actor, each a moment of its own. The
-  /// images: [count,3,side scale,side scale] in [0,1].
+  /// images: [count,3,side scale,side scale] in [0,1]. Sets rays.actors to those that they or their shadows may show.
   Tensor add_patches(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count, int64_t side) const;
-  /// `count` returns of some sweeps.
+  /// `count` returns of some sweeps, none of actors that rays.actors leaves out: each actor costs a decoding.
   void add_returns(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count) const;
   bool has_lidar() const { return !sweeps_.empty(); }
   uint64_t bytes() const;
@@ -56,6 +57,7 @@ class StreetData {
   struct Corner {
     int64_t x, y;
   };
+  void mark_actors(RayList& rays, const FramePixels& photo, const Corner& corner, int64_t side) const;
   Corner corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const;
   Corner random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const;
 

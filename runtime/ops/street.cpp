@@ -125,6 +125,31 @@ StreetSamples street_samples(const StreetRays& rays, const StreetBoxes& boxes, c
   return out;
 }
 
+StreetSamples street_lit(const StreetSamples& s, const Tensor& alpha, float least) {
+  match("street_lit", {{"alpha", alpha, "S"}, {"rows", s.rows, "S"}});
+  const Tensor opacity = dense(alpha);
+  const int64_t rays = s.offsets.dim(0) - 1, background = s.points.dim(0);
+  const auto [range, chunk] = chunks(rays + 1, 64);
+  const Tensor counts = empty({3, rays + 1}, DType::i32), starts = empty({3, rays + 1}, DType::i32);
+  launch(kernel("street", "lit_count"), "lit_count", range, opacity, s.rows, s.offsets, counts, rays, background, least,
+         chunk);
+  scan_rows(counts, starts, 3, {.exclusive = true});
+  const auto total = [&](int64_t row) { return int64_t{value_at(starts, (row + 1) * (rays + 1) - 1)}; };
+  StreetSamples out = s;  // the places of shadows stay
+  out.offsets = dense(reshape(slice(starts, 0, 0, 1), {rays + 1}));
+  out.t = empty({total(0)});
+  out.rows = empty({total(0)}, DType::i32);
+  out.points = empty({total(1), 3});
+  out.ray = empty({total(1)}, DType::i32);
+  out.actor_points = empty({total(2), 3});
+  out.actor_directions = empty({total(2), 3});
+  out.owners = empty({total(2)}, DType::i32);
+  launch(kernel("street", "lit_write"), "lit_write", range, opacity, s.rows, s.offsets, s.t, s.points, s.actor_points,
+         s.actor_directions, s.owners, starts, out.rows, out.t, out.points, out.ray, out.actor_points,
+         out.actor_directions, out.owners, rays, background, least, chunk);
+  return out;
+}
+
 Tensor street_blend(const StreetBlended& b) {
   match("street_blend",
         {{"alpha", b.alpha, "S"}, {"features", b.features, "S C"}, {"t", b.t, "S"}, {"rows", b.rows, "S"}});
