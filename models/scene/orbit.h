@@ -1,4 +1,4 @@
-// A turntable around what a capture looks at.
+// Turntables: around what a capture looks at, and around one box.
 #pragma once
 #include <vector>
 
@@ -10,5 +10,12 @@ namespace cloam {
 /// distance are the cameras' own means. Where the cameras stand all around it is a circle; where they stand on one side
 /// (a gap of more than 150 degrees) it goes to and fro over the side that they saw.
 std::vector<Eigen::Matrix4d> orbit_poses(const Scene& scene, int count);
+
+/// A camera with a narrow view, so that things look much as they are, for turntable_poses.
+Camera turntable_camera(int width, int height);
+
+/// `count` poses (box_from_camera) around a box of that size about the origin, x right, y forward, z up: from its front
+/// counter-clockwise, a little above it, as far away as makes any box fit into the view of the camera.
+std::vector<Eigen::Matrix4d> turntable_poses(const Eigen::Vector3d& size, const Camera& camera, int count);
 
 }  // namespace cloam

@@ -65,3 +65,25 @@ TEST_CASE("cameras on one side: the path stays on that side and sweeps it") {
   CHECK(std::abs(least - 0.5) < 0.02);
   CHECK(std::abs(most - 1.625) < 0.02);
 }
+
+TEST_CASE("a turntable around a box: from the front counter-clockwise, all of the box in view and large in it") {
+  const Camera camera = turntable_camera(80, 60);
+  const Vector3d size(2, 5, 1.5);
+  const auto poses = turntable_poses(size, camera, 4);
+  REQUIRE(poses.size() == 4);
+  CHECK(poses[0](1, 3) > 2.5);  // before the front, which is +y
+  CHECK(poses[1](0, 3) < -1);   // then its left
+  for (const Eigen::Matrix4d& pose : poses) {
+    CHECK(pose(2, 3) > 0.75);  // above it
+    double widest = 0;
+    for (int corner = 0; corner < 8; ++corner) {
+      const Vector3d at(corner & 1 ? 1 : -1, corner & 2 ? 1 : -1, corner & 4 ? 1 : -1);
+      const Eigen::Vector4d in_camera = pose.inverse() * (0.5 * at.cwiseProduct(size)).homogeneous();
+      const Eigen::Vector2d pixel = project(camera, in_camera.head<3>());
+      CHECK(in_camera.z() > 0);
+      CHECK((pixel.x() > 0 && pixel.x() < 80 && pixel.y() > 0 && pixel.y() < 60));
+      widest = std::max(widest, std::abs(pixel.x() - 40));
+    }
+    CHECK(widest > 8);
+  }
+}

@@ -1,0 +1,33 @@
+// See assets.h.
+#include "models/scene/assets.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "runtime/error.h"
+
+namespace cloam {
+
+const Actor& actor_of(const Scenes& scenes, const AssetName& name) {
+  const std::vector<Actor>& actors = scenes.at(static_cast<std::size_t>(name.scene)).actors;
+  const auto found = std::find_if(actors.begin(), actors.end(), [&](const Actor& a) { return a.id == name.actor_id; });
+  if (found == actors.end()) throw Error(Fault::internal, text("scene ", name.scene, " has no actor ", name.actor_id));
+  return *found;
+}
+
+Actor& actor_of(Scenes& scenes, const AssetName& name) {
+  return const_cast<Actor&>(actor_of(std::as_const(scenes), name));
+}
+
+AssetName looks_of(const Scenes& scenes, const AssetName& name) { return actor_of(scenes, name).asset.value_or(name); }
+
+std::optional<Eigen::Vector3d> size_of_looks(const Scenes& scenes, const AssetName& looks) {
+  for (int scene = 0; scene < static_cast<int>(scenes.size()); ++scene) {
+    for (const Actor& actor : scenes[static_cast<std::size_t>(scene)].actors) {
+      if (actor.asset.value_or(AssetName{scene, actor.id}) == looks) return actor.size;
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace cloam
