@@ -7,6 +7,9 @@ namespace cloam {
 Command add_train(CLI::App& program);
 Command add_eval(CLI::App& program);
 Command add_render(CLI::App& program);
+Command add_export(CLI::App& program);
+Command add_edit(CLI::App& program);
+Command add_simulate(CLI::App& program);
 Command add_check(CLI::App& program);
 Command add_demo(CLI::App& program);
 Command add_synth(CLI::App& program);

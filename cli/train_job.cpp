@@ -255,6 +255,11 @@ TrainJob resumed_job(const TrainRequest& request) {
   TrainJob job;
   job.folder = request.out;
   job.record = read_record(job.folder);
+  if (job.record.edited_from) {
+    throw Error(Fault::usage,
+                text(job.folder.string(), " is an edited run, whose scenes its images do not show; train ",
+                     job.record.edited_from->given, " and edit that"));
+  }
   check_same(request, job.record);
   job.method = configured_method(job.record, job.config);
   job.default_steps = find_preset(job.record.preset).steps;

@@ -132,6 +132,7 @@ RunRecord read_record(const fs::path& folder) {
   if (record.data.empty()) throw Error(Fault::data, where + ": \"data\" is empty");
   record.reading = reading_from(member(json, "reading", where), where + ", reading");
   if (json.contains("networks")) record.networks = data_from(json["networks"], where + ", networks");
+  if (json.contains("edited_from")) record.edited_from = data_from(json["edited_from"], where + ", edited_from");
   read_options(record, member(json, "options", where), where + ", options");
   const Json& settings = member(json, "settings", where);
   if (!settings.is_object()) throw Error(Fault::data, where + ": \"settings\" is no object");
@@ -158,6 +159,7 @@ void write_record(const fs::path& folder, const RunRecord& r) {
   json["data"] = data;
   json["reading"] = to_json(r.reading);
   if (r.networks) json["networks"] = to_json(*r.networks);
+  if (r.edited_from) json["edited_from"] = to_json(*r.edited_from);
   json["options"] = options_to_json(r);
   json["settings"] = r.settings;
   commit_text(RunPaths{folder}.record(), json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
@@ -204,8 +206,8 @@ std::string fingerprint(const Scene& scene) {
 void clear_run(const fs::path& folder) {
   const RunPaths paths{folder};
   std::error_code error;
-  for (const fs::path& path : {paths.checkpoints(), paths.preview(), paths.eval(), paths.events(), paths.config(),
-                               paths.scene(), paths.record()}) {
+  for (const fs::path& path : {paths.checkpoints(), paths.preview(), paths.eval(), paths.edit(), paths.events(),
+                               paths.config(), paths.scene(), paths.record()}) {
     fs::remove_all(path, error);
     if (error) throw Error(Fault::write, text(path.string(), ": cannot be removed: ", error.message()));
   }

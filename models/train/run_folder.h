@@ -20,6 +20,7 @@ struct RunPaths {
   std::filesystem::path checkpoints() const { return root / "ckpt"; }
   std::filesystem::path preview() const { return root / "preview"; }
   std::filesystem::path eval() const { return root / "eval"; }
+  std::filesystem::path edit() const { return root / "edit"; }
 };
 
 /// A folder that a run was made from.
@@ -44,7 +45,8 @@ struct RunRecord {
   uint64_t seed = 42;
   std::vector<RunData> data;  // one a scene
   Reading reading;
-  std::optional<RunData> networks;  // the run whose networks it uses
+  std::optional<RunData> networks;     // the run whose networks it uses
+  std::optional<RunData> edited_from;  // of an edited run: the run whose model it shows
   std::map<std::string, std::string> settings;
   std::optional<int64_t> steps;
   std::optional<double> time_budget_seconds;

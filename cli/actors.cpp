@@ -1,0 +1,99 @@
+// See actors.h.
+#include "cli/actors.h"
+
+#include <algorithm>
+#include <filesystem>
+
+#include "models/data/paths.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr std::size_t kMostShown = 6;
+
+std::vector<AssetName> all_actors(const Scenes& scenes) {
+  std::vector<AssetName> names;
+  for (std::size_t scene = 0; scene < scenes.size(); ++scene) {
+    for (const Actor& actor : scenes[scene].actors) names.push_back({static_cast<int>(scene), actor.id});
+  }
+  return names;
+}
+
+std::string list(const Scenes& scenes, const std::vector<AssetName>& names) {
+  std::string out;
+  for (std::size_t i = 0; i < std::min(names.size(), kMostShown); ++i) {
+    out += (i ? ", " : "") + spelled(scenes, names[i]);
+  }
+  return out + (names.size() > kMostShown ? ", ..." : "");
+}
+
+[[noreturn]] void no_actor(const Scenes& scenes, const std::vector<AssetName>& all, const std::string& word,
+                           const std::string& id) {
+  // Ids are long and differ from their first letters on: what is compared is the beginning that was typed.
+  std::vector<std::string> beginnings;
+  for (const AssetName& name : all) beginnings.push_back(name.actor_id.substr(0, id.size()));
+  const std::string nearest = nearest_name(id, beginnings);
+  std::vector<AssetName> near;
+  for (const AssetName& name : all) {
+    if (!nearest.empty() && name.actor_id.starts_with(nearest)) near.push_back(name);
+  }
+  const std::string hint = near.empty() ? text("; there are ", all.size(), ": ", list(scenes, all))
+                                        : "; did you mean " + list(scenes, near) + "?";
+  throw Error(Fault::usage, text("there is no actor ", word, hint, "\n  cloam edit RUN --list shows all"));
+}
+
+}  // namespace
+
+std::vector<std::string> log_names(const RunRecord& record) {
+  std::vector<std::string> names;
+  for (const RunData& data : record.data) {
+    const std::filesystem::path path = std::filesystem::path(data.given).lexically_normal();
+    names.push_back((path.has_filename() ? path : path.parent_path()).filename().string());
+  }
+  return names;
+}
+
+int find_log(const std::vector<std::string>& logs, const std::string& word) {
+  for (std::size_t i = 0; i < logs.size(); ++i) {
+    if (word == std::to_string(i)) return static_cast<int>(i);
+  }
+  if (std::count(logs.begin(), logs.end(), word) == 1) {
+    return static_cast<int>(std::find(logs.begin(), logs.end(), word) - logs.begin());
+  }
+  std::string known;
+  for (std::size_t i = 0; i < logs.size(); ++i) known += text(i ? ", " : "", i, " (", logs[i], ")");
+  throw Error(Fault::usage, text("the run has no log ", word, "; its logs are ", known));
+}
+
+AssetName find_actor(const Scenes& scenes, const std::vector<std::string>& logs, const std::string& word) {
+  std::vector<AssetName> all = all_actors(scenes);
+  const std::size_t colon = word.find(':');
+  const std::string id = colon == std::string::npos ? word : word.substr(colon + 1);
+  if (colon != std::string::npos) {
+    const int log = find_log(logs, word.substr(0, colon));
+    std::erase_if(all, [&](const AssetName& name) { return name.scene != log; });
+  }
+  std::vector<AssetName> whole, begun;
+  for (const AssetName& name : all) {
+    if (name.actor_id == id) whole.push_back(name);
+    if (!id.empty() && name.actor_id.starts_with(id)) begun.push_back(name);
+  }
+  const std::vector<AssetName>& found = whole.empty() ? begun : whole;
+  if (found.empty()) no_actor(scenes, all, word, id);
+  if (found.size() == 1) return found.front();
+  throw Error(Fault::usage, text("the actor ", word, " could be ", list(scenes, found), "; name it with more letters",
+                                 scenes.size() > 1 ? ", or with its log (LOG:ID)" : ""));
+}
+
+std::string spelled(const Scenes& scenes, const AssetName& name) {
+  return scenes.size() > 1 ? text(name.scene, ":", name.actor_id) : name.actor_id;
+}
+
+Street& street_of(const RestoredRun& run) {
+  if (Street* street = run.method->street()) return *street;
+  throw Error(Fault::usage, text("the run's method, ", run.record.method,
+                                 ", knows no actors; this needs a run of genassets on a driving log"));
+}
+
+}  // namespace cloam

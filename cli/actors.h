@@ -1,0 +1,26 @@
+// Actors of a run as the user names them: [LOG:]ID, where any beginning that fits one actor alone will do for ID.
+#pragma once
+#include <string>
+#include <vector>
+
+#include "models/scene/assets.h"
+#include "models/train/restore_run.h"
+
+namespace cloam {
+
+/// One name a scene: its number from 0 and the name of its folder both name a log.
+std::vector<std::string> log_names(const RunRecord& record);
+
+/// "0", "01f3" or "1:01f3". Fault::usage with the nearest names for what fits no actor or several.
+AssetName find_actor(const Scenes& scenes, const std::vector<std::string>& logs, const std::string& word);
+
+/// The number of a log given as number or name. Fault::usage with the names there are.
+int find_log(const std::vector<std::string>& logs, const std::string& word);
+
+/// As find_actor takes it: with the log's number in front where there are several logs.
+std::string spelled(const Scenes& scenes, const AssetName& name);
+
+/// The run's street. Fault::usage for a method that knows no actors.
+Street& street_of(const RestoredRun& run);
+
+}  // namespace cloam

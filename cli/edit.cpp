@@ -1,0 +1,263 @@
+// cloam edit: the actors of a trained street, listed with thumbnails, moved, turned, removed, swapped.
+#include "models/scene/edit.h"
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "cli/actors.h"
+#include "cli/commands.h"
+#include "models/data/path_file.h"
+#include "models/data/paths.h"
+#include "models/scene/orbit.h"
+#include "models/train/edit_run.h"
+#include "models/train/pictures.h"
+#include "models/train/scene_file.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+using Report = nlohmann::ordered_json;
+
+constexpr int kThumbnail = 96, kColumns = 8;
+constexpr char kExamples[] = R"(List the actors of a trained street, or write a run in which they are elsewhere.
+
+Examples:
+  cloam edit runs/street --list                                    who is there; thumbnails in runs/street/edit
+  cloam edit runs/street --actor 3f2a:shift=2,0,0 -o runs/edited   2 m to its right
+  cloam edit runs/street --actor 3f2a:rotate=90,shift=0,-5,0 --actor 1:77:remove -o runs/edited
+  cloam edit runs/street --actor 3f2a:replace=0:c4 -o runs/edited  with the looks of another, of any log
+  cloam edit runs/street --actor 3f2a:path=drive.csv -o runs/edited
+  cloam render runs/edited -o pictures                             what it looks like
+
+--actor [LOG:]ID:OPERATION,... applies from left to right, and may be repeated:
+  shift=X,Y,Z     metres along the actor's own axes: right, forward, up (shift=X/Y/Z too)
+  rotate=DEGREES  about its own z axis, counter-clockwise from above
+  remove          it is gone, and the LiDAR with it
+  replace=OTHER   looks, label and size of another actor ([LOG:]ID), standing on the same ground
+  path=FILE       CSV or JSON of time, x, y, z, yaw in the log's world (docs/formats.md); no comma in the name
+ID is any beginning of an id that fits no other; LOG the number or the name of its log, where there are several.)";
+
+struct EditRequest {
+  std::string run, out;
+  std::vector<std::string> actors;
+  bool list = false;
+};
+
+[[noreturn]] void bad_operation(const std::string& given, const std::string& why) {
+  throw Error(Fault::usage, text("--actor ", given, ": ", why,
+                                 "\n  example: --actor 3f2a:shift=2,0,0,rotate=90\n  see cloam edit --help"));
+}
+
+bool is_number_start(char c) { return std::isdigit(static_cast<unsigned char>(c)) || c == '-' || c == '+' || c == '.'; }
+
+/// "shift=1,0,0,remove" -> "shift=1,0,0", "remove": a comma before a number goes on with the operation.
+std::vector<std::string> split_operations(const std::string& list) {
+  std::vector<std::string> operations;
+  for (const std::string& piece : CLI::detail::split(list, ',')) {
+    if (!operations.empty() && !piece.empty() && is_number_start(piece[0]))
+      operations.back() += "," + piece;
+    else
+      operations.push_back(piece);
+  }
+  return operations;
+}
+
+std::vector<double> numbers_of(const std::string& list, std::size_t count, const std::string& given) {
+  std::string spaced = list;
+  std::replace(spaced.begin(), spaced.end(), '/', ',');
+  std::vector<double> values;
+  for (const std::string& word : CLI::detail::split(spaced, ',')) {
+    std::size_t used = 0;
+    try {
+      values.push_back(std::stod(word, &used));
+    } catch (const std::exception&) {}
+    if (used == 0 || used != word.size() || !std::isfinite(values.back())) bad_operation(given, word + " is no number");
+  }
+  if (values.size() != count) bad_operation(given, text("want ", count, " numbers, found ", values.size()));
+  return values;
+}
+
+class Editor {
+ public:
+  Editor(Scenes scenes, std::vector<std::string> logs) : scenes_(std::move(scenes)), logs_(std::move(logs)) {}
+
+  /// "[LOG:]ID:OPERATION,..."
+  void apply_all(const std::string& given) {
+    // An operand may have colons of its own (a log, a path): the last one before it ends the actor's name.
+    const std::size_t colon = given.rfind(':', given.find_first_of("=,"));
+    if (colon == std::string::npos) bad_operation(given, "want [LOG:]ID:OPERATION");
+    const AssetName actor = find_actor(scenes_, logs_, given.substr(0, colon));
+    for (const std::string& operation : split_operations(given.substr(colon + 1))) {
+      apply(parse(operation, given), scenes_, actor);
+    }
+  }
+  const Scenes& scenes() const { return scenes_; }
+
+ private:
+  ActorEdit parse(const std::string& operation, const std::string& given) const {
+    const std::size_t equals = operation.find('=');
+    const std::string name = operation.substr(0, equals);
+    const std::string operand = equals == std::string::npos ? "" : operation.substr(equals + 1);
+    const std::vector<std::string> known = {"shift", "rotate", "remove", "replace", "path"};
+    if (std::find(known.begin(), known.end(), name) == known.end()) {
+      const std::string near = nearest_name(name, known);
+      bad_operation(given, text("there is no operation '", name, "'; want shift, rotate, remove, replace or path",
+                                near.empty() ? "" : "; did you mean " + near + "?"));
+    }
+    if ((name == "remove") != (equals == std::string::npos)) {
+      bad_operation(given, name + (name == "remove" ? " takes no operand" : " wants an operand, after ="));
+    }
+    if (name == "remove") return Remove{};
+    if (name == "replace") return Replace{find_actor(scenes_, logs_, operand)};
+    if (name == "path") return Follow{read_path_file(operand)};
+    const std::vector<double> v = numbers_of(operand, name == "shift" ? 3 : 1, given);
+    if (name == "shift") return Shift{{v[0], v[1], v[2]}};
+    return Turn{v[0] * std::numbers::pi / 180};
+  }
+
+  Scenes scenes_;
+  std::vector<std::string> logs_;
+};
+
+/// Images in whose view the centre of the actor's box is.
+std::size_t images_of(const Scene& scene, const Actor& actor) {
+  std::size_t count = 0;
+  for (const Frame& frame : scene.frames) {
+    const auto box = world_from_box_at(actor, frame.timestamp.value_or(0));
+    if (!box) continue;
+    const Eigen::Vector4d centre = frame.world_from_camera.inverse() * box->col(3);
+    const Camera& camera = scene.cameras[static_cast<std::size_t>(frame.camera)];
+    if (centre.z() <= 0) continue;
+    const Eigen::Vector2d at = project(camera, centre.head<3>());
+    count += at.x() >= 0 && at.x() < camera.width && at.y() >= 0 && at.y() < camera.height;
+  }
+  return count;
+}
+
+Report row_of(const Scenes& scenes, int log, const Actor& actor, std::size_t place) {
+  const Scene& scene = scenes[static_cast<std::size_t>(log)];
+  Report row = {{"log", log},
+                {"actor", actor.id},
+                {"label", actor.label},
+                {"size_m", {actor.size.x(), actor.size.y(), actor.size.z()}},
+                {"boxes", actor.boxes.size()},
+                {"images", images_of(scene, actor)},
+                {"stationary", actor.stationary},
+                {"looks_of", actor.asset ? Report(spelled(scenes, *actor.asset)) : Report()},
+                {"row", place / kColumns + 1},
+                {"column", place % kColumns + 1}};
+  return row;
+}
+
+Report report_of(const RestoredRun& run) {
+  Report report = {{"schema_version", 1}, {"logs", Report::array()}, {"actors", Report::array()}};
+  const std::vector<std::string> names = log_names(run.record);
+  for (std::size_t log = 0; log < run.scenes.size(); ++log) {
+    const std::vector<Moment> moments = moments_of(run.scenes[log]);
+    Report entry = {{"name", names[log]}, {"steps", moments.size()}};
+    if (!moments.empty())
+      entry["first_time"] = moments.front().timestamp, entry["last_time"] = moments.back().timestamp;
+    report["logs"].push_back(entry);
+    for (const Actor& actor : run.scenes[log].actors) {
+      report["actors"].push_back(row_of(run.scenes, static_cast<int>(log), actor, report["actors"].size()));
+    }
+  }
+  return report;
+}
+
+void put_table(const Report& report) {
+  char line[200];
+  std::snprintf(line, sizeof line, "%-4s %-38s %-18s %-18s %5s %6s  %-7s %s\n", "log", "actor", "label",
+                "size w l h (m)", "boxes", "images", "thumb", "");
+  std::string out = line;
+  for (const Report& a : report["actors"]) {
+    char size[40], thumb[24];
+    std::snprintf(size, sizeof size, "%.2f %.2f %.2f", a["size_m"][0].get<double>(), a["size_m"][1].get<double>(),
+                  a["size_m"][2].get<double>());
+    std::snprintf(thumb, sizeof thumb, "%d,%d", a["row"].get<int>(), a["column"].get<int>());
+    const std::string notes = std::string(a["boxes"] == 0               ? "removed"
+                                          : a["stationary"].get<bool>() ? "stands"
+                                                                        : "moves") +
+                              (a["looks_of"].is_null() ? "" : ", looks of " + a["looks_of"].get<std::string>());
+    std::snprintf(line, sizeof line, "%-4d %-38.38s %-18.18s %-18s %5d %6d  %-7s ", a["log"].get<int>(),
+                  a["actor"].get<std::string>().c_str(), a["label"].get<std::string>().c_str(), size,
+                  a["boxes"].get<int>(), a["images"].get<int>(), thumb);
+    out += line + notes + "\n";
+  }
+  put(out);
+}
+
+fs::path write_thumbnails(const RestoredRun& run, const fs::path& folder) {
+  const Camera camera = turntable_camera(kThumbnail, kThumbnail);
+  std::vector<Image> images;
+  for (std::size_t log = 0; log < run.scenes.size(); ++log) {
+    for (const Actor& actor : run.scenes[log].actors) {
+      const Eigen::Matrix4d aside = turntable_poses(actor.size, camera, 8)[1];
+      const AssetName looks = actor.asset.value_or(AssetName{static_cast<int>(log), actor.id});
+      const Picture picture = street_of(run).render_asset(looks, camera, aside);
+      images.push_back(to_image(picture.rgb, picture.width, picture.height));
+    }
+  }
+  const fs::path path = folder / "actors.png";
+  write_png(path, contact_sheet(images, kColumns));
+  return path;
+}
+
+int list_actors(const EditRequest& request, const Common& common) {
+  open_device(common);
+  const RestoredRun run = restore_run(request.run);
+  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  street_of(run);
+  Report report = report_of(run);
+  if (report["actors"].empty()) throw Error(Fault::data, "the logs of the run " + request.run + " have no actors");
+  const fs::path sheet =
+      write_thumbnails(run, request.out.empty() ? RunPaths{request.run}.edit() : fs::path(request.out));
+  report["thumbnails"] = sheet.string();
+  if (common.json)
+    put(report.dump(-1, ' ', false, Report::error_handler_t::replace) + "\n");
+  else
+    put_table(report);
+  say(common, text("thumbnails (row,column as listed) in ", sheet.string()));
+  return 0;
+}
+
+int edit_actors(const EditRequest& request, const Common& common) {
+  const RunRecord record = read_record(request.run);
+  Editor editor(read_scene_file(RunPaths{request.run}.scene()), log_names(record));
+  for (const std::string& given : request.actors) editor.apply_all(given);
+  write_edited_run(request.run, request.out, editor.scenes(), command_line());
+  if (common.json) put(Report({{"schema_version", 1}, {"run", request.out}}).dump() + "\n");
+  say(common, text("the edited run is ", request.out, "\n  cloam render ", quoted(request.out),
+                   " -o pictures, cloam simulate ", quoted(request.out), " -o LOG"));
+  return 0;
+}
+
+int run_command(const EditRequest& request, const Common& common) {
+  if (request.list == !request.actors.empty()) {
+    throw Error(Fault::usage, "want either --list, or --actor [LOG:]ID:OPERATION and -o RUN2; see cloam edit --help");
+  }
+  read_record(request.run);  // a wrong folder is told before a missing device
+  if (request.list) return list_actors(request, common);
+  if (request.out.empty()) throw Error(Fault::usage, "name the folder of the edited run with -o");
+  return edit_actors(request, common);
+}
+
+}  // namespace
+
+Command add_edit(CLI::App& program) {
+  CLI::App* parser = program.add_subcommand("edit", kExamples);
+  const auto request = std::make_shared<EditRequest>();
+  const auto common = std::make_shared<Common>();
+  parser->add_option("RUN", request->run, "Run folder")->required();
+  parser->add_flag("--list", request->list, "Lists the actors and draws a thumbnail of each");
+  parser->add_option("--actor", request->actors, "[LOG:]ID:OPERATION,... (may be repeated)")->allow_extra_args(false);
+  parser->add_option("-o,--out", request->out, "Folder of the edited run; with --list of the thumbnails (RUN/edit)");
+  add_common(*parser, *common);
+  return {parser, [=] { return run_command(*request, *common); }};
+}
+
+}  // namespace cloam

@@ -1,0 +1,170 @@
+// cloam export: actors of a trained street as meshes, or as turntables.
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "cli/actors.h"
+#include "cli/commands.h"
+#include "models/data/paths.h"
+#include "models/io/gif.h"
+#include "models/mesh/asset_mesh.h"
+#include "models/mesh/write_mesh.h"
+#include "models/scene/orbit.h"
+#include "models/train/pictures.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kFramesPerSecond = 12;
+constexpr char kExamples[] = R"(Write actors of a trained street as files that other programs open.
+
+Examples:
+  cloam export runs/street --format glb --actor 3f2a -o car.glb           a mesh with colours, in glTF's axes
+  cloam export runs/street --format glb -o cars                           all actors, a file each
+  cloam export runs/street --format turntable --actor 1:3f2a -o turn      pictures all around, and a GIF
+  cloam export runs/street --format ply --actor 3f2a -o car.ply --resolution 256
+
+An actor is [LOG:]ID: any beginning of its id that fits no other will do; LOG is the number or name of its log.)";
+
+struct ExportRequest {
+  std::string run, format = "glb", actor, out;
+  int resolution = 128, frames = 36, size = 256;
+};
+
+struct Exported {
+  AssetName actor;
+  std::string path;
+  std::size_t vertices = 0, triangles = 0, pictures = 0;
+};
+
+MeshLabel label_of(const RestoredRun& run, const AssetName& name, int resolution) {
+  const Actor& actor = actor_of(run.scenes, name);
+  MeshLabel label{text(actor.label, " ", actor.id), {}};
+  label.extras = {{"actor", actor.id},
+                  {"label", actor.label},
+                  {"size_m", {actor.size.x(), actor.size.y(), actor.size.z()}},
+                  {"method", run.record.method},
+                  {"preset", run.record.preset},
+                  {"seed", run.record.seed},
+                  {"step", run.progress.step},
+                  {"settings", run.record.settings},
+                  {"resolution", resolution},
+                  {"version", kVersion}};
+  return label;
+}
+
+Exported export_mesh(const RestoredRun& run, const ExportRequest& request, const AssetName& name,
+                     const fs::path& path) {
+  const Mesh mesh =
+      asset_mesh(street_of(run), looks_of(run.scenes, name), actor_of(run.scenes, name).size, request.resolution);
+  if (mesh.triangle_count() == 0) {
+    throw Error(Fault::data, text("the actor ", spelled(run.scenes, name),
+                                  " has no surface in its box; was it seen, and was it trained for long enough?"));
+  }
+  const MeshLabel label = label_of(run, name, request.resolution);
+  request.format == "ply" ? write_ply(path, mesh, label) : write_glb(path, mesh, label);
+  return {name, path.string(), mesh.vertex_count(), mesh.triangle_count(), 0};
+}
+
+Exported export_turntable(const RestoredRun& run, const ExportRequest& request, const AssetName& name,
+                          const fs::path& folder) {
+  const Camera camera = turntable_camera(request.size, request.size);
+  std::vector<Image> images;
+  for (const auto& pose : turntable_poses(actor_of(run.scenes, name).size, camera, request.frames)) {
+    const Picture picture = street_of(run).render_asset(looks_of(run.scenes, name), camera, pose);
+    images.push_back(to_image(picture.rgb, picture.width, picture.height));
+    char file[32];
+    std::snprintf(file, sizeof file, "turn_%04zu.png", images.size() - 1);
+    write_png(folder / file, images.back());
+  }
+  write_gif(folder / "turntable.gif", images, kFramesPerSecond);
+  return {name, folder.string(), 0, 0, images.size()};
+}
+
+Exported export_one(const RestoredRun& run, const ExportRequest& request, const AssetName& name, const fs::path& path) {
+  return request.format == "turntable" ? export_turntable(run, request, name, path)
+                                       : export_mesh(run, request, name, path);
+}
+
+/// A file (or a folder) name for an actor: ids come from files, so nothing but letters, digits, - and _ is kept.
+std::string file_name(const Scenes& scenes, const AssetName& name, const std::string& format) {
+  std::string plain;
+  for (const char c : spelled(scenes, name)) plain += std::isalnum(static_cast<unsigned char>(c)) || c == '-' ? c : '_';
+  return format == "turntable" ? plain : plain + "." + format;
+}
+
+std::vector<Exported> export_all(const RestoredRun& run, const ExportRequest& request, const Common& common) {
+  std::vector<Exported> done;
+  for (std::size_t scene = 0; scene < run.scenes.size(); ++scene) {
+    for (const Actor& actor : run.scenes[scene].actors) {
+      const AssetName name{static_cast<int>(scene), actor.id};
+      try {
+        done.push_back(
+            export_one(run, request, name, fs::path(request.out) / file_name(run.scenes, name, request.format)));
+        say(common, text("export ", done.size(), "  ", done.back().path));
+      } catch (const Error& error) {
+        if (error.fault() != Fault::data) throw;
+        warn(error.what());  // an actor without a surface
+      }
+    }
+  }
+  if (done.empty()) throw Error(Fault::data, "no actor of the run has a surface: nothing was written");
+  return done;
+}
+
+void tell(const Scenes& scenes, const std::vector<Exported>& done, const Common& common) {
+  nlohmann::ordered_json json = {{"schema_version", 1}, {"actors", nlohmann::ordered_json::array()}};
+  for (const Exported& one : done) {
+    nlohmann::ordered_json row = {{"log", one.actor.scene}, {"actor", one.actor.actor_id}, {"path", one.path}};
+    if (one.pictures > 0) row["pictures"] = one.pictures;
+    if (one.triangles > 0) row["vertices"] = one.vertices, row["triangles"] = one.triangles;
+    json["actors"].push_back(row);
+    const std::string what = one.pictures > 0 ? text(one.pictures, " pictures and turntable.gif in ")
+                                              : text(one.vertices, " vertices, ", one.triangles, " triangles in ");
+    say(common, text(spelled(scenes, one.actor), ": ", what, one.path));
+  }
+  if (common.json) put(json.dump() + "\n");
+}
+
+int run_command(const ExportRequest& request, const Common& common) {
+  const std::vector<std::string> formats = {"glb", "ply", "turntable"};
+  if (std::find(formats.begin(), formats.end(), request.format) == formats.end()) {
+    const std::string near = nearest_name(request.format, formats);
+    throw Error(Fault::usage, text("--format ", request.format, ": want one of glb, ply, turntable",
+                                   near.empty() ? "" : "; did you mean " + near + "?"));
+  }
+  read_record(request.run);  // a wrong folder is told before a missing device
+  open_device(common);
+  const RestoredRun run = restore_run(request.run);
+  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  street_of(run);
+  if (request.actor.empty()) {
+    tell(run.scenes, export_all(run, request, common), common);
+    return 0;
+  }
+  const AssetName name = find_actor(run.scenes, log_names(run.record), request.actor);
+  tell(run.scenes, {export_one(run, request, name, request.out)}, common);
+  return 0;
+}
+
+}  // namespace
+
+Command add_export(CLI::App& program) {
+  CLI::App* parser = program.add_subcommand("export", kExamples);
+  const auto request = std::make_shared<ExportRequest>();
+  const auto common = std::make_shared<Common>();
+  parser->add_option("RUN", request->run, "Run folder")->required();
+  parser->add_option("-o,--out", request->out, "File; a folder for turntables and for all actors")->required();
+  parser->add_option("--format", request->format, "glb (mesh), ply (mesh) or turntable (PNG and GIF)");
+  parser->add_option("--actor", request->actor, "[LOG:]ID (all actors)");
+  parser->add_option("--resolution", request->resolution, "Cells along the longest side of a mesh (128)")
+      ->check(CLI::Range(8, 512));
+  parser->add_option("--frames", request->frames, "Pictures of a turntable (36)")->check(CLI::Range(1, 10000));
+  parser->add_option("--size", request->size, "Pixels a side of a turntable (256)")->check(CLI::Range(16, 4096));
+  add_common(*parser, *common);
+  return {parser, [=] { return run_command(*request, *common); }};
+}
+
+}  // namespace cloam
