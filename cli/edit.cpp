@@ -37,7 +37,7 @@ Examples:
   shift=X,Y,Z     metres along the actor's own axes: right, forward, up (shift=X/Y/Z too)
   rotate=DEGREES  about its own z axis, counter-clockwise from above
   remove          it is gone, and the LiDAR with it
-  replace=OTHER   looks, label and size of another actor ([LOG:]ID), standing on the same ground
+  replace=OTHER   looks and size that another actor ([LOG:]ID) has in RUN, standing on the same ground
   path=FILE       CSV or JSON of time, x, y, z, yaw in the log's world (docs/formats.md); no comma in the name
 ID is any beginning of an id that fits no other; LOG the number or the name of its log, where there are several.)";
 
@@ -83,7 +83,8 @@ std::vector<double> numbers_of(const std::string& list, std::size_t count, const
 
 class Editor {
  public:
-  Editor(Scenes scenes, std::vector<std::string> logs) : scenes_(std::move(scenes)), logs_(std::move(logs)) {}
+  Editor(const Scenes& scenes, std::vector<std::string> logs)
+      : before_(scenes), scenes_(scenes), logs_(std::move(logs)) {}
 
   /// "[LOG:]ID:OPERATION,..."
   void apply_all(const std::string& given) {
@@ -112,13 +113,14 @@ class Editor {
       bad_operation(given, name + (name == "remove" ? " takes no operand" : " wants an operand, after ="));
     }
     if (name == "remove") return Remove{};
-    if (name == "replace") return Replace{find_actor(scenes_, logs_, operand)};
+    if (name == "replace") return replace_by(before_, find_actor(before_, logs_, operand));
     if (name == "path") return Follow{read_path_file(operand)};
     const std::vector<double> v = numbers_of(operand, name == "shift" ? 3 : 1, given);
     if (name == "shift") return Shift{{v[0], v[1], v[2]}};
     return Turn{v[0] * std::numbers::pi / 180};
   }
 
+  const Scenes before_;  // what replace takes looks from, so that two actors can be swapped
   Scenes scenes_;
   std::vector<std::string> logs_;
 };

@@ -92,16 +92,18 @@ Camera output_camera(const Camera& camera, const SimulateRequest& request, int d
   return {out.width, out.height, out.fx, out.fy, out.cx, out.cy, CameraModel::pinhole, {}, 0, 0};
 }
 
-/// What is to be written: the edited log with the cameras and names of the output.
-Scene output_log(const Scene& edited, const SimulateRequest& request, int downscale, const Common& common) {
-  Scene log = edited;
+/// What is to be written: the edited log with the cameras and names of the output, and labels of what is seen.
+Scene output_log(const RestoredRun& run, int number, const SimulateRequest& request, const Common& common) {
+  Scene log = run.scenes.at(static_cast<std::size_t>(number));
+  for (Actor& actor : log.actors)
+    actor.label = actor_of(run.scenes, actor.asset.value_or(AssetName{number, actor.id})).label;
   keep_cameras(log, request.cameras);
   const auto names = pandaset_names(log);
   const std::vector<Camera> cameras = log.cameras;
   log.cameras.clear();
   for (Frame& frame : log.frames) {
     const Camera& camera = cameras[static_cast<std::size_t>(frame.camera)];
-    frame.camera = find_or_add(log.cameras, output_camera(camera, request, downscale));
+    frame.camera = find_or_add(log.cameras, output_camera(camera, request, run.record.reading.downscale));
     frame.sensor = names.at(frame.sensor);
   }
   for (const auto& [sensor, name] : names) {
@@ -176,7 +178,7 @@ int run_command(const SimulateRequest& request, const Common& common) {
   check_log(edited, request.run);
   const Scene recorded = read_scene(request.data.empty() ? find_data(request.run, data) : fs::path(request.data),
                                     {record.reading.skip_bad});
-  const Scene out = output_log(edited, request, record.reading.downscale, common);
+  const Scene out = output_log(run, log, request, common);
   if (logs.size() > 1) say(common, text("log ", log, " (", logs[static_cast<std::size_t>(log)], ") of ", logs.size()));
   Count count;
   const auto image = [&](const Frame& frame) {

@@ -80,25 +80,25 @@ void follow(const std::vector<PathPoint>& path, const Scene& scene, Actor& actor
                    std::to_string(moments.front().timestamp), " to ", std::to_string(moments.back().timestamp), " s"));
 }
 
-void replace(Scenes& scenes, const AssetName& name, const AssetName& other) {
-  const AssetName looks = looks_of(scenes, other);
-  const Actor source = actor_of(scenes, other);
-  Actor& actor = actor_of(scenes, name);
-  const double rise = 0.5 * (source.size.z() - actor.size.z());
+void replace(const Replace& other, const AssetName& name, Actor& actor) {
+  const double rise = 0.5 * (other.size.z() - actor.size.z());
   for (ActorBox& box : actor.boxes) box.world_from_box = box.world_from_box * translation({0, 0, rise});
-  actor.size = source.size;
-  actor.label = source.label;
-  actor.asset = looks == name ? std::nullopt : std::optional(looks);
+  actor.size = other.size;
+  actor.asset = other.looks == name ? std::nullopt : std::optional(other.looks);
 }
 
 }  // namespace
+
+Replace replace_by(const Scenes& scenes, const AssetName& other) {
+  return {looks_of(scenes, other), actor_of(scenes, other).size};
+}
 
 void apply(const ActorEdit& edit, Scenes& scenes, const AssetName& name) {
   Actor& actor = actor_of(scenes, name);
   if (const auto* shift = std::get_if<Shift>(&edit)) move(actor, translation(shift->metres));
   if (const auto* turned = std::get_if<Turn>(&edit)) move(actor, turn(turned->radians));
   if (std::holds_alternative<Remove>(edit)) actor.boxes.clear();
-  if (const auto* other = std::get_if<Replace>(&edit)) replace(scenes, name, other->other);
+  if (const auto* other = std::get_if<Replace>(&edit)) replace(*other, name, actor);
   if (const auto* path = std::get_if<Follow>(&edit)) {
     follow(path->path, scenes[static_cast<std::size_t>(name.scene)], actor);
   }

@@ -20,9 +20,11 @@ struct Turn {
 /// The actor stays in the list, without boxes: methods keep what they learnt for each actor by its place there.
 struct Remove {};
 
-/// The actor takes the looks, the label and the size of another one, and stands on the same ground.
+/// The actor takes looks and the size that belongs to them, and stands on the same ground. Its label stays its own:
+/// what it looks like is labelled by whoever the looks belong to.
 struct Replace {
-  AssetName other;
+  AssetName looks;
+  Eigen::Vector3d size = Eigen::Vector3d::Zero();
 };
 
 /// Where the centre of a box is in the log's world, z up; yaw 0 looks along +y, counter-clockwise.
@@ -37,6 +39,9 @@ struct PathPoint {
 struct Follow {
   std::vector<PathPoint> path;  // by time
 };
+
+/// By another actor as it is in `scenes`.
+Replace replace_by(const Scenes& scenes, const AssetName& other);
 
 using ActorEdit = std::variant<Shift, Turn, Remove, Replace, Follow>;
 

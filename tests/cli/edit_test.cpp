@@ -93,7 +93,6 @@ TEST_CASE("edit writes a run of its own, and edits of edits compose") {
   fs::remove_all(once);
   scenes = read_scene_file(RunPaths{twice}.scene());
   CHECK(scenes[0].actors[2].asset == AssetName{1, "truck-9"});
-  CHECK(scenes[0].actors[2].label == "Truck");
   CHECK(scenes[0].actors[2].size == Vector3d(2.5, 8, 3));
   CHECK(centre(scenes, 0, 2, 0).z() == doctest::Approx(1.5));
   CHECK(scenes[1].actors[0].boxes.size() == 2);
@@ -113,12 +112,9 @@ TEST_CASE("edit writes a run of its own, and edits of edits compose") {
 TEST_CASE("edit's mistakes: one line that says what would do, and nothing is written") {
   const fs::path run = street_run("mistaken"), out = scratch() / "never";
   const std::pair<const char*, const char*> cases[] = {
-      {"abc:remove", "could be 0:abc-1, 1:abc-1"},
-      {"trukc:remove", "did you mean 1:truck-9?"},
-      {"x:shfit=1,0,0", "did you mean shift?"},
-      {"x:shift=1,0", "want 3 numbers, found 2"},
-      {"x", "example: --actor 3f2a:shift=2,0,0"},
-      {"x:remove,shift=1,0,0", "no boxes to move"},
+      {"abc:remove", "could be 0:abc-1, 1:abc-1"}, {"trukc:remove", "did you mean 1:truck-9?"},
+      {"x:shfit=1,0,0", "did you mean shift?"},    {"x:shift=1,0", "want 3 numbers, found 2"},
+      {"x", "example: --actor 3f2a:shift=2,0,0"},  {"x:remove,shift=1,0,0", "no boxes to move"},
   };
   for (const auto& [given, told] : cases) {
     const Outcome outcome = edit(run, {given}, out);

@@ -19,6 +19,8 @@ class AnalyticStreet : public Street {
   /// More background: the depth along a ray (infinite: missed).
   std::function<double(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction)> ghost;
 
+  double sunk = 0;  // metres behind the front of their boxes where actors begin
+
   LidarReturns measure(const WorldRays& rays) override {
     LidarReturns returns;
     const auto& actors = scenes_.at(static_cast<std::size_t>(rays.scene)).actors;
@@ -29,7 +31,7 @@ class AnalyticStreet : public Street {
       int seen = 0;
       for (std::size_t a = 0; a < actors.size(); ++a) {
         const auto pose = world_from_box_at(actors[a], rays.time);
-        const double at = pose ? box_depth(pose->inverse(), actors[a].size, o, d) : kMissed;
+        const double at = pose ? box_depth(pose->inverse(), actors[a].size, o, d) + sunk : kMissed;
         if (at < depth) depth = at, seen = static_cast<int>(a) + 1;
       }
       returns.depths.push_back(depth < kMissed ? static_cast<float>(depth) : 0.f);

@@ -157,23 +157,26 @@ TEST_CASE("remove leaves the actor in its place of the list, without boxes; only
   CHECK(differs(scenes[0].actors[0], street_scenes()[0].actors[0]));
 }
 
-TEST_CASE("replace takes looks, size and label, and stands on the same ground") {
+TEST_CASE("replace takes looks and size, and stands on the same ground") {
   Scenes scenes = street_scenes();
-  apply(Replace{kTruck}, scenes, kCar);
-  const Actor& car = scenes[0].actors[0];
+  const Replace by_car = replace_by(scenes, kCar);
+  apply(replace_by(scenes, kTruck), scenes, kCar);
+  const Actor &car = scenes[0].actors[0], &truck = scenes[0].actors[1];
   CHECK(car.asset == kTruck);
-  CHECK(car.label == "Truck");
   CHECK(car.size == Vector3d(2.5, 7, 3));
   CHECK(centre(car, 0).z() == doctest::Approx(1.5));
-  // A swap, one after the other: the truck looks like what the car looks like now, which is a truck.
-  apply(Replace{kCar}, scenes, kTruck);
-  CHECK_FALSE(scenes[0].actors[1].asset.has_value());
-  // Looks travel on: the van takes the car's, which are the truck's.
-  apply(Replace{kCar}, scenes, kVan);
+  CHECK_FALSE(size_of_looks(scenes, kCar).has_value());  // nobody looks like the car any more
+  apply(by_car, scenes, kTruck);                         // as the car was: a swap
+  CHECK(truck.asset == kCar);
+  CHECK(truck.size == Vector3d(2, 4, 1.5));
+  CHECK(centre(truck, 0).z() == doctest::Approx(0.75));
+  CHECK(size_of_looks(scenes, kCar).value() == Vector3d(2, 4, 1.5));
+  apply(replace_by(scenes, kCar), scenes, kVan);  // looks travel on: the car's are the truck's
   CHECK(scenes[0].actors[2].asset == kTruck);
   CHECK(centre(scenes[0].actors[2], 0).z() == doctest::Approx(1.5));
-  CHECK(size_of_looks(scenes, kTruck).value() == Vector3d(2.5, 7, 3));
-  CHECK_FALSE(size_of_looks(scenes, {0, "car"}).has_value());  // nobody looks like the car any more
+  apply(replace_by(scenes, kTruck), scenes, kCar);  // its own again
+  CHECK_FALSE(car.asset.has_value());
+  CHECK_FALSE(differs(car, street_scenes()[0].actors[0]));
 }
 
 TEST_CASE("a path gives boxes at the steps in its time, yaw the shorter way round") {
@@ -270,6 +273,32 @@ TEST_CASE("simulate with shift: the actor's returns move with it") {
   }
   CHECK(worst < 2e-3);
   CHECK(s.edit.measured < s.recorded.size() / 2);
+}
+
+TEST_CASE("simulate: what was recorded before the actor's own surface stays, also within its new box") {
+  Scenes before = street_scenes(), after = before;
+  apply(Shift{{-4, 0, 0}}, after, kCar);
+  AnalyticStreet street(after);
+  street.sunk = 1;
+  const Actor& car = after[0].actors[0];
+  const Vector3d middle = centre(car, 1), origin(0.5, 0, 2), along = (middle - origin).normalized();
+  const Vector3d face =
+      origin +
+      along * double(street.measure({0, 100.1, {0.5f, 0, 2}, {float(along.x()), float(along.y()), float(along.z())}})
+                         .depths[0]);
+  LidarPoints recorded;
+  for (const double behind : {-0.5, 0.5}) {
+    const Vector3d p = face + behind * along;
+    for (int axis = 0; axis < 3; ++axis) recorded.positions.push_back(static_cast<float>(p[axis]));
+    recorded.intensities.push_back(1);
+    recorded.times.push_back(0);
+    recorded.sensors.push_back(0);
+  }
+  const SweepEdit edit = edited_sweep(street, {before[0], after[0]}, before[0].sweeps[1], recorded);
+  CHECK(edit.measured == 2);
+  CHECK(edit.changed == 1);
+  CHECK(point(edit.points, 0) == point(recorded, 0));
+  CHECK((point(edit.points, 1) - face).norm() < 1e-4);
 }
 
 TEST_CASE("simulate: a beam that nothing sends back any more has no return") {
