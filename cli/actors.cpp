@@ -74,12 +74,13 @@ AssetName find_actor(const Scenes& scenes, const std::vector<std::string>& logs,
     const int log = find_log(logs, word.substr(0, colon));
     std::erase_if(all, [&](const AssetName& name) { return name.scene != log; });
   }
-  std::vector<AssetName> whole, begun;
+  std::vector<AssetName> whole, begun, with;
   for (const AssetName& name : all) {
     if (name.actor_id == id) whole.push_back(name);
     if (!id.empty() && name.actor_id.starts_with(id)) begun.push_back(name);
+    if (!id.empty() && name.actor_id.find(id) != std::string::npos) with.push_back(name);
   }
-  const std::vector<AssetName>& found = whole.empty() ? begun : whole;
+  const std::vector<AssetName>& found = !whole.empty() ? whole : !begun.empty() ? begun : with;
   if (found.empty()) no_actor(scenes, all, word, id);
   if (found.size() == 1) return found.front();
   throw Error(Fault::usage, text("the actor ", word, " could be ", list(scenes, found), "; name it with more letters",

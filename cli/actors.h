@@ -1,4 +1,5 @@
-// Actors of a run as the user names them: [LOG:]ID, where any beginning that fits one actor alone will do for ID.
+// Actors of a run as the user names them: [LOG:]ID, where ID may be the beginning, or else any part, of an id that no
+// other actor's has.
 #pragma once
 #include <string>
 #include <vector>

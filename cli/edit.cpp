@@ -39,7 +39,7 @@ Examples:
   remove          it is gone, and the LiDAR with it
   replace=OTHER   looks and size that another actor ([LOG:]ID) has in RUN, standing on the same ground
   path=FILE       CSV or JSON of time, x, y, z, yaw in the log's world (docs/formats.md); no comma in the name
-ID is any beginning of an id that fits no other; LOG the number or the name of its log, where there are several.)";
+ID is the beginning (or any part) of an id that no other has; LOG the number or the name of its log, where there are several.)";
 
 struct EditRequest {
   std::string run, out;

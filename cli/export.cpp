@@ -26,7 +26,7 @@ Examples:
   cloam export runs/street --format turntable --actor 1:3f2a -o turn      pictures all around, and a GIF
   cloam export runs/street --format ply --actor 3f2a -o car.ply --resolution 256
 
-An actor is [LOG:]ID: any beginning of its id that fits no other will do; LOG is the number or name of its log.)";
+An actor is [LOG:]ID: the beginning (or any part) of an id that no other has; LOG is the number or name of its log.)";
 
 struct ExportRequest {
   std::string run, format = "glb", actor, out;

@@ -9,6 +9,8 @@
 #include <cmath>
 #include <unordered_map>
 
+#include "runtime/error.h"
+
 namespace cloam {
 namespace {
 
@@ -157,6 +159,10 @@ DistanceGrid grid_over(const Eigen::Vector3d& size, int resolution) {
 }
 
 Mesh isosurface(const DistanceGrid& grid) {
+  if (grid.distances.size() != grid.node_count()) {
+    throw Error(Fault::internal,
+                text("a grid of ", grid.node_count(), " nodes has ", grid.distances.size(), " distances"));
+  }
   Mesh mesh = Marcher(grid).run();
   add_normals(mesh);
   return mesh;

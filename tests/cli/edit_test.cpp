@@ -87,7 +87,7 @@ TEST_CASE("edit writes a run of its own, and edits of edits compose") {
   CHECK((centre(scenes, 0, 1, 0) - Vector3d(0, 5, 0.75)).norm() == 0);
 
   write_text(scratch() / "drive.csv", "time,x,y,z,yaw\n0.1,3,4,5,0\n0.2,4,4,5,1\n");
-  const Outcome second = edit(once, {"x:replace=1:truck-9", "1:abc:path=" + (scratch() / "drive.csv").string()}, twice);
+  const Outcome second = edit(once, {"x:replace=1:truck-9", "1:c-1:path=" + (scratch() / "drive.csv").string()}, twice);
   REQUIRE_MESSAGE(second.code == 0, second.err);
   fs::remove_all(run);
   fs::remove_all(once);
