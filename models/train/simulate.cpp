@@ -13,9 +13,10 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kMargin = 0.2;   // metres: boxes are drawn tightly, and moving things smear
-constexpr double kBeyond = 1e-3;  // metres behind a box where a ray goes on
-constexpr int kMostBoxes = 4;     // that one ray goes through before it is given up
+constexpr double kMargin = 0.2;    // metres: boxes are drawn tightly, and moving things smear
+constexpr double kSurface = 0.05;  // metres: how far an actor's surface may be outside its box
+constexpr double kBeyond = 1e-3;   // metres behind a box where a ray goes on
+constexpr int kMostBoxes = 4;      // that one ray goes through before it is given up
 
 struct Span {
   double enter = 0, leave = 0;  // along the ray, of unit speed
@@ -76,6 +77,12 @@ struct Edited {
   bool has(int number) const { return std::find(numbers.begin(), numbers.end(), number) != numbers.end(); }
 };
 
+std::vector<const Actor*> all_of(const Scene& scene) {
+  std::vector<const Actor*> actors;
+  for (const Actor& actor : scene.actors) actors.push_back(&actor);
+  return actors;
+}
+
 std::vector<Box> boxes_at(const std::vector<const Actor*>& actors, double time) {
   std::vector<Box> boxes;
   for (const Actor* actor : actors) {
@@ -105,7 +112,8 @@ class SweepEditor {
         edited_(log),
         origin_(sweep.world_from_lidar.topRightCorner<3, 1>()),
         old_boxes_(boxes_at(edited_.before, sweep.timestamp)),
-        new_boxes_(boxes_at(edited_.after, sweep.timestamp)) {}
+        new_boxes_(boxes_at(edited_.after, sweep.timestamp)),
+        present_boxes_(boxes_at(all_of(log.edited), sweep.timestamp)) {}
 
   SweepEdit run() {
     std::vector<Beam> beams = touched();
@@ -169,7 +177,7 @@ class SweepEditor {
         continue;
       }
       beam.depth = depth;
-      const auto ghost = depth > 0 && returns.actors[i] == 0 ? old_box_around(beam) : std::nullopt;
+      const auto ghost = depth > 0 ? old_box_around(beam) : std::nullopt;
       if (!ghost) continue;
       beam.start = ghost->leave + kBeyond;
       // Actors stand on the ground, in which a ray from their box's bottom already is.
@@ -179,8 +187,13 @@ class SweepEditor {
     return again;
   }
 
-  /// The old box that the beam's answer lies in.
+  /// The old box that the beam's answer lies in, unless an actor is there now. Whom the street names does not count:
+  /// depths are blended, and may lie before the actor that they are mostly of.
   std::optional<Span> old_box_around(const Beam& beam) const {
+    const Vector3d point = origin_ + beam.depth * beam.direction;
+    for (const Box& box : present_boxes_) {
+      if (box.contains(point, kSurface)) return std::nullopt;
+    }
     for (const Box& box : old_boxes_) {
       const auto span = box.span(origin_, beam.direction);
       if (span && beam.depth >= span->enter && beam.depth <= span->leave) return span;
@@ -215,7 +228,7 @@ class SweepEditor {
   const LidarPoints& points_;
   const Edited edited_;
   const Vector3d origin_;
-  const std::vector<Box> old_boxes_, new_boxes_;
+  const std::vector<Box> old_boxes_, new_boxes_, present_boxes_;
   SweepEdit result_;
 };
 

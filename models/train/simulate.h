@@ -24,9 +24,9 @@ struct EditedLog {
 /// The recorded points of a sweep of log.recorded as the edited log would return them. Along the recorded directions,
 /// from the LiDAR's place at the sweep, the street is asked (at the sweep's time) for
 ///   - returns within 0.2 m of the recorded box of an actor who was edited, at the sweep's time or at their own: they
-///     become what is behind; where the street still sees something of its background inside that box (the ghost of
-///     the actor), the ray goes on from the box's far side, and ends on its bottom if it leaves there and meets no
-///     more;
+///     become what is behind; where the street still sees something inside that box, with no actor's box there now (the
+///     ghost of the actor), the ray goes on from the box's far side, and ends on its bottom if it leaves there and
+///     meets no more;
 ///   - rays that meet the new box of an edited actor before their recorded return: where the street has that actor
 ///     there, they end on it.
 /// All other returns stay bit for bit, as do intensities, times and sensors; rays that meet nothing have no return.

@@ -16,9 +16,10 @@ class AnalyticStreet : public Street {
  public:
   explicit AnalyticStreet(Scenes scenes) : scenes_(std::move(scenes)) {}
 
-  /// More background: the depth along a ray (infinite: missed).
+  /// More background: the depth along a ray (infinite: missed), and whom the street takes it for.
   std::function<double(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction)> ghost;
 
+  int ghost_owner = 0;
   double sunk = 0;  // metres behind the front of their boxes where actors begin
 
   LidarReturns measure(const WorldRays& rays) override {
@@ -34,6 +35,7 @@ class AnalyticStreet : public Street {
         const double at = pose ? box_depth(pose->inverse(), actors[a].size, o, d) + sunk : kMissed;
         if (at < depth) depth = at, seen = static_cast<int>(a) + 1;
       }
+      if (ghost && ghost(o, d) <= depth) seen = ghost_owner;
       returns.depths.push_back(depth < kMissed ? static_cast<float>(depth) : 0.f);
       returns.actors.push_back(seen);
     }

@@ -102,12 +102,14 @@ struct Simulated {
   LidarPoints recorded;
   SweepEdit edit;
 
-  explicit Simulated(const std::vector<std::pair<AssetName, ActorEdit>>& edits, bool haunted = false) {
+  explicit Simulated(const std::vector<std::pair<AssetName, ActorEdit>>& edits, std::optional<int> ghost_owner = {}) {
     for (const auto& [actor, change] : edits) apply(change, after, actor);
     AnalyticStreet then(before), now(after);
     const Sweep& sweep = before[0].sweeps[1];
     recorded = recorded_sweep(then, sweep);
-    if (haunted) {  // the background has kept a plate within the car's box
+    if (ghost_owner) {
+      now.ghost_owner = *ghost_owner;
+      // the background has kept a plate within the car's box
       now.ghost = [](const Vector3d& o, const Vector3d& d) {
         const double t = (10 - o.y()) / d.y();
         const Vector3d at = o + t * d;
@@ -232,9 +234,9 @@ TEST_CASE("simulate without an edit gives back every bit") {
 }
 
 TEST_CASE("simulate with remove: no return of the actor, what is behind it instead, all else as it was") {
-  for (const bool haunted : {false, true}) {
-    CAPTURE(haunted);
-    const Simulated s({{kCar, Remove{}}}, haunted);
+  for (const std::optional<int> ghost : {std::optional<int>(), std::optional(0), std::optional(2)}) {
+    CAPTURE(ghost.value_or(-1));
+    const Simulated s({{kCar, Remove{}}}, ghost);
     const Actor& car = s.before[0].actors[0];
     const std::size_t on_car = count_inside(s.recorded, car, 1, 1e-3);
     CHECK(on_car > 50);

@@ -1,0 +1,157 @@
+// The way of an edit through the program: a street made and learnt for a moment, edited, simulated, read back.
+#include <doctest/doctest.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+
+#include "models/data/load_sweep.h"
+#include "models/data/read_scene.h"
+#include "tests/cli/process.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+using Eigen::Vector3d;
+
+namespace {
+
+const fs::path& street() {
+  static const fs::path log = [] {
+    const Outcome made = cloam_with({"synth", "-o", (scratch() / "street").string(), "--logs", "1", "--frames", "3",
+                                     "--size", "48x27", "--cameras", "front", "--beams", "24", "--no-truth", "-q"});
+    REQUIRE_MESSAGE(made.code == 0, made.err);
+    return scratch() / "street" / "001";
+  }();
+  return log;
+}
+
+const fs::path& street_run() {
+  static const fs::path run = [] {
+    const fs::path folder = scratch() / "street_run";
+    const Outcome trained = cloam_with({"train",
+                                        "genassets",
+                                        street().string(),
+                                        "-o",
+                                        folder.string(),
+                                        "--preset",
+                                        "genassets-small",
+                                        "--steps",
+                                        "1",
+                                        "-q",
+                                        "--set",
+                                        "background.side=32",
+                                        "--set",
+                                        "batch.patches=1",
+                                        "--set",
+                                        "batch.patch_side=8",
+                                        "--set",
+                                        "batch.lidar_rays=32",
+                                        "--set",
+                                        "code.side=4",
+                                        "--set",
+                                        "weight.perceptual=0"});
+    REQUIRE_MESSAGE(trained.code == 0, trained.err);
+    return folder;
+  }();
+  return run;
+}
+
+std::vector<Vector3d> points_of(const Scene& log, std::size_t sweep) {
+  const LidarPoints points = load_sweep(log, log.sweeps.at(sweep));
+  std::vector<Vector3d> out;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    out.push_back(Eigen::Map<const Eigen::Vector3f>(&points.positions[3 * i]).cast<double>());
+  }
+  return out;
+}
+
+bool holds(const Actor& actor, std::size_t box, const Vector3d& point, double margin) {
+  const Vector3d p = (actor.boxes.at(box).world_from_box.inverse() * point.homogeneous()).head<3>();
+  return (p.cwiseAbs() - actor.size / 2).maxCoeff() < margin;
+}
+
+std::size_t count_in(const Scene& log, std::size_t sweep, const Actor& actor, double margin) {
+  std::size_t count = 0;
+  for (const Vector3d& point : points_of(log, sweep)) count += holds(actor, sweep, point, margin);
+  return count;
+}
+
+/// The actor with a box at every step and the most returns in its first.
+const Actor& most_seen(const Scene& log) {
+  std::size_t most = 0;
+  const Actor* seen = &log.actors.front();
+  for (const Actor& actor : log.actors) {
+    const std::size_t count = actor.boxes.size() == log.sweeps.size() ? count_in(log, 0, actor, 0) : 0;
+    if (count > most) most = count, seen = &actor;
+  }
+  REQUIRE(most > 10);
+  return *seen;
+}
+
+}  // namespace
+
+TEST_CASE("simulate after remove: boxes and LiDAR of the actor are gone, all that it did not touch is as it was") {
+  const Scene before = read_scene(street());
+  const Actor& removed = most_seen(before);
+  const fs::path edited = scratch() / "removed_run", out = scratch() / "removed_log";
+  const Outcome edit =
+      cloam_with({"edit", street_run().string(), "--actor", removed.id + ":remove", "-o", edited.string()});
+  REQUIRE_MESSAGE(edit.code == 0, edit.err);
+  const Outcome simulated = cloam_with({"simulate", edited.string(), "-o", out.string(), "--json"});
+  REQUIRE_MESSAGE(simulated.code == 0, simulated.err);
+  const auto json = nlohmann::json::parse(simulated.out);
+  CHECK(json["images"] == 3);
+  CHECK(json["sweeps"] == 3);
+
+  const Scene after = read_scene(out);
+  CHECK(after.format == "PandaSet");
+  CHECK(after.frames.size() == 3);
+  CHECK(after.cameras.front() == before.cameras.front());
+  CHECK(after.actors.size() + 1 == before.actors.size());
+  for (const Actor& actor : after.actors) CHECK(actor.id != removed.id);
+  std::size_t changed = 0, total = 0;
+  for (std::size_t s = 0; s < 3; ++s) {
+    CHECK(count_in(after, s, removed, -1e-3) == 0);  // whatever a model of one step believes
+    const auto was = points_of(before, s), is = points_of(after, s);
+    total += is.size();
+    std::size_t at = 0, lost = 0;  // what was not touched comes in the same order, to the bit
+    for (const Vector3d& point : was) {
+      changed += holds(removed, s, point, 0.2);
+      if (holds(removed, s, point, 2)) continue;  // it may have been on the actor when its beam came by
+      const auto found = std::find(is.begin() + std::ptrdiff_t(at), is.end(), point);
+      if (found == is.end())
+        ++lost;
+      else
+        at = std::size_t(found - is.begin()) + 1;
+    }
+    CHECK(lost == 0);
+  }
+  CHECK(json["returns"] == total);
+  CHECK(json["returns_changed"].get<std::size_t>() >= changed);
+  CHECK(cloam_with({"check", out.string()}).code == 0);
+  CHECK(cloam_with({"simulate", edited.string(), "-o", out.string()}).code == 2);  // never among the files of another
+}
+
+TEST_CASE("simulate after shift: the boxes move by what was asked for; size and cameras are chosen") {
+  const Scene before = read_scene(street());
+  const Actor& moved = most_seen(before);
+  const fs::path edited = scratch() / "moved_run", out = scratch() / "moved_log";
+  REQUIRE(
+      cloam_with({"edit", street_run().string(), "--actor", moved.id + ":shift=1,0,0", "-o", edited.string()}).code ==
+      0);
+  const Outcome simulated =
+      cloam_with({"simulate", edited.string(), "-o", out.string(), "--size", "32x18", "--cameras", "front", "-q"});
+  REQUIRE_MESSAGE(simulated.code == 0, simulated.err);
+  const Scene after = read_scene(out);
+  CHECK(after.cameras.front().width == 32);
+  CHECK(after.cameras.front().fx == doctest::Approx(before.cameras.front().fx * 32 / 48));
+  for (const Actor& actor : after.actors) {
+    const auto was = std::find_if(before.actors.begin(), before.actors.end(),
+                                  [&](const Actor& other) { return other.id == actor.id; });
+    REQUIRE(was != before.actors.end());
+    const Eigen::Matrix4d change = was->boxes[0].world_from_box.inverse() * actor.boxes[0].world_from_box;
+    Eigen::Matrix4d wanted = Eigen::Matrix4d::Identity();
+    if (actor.id == moved.id) wanted(0, 3) = 1;
+    CHECK(change.isApprox(wanted, 1e-6));
+  }
+  CHECK(cloam_with({"simulate", edited.string(), "-o", (out / "x").string(), "--cameras", "rear"}).code == 2);
+}
