@@ -126,14 +126,14 @@ class Layout {
       const double right = plan_.lane_middle(lane);
       const bool own = std::abs(right - made_.ego.right) < 0.1;
       const double with = own ? made_.ego.speed : made_.ego.speed + random_.between(-3, 2);
-      fill_lane(kMoving, {0, right, with, 0, 0}, {7, 26}, false);
-      fill_lane(kMoving, {0, -right, -random_.between(5, 10), 0, M_PI}, {8, 28}, false);
+      fill_lane(kMoving, {0, right, with, 0}, {7, 26}, false);
+      fill_lane(kMoving, {0, -right, -random_.between(5, 10), M_PI}, {8, 28}, false);
     }
   }
 
   void add_parked() {
     for (const double side : {1.0, -1.0}) {
-      fill_lane(kParked, {0, side * plan_.parking(), 0, 0, side > 0 ? 0 : M_PI}, {1.5, 14}, true);
+      fill_lane(kParked, {0, side * plan_.parking(), 0, side > 0 ? 0 : M_PI}, {1.5, 14}, true);
     }
   }
 
@@ -144,7 +144,7 @@ class Layout {
       for (int i = 0, count = 1 + actor_random_.below(2); i < count; ++i) {
         const double along = actor_random_.between(-8, 55) + (side < 0 ? 12 : 0);
         add_actor(make_road_user(RoadUser::bicycle, actor_random_),
-                  {along + 9 * i, side * plan_.bicycles(), pace, 0, turn}, false);
+                  {along + 9 * i, side * plan_.bicycles(), pace, turn}, false);
       }
       for (int i = 0, count = 2 + actor_random_.below(3); i < count; ++i) add_walker(side);
     }

@@ -43,7 +43,7 @@ struct Spin {
   bool moving = false;     // car and actors move while the LiDAR turns; else they stand as they are at `time`
   std::uint64_t seed = 0;  // of noise and drop-out
 };
-/// Beams from 24 degrees below to 12 above, from the rear to the left around; `times` are 0 where the beam looks ahead.
+/// Beams from 24 degrees below to 12 above; clockwise from the rear, and `times` are 0 where the beam looks ahead.
 LidarPoints take_sweep(const MadeStreet& street, const Spin& spin);
 
 }  // namespace cloam

@@ -107,10 +107,10 @@ Vector2d Course::coordinates(const Vector2d& p) const {
 }
 
 PlacedThing StreetActor::at(const Course& course, double time, double turn, int number) const {
-  const double along = track.along + time * track.speed, right = track.right + time * track.sideways;
-  const Vector2d place = course.place(along, right);
+  const double along = track.along + time * track.speed;
+  const Vector2d place = course.place(along, track.right);
   return {thing,
-          {place.x(), place.y(), course.ground(right)},
+          {place.x(), place.y(), course.ground(track.right)},
           turn_of(course.yaw(along) + track.turn + turn),
           number,
           !parked};

@@ -2,6 +2,7 @@
 // lamps at night, fog. World frame right-handed, z up, metres; street coordinates are metres along the middle line and
 // metres to the right of it. Host code in double.
 #pragma once
+#include <cmath>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -55,7 +56,8 @@ struct PlacedThing {
   Ray to_thing(const Ray& ray) const;
 };
 
-/// The course of a street: a straight line or an arc that starts at the origin along the world's y.
+/// The course of a street; its road is level, pavements lie one step higher. A straight line or an arc that starts at
+/// the origin along the world's y.
 struct Course {
   double curvature = 0;          // to the left, 1/m
   double kerb = 9, step = 0.14;  // metres from the middle to the kerbs, and their height
@@ -68,9 +70,9 @@ struct Course {
 
 /// Goes evenly along the street.
 struct Track {
-  double along = 0, right = 0;     // at time 0
-  double speed = 0, sideways = 0;  // m/s along the street and to its right
-  double turn = 0;                 // against the street's direction
+  double along = 0, right = 0;  // at time 0
+  double speed = 0;             // m/s along the street
+  double turn = 0;              // against the street's direction
 };
 
 struct StreetActor {
