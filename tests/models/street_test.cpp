@@ -204,10 +204,13 @@ TEST_CASE("street logs: LiDAR points lie at the depth that the pictures have") {
   const Camera& camera = log.cameras[std::size_t(frame.camera)];
   const auto depth = depth_of(small_log(), frame.sensor, frame.step);
   const LidarPoints points = load_sweep(log, log.sweeps[std::size_t(frame.step)]);
-  int compared = 0, agreed = 0;
+  const Matrix4d lidar_from_world = log.sweeps[std::size_t(frame.step)].world_from_lidar.inverse();
+  int compared = 0, agreed = 0, untimely = 0;
   for (std::size_t i = 0; i < points.size(); ++i) {
     CHECK(std::abs(points.times[i]) <= 0.05f);
     const Eigen::Vector4d world(points.positions[3 * i], points.positions[3 * i + 1], points.positions[3 * i + 2], 1);
+    const Eigen::Vector4d ahead = lidar_from_world * world;
+    untimely += std::abs(points.times[i] + 0.1 / (2 * M_PI) * std::atan2(-ahead.x(), ahead.y())) > 1e-4;
     const Vector3d seen = (frame.world_from_camera.inverse() * world).head<3>();
     if (seen.z() < 1) continue;
     const Eigen::Vector2d place = project(camera, seen);
@@ -216,6 +219,7 @@ TEST_CASE("street logs: LiDAR points lie at the depth that the pictures have") {
     ++compared;
     agreed += std::abs(there - seen.z()) < 0.1 + 0.02 * seen.z();
   }
+  CHECK(untimely == 0);  // the beam turns clockwise from the rear
   CHECK(compared > 500);
   CHECK(agreed > 0.85 * compared);  // LiDAR and camera are 1 m apart and see other edges
 }
