@@ -152,11 +152,12 @@ INLINE void walk(const Ray* ray, int r, __global const float* boxes, int first, 
     }
   }
   for (; next < hits; next++) add_actor(ray, boxes + 20 * which[next], spans[next].x, spans[next].y, s->actor_step, write, at, out);
-  // The sky's samples in even steps of 1 / distance from the edge of the grid on; they are seen at that edge.
+  // The sky's samples in even steps of 1 / distance from the edge of the grid on; they are seen at that edge,
+  // and marked by a sign.
   const float edge = fmax(range.x < range.y ? range.y : 1.0f, hits ? spans[hits - 1].y : 0.0f);
   for (int i = 0; i < s->sky; i++) {
     const float share = ((float)i + ray->background_shift) / (float)s->sky;
-    add_background(ray, grid, r, 1.0f / ((1.0f - share) / edge + share / fmax(grid[13], 2.0f * edge)), edge, write, at, out);
+    add_background(ray, grid, r, 1.0f / ((1.0f - share) / edge + share / fmax(grid[13], 2.0f * edge)), -edge, write, at, out);
   }
   if (s->shadows)
     for (int b = first; b < last; b++) add_shadow(ray, boxes + 20 * b, r, write, at, out);
@@ -210,12 +211,12 @@ FAT __kernel void street_write(__global const float* restrict origins, __global 
 
 // Front to back along a ray, with opacities instead of densities: w_i = alpha_i prod_{j<i} (1 - alpha_j); the last sample
 // takes what light is left. Sample i of the ray is row rows[i] of alpha and features.
-// out [rays, channels + 4]: sum of w f; depth, the sum of w t; opacity, the sum of w without the `sky` last samples;
+// out [rays, channels + 4]: sum of w f; depth, the sum of w |t|; opacity, the sum of w without the sky, whose t is below 0;
 // stray, the sum of w^2 of samples further than `near` from where the LiDAR saw something (ranges[r]; 0: it did not look);
 // the sum of w of actors, whose rows are those from `background` on.
 FAT __kernel void blend(__global const float* restrict alpha, __global const float* restrict features, __global const float* restrict t,
                         __global const int* restrict rows, __global const int* restrict offsets, __global const float* restrict ranges,
-                        __global float* restrict out, int rays, int channels, int background, int sky, float near, int chunk) {
+                        __global float* restrict out, int rays, int channels, int background, float near, int chunk) {
   const int end = min(rays, ((int)get_global_id(0) + 1) * chunk);
   for (int r = get_global_id(0) * chunk; r < end; r++) {
     __global float* sum = out + (size_t)r * (channels + 4);
@@ -227,9 +228,9 @@ FAT __kernel void blend(__global const float* restrict alpha, __global const flo
       const float w = through * (i + 1 == last ? 1.0f : alpha[row]);
       __global const float* f = features + (size_t)row * channels;
       for (int c = 0; c < channels; c++) sum[c] += w * f[c];
-      sum[channels] += w * t[i];
-      if (i < last - sky) sum[channels + 1] += w;
-      if (ranges[r] > 0.0f && fabs(t[i] - ranges[r]) > near) sum[channels + 2] += w * w;
+      sum[channels] += w * fabs(t[i]);
+      if (t[i] >= 0.0f) sum[channels + 1] += w;
+      if (ranges[r] > 0.0f && fabs(fabs(t[i]) - ranges[r]) > near) sum[channels + 2] += w * w;
       if (row >= background) sum[channels + 3] += w;
       through *= 1.0f - alpha[row];
     }
@@ -242,7 +243,7 @@ FAT __kernel void blend(__global const float* restrict alpha, __global const flo
 FAT __kernel void blend_grad(__global const float* restrict alpha, __global const float* restrict features, __global const float* restrict t,
                              __global const int* restrict rows, __global const int* restrict offsets, __global const float* restrict ranges,
                              __global const float* restrict g, __global float* restrict dalpha, int rays, int samples, int channels, int background,
-                             int sky, float near, int chunk) {
+                             float near, int chunk) {
   __global float* dfeatures = dalpha + samples;
   const int end = min(rays, ((int)get_global_id(0) + 1) * chunk);
   for (int r = get_global_id(0) * chunk; r < end; r++) {
@@ -259,11 +260,11 @@ FAT __kernel void blend_grad(__global const float* restrict alpha, __global cons
       const float a = i + 1 == last ? 1.0f : alpha[row], T = dalpha[row], w = T * a;
       __global const float* f = features + (size_t)row * channels;
       __global float* df = dfeatures + (size_t)row * channels;
-      float u = t[i] * gr[channels];
+      float u = fabs(t[i]) * gr[channels];
       for (int c = 0; c < channels; c++) u += f[c] * gr[c];
       for (int c = 0; c < channels; c++) df[c] = w * gr[c];
-      if (i < last - sky) u += gr[channels + 1];
-      if (ranges[r] > 0.0f && fabs(t[i] - ranges[r]) > near) u += 2.0f * w * gr[channels + 2];
+      if (t[i] >= 0.0f) u += gr[channels + 1];
+      if (ranges[r] > 0.0f && fabs(fabs(t[i]) - ranges[r]) > near) u += 2.0f * w * gr[channels + 2];
       if (row >= background) u += gr[channels + 3];
       dalpha[row] = i + 1 == last ? 0.0f : T * u - behind / fmax(1.0f - a, 1e-6f);
       behind += w * u;

@@ -134,7 +134,7 @@ struct Volume {
   Tensor t, dt;    // [S]
   Tensor offsets;  // [R+1] int32
 };
-/// Front-to-back quadrature (Max 1995; NeRF eq. 3) -> [R,6]: colour, opacity, depth (sum of w t), distortion (mip-NeRF
+/// Front-to-back quadrature (Max 1995; NeRF eq. 3) -> [R,6]: colour, opacity, depth (sum of w |t|), distortion (mip-NeRF
 /// 360 eq. 15 over t / (1 + t)). No gradient to t, dt; once differentiable.
 Tensor composite(const Volume& volume);
 /// The weights T alpha of all samples [S]; no gradient.
@@ -180,7 +180,7 @@ struct StreetSteps {
 /// Ray r owns places [offsets[r], offsets[r+1]) of t and rows, by distance. Samples lie in two lists: rows below
 /// points.dim(0) are of the background, those from there on of actors.
 struct StreetSamples {
-  Tensor offsets, t, rows;                        // int32 [R+1], [S], int32 [S]
+  Tensor offsets, t, rows;                        // int32 [R+1], [S] (the sky's negative), int32 [S]
   Tensor points, ray;                             // background: [B,3] contracted to [0,1]^3, int32 [B]
   Tensor actor_points, actor_directions, owners;  // [A,3] in [0,1]^3 of the owner's cube, [A,3] in its box, int32 [A]
   Tensor shadow_offsets, shadow_points, shadow_directions, shadow_owners, shadow_t,
@@ -197,10 +197,9 @@ struct StreetBlended {
   Tensor t, rows, offsets;  // of StreetSamples
   Tensor ranges;            // [R]: where a LiDAR saw something, 0: it did not look
   int64_t background = 0;   // rows from here on are of actors
-  int sky = 8;              // samples at the end of each ray that are no matter
   float near = 0.1f;        // metres around ranges where matter belongs
 };
-/// Front to back: [R,C+4]: sum of w f, depth (sum of w t), opacity without the sky, the sum of w^2 of samples that are
+/// Front to back: [R,C+4]: sum of w f, depth (sum of w |t|), opacity without the sky, the sum of w^2 of samples that are
 /// not near the range, and the opacity of actors. The last sample takes all light that is left. Once differentiable in alpha and features.
 Tensor street_blend(const StreetBlended& blended);
 /// int32 [R]: the owner that gives most light of a ray, if more than half, else -1. At once.

@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "models/scene/asset_class.h"
+#include "models/scene/assets.h"
 #include "models/train/tensors.h"
 #include "runtime/error.h"
 
@@ -23,21 +24,22 @@ constexpr float kCube = 1.1f;                          // a box's cube over its 
 constexpr float kShadowSlack = 0.3f;  // metres behind the background at which ground still counts as seen
 constexpr float kBright = 4;          // shadows begin as sigmoid(kBright)
 constexpr float kLeastTransmittance = 1e-3f;
-constexpr double kRenderRays = 4096;
-constexpr double kWorst = 0.05;  // share of LiDAR rays that are left out
+constexpr int64_t kRenderRays = 4096;
+constexpr float kNormalStep = 0.01f;  // metres
+constexpr double kWorst = 0.05;       // share of LiDAR rays that are left out
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
 
-std::vector<int64_t> numbers_of(const std::string& list) {
+std::vector<int64_t> numbers_of(const char* setting, const std::string& list) {
   std::vector<int64_t> out;
   std::istringstream in(list);
   for (std::string word; std::getline(in, word, ',');) {
     const bool digits = !word.empty() && word.size() < 6 && word.find_first_not_of("0123456789") == std::string::npos;
     if (!digits || std::stoll(word) < 1)
-      throw Error(Fault::usage, text("setting decoder.widths: \"", list, "\", want numbers as 256,128,128,64,64"));
+      throw Error(Fault::usage, text("setting ", setting, ": \"", list, "\", want numbers as 256,128,128,64,64"));
     out.push_back(std::stoll(word));
   }
-  if (out.empty()) throw Error(Fault::usage, "setting decoder.widths is empty, want numbers as 256,128,128,64,64");
+  if (out.empty()) throw Error(Fault::usage, text("setting ", setting, " is empty, want numbers as 256,128,128,64,64"));
   return out;
 }
 
@@ -46,6 +48,11 @@ TensorMap part_of(const TensorMap& map, const std::string& prefix) {
   for (const auto& [name, tensor] : map)
     if (name.starts_with(prefix)) out[name.substr(prefix.size())] = tensor;
   return out;
+}
+
+void hold(PatchDiscriminator::Block& block) {
+  block.weight = stop_gradient(block.weight);
+  if (block.bias) block.bias = stop_gradient(block.bias);
 }
 
 Tensor columns(const Tensor& x, int64_t begin, int64_t end) { return slice(x, 1, begin, end); }
@@ -82,6 +89,8 @@ void GenAssets::configure(Config& c) {
   c.bind("batch.lidar_rays", config_.lidar_rays, "LiDAR returns a step");
   c.bind("weight.rgb", config_.weight_rgb, "of the squared colour error");
   c.bind("weight.perceptual", config_.weight_perceptual, "of the perceptual loss");
+  c.bind("weight.adversarial", config_.weight_adversarial, "of fooling the discriminator; 0: there is none");
+  c.bind("adversarial.widths", config_.discriminator_widths, "of the discriminator's blocks");
   c.bind("weight.lidar", config_.weight_lidar, "of the squared LiDAR depth error");
   c.bind("weight.stray", config_.weight_stray, "of matter along LiDAR rays that is not near their return");
   c.bind("weight.kl", config_.weight_kl, "of the codes' KL term");
@@ -106,7 +115,7 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
     o.latent_channels = config_.code_channels;
     o.classes = kAssetClassCount;
     o.middle = config_.decoder_middle;
-    o.widths = numbers_of(config_.decoder_widths);
+    o.widths = numbers_of("decoder.widths", config_.decoder_widths);
     o.plane_channels = 3 * config_.field.plane_channels;
     o.groups = config_.decoder_groups;
     decoder_ = std::make_unique<AssetDecoder>(networks / "decoder", o);
@@ -114,6 +123,8 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
   if (config_.shadows)
     shadow_.emplace(networks / "shadow", std::vector<int64_t>{3 * int64_t{config_.field.plane_channels} + 17, 32, 3});
   if (config_.weight_perceptual > 0) perceptual_ = feature_network(config_.perceptual_weights);
+  if (config_.weight_adversarial > 0)
+    discriminator_.emplace(networks / "discriminator", numbers_of("adversarial.widths", config_.discriminator_widths));
   for (const Scene& scene : scenes) {
     if (!scene.is_log)
       throw Error(Fault::data, text(scene.root.string(), " is no driving log (format ", scene.format,
@@ -126,7 +137,7 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
 namespace {
 
 int64_t planes_side(const GenAssetsConfig& config) {
-  return int64_t{config.code_side} << (numbers_of(config.decoder_widths).size() - 1);
+  return int64_t{config.code_side} << (numbers_of("decoder.widths", config.decoder_widths).size() - 1);
 }
 
 }  // namespace
@@ -197,7 +208,8 @@ std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) co
   std::vector<LearningRate> rates = {{"networks.decoder", config_.rate_decoder * now},
                                      {"networks.field", config_.rate_field * now},
                                      {"networks.image", config_.rate_image * now},
-                                     {"networks.shadow", config_.rate_field * now}};
+                                     {"networks.shadow", config_.rate_field * now},
+                                     {"networks.discriminator", config_.rate_discriminator * now}};
   for (LearningRate& rate : rates) rate.frozen = frozen_;
   for (size_t i = 0; i < logs_.size(); ++i) {
     const std::string log = "log" + std::to_string(i);
@@ -206,6 +218,49 @@ std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) co
     rates.push_back({log + ".planes", config_.rate_background * now, true});
   }
   return rates;
+}
+
+namespace {
+
+float cube_scale(const Eigen::Vector3d& size) {
+  return 1.f / (kCube * static_cast<float>(std::max(0.5, size.maxCoeff())));
+}
+
+/// 20 numbers, as ops.h: StreetBoxes says.
+void add_box(std::vector<float>& numbers, const Eigen::Matrix4d& street_from_box, const Eigen::Vector3d& size,
+             size_t owner) {
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c) numbers.push_back(static_cast<float>(street_from_box(c, r)));
+  for (int k = 0; k < 3; ++k) numbers.push_back(static_cast<float>(street_from_box(k, 3)));
+  for (int k = 0; k < 3; ++k) numbers.push_back(static_cast<float>(size[k] / 2) + kPadding[k]);
+  numbers.insert(numbers.end(), {cube_scale(size), static_cast<float>(owner), 0, 0, 0});
+}
+
+Tensor dense_zeros(int64_t count) { return from_host(std::vector<int32_t>(static_cast<size_t>(count), 0), {count}); }
+
+}  // namespace
+
+Eigen::Vector3d GenAssets::size_of(const AssetPlace& place) const {
+  const Actor& actor = logs_[place.log].scene.actors[place.actor];
+  Scenes scenes;
+  for (const Log& log : logs_) scenes.push_back(log.scene);
+  return size_of_looks(scenes, {static_cast<int>(place.log), actor.id}).value_or(actor.size);
+}
+
+GenAssets::Stage GenAssets::street(const Log& log, const RayList& rays) const {
+  return {log, boxes_of(log, rays), log.space->grid(), log.looks};
+}
+
+/// One asset in its box's axes and nothing around it but the sky of its log.
+GenAssets::Stage GenAssets::alone(const Log& log, const AssetPlace& place) const {
+  std::vector<float> box, numbers = log.space->grid().numbers.to_host();
+  add_box(box, Eigen::Matrix4d::Identity(), size_of(place), 0);
+  for (size_t k = 0; k < 3; ++k) numbers[k] = 1e6f, numbers[4 + k] = 1;  // a voxel that no ray meets
+  const Tensor nothing = from_host(std::vector<uint8_t>{0}, {1, 1, 1});
+  return {log,
+          {from_host(std::vector<int32_t>{0, 1}, {2}), from_host(box, {1, 20})},
+          {nothing, nothing, from_host(numbers, {16})},
+          {place}};
 }
 
 /// The boxes of every moment in street axes, as ops.h: StreetBoxes says. Owners are places in scene.actors.
@@ -218,13 +273,7 @@ StreetBoxes GenAssets::boxes_of(const Log& log, const RayList& rays) const {
       if (!rays.actors.empty() && !rays.actors[a]) continue;
       const auto pose = world_from_box_at(actor, time);
       if (!pose) continue;
-      const Eigen::Matrix4d street_from_box = log.space->street_from_world() * *pose;
-      for (int r = 0; r < 3; ++r)
-        for (int c = 0; c < 3; ++c) numbers.push_back(static_cast<float>(street_from_box(c, r)));
-      for (int k = 0; k < 3; ++k) numbers.push_back(static_cast<float>(street_from_box(k, 3)));
-      for (int k = 0; k < 3; ++k) numbers.push_back(static_cast<float>(actor.size[k] / 2) + kPadding[k]);
-      numbers.push_back(1.f / (kCube * static_cast<float>(std::max(0.5, actor.size.maxCoeff()))));
-      numbers.insert(numbers.end(), {static_cast<float>(a), 0, 0, 0});
+      add_box(numbers, log.space->street_from_world() * *pose, actor.size, a);
     }
     first.push_back(static_cast<int32_t>(numbers.size() / 20));
   }
@@ -270,7 +319,8 @@ GenAssets::Decoded GenAssets::decode(const std::vector<AssetPlace>& assets, cons
   return out;
 }
 
-GenAssets::Shaded GenAssets::shade(const Log& log, const RayList& rays, const Drawing& how, bool shadows) const {
+GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows) const {
+  const Log& log = stage.log;
   const int64_t count = rays.count();
   StreetRays at = {from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
                    how.random ? random_uniform({count, 2}, stream(how.key, kJitter)) : full({count, 2}, 0.5f),
@@ -278,9 +328,9 @@ GenAssets::Shaded GenAssets::shade(const Log& log, const RayList& rays, const Dr
   StreetSteps steps = config_.steps;
   steps.shadows = shadows && shadow_;
   Shaded out;
-  out.samples = street_samples(at, boxes_of(log, rays), log.space->grid(), steps);
+  out.samples = street_samples(at, stage.boxes, stage.grid, steps);
   out.marched = out.samples.t.dim(0);
-  const Met met = meet(log, out.samples);
+  const Met met = meet(stage, out.samples);
   out.owners = met.owners;
   Decoded decoded;
   Tensor slots;
@@ -302,7 +352,7 @@ GenAssets::Shaded GenAssets::shade(const Log& log, const RayList& rays, const Dr
   out.alpha = field_->opacity(geometry.distance);
   const int64_t wide = config_.field.features;
   const Tensor blended = street_blend({out.alpha, field_->features(geometry.inner, harmonics), s.t, s.rows, s.offsets,
-                                       from_host(rays.ranges, {count}), s.points.dim(0), steps.sky, config_.near});
+                                       from_host(rays.ranges, {count}), s.points.dim(0), config_.near});
   out.features = columns(blended, 0, wide);
   out.depth = column(blended, wide);
   out.opacity = column(blended, wide + 1);
@@ -321,16 +371,16 @@ Tensor GenAssets::features_at(const Log& log, const StreetSamples& s, const Tens
 }
 
 /// Actors that rays meet get slots: only they are decoded.
-GenAssets::Met GenAssets::meet(const Log& log, const StreetSamples& s) const {
+GenAssets::Met GenAssets::meet(const Stage& stage, const StreetSamples& s) const {
   Met met;
-  met.slot_of.assign(log.scene.actors.size() + 1, -1);
+  met.slot_of.assign(stage.looks.size() + 1, -1);
   for (const Tensor& owners : {s.owners, s.shadow_owners})
     if (owners.dim(0) > 0)
       for (const int32_t owner : owners.to_host<int32_t>()) met.slot_of[static_cast<size_t>(owner)] = 0;
-  for (size_t a = 0; a < log.scene.actors.size(); ++a)
+  for (size_t a = 0; a < stage.looks.size(); ++a)
     if (met.slot_of[a] == 0) {
       met.slot_of[a] = static_cast<int32_t>(met.assets.size());
-      met.assets.push_back(log.looks[a]);
+      met.assets.push_back(stage.looks[a]);
       met.owners.push_back(static_cast<int32_t>(a));
     }
   return met;
@@ -365,6 +415,18 @@ Tensor GenAssets::lidar_loss(const Tensor& depth, const Tensor& ranges) const {
   return sum(where(error <= limit, error, 0.f)) * (1.f / static_cast<float>(kept));
 }
 
+/// The decoder's term, through a discriminator that holds still, and the discriminator's own, which reaches it alone;
+/// photographs are real, renders are not.
+Tensor GenAssets::adversarial_loss(const Tensor& image, const Tensor& truth) const {
+  PatchDiscriminator still = *discriminator_;
+  for (PatchDiscriminator::Block& block : still.blocks) hold(block);
+  hold(still.last);
+  const Tensor fooled = bce_with_logits(still(image), 1.f);
+  const Tensor told =
+      bce_with_logits((*discriminator_)(truth), 1.f) + bce_with_logits((*discriminator_)(stop_gradient(image)), 0.f);
+  return fooled * config_.weight_adversarial + told;
+}
+
 Tensor GenAssets::loss(const Progress& progress) {
   HostRandom random(seed_, static_cast<uint64_t>(progress.step));
   const Log& log = logs_[random.below(logs_.size())];
@@ -376,7 +438,8 @@ Tensor GenAssets::loss(const Progress& progress) {
   const int64_t all = rays.count();
   // A pass through the distance alone finds what lies behind surfaces; it pays once a quarter of the samples are dark.
   const bool skim = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
-  const Shaded seen = shade(log, rays, {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skim}, true);
+  const Shaded seen =
+      shade(street(log, rays), rays, {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skim}, true);
   const auto map = [&](const Tensor& x) {
     return permute(reshape(slice(x, 0, 0, camera_rays), {patches, side, side, x.dim(1)}), {0, 3, 1, 2});
   };
@@ -385,6 +448,7 @@ Tensor GenAssets::loss(const Progress& progress) {
   observed_ = {squared};
   Tensor total = squared * config_.weight_rgb;
   if (perceptual_) total = total + perceptual_loss(*perceptual_, image, truth) * config_.weight_perceptual;
+  if (discriminator_) total = total + adversarial_loss(image, truth);
   if (all > camera_rays) {
     const Tensor depth = slice(seen.depth, 0, camera_rays, all);
     const Tensor ranges =
@@ -448,8 +512,8 @@ Picture GenAssets::render(const View& view) {
   std::vector<float> features, shadow, depth, opacity;
   std::vector<int> actors;
   for (int64_t begin = 0; begin < rays.count();) {
-    const int64_t end = std::min(rays.count(), begin + static_cast<int64_t>(kRenderRays));
-    const Shaded seen = shade(log, part(rays, begin, end), {}, true);
+    const int64_t end = std::min(rays.count(), begin + kRenderRays);
+    const Shaded seen = shade(street(log, rays), part(rays, begin, end), {}, true);
     const Tensor light = seen.shadow ? seen.shadow : ones({end - begin, 3});
     eval({seen.features, seen.depth, seen.opacity, seen.alpha, light});
     append(features, seen.features.to_host());
@@ -488,9 +552,9 @@ LidarReturns GenAssets::measure(const WorldRays& rays) {
     list.add((street_from_world * o.homogeneous()).head<3>(), street_from_world.topLeftCorner<3, 3>() * d);
   }
   LidarReturns out;
-  for (int64_t begin = 0; begin < list.count(); begin += static_cast<int64_t>(kRenderRays)) {
-    const int64_t end = std::min(list.count(), begin + static_cast<int64_t>(kRenderRays));
-    const Shaded seen = shade(log, part(list, begin, end), {}, false);
+  for (int64_t begin = 0; begin < list.count(); begin += kRenderRays) {
+    const int64_t end = std::min(list.count(), begin + kRenderRays);
+    const Shaded seen = shade(street(log, list), part(list, begin, end), {}, false);
     eval({seen.depth, seen.opacity, seen.alpha});
     const std::vector<float> depth = seen.depth.to_host(), opacity = seen.opacity.to_host();
     for (size_t i = 0; i < depth.size(); ++i) out.depths.push_back(opacity[i] < 0.5f ? 0.f : depth[i]);
@@ -500,8 +564,74 @@ LidarReturns GenAssets::measure(const WorldRays& rays) {
   return out;
 }
 
-Picture GenAssets::render_asset(const AssetName&, const Camera&, const Eigen::Matrix4d&) { return {}; }
-AssetSamples GenAssets::sample_asset(const AssetName&, const std::vector<float>&) { return {}; }
+/// The asset in front of the sky of its log; then what is sky turns white.
+Picture GenAssets::render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) {
+  const AssetPlace place = place_of(asset);
+  const Log& log = logs_[place.log];
+  const int scale = image_->scale();
+  const int64_t columns = (camera.width + scale - 1) / scale, rows = (camera.height + scale - 1) / scale;
+  RayList rays;
+  rays.times.push_back(0);
+  for (int64_t y = 0; y < rows; ++y)
+    for (int64_t x = 0; x < columns; ++x)
+      rays.add(box_from_camera.block<3, 1>(0, 3),
+               box_from_camera.topLeftCorner<3, 3>() *
+                   direction(camera, {(static_cast<double>(x) + 0.5) * scale, (static_cast<double>(y) + 0.5) * scale}));
+  const Stage stage = alone(log, place);
+  Tensors features, opacity;
+  for (int64_t begin = 0; begin < rays.count(); begin += kRenderRays) {
+    const Shaded seen = shade(stage, part(rays, begin, std::min(rays.count(), begin + kRenderRays)), {}, false);
+    eval({seen.features, seen.actor_opacity});
+    features.push_back(stop_gradient(seen.features));
+    opacity.push_back(stop_gradient(seen.actor_opacity));
+  }
+  const auto map = [&](const Tensors& parts, int64_t channels) {
+    return permute(reshape(concat(parts, 0), {1, rows, columns, channels}), {0, 3, 1, 2});
+  };
+  const Tensor image = image_of(map(features, config_.field.features), Tensor());
+  const Tensor covered = resize_bilinear(map(opacity, 1), image.dim(2), image.dim(3));
+  const auto pixels = [&](const Tensor& x) {
+    const Tensor cut = slice(slice(x, 2, 0, camera.height), 3, 0, camera.width);
+    return permute(reshape(cut, {x.dim(1), camera.height, camera.width}), {1, 2, 0}).to_host();
+  };
+  Picture out;
+  out.width = camera.width;
+  out.height = camera.height;
+  out.rgb = pixels(image * covered + (1.f - covered));
+  out.opacity = pixels(covered);
+  return out;
+}
+
+AssetSamples GenAssets::sample_asset(const AssetName& asset, const std::vector<float>& points) {
+  const AssetPlace place = place_of(asset);
+  const auto count = static_cast<int64_t>(points.size() / 3);
+  const Tensor planes = stop_gradient(decode({place}, {}).planes), owners = dense_zeros(count);
+  const float scale = cube_scale(size_of(place));
+  const auto geometry = [&](const Tensor& at) {
+    return field_->geometry(sample_planes(planes, at * scale + 0.5f, owners));
+  };
+  const Tensor at = from_host(points, {count, 3});
+  // The way outwards by differences over the corners of a tetrahedron.
+  Tensor outwards = zeros({count, 3});
+  for (const std::vector<float>& corner :
+       std::vector<std::vector<float>>{{1, -1, -1}, {-1, -1, 1}, {-1, 1, -1}, {1, 1, 1}}) {
+    const Tensor step = from_host(corner, {1, 3});
+    outwards = outwards + step * unsqueeze(geometry(at + step * kNormalStep).distance, 1);
+  }
+  const Tensor normal = outwards * rsqrt(sum(square(outwards), {{1}, true}) + 1e-12f);
+  const StreetField::Geometry here = geometry(at);
+  const Tensor feature = field_->features(here.inner, spherical_harmonics(-normal));
+  // The colour that the image decoder gives to a surface of this feature alone.
+  const int64_t side = 3, middle = side * image_->scale() / 2;
+  const Tensor image = (*image_)(broadcast_to(reshape(feature, {count, config_.field.features, 1, 1}),
+                                              {count, config_.field.features, side, side}));
+  const Tensor colour = reshape(slice(slice(image, 2, middle, middle + 1), 3, middle, middle + 1), {count, 3});
+  AssetSamples out;
+  eval({here.distance, colour});
+  out.distances = here.distance.to_host();
+  out.colours = colour.to_host();
+  return out;
+}
 
 TensorMap GenAssets::state() const {
   TensorMap out;

@@ -8,6 +8,7 @@
 #include "models/fields/street_field.h"
 #include "models/nn/feature_network.h"
 #include "models/nn/image_decoder.h"
+#include "models/nn/patch_discriminator.h"
 #include "models/render/street_data.h"
 #include "models/train/method.h"
 
@@ -26,10 +27,13 @@ struct GenAssetsConfig {
   bool shadows = true;
   int background_side = 256;  // texels
   int patches = 4, patch_side = 32, lidar_rays = 1024;
-  float weight_rgb = 1, weight_perceptual = 0.1f, weight_lidar = 0.01f, weight_stray = 0.01f, weight_kl = 1e-5f;
+  float weight_rgb = 1, weight_perceptual = 0.1f, weight_adversarial = 0.001f, weight_lidar = 0.01f,
+        weight_stray = 0.01f, weight_kl = 1e-5f;
+  std::string discriminator_widths = "64,128,256,512";
   std::string perceptual_weights;  // file; empty: fixed random features
   float near = 0.1f;               // metres around a LiDAR's return where matter belongs
-  float rate_codes = 0.05f, rate_decoder = 1e-4f, rate_field = 1e-3f, rate_image = 1e-3f, rate_background = 0.02f;
+  float rate_codes = 0.05f, rate_decoder = 1e-4f, rate_field = 1e-3f, rate_image = 1e-3f, rate_background = 0.02f,
+        rate_discriminator = 1e-4f;
   float final_rate = 0.1f, decay_start = 0.3f;
 };
 
@@ -68,6 +72,13 @@ class GenAssets final : public Method, public Street {
     std::vector<int32_t> classes;   // of the actors
     std::vector<AssetPlace> looks;  // of the actors: whose asset they wear
   };
+  /// What rays meet.
+  struct Stage {
+    const Log& log;
+    StreetBoxes boxes;
+    StreetGrid grid;
+    std::vector<AssetPlace> looks;  // of the boxes' owners
+  };
   /// How samples are placed and codes drawn; without a key: in the middle, and the mean.
   struct Drawing {
     RandomKey key;
@@ -96,14 +107,18 @@ class GenAssets final : public Method, public Street {
   Log make_log(const Scene& scene, size_t index, const Scope& scope) const;
   void find_looks();
   AssetPlace place_of(const AssetName& asset) const;
+  Eigen::Vector3d size_of(const AssetPlace& place) const;
+  Stage street(const Log& log, const RayList& rays) const;
+  Stage alone(const Log& log, const AssetPlace& place) const;
   StreetBoxes boxes_of(const Log& log, const RayList& rays) const;
   Decoded decode(const std::vector<AssetPlace>& assets, const Drawing& how) const;
   Tensor asset_rows(const std::vector<AssetPlace>& assets) const;
-  Met meet(const Log& log, const StreetSamples& samples) const;
+  Met meet(const Stage& stage, const StreetSamples& samples) const;
   Tensor features_at(const Log& log, const StreetSamples& samples, const Tensor& planes, const Tensor& slots) const;
-  Shaded shade(const Log& log, const RayList& rays, const Drawing& how, bool shadows) const;
+  Shaded shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows) const;
   Tensor shadows_of(const Log& log, const Shaded& shaded, const Tensor& planes, const Tensor& slots) const;
   Tensor image_of(const Tensor& features, const Tensor& shadow) const;
+  Tensor adversarial_loss(const Tensor& image, const Tensor& truth) const;
   Tensor lidar_loss(const Tensor& depth, const Tensor& ranges) const;
 
   GenAssetsConfig config_;
@@ -115,6 +130,7 @@ class GenAssets final : public Method, public Street {
   std::unique_ptr<ImageDecoder> image_;
   std::optional<SmallMlp> shadow_;
   std::optional<FeatureNetwork> perceptual_;
+  std::optional<PatchDiscriminator> discriminator_;
   bool frozen_ = false;          // the networks are another run's
   int64_t lit_permille_ = 1000;  // of the samples marched to, those that light reaches
   int64_t last_samples_ = 0, last_actors_ = 0;

@@ -50,11 +50,14 @@ const std::vector<Preset>& presets() {
         {"image.blocks", "4"},
         {"image.doublings", "1"},
         {"steps.actor", "0.1"},
+        {"weight.adversarial", "0"},
+        {"batch.lidar_rays", "512"},
         {"train.rate_codes", "0.02"},
         {"train.rate_decoder", "1e-3"},
-        {"train.rate_field", "2e-3"},
-        {"train.rate_image", "2e-3"}},
-       6000},
+        {"train.rate_field", "5e-3"},
+        {"train.rate_image", "4e-3"},
+        {"train.rate_background", "0.05"}},
+       7000},
   };
   return rows;
 }

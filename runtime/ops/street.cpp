@@ -18,7 +18,6 @@ int32_t value_at(const Tensor& values, int64_t place) {
 
 struct BlendScalars {
   int64_t background;
-  int sky;
   float near;
 };
 
@@ -30,7 +29,7 @@ struct StreetBlendGrad final : Op {
     const int64_t rays = in[4].dim(0) - 1;
     const auto [range, chunk] = chunks(rays, 64);
     launch(kernel("street", "blend_grad"), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], in[6], out, rays,
-           in[0].dim(0), in[1].dim(1), scalars.background, scalars.sky, scalars.near, chunk);
+           in[0].dim(0), in[1].dim(1), scalars.background, scalars.near, chunk);
   }
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
     no_gradient("street_blend", "it is once differentiable");
@@ -45,7 +44,7 @@ struct StreetBlend final : Op {
     const int64_t rays = in[4].dim(0) - 1;
     const auto [range, chunk] = chunks(rays, 64);
     launch(kernel("street", "blend"), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], out, rays, in[1].dim(1),
-           scalars.background, scalars.sky, scalars.near, chunk);
+           scalars.background, scalars.near, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     const int64_t rows = in[0].dim(0), channels = in[1].dim(1);
@@ -157,7 +156,7 @@ Tensor street_blend(const StreetBlended& b) {
   if (b.ranges.numel() != rays)
     throw Error(Fault::internal,
                 text("[street_blend] ranges is ", to_string(b.ranges.shape()), ", want one a ray: ", rays));
-  return make(std::make_shared<StreetBlend>(BlendScalars{b.background, b.sky, b.near}), {rays, b.features.dim(1) + 4},
+  return make(std::make_shared<StreetBlend>(BlendScalars{b.background, b.near}), {rays, b.features.dim(1) + 4},
               {b.alpha, b.features, b.t, b.rows, b.offsets, b.ranges});
 }
 

@@ -6,7 +6,7 @@
 namespace cloam {
 namespace {
 
-constexpr int64_t kSky = 2, kBackground = 6;
+constexpr int64_t kBackground = 6;
 constexpr double kNear = 0.5;
 
 /// Inputs alpha, features, t, rows, offsets, ranges. The last sample of a ray takes the light that is left.
@@ -20,9 +20,9 @@ HostArray blended(const HostArrays& in) {
       const auto row = static_cast<int64_t>(in[3][i]);
       const double weight = through * (i + 1 == last ? 1 : in[0][row]);
       for (int64_t c = 0; c < channels; c++) out.at({r, c}) += weight * in[1].at({row, c});
-      out.at({r, channels}) += weight * in[2][i];
-      if (i < last - kSky) out.at({r, channels + 1}) += weight;
-      if (in[5][r] > 0 && std::abs(in[2][i] - in[5][r]) > kNear) out.at({r, channels + 2}) += weight * weight;
+      out.at({r, channels}) += weight * std::abs(in[2][i]);
+      if (in[2][i] >= 0) out.at({r, channels + 1}) += weight;
+      if (in[5][r] > 0 && std::abs(std::abs(in[2][i]) - in[5][r]) > kNear) out.at({r, channels + 2}) += weight * weight;
       if (row >= kBackground) out.at({r, channels + 3}) += weight;
       through *= 1 - in[0][row];
     }
@@ -33,13 +33,13 @@ HostArray blended(const HostArrays& in) {
 OpCase blend_row(const char* label, int64_t channels) {
   return {.op = "street_blend",
           .label = label,
-          .inputs = {between({11, 1}, 0.05, 0.9), normal({11, channels}), constant(between({11}, 1, 5)),
+          .inputs = {between({11, 1}, 0.05, 0.9), normal({11, channels}), constant(between({11}, -2, 5)),
                      given({11}, {4, 0, 9, 2, 7, 1, 10, 3, 5, 8, 6}, DType::i32),
                      given({5}, {0, 6, 6, 8, 11}, DType::i32), constant(given({4}, {2.5, 1, 0, 3}))},
           .run =
               [](const Tensors& in) {
                 return street_blend({reshape(in[0], {in[0].dim(0)}), in[1], in[2], in[3], in[4], in[5], kBackground,
-                                     kSky, static_cast<float>(kNear)});
+                                     static_cast<float>(kNear)});
               },
           .reference = blended};
 }
