@@ -152,3 +152,31 @@ TEST_CASE("methods for one capture refuse several, and networks of others") {
   CHECK(networks.err.find("no networks that several scenes share") != std::string::npos);
   CHECK_FALSE(fs::exists(scratch() / "adopting"));
 }
+
+TEST_CASE("eval of a log prints the figures over actors and the guesses to clear, by log too") {
+  const fs::path log = small_log("eval-log", 12), run = scratch() / "eval-run";
+  REQUIRE(cloam_with(small_training(log, run, {"--steps", "2", "--protocol", "sparse"})).code == 0);
+  const Outcome evaluated = cloam_with({"eval", run.string(), "--json"});
+  REQUIRE_MESSAGE(evaluated.code == 0, evaluated.err);
+  const auto json = nlohmann::json::parse(evaluated.out);
+  for (const char* key : {"psnr", "ssim", "masked_psnr", "masked_ssim", "lidar_median_error_m", "baseline_blend_psnr",
+                          "baseline_blend_masked_psnr", "baseline_mean_masked_psnr", "baseline_copy_psnr",
+                          "baseline_copy_masked_psnr", "baseline_row_mean_psnr"}) {
+    CAPTURE(key);
+    CHECK(json.contains(key));
+    CHECK(json.at("logs").at(0).contains(key));
+  }
+  CHECK(json.at("schema_version") == 1);
+  CHECK(json.at("protocol") == "sparse");
+  CHECK(json.at("images") == 8);
+  CHECK(json.at("masks") == "boxes");
+  CHECK(json.at("logs").at(0).at("name") == "eval-log");
+  CHECK(json_of(run / "eval" / "eval.json").at("per_image").size() == 8);
+  const Outcome novel = cloam_with({"eval", run.string(), "--protocol", "novel"});
+  CHECK(novel.code == 3);
+  CHECK(novel.err.find("front_left_camera") != std::string::npos);
+  const auto turned = cloam_with({"eval", run.string(), "--protocol", "rotate360", "--json"});
+  REQUIRE_MESSAGE(turned.code == 0, turned.err);
+  CHECK(nlohmann::json::parse(turned.out).at("images") == 7 * 12);
+  CHECK(nlohmann::json::parse(turned.out).at("psnr").is_null());  // the log has no images of turned actors
+}

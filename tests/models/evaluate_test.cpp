@@ -1,0 +1,202 @@
+// Masks, guesses and LiDAR errors of logs, against what can be said by hand.
+#include "models/train/evaluate.h"
+
+#include <doctest/doctest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <filesystem>
+
+#include "models/data/pandaset.h"
+#include "models/data/turned_log.h"
+#include "models/data/write_pandaset.h"
+#include "models/io/commit.h"
+#include "models/io/image.h"
+#include "models/train/lidar_rays.h"
+#include "runtime/error.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+
+namespace {
+
+struct Folder {
+  fs::path path = fs::temp_directory_path() / "cloam-evaluate-test";
+  Folder() { fs::remove_all(path); }
+  ~Folder() { fs::remove_all(path); }
+};
+
+Eigen::Matrix4d at(double x, double y, double z) {
+  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
+  pose.topRightCorner<3, 1>() = Eigen::Vector3d(x, y, z);
+  return pose;
+}
+
+/// One camera that looks along the world's z at the origin, one frame a step; frame i shows grey of value i.
+struct GreyLog {
+  Scene scene;
+  Pixels train, test;
+  GreyLog(const std::vector<int>& training, const std::vector<int>& tests) {
+    scene.is_log = true;
+    scene.cameras = {{4, 2, 4, 4, 2, 1, CameraModel::pinhole, {}, 0, 0}};
+    train.cameras = test.cameras = scene.cameras;
+    for (const int step : training) add(step, Split::train, train);
+    for (const int step : tests) add(step, Split::test, test);
+  }
+  void add(int step, Split split, Pixels& pixels) {
+    Frame frame;
+    frame.image = "camera/front_camera/" + std::to_string(step) + ".png";
+    frame.sensor = "front_camera";
+    frame.step = step;
+    frame.timestamp = 0.1 * step;
+    frame.split = split;
+    std::vector<std::uint8_t> rgba(4 * 8, static_cast<std::uint8_t>(step));
+    for (std::size_t i = 3; i < rgba.size(); i += 4) rgba[i] = 255;
+    pixels.frames.push_back({scene.frames.size(), 0, 4, 2, rgba, {}});
+    scene.frames.push_back(frame);
+  }
+};
+
+/// Decibel of a difference of so many 255ths everywhere.
+double decibel(double levels) { return -20 * std::log10(levels / 255); }
+
+GuessScores guesses_of(const GreyLog& log, const ActorMask* mask = nullptr) {
+  const std::vector<float> rgb(24, static_cast<float>(log.test.frames[0].rgba[0]) / 255);
+  return Guesses(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, mask});
+}
+
+/// A wall at a distance, which every ray meets.
+struct Wall final : Street {
+  float distance;
+  explicit Wall(float metres) : distance(metres) {}
+  LidarReturns measure(const WorldRays& rays) override {
+    return {std::vector<float>(rays.directions.size() / 3, distance), std::vector<int>(rays.directions.size() / 3, 0)};
+  }
+  Picture render_asset(const AssetName&, const Camera&, const Eigen::Matrix4d&) override { return {}; }
+  AssetSamples sample_asset(const AssetName&, const std::vector<float>&) override { return {}; }
+};
+
+}  // namespace
+
+TEST_CASE("copies and blends are of the neighbouring training photos of the same camera") {
+  const GuessScores scores = guesses_of(GreyLog({10, 20, 40, 100}, {34}));
+  CHECK(scores.copy == doctest::Approx(decibel(6)));                         // 40 is nearer than 20
+  CHECK(scores.blend == doctest::Approx(decibel(4)));                        // (20 + 40) / 2 = 30
+  CHECK(scores.mean_colour == doctest::Approx(decibel(8.5)).epsilon(1e-3));  // 170 / 4 = 42.5
+  CHECK(std::isnan(scores.nearest_frame));
+  const GuessScores tie = guesses_of(GreyLog({20, 40}, {30}));
+  CHECK(tie.copy == doctest::Approx(decibel(10)));  // the earlier, as far away as the later
+  CHECK(tie.blend > 100);
+  const GuessScores first = guesses_of(GreyLog({20, 40}, {15}));
+  CHECK(first.blend == doctest::Approx(decibel(5)));  // nothing before it: the one after
+  GreyLog other({20, 40}, {30});
+  other.scene.frames[2].sensor = "left_camera";
+  CHECK(std::isnan(guesses_of(other).blend));
+}
+
+TEST_CASE("each actor is painted in its own true mean colour, and rows in their mean colours of training") {
+  GreyLog log({20, 40}, {30});
+  ActorMask mask{4, 2, {1, 1, 2, 2, 0, 0, 0, 0}};
+  std::vector<float> rgb(24, 0.f);
+  const float values[] = {0.1f, 0.3f, 0.8f, 0.8f};  // actor 1 differs by 0.1 from its mean, actor 2 not at all
+  for (std::size_t i = 0; i < 12; ++i) rgb[i] = values[i / 3];
+  const GuessScores scores = Guesses(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, &mask});
+  CHECK(scores.mean_masked == doctest::Approx(-10 * std::log10(0.5 * 0.01)).epsilon(1e-4));
+  for (FramePixels& frame : log.train.frames)
+    for (std::size_t i = 0; i < 32; ++i) frame.rgba[i] = i % 4 == 3 ? 255 : i < 16 ? 100 : 200;
+  for (std::size_t i = 0; i < 24; ++i) rgb[i] = (i < 12 ? 110.f : 210.f) / 255;
+  const GuessScores rows = Guesses(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, nullptr});
+  CHECK(rows.row_mean == doctest::Approx(decibel(10)).epsilon(1e-4));
+}
+
+TEST_CASE("masks of truth: actors with a box at that step, most pixels of a block") {
+  const Folder folder;
+  Scene log;
+  log.root = folder.path;
+  log.is_log = true;
+  log.actors = {{"car", "Car", {2, 4, 2}, false, {{3, 0.3, at(0, 0, 0)}}}, {"bus", "Bus", {2, 4, 2}, false, {}}};
+  Frame frame;
+  frame.image = "camera/front_camera/03.jpg";
+  frame.step = 3;
+  fs::create_directories(folder.path / "truth" / "front_camera");
+  commit_text(folder.path / "truth" / "actors.json", R"({"7": "car", "8": "bus", "9": "far away"})");
+  // Blocks of 2x2: three pixels of four; two (not most); the bus, which has no box; the unknown and the far one.
+  const std::vector<std::uint8_t> numbers = {7, 7, 7, 7, 8, 8, 5, 9,  //
+                                             7, 0, 0, 0, 8, 8, 9, 9};
+  write_png(folder.path / "truth" / "front_camera" / "03_actor.png", {8, 2, 1, numbers});
+  const ActorMasks masks(log);
+  CHECK(masks.from_truth());
+  const Camera half{4, 1, 4, 4, 2, 0.5, CameraModel::pinhole, {}, 0, 0};
+  CHECK(masks.of(frame, half).actors == std::vector<int>{1, 0, 0, 0});
+  frame.step = 4;
+  CHECK(masks.of(frame, half).actors == std::vector<int>{0, 0, 0, 0});
+  frame.image = "camera/front_camera/04.jpg";
+  CHECK_THROWS_AS(masks.of(frame, half), Error);
+  commit_text(folder.path / "truth" / "actors.json", R"({"seven": "car"})");
+  CHECK_THROWS_AS(ActorMasks{log}, Error);
+}
+
+TEST_CASE("without truth a box's outline stands for its actor, the nearer in front") {
+  Scene log;
+  log.is_log = true;
+  Actor near{"near", "Car", {1, 1, 1}, false, {{0, 0, at(0, 0, 5.5)}}}, far{"far", "Car", {4, 1, 1}, false, {}};
+  far.boxes = {{0, 0, at(0, 0, 9.5)}};
+  const Actor behind{"behind", "Car", {9, 9, 1}, false, {{0, 0, at(0, 0, -5)}}};
+  log.actors = {far, near, behind};
+  Frame frame;
+  frame.timestamp = 0;
+  const Camera camera{30, 10, 30, 30, 15, 5, CameraModel::pinhole, {}, 0, 0};
+  const ActorMasks masks(log);
+  CHECK_FALSE(masks.from_truth());
+  const ActorMask mask = masks.of(frame, camera);
+  // The near face at 5 m spans 0.5 / 5 * 30 = 3 pixels each way; the far one at 9 m 2 / 9 * 30 = 6.7.
+  const std::vector<int> row(mask.actors.begin() + 4 * 30, mask.actors.begin() + 5 * 30);
+  CHECK(std::count(row.begin(), row.end(), 2) == 6);
+  CHECK(row[12] == 2);
+  CHECK(row[11] == 1);
+  CHECK(std::count(row.begin(), row.end(), 1) == 14 - 6);
+  CHECK(std::count(mask.actors.begin(), mask.actors.end(), 3) == 0);
+}
+
+TEST_CASE("actors turn counter-clockwise about their own z axes") {
+  Scene log;
+  log.root = "nowhere";
+  log.actors = {{"a", "Car", {2, 4, 2}, false, {{0, 0, at(3, 1, 0)}}}};
+  GreyLog grey({0, 1}, {2});
+  log.frames = grey.scene.frames;
+  const TurnedLog turned = turned_log(log, 90);
+  const Eigen::Matrix4d pose = turned.scene.actors[0].boxes[0].world_from_box;
+  CHECK((pose.topRightCorner<3, 1>() - Eigen::Vector3d(3, 1, 0)).norm() < 1e-12);
+  CHECK((pose.topLeftCorner<3, 3>() * Eigen::Vector3d::UnitY() + Eigen::Vector3d::UnitX()).norm() < 1e-12);
+  CHECK_FALSE(turned.has_truth);
+  CHECK(frames_of(turned.scene, Split::test).size() == 3);
+  CHECK(turned.scene.frames[1].image == "camera/front_camera/1.png");
+}
+
+TEST_CASE("LiDAR errors are of the test sweeps, along rays from the LiDAR") {
+  const Folder folder;
+  Scene log;
+  log.root = folder.path;
+  log.is_log = true;
+  log.cameras = {{4, 4, 4, 4, 2, 2, CameraModel::pinhole, {}, 0, 0}};
+  for (int step = 0; step < 2; ++step) log.sweeps.push_back({"", 0.1 * step, at(1, 0, 0), step, Split::train});
+  const auto image = [](const Frame&) { return Image{4, 4, 3, std::vector<std::uint8_t>(48, 0)}; };
+  // Seen from (1, 0, 0): 4, 6 and 10 m away; the last is of the other LiDAR.
+  const auto points = [](const Sweep&) {
+    return LidarPoints{{5, 0, 0, 1, 6, 0, 1, 0, 10, 1, 99, 0}, {0, 0, 0, 0}, {0, 0, 0, 0}, {0, 0, 0, 1}, 0};
+  };
+  write_pandaset(folder.path, log, {image, points});
+  for (Sweep& sweep : log.sweeps) sweep.file = "lidar/" + pandaset_number(sweep.step) + ".pkl.gz";
+  log.sweeps[1].split = Split::test;
+  Wall wall(7);
+  const std::vector<double> errors = lidar_errors(wall, log, 0);
+  REQUIRE(errors.size() == 3);
+  CHECK(errors[0] == doctest::Approx(3));
+  CHECK(errors[1] == doctest::Approx(1));
+  CHECK(median_error(errors) == doctest::Approx(3));
+  CHECK(median_error({4, 1, 2, 3}) == doctest::Approx(2.5));
+  SweepRays many;
+  for (int i = 0; i < 10; ++i) many.depths.push_back(static_cast<float>(i));
+  many.rays.origins.assign(30, 0), many.rays.directions.assign(30, 0);
+  CHECK(thinned(many, 4).depths == std::vector<float>{0, 3, 6, 9});
+}
