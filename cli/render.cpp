@@ -6,12 +6,13 @@
 
 #include "cli/capture.h"
 #include "cli/commands.h"
+#include "cli/render_views.h"
 #include "models/data/paths.h"
+#include "models/io/commit.h"
 #include "models/io/gif.h"
-#include "models/scene/orbit.h"
-#include "models/train/camera_file.h"
+#include "models/io/ply.h"
+#include "models/train/lidar_rays.h"
 #include "models/train/pictures.h"
-#include "models/train/restore_run.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -26,62 +27,9 @@ Examples:
   cloam render runs/fox -o pictures                          the held-out views
   cloam render runs/fox -o orbit --path orbit --frames 60    a turntable, with an animated GIF
   cloam render runs/fox -o all --split all --exr             colour, depth and opacity as EXR layers
-  cloam render runs/fox -o one --camera cam.json)";
-
-struct NamedView {
-  std::string name;
-  View view;
-};
-
-std::string numbered(const char* prefix, std::size_t index) {
-  char buffer[40];
-  std::snprintf(buffer, sizeof buffer, "%s_%04zu", prefix, index);
-  return buffer;
-}
-
-std::vector<std::size_t> frames_of_choice(const Scene& scene, const std::string& split) {
-  std::vector<std::size_t> test = frames_of(scene, Split::test), train = frames_of(scene, Split::train);
-  if (split == "test" && test.empty()) warn("no view was held out: rendering the training views");
-  if (split == "test") return test.empty() ? train : test;
-  if (split == "all") train.insert(train.end(), test.begin(), test.end());
-  return train;
-}
-
-/// Needs no images: the geometry of the run is in its folder.
-std::vector<NamedView> capture_views(const RestoredRun& run, const RenderRequest& request) {
-  const Scene scene = request.data.empty() ? run.scenes.front() : read_split_scene(request.data, run.record.reading);
-  const std::vector<std::size_t> frames = frames_of_choice(scene, request.split);
-  const std::vector<std::string> names = file_names(scene, frames);
-  std::vector<NamedView> views;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    const Frame& frame = scene.frames[frames[i]];
-    const Camera& camera = scene.cameras[static_cast<std::size_t>(frame.camera)];
-    views.push_back({names[i], view_of(frame, scaled(camera, run.record.reading.downscale), 0)});
-  }
-  return views;
-}
-
-std::vector<NamedView> orbit_views(const RestoredRun& run, int count) {
-  const Camera& first = run.scenes.front().cameras[static_cast<std::size_t>(run.scenes.front().frames.front().camera)];
-  const Camera camera = scaled(first, run.record.reading.downscale);
-  std::vector<NamedView> views;
-  for (const Eigen::Matrix4d& pose : orbit_poses(run.scenes.front(), count)) {
-    views.push_back({numbered("orbit", views.size()), {camera, pose}});
-  }
-  return views;
-}
-
-std::vector<NamedView> file_views(const std::string& path) {
-  std::vector<NamedView> views;
-  for (const View& view : read_camera_file(path)) views.push_back({numbered("camera", views.size()), view});
-  return views;
-}
-
-std::vector<NamedView> views_of(const RestoredRun& run, const RenderRequest& request) {
-  if (!request.camera.empty()) return file_views(request.camera);
-  if (request.path == "orbit") return orbit_views(run, request.frames);
-  return capture_views(run, request);
-}
+  cloam render runs/fox -o one --camera cam.json
+  cloam render runs/street -o wide --log 003 --time +0.75 --camera-name left_camera --size 1280x720
+  cloam render runs/street -o sweeps --lidar --split all)";
 
 void check_word(const char* option, const std::string& word, const std::vector<std::string>& known) {
   std::string list;
@@ -90,6 +38,23 @@ void check_word(const char* option, const std::string& word, const std::vector<s
   const std::string near = nearest_name(word, known);
   throw Error(Fault::usage,
               text(option, " ", word, ": want one of ", list, near.empty() ? "" : "; did you mean " + near + "?"));
+}
+
+/// NAME_actor.png as the truth beside logs has it: which actor each pixel shows, 1 + its place in actors.json.
+void write_mask(const fs::path& path, const Picture& picture) {
+  Labels labels{picture.width, picture.height, {}};
+  for (const int actor : picture.actors) labels.values.push_back(static_cast<std::uint16_t>(actor));
+  write_labels(path, labels);
+}
+
+void write_actor_names(const RestoredRun& run, const RenderRequest& request) {
+  for (const int index : scenes_asked_for(run, request)) {
+    nlohmann::ordered_json json = nlohmann::ordered_json::object();
+    const Scene& scene = run.scenes[static_cast<std::size_t>(index)];
+    for (std::size_t i = 0; i < scene.actors.size(); ++i) json[std::to_string(i + 1)] = scene.actors[i].id;
+    const std::string prefix = run.scenes.size() > 1 ? log_name(run, index) + "_" : "";
+    commit_text(fs::path(request.out) / (prefix + "actors.json"), json.dump(1) + "\n");
+  }
 }
 
 std::vector<Image> render_all(const RestoredRun& run, const std::vector<NamedView>& views, const RenderRequest& request,
@@ -101,24 +66,80 @@ std::vector<Image> render_all(const RestoredRun& run, const std::vector<NamedVie
     const Image image = to_image(picture.rgb, picture.width, picture.height);
     write_png(fs::path(request.out) / (name + ".png"), image);
     if (request.exr) write_picture_exr(fs::path(request.out) / (name + ".exr"), picture);
+    if (request.masks) write_mask(fs::path(request.out) / (name + "_actor.png"), picture);
     if (!request.path.empty()) images.push_back(image);
     say(common, text("render ", ++done, "/", views.size(), "  ", name));
   }
   return images;
 }
 
+/// The sweep that the model would return along the recorded rays.
+void render_sweep(Street& street, const SweepRays& sweep, const fs::path& path) {
+  const LidarReturns seen = street.measure(sweep.rays);
+  std::vector<PlyColumn> columns = {{"x", {}}, {"y", {}}, {"z", {}}, {"actor", {}}};
+  for (std::size_t i = 0; i < seen.depths.size(); ++i) {
+    if (seen.depths[i] <= 0) continue;
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      columns[axis].values.push_back(sweep.rays.origins[3 * i + axis] +
+                                     seen.depths[i] * sweep.rays.directions[3 * i + axis]);
+    columns[3].values.push_back(static_cast<float>(seen.actors[i]));
+  }
+  write_ply_vertices(path, columns);
+}
+
+/// The sweeps of the split or step. Only their directions are read from the data.
+std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, const Common& common) {
+  std::size_t done = 0;
+  for (const int index : scenes_asked_for(run, request)) {
+    const RunData& data = run.record.data[static_cast<std::size_t>(index)];
+    const fs::path folder = request.data.empty() ? find_data(request.run, data) : fs::path(request.data);
+    const Scene scene = read_split_scene(folder, run.record.reading);
+    for (const Sweep& sweep : scene.sweeps) {
+      const bool in_split = request.split == "all" || (sweep.split == Split::test) == (request.split == "test");
+      if (request.step ? sweep.step != *request.step : !in_split) continue;
+      const std::string prefix = run.scenes.size() > 1 ? log_name(run, index) + "_" : "";
+      const std::string name = prefix + "lidar_" + fs::path(sweep.file).stem().stem().string() + ".ply";
+      render_sweep(*run.method->street(), sweep_rays(sweep, load_sweep(scene, sweep), index),
+                   fs::path(request.out) / name);
+      say(common, text("render ", ++done, "  ", name));
+    }
+  }
+  if (done == 0) throw Error(Fault::data, "there is no sweep to render in the split " + request.split);
+  return done;
+}
+
+int render_lidar_alone(const RestoredRun& run, const RenderRequest& request, const Common& common) {
+  const std::size_t sweeps = render_lidar(run, request, common);
+  if (common.json)
+    put(nlohmann::ordered_json({{"schema_version", 1}, {"sweeps", sweeps}, {"folder", request.out}}).dump() + "\n");
+  say(common, text(sweeps, " sweeps in ", request.out));
+  return 0;
+}
+
+void check_request(const RenderRequest& request) {
+  check_word("--split", request.split, {"test", "train", "all"});
+  if (!request.path.empty()) check_word("--path", request.path, {"orbit"});
+  if (request.step && !request.time.empty()) throw Error(Fault::usage, "--step and --time: give one of them");
+  if (request.lidar && (!request.camera.empty() || !request.path.empty() || !request.time.empty()))
+    throw Error(Fault::usage, "--lidar renders recorded sweeps: choose them with --split, --step and --log");
+}
+
 }  // namespace
 
 int run_render(const RenderRequest& request, const Common& common) {
-  check_word("--split", request.split, {"test", "train", "all"});
-  if (!request.path.empty()) check_word("--path", request.path, {"orbit"});
+  check_request(request);
   read_record(request.run);  // a wrong folder is told before a missing device
   open_device(common);
   const RestoredRun run = restore_run(request.run);
   if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  if ((request.masks || request.lidar) && !run.method->street())
+    throw Error(Fault::usage, text("--masks and --lidar are for methods that know actors and LiDAR; the run's is ",
+                                   run.record.method));
+  if (request.lidar) return render_lidar_alone(run, request, common);
   const std::vector<NamedView> views = views_of(run, request);
   if (views.empty()) throw Error(Fault::data, "there is no view to render in the split " + request.split);
   const std::vector<Image> images = render_all(run, views, request, common);
+  if (request.masks) write_actor_names(run, request);
   const fs::path gif = fs::path(request.out) / "orbit.gif";
   if (!images.empty()) write_gif(gif, images, kFramesPerSecond);
   if (common.json) {
@@ -138,6 +159,15 @@ Command add_render(CLI::App& program) {
   parser->add_option("--split", request->split, "test (held-out views), train or all");
   parser->add_option("--path", request->path, "orbit: a circle around what the cameras look at");
   parser->add_option("--frames", request->frames, "Pictures of the path (60)")->check(CLI::Range(1, 10000));
+  parser->add_option("--log", request->log, "Of a run of several logs: the number (from 0) or name of one");
+  parser->add_option("--camera-name", request->camera_name, "Of a log: the views of one camera, as front_camera");
+  parser->add_option("--step", request->step, "Of a log: the views of one step, whatever the split");
+  parser->add_option(
+      "--time", request->time,
+      "Of a log: a camera (front, or --camera-name) at this second of its clock, or +1.5 after its start");
+  parser->add_option("--size", request->size, "WIDTHxHEIGHT instead of the images' own");
+  parser->add_flag("--masks", request->masks, "Also which actor each pixel shows, NAME_actor.png and actors.json");
+  parser->add_flag("--lidar", request->lidar, "LiDAR sweeps along the recorded rays as PLY, no pictures");
   parser->add_flag("--exr", request->exr, "Also EXR: R G B A, depth.Z (along the ray), opacity.A");
   parser->add_option("--data", request->data, "Views of another capture in the same coordinates");
   parser->add_option("--camera", request->camera, "JSON with one camera or a list (as transforms.json)");

@@ -1,5 +1,6 @@
 // A rendering as a request: what the command line and the demo fill in.
 #pragma once
+#include <optional>
 #include <string>
 
 #include "cli/common.h"
@@ -10,6 +11,10 @@ struct RenderRequest {
   std::string run, out, split = "test", path, data, camera;
   int frames = 60;
   bool exr = false;
+  std::string log, camera_name, size;  // of logs: number or name; a camera's name; "640x360"
+  std::string time;                    // seconds on the log's clock, or with a + after its first image
+  std::optional<int> step;
+  bool masks = false, lidar = false;
 };
 
 /// Writes one picture a view into request.out, and a GIF of an orbit. Errors as the program's faults.

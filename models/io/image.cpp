@@ -236,6 +236,13 @@ void write_png(const std::filesystem::path& path, const Image& image) {
   write(path, "png", spec, image.pixels.data());
 }
 
+void write_labels(const std::filesystem::path& path, const Labels& labels) {
+  if (std::all_of(labels.values.begin(), labels.values.end(), [](std::uint16_t value) { return value < 256; }))
+    return write_png(path, {labels.width, labels.height, 1, {labels.values.begin(), labels.values.end()}});
+  const OIIO::ImageSpec spec(labels.width, labels.height, 1, OIIO::TypeDesc::UINT16);
+  write(path, "png", spec, labels.values.data());
+}
+
 void write_jpeg(const std::filesystem::path& path, const Image& image) {
   OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
   spec.attribute("Compression", "jpeg:95");

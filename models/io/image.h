@@ -42,6 +42,9 @@ struct Labels {
 /// A PNG with one channel of 8 or 16 bit, as stored. Errors as read_image; Fault::data for other images.
 Labels read_labels(const std::filesystem::path& path);
 
+/// A PNG that read_labels reads, of 8 bit where that is enough. Replaces `path` in one step. Fault::write.
+void write_labels(const std::filesystem::path& path, const Labels& labels);
+
 /// Mean over factor x factor boxes; a rest of rows or columns at the end is dropped, so the result has
 /// floor(width / factor) columns. Colours are weighted by alpha. Fault::usage if nothing would be left.
 Image downscale(const Image& image, int factor);

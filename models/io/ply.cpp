@@ -6,6 +6,7 @@
 #include <cstring>
 #include <set>
 
+#include "models/io/commit.h"
 #include "models/io/safetensors_header.h"  // printable
 #include "runtime/error.h"
 
@@ -192,6 +193,21 @@ const std::vector<float>& PlyVertices::column(std::string_view name) const {
 
 PlyVertices parse_ply(std::span<const std::uint8_t> bytes, const std::string& name) {
   return Parser(bytes, name).parse();
+}
+
+void write_ply_vertices(const std::filesystem::path& path, const std::vector<PlyColumn>& columns) {
+  const std::size_t rows = columns.empty() ? 0 : columns.front().values.size();
+  std::string content = text("ply\nformat binary_little_endian 1.0\nelement vertex ", rows, "\n");
+  for (const PlyColumn& column : columns) content += "property float " + column.name + "\n";
+  content += "end_header\n";
+  for (std::size_t row = 0; row < rows; ++row) {
+    for (const PlyColumn& column : columns) {
+      char bytes[sizeof(float)];
+      std::memcpy(bytes, &column.values[row], sizeof bytes);
+      content.append(bytes, sizeof bytes);
+    }
+  }
+  commit_text(path, content);
 }
 
 }  // namespace cloam

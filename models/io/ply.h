@@ -2,6 +2,7 @@
 // paulbourke.net/dataformats/ply
 #pragma once
 #include <cstdint>
+#include <filesystem>
 #include <span>
 #include <string>
 #include <string_view>
@@ -22,6 +23,9 @@ struct PlyVertices {
   /// Fault::data that lists the columns that are there.
   const std::vector<float>& column(std::string_view name) const;
 };
+
+/// Binary little-endian, each column a float property. Replaces `path` in one step. Fault::write.
+void write_ply_vertices(const std::filesystem::path& path, const std::vector<PlyColumn>& columns);
 
 /// `name` (a file) stands at the head of errors. Vertices must be the first element, and without lists; elements after
 /// them are ignored. Fault::data for what is no .ply, for one in big-endian order and for one that is cut short.

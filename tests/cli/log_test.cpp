@@ -4,6 +4,7 @@
 #include "models/data/write_pandaset.h"
 #include "models/io/commit.h"
 #include "models/io/gzip.h"
+#include "models/io/image.h"
 #include "tests/cli/process.h"
 #include "tests/hostile_pickles.h"
 
@@ -179,4 +180,30 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
   REQUIRE_MESSAGE(turned.code == 0, turned.err);
   CHECK(nlohmann::json::parse(turned.out).at("images") == 7 * 12);
   CHECK(nlohmann::json::parse(turned.out).at("psnr").is_null());  // the log has no images of turned actors
+}
+
+TEST_CASE("render shows a log's camera at any time and size, by log, camera and step") {
+  const fs::path log = small_log("render-log", 12), run = scratch() / "render-run", out = scratch() / "renders";
+  REQUIRE(cloam_with(small_training(log, run, {"--steps", "2", "--holdout", "4"})).code == 0);
+  const auto render = [&](const Words& more) {
+    Words words = {"render", run.string(), "-o", out.string()};
+    words.insert(words.end(), more.begin(), more.end());
+    return cloam_with(words);
+  };
+  const auto written = [&](const char* name) { return fs::exists(out / name); };
+  CHECK(render({}).code == 0);
+  for (const char* name : {"00", "04", "08"})
+    CHECK(written((std::string("camera_front_camera_") + name + ".png").c_str()));
+  CHECK_FALSE(written("camera_front_camera_01.png"));
+  CHECK(render({"--step", "1", "--log", "render-log", "--camera-name", "front_camera"}).code == 0);
+  CHECK(written("camera_front_camera_01.png"));
+  REQUIRE(render({"--time", "+0.25", "--size", "40x10"}).code == 0);
+  const ImageSize size = read_image_size(out / "front_camera_0.250.png");
+  CHECK((size.width == 40 && size.height == 10));
+  for (const Words& wrong :
+       {Words{"--time", "99"}, Words{"--time", "soon"}, Words{"--size", "40"}, Words{"--log", "1"},
+        Words{"--camera-name", "rear"}, Words{"--masks"}, Words{"--lidar"}, Words{"--step", "1", "--time", "1"}}) {
+    CAPTURE(wrong[0]);
+    CHECK(render(wrong).code == 2);
+  }
 }

@@ -10,8 +10,11 @@
 #include "models/data/pandaset.h"
 #include "models/data/turned_log.h"
 #include "models/data/write_pandaset.h"
+#include "models/io/bytes.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"
+#include "models/io/ply.h"
+#include "models/train/camera_file.h"
 #include "models/train/lidar_rays.h"
 #include "runtime/error.h"
 
@@ -199,4 +202,28 @@ TEST_CASE("LiDAR errors are of the test sweeps, along rays from the LiDAR") {
   for (int i = 0; i < 10; ++i) many.depths.push_back(static_cast<float>(i));
   many.rays.origins.assign(30, 0), many.rays.directions.assign(30, 0);
   CHECK(thinned(many, 4).depths == std::vector<float>{0, 3, 6, 9});
+}
+
+TEST_CASE("what renders write is read back: 16-bit labels, points, and a camera's time and log") {
+  const Folder folder;
+  write_labels(folder.path / "few.png", {2, 1, {0, 255}});
+  write_labels(folder.path / "many.png", {2, 1, {256, 65535}});
+  CHECK(read_labels(folder.path / "few.png").values == std::vector<std::uint16_t>{0, 255});
+  CHECK(read_labels(folder.path / "many.png").values == std::vector<std::uint16_t>{256, 65535});
+
+  write_ply_vertices(folder.path / "points.ply", {{"x", {1.5f, -2}}, {"actor", {0, 3}}});
+  const PlyVertices points = parse_ply(read_file(folder.path / "points.ply", 1 << 20), "points.ply");
+  CHECK(points.column("x") == std::vector<float>{1.5f, -2});
+  CHECK(points.column("actor") == std::vector<float>{0, 3});
+
+  const std::string pose = R"("transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]])";
+  commit_text(folder.path / "cameras.json", R"({"w": 4, "h": 2, "fl_x": 4, "time": 1.5, "frames": [{)" + pose +
+                                                R"(}, {"log": "007", "time": 2.5, )" + pose + R"(}, {"log": 0, )" +
+                                                pose + "}]}");
+  const std::vector<View> views = read_camera_file(folder.path / "cameras.json", {"003", "007"}, 1);
+  REQUIRE(views.size() == 3);
+  CHECK((views[0].scene == 1 && views[0].time == 1.5));
+  CHECK((views[1].scene == 1 && views[1].time == 2.5));
+  CHECK((views[2].scene == 0 && views[2].time == 1.5));
+  CHECK_THROWS_AS(read_camera_file(folder.path / "cameras.json", {"003"}), Error);
 }

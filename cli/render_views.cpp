@@ -1,0 +1,183 @@
+// See render_views.h.
+#include "cli/render_views.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+
+#include "cli/capture.h"
+#include "models/data/paths.h"
+#include "models/scene/orbit.h"
+#include "models/train/camera_file.h"
+#include "models/train/pictures.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kLargestSide = 1 << 14;
+
+template <class Value>
+bool parse(const std::string& word, Value& value) {
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+  return error == std::errc() && end == word.data() + word.size();
+}
+
+Camera at_size(const Camera& camera, const RestoredRun& run, const RenderRequest& request) {
+  if (request.size.empty()) return scaled(camera, run.record.reading.downscale);
+  const std::size_t cross = request.size.find('x');
+  int width = 0, height = 0;
+  const bool sound = cross != std::string::npos && parse(request.size.substr(0, cross), width) &&
+                     parse(request.size.substr(cross + 1), height);
+  if (!sound || width < 1 || height < 1 || width > kLargestSide || height > kLargestSide)
+    throw Error(Fault::usage, text("--size ", request.size, ": want WIDTHxHEIGHT in pixels, as 640x360"));
+  return resized(camera, width, height);
+}
+
+const Camera& camera_of(const Scene& scene, const Frame& frame) {
+  return scene.cameras[static_cast<std::size_t>(frame.camera)];
+}
+
+void check_camera_name(const Scene& scene, const std::string& name) {
+  std::vector<std::string> names;
+  for (const Frame& frame : scene.frames)
+    if (std::find(names.begin(), names.end(), frame.sensor) == names.end()) names.push_back(frame.sensor);
+  if (std::find(names.begin(), names.end(), name) != names.end()) return;
+  std::string all;
+  for (const std::string& known : names) all += " " + known;
+  throw Error(Fault::usage, text("--camera-name ", name, ": the cameras are", all));
+}
+
+std::vector<std::size_t> frames_of_choice(const Scene& scene, const RenderRequest& request) {
+  std::vector<std::size_t> frames;
+  for (std::size_t i = 0; i < scene.frames.size(); ++i) {
+    const Frame& frame = scene.frames[i];
+    const Split wanted = request.split == "test" ? Split::test : Split::train;
+    const bool in_split = request.step ? frame.step == *request.step : request.split == "all" || frame.split == wanted;
+    if (in_split && (request.camera_name.empty() || frame.sensor == request.camera_name)) frames.push_back(i);
+  }
+  return frames;
+}
+
+std::vector<NamedView> capture_views(const Scene& scene, int index, const RestoredRun& run,
+                                     const RenderRequest& request) {
+  std::vector<std::size_t> frames = frames_of_choice(scene, request);
+  if (frames.empty() && request.split == "test" && !request.step) {
+    warn("no view was held out: rendering the training views");
+    RenderRequest train = request;
+    train.split = "train";
+    frames = frames_of_choice(scene, train);
+  }
+  const std::vector<std::string> names = file_names(scene, frames);
+  std::vector<NamedView> views;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const Frame& frame = scene.frames[frames[i]];
+    views.push_back({names[i], view_of(frame, at_size(camera_of(scene, frame), run, request), index)});
+  }
+  return views;
+}
+
+double time_asked_for(const std::vector<const Frame*>& frames, const std::string& word) {
+  const bool after_start = word.starts_with("+");
+  double seconds = 0;
+  if (!parse(word.substr(after_start ? 1 : 0), seconds))
+    throw Error(Fault::usage,
+                text("--time ", word, ": want seconds on the log's clock, or +1.5 after its first image"));
+  return seconds + (after_start ? frames.front()->timestamp.value_or(0) : 0);
+}
+
+/// A camera moves between its images as actors do between their boxes.
+NamedView view_at_time(const Scene& scene, int index, const RestoredRun& run, const RenderRequest& request) {
+  const std::string sensor = request.camera_name.empty() ? front_sensor(scene) : request.camera_name;
+  std::vector<const Frame*> frames;
+  for (const Frame& frame : scene.frames)
+    if (frame.sensor == sensor && frame.timestamp) frames.push_back(&frame);
+  if (frames.empty()) throw Error(Fault::usage, "--time: the images have no time stamps; give --step or --camera");
+  std::sort(frames.begin(), frames.end(), [](const Frame* a, const Frame* b) { return *a->timestamp < *b->timestamp; });
+  Actor mover;
+  for (const Frame* frame : frames) mover.boxes.push_back({frame->step, *frame->timestamp, frame->world_from_camera});
+  const double time = time_asked_for(frames, request.time);
+  const auto pose = world_from_box_at(mover, time);
+  if (!pose)
+    throw Error(Fault::usage, fmt::format("--time {}: {} has images from {:.3f} to {:.3f} s", request.time, sensor,
+                                          *frames.front()->timestamp, *frames.back()->timestamp));
+  return {fmt::format("{}_{:.3f}", sensor, time),
+          {at_size(camera_of(scene, *frames.front()), run, request), *pose, index, time}};
+}
+
+std::vector<NamedView> orbit_views(const Scene& scene, int index, const RestoredRun& run,
+                                   const RenderRequest& request) {
+  const Frame& first = scene.frames.front();
+  const Camera camera = at_size(camera_of(scene, first), run, request);
+  std::vector<NamedView> views;
+  for (const Eigen::Matrix4d& pose : orbit_poses(scene, request.frames))
+    views.push_back({fmt::format("orbit_{:04}", views.size()), {camera, pose, index, first.timestamp.value_or(0)}});
+  return views;
+}
+
+std::vector<std::string> log_names(const RestoredRun& run) {
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < run.scenes.size(); ++i) names.push_back(log_name(run, static_cast<int>(i)));
+  return names;
+}
+
+std::vector<NamedView> file_views(const RestoredRun& run, const RenderRequest& request) {
+  const int log = request.log.empty() ? 0 : scenes_asked_for(run, request).front();
+  std::vector<NamedView> views;
+  for (View view : read_camera_file(request.camera, log_names(run), log)) {
+    if (!request.size.empty()) view.camera = at_size(view.camera, run, request);
+    views.push_back({fmt::format("camera_{:04}", views.size()), view});
+  }
+  return views;
+}
+
+}  // namespace
+
+std::string log_name(const RestoredRun& run, int scene) {
+  const fs::path given = run.record.data[static_cast<std::size_t>(scene)].given;
+  return (given.has_filename() ? given : given.parent_path()).filename().string();
+}
+
+std::vector<int> scenes_asked_for(const RestoredRun& run, const RenderRequest& request) {
+  const int count = static_cast<int>(run.scenes.size());
+  std::vector<int> all;
+  std::string names;
+  for (int i = 0; i < count; ++i) {
+    if (request.log == log_name(run, i)) return {i};
+    all.push_back(i);
+    names += " " + log_name(run, i);
+  }
+  if (request.log.empty()) return all;
+  int number = 0;
+  if (parse(request.log, number) && number >= 0 && number < count) return {number};
+  throw Error(Fault::usage, text("--log ", request.log, ": want a number from 0 to ", count - 1, " or a name:", names));
+}
+
+std::vector<NamedView> views_of(const RestoredRun& run, const RenderRequest& request) {
+  if (!request.camera.empty()) return file_views(run, request);
+  std::vector<int> scenes = scenes_asked_for(run, request);
+  if (!request.path.empty() || !request.data.empty()) scenes.resize(1);
+  std::vector<NamedView> views;
+  for (const int index : scenes) {
+    const Scene scene = request.data.empty() ? run.scenes[static_cast<std::size_t>(index)]
+                                             : read_split_scene(request.data, run.record.reading);
+    if (!request.camera_name.empty()) check_camera_name(scene, request.camera_name);
+    std::vector<NamedView> more;
+    if (!request.path.empty())
+      more = orbit_views(scene, index, run, request);
+    else if (!request.time.empty())
+      more = {view_at_time(scene, index, run, request)};
+    else
+      more = capture_views(scene, index, run, request);
+    for (NamedView& view : more) {
+      if (scenes.size() > 1) view.name = log_name(run, index) + "_" + view.name;
+      views.push_back(std::move(view));
+    }
+  }
+  return views;
+}
+
+}  // namespace cloam

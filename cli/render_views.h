@@ -1,0 +1,27 @@
+// The views that a rendering asks for.
+#pragma once
+#include <string>
+#include <vector>
+
+#include "cli/render.h"
+#include "models/train/restore_run.h"
+
+namespace cloam {
+
+struct NamedView {
+  std::string name;  // of its files
+  View view;
+};
+
+/// Of the run's captures (all, or --log), or of --data: the images of the split, or those of one step; a camera at any
+/// time between its images; an orbit; cameras from a file. Needs no images: the geometry is in the run folder.
+/// Fault::usage for names that the run does not have, and for times outside a camera's images.
+std::vector<NamedView> views_of(const RestoredRun& run, const RenderRequest& request);
+
+/// The numbers of the scenes that --log asks for: one, or all.
+std::vector<int> scenes_asked_for(const RestoredRun& run, const RenderRequest& request);
+
+/// The folder's name.
+std::string log_name(const RestoredRun& run, int scene);
+
+}  // namespace cloam
