@@ -190,6 +190,9 @@ std::string table(const EvalResult& result) {
   for (const Figure& figure : kFeatures)
     if (!result.features.empty())
       out += text(figure.key, " (", result.features, "): ", mean_score(images, figure.of), "\n");
+  if (result.kernel_feature_distance)
+    out += text("kernel feature distance to the source images (", result.features, "): ",
+                *result.kernel_feature_distance, "\n");
   return out + guess_rows(result, images);
 }
 
