@@ -84,6 +84,9 @@ void GenAssets::configure(Config& c) {
   c.bind("space.voxel", config_.space.voxel, "metres, of the LiDAR's occupancy grid");
   c.bind("space.dilate", config_.space.dilate, "voxels around occupied ones that count as well");
   c.bind("shadows", config_.shadows, "actors cast shadows on the ground below their boxes");
+  c.bind("batch.whole_images", config_.whole_images, "a whole image a step, computed in tiles, instead of patches");
+  c.bind("batch.tile_rays", config_.tile_rays, "whole images: rays in memory at a time");
+  c.bind("batch.tile_side", config_.tile_side, "whole images: rays a side of what is decoded to pixels at a time");
   c.bind("batch.patches", config_.patches, "image patches a step");
   c.bind("batch.patch_side", config_.patch_side, "rays a side of a patch");
   c.bind("batch.lidar_rays", config_.lidar_rays, "LiDAR returns a step");
@@ -298,7 +301,7 @@ GenAssets::Decoded GenAssets::decode(const std::vector<AssetPlace>& assets, cons
   const auto count = static_cast<int64_t>(assets.size());
   const int64_t side = planes_side(config_), channels = config_.field.plane_channels;
   const Tensor rows = asset_rows(assets);
-  if (!decoder_) return {permute(reshape(rows, {count, 3, side, side, channels}), {1, 0, 2, 3, 4}), Tensor()};
+  if (!decoder_) return {permute(reshape(rows, {count, 3, side, side, channels}), {1, 0, 2, 3, 4}), {}, {}};
   Decoded out;
   Tensor code = rows;
   if (config_.variational) {
@@ -319,7 +322,15 @@ GenAssets::Decoded GenAssets::decode(const std::vector<AssetPlace>& assets, cons
   return out;
 }
 
-GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows) const {
+GenAssets::Decoded GenAssets::decode_met(const Met& met, const Drawing& how) const {
+  if (met.assets.empty()) return {};
+  Decoded out = decode(met.assets, how);
+  out.slots = from_host(met.slot_of, {static_cast<int64_t>(met.slot_of.size())});
+  return out;
+}
+
+GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows,
+                                   const Decoded* ready) const {
   const Log& log = stage.log;
   const int64_t count = rays.count();
   StreetRays at = {from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
@@ -330,15 +341,10 @@ GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, cons
   Shaded out;
   out.samples = street_samples(at, stage.boxes, stage.grid, steps);
   out.marched = out.samples.t.dim(0);
-  const Met met = meet(stage, out.samples);
-  out.owners = met.owners;
-  Decoded decoded;
-  Tensor slots;
-  if (!met.assets.empty()) {
-    decoded = decode(met.assets, how);
-    slots = from_host(met.slot_of, {static_cast<int64_t>(met.slot_of.size())});
-  }
+  const Decoded decoded = ready ? *ready : decode_met(meet(stage, out.samples), how);
+  const Tensor& slots = decoded.slots;
   out.kl = decoded.kl;
+  out.actors = decoded.planes ? decoded.planes.dim(1) : 0;
   if (how.skim) {
     const Tensor features = features_at(log, out.samples, decoded.planes, slots);
     const Tensor all = stop_gradient(field_->opacity(field_->geometry(features).distance));
@@ -381,7 +387,6 @@ GenAssets::Met GenAssets::meet(const Stage& stage, const StreetSamples& s) const
     if (met.slot_of[a] == 0) {
       met.slot_of[a] = static_cast<int32_t>(met.assets.size());
       met.assets.push_back(stage.looks[a]);
-      met.owners.push_back(static_cast<int32_t>(a));
     }
   return met;
 }
@@ -460,7 +465,7 @@ Tensor GenAssets::loss(const Progress& progress) {
   if (seen.kl) total = total + seen.kl * config_.weight_kl;
   last_samples_ = seen.samples.t.dim(0);
   if (skim) lit_permille_ = 1000 * (last_samples_ + 1) / (seen.marched + 1);
-  last_actors_ = static_cast<int64_t>(seen.owners.size());
+  last_actors_ = seen.actors;
   return total;
 }
 
@@ -475,16 +480,6 @@ std::map<std::string, double> GenAssets::metrics() const {
 }
 
 namespace {
-
-RayList part(const RayList& rays, int64_t begin, int64_t end) {
-  RayList out;
-  out.times = rays.times;
-  out.origins.assign(rays.origins.begin() + 3 * begin, rays.origins.begin() + 3 * end);
-  out.directions.assign(rays.directions.begin() + 3 * begin, rays.directions.begin() + 3 * end);
-  out.moments.assign(rays.moments.begin() + begin, rays.moments.begin() + end);
-  out.ranges.assign(rays.ranges.begin() + begin, rays.ranges.begin() + end);
-  return out;
-}
 
 template <class T>
 void append(std::vector<T>& to, const std::vector<T>& from) {
@@ -513,7 +508,7 @@ Picture GenAssets::render(const View& view) {
   std::vector<int> actors;
   for (int64_t begin = 0; begin < rays.count();) {
     const int64_t end = std::min(rays.count(), begin + kRenderRays);
-    const Shaded seen = shade(street(log, rays), part(rays, begin, end), {}, true);
+    const Shaded seen = shade(street(log, rays), part_of(rays, begin, end), {}, true);
     const Tensor light = seen.shadow ? seen.shadow : ones({end - begin, 3});
     eval({seen.features, seen.depth, seen.opacity, seen.alpha, light});
     append(features, seen.features.to_host());
@@ -554,7 +549,7 @@ LidarReturns GenAssets::measure(const WorldRays& rays) {
   LidarReturns out;
   for (int64_t begin = 0; begin < list.count(); begin += kRenderRays) {
     const int64_t end = std::min(list.count(), begin + kRenderRays);
-    const Shaded seen = shade(street(log, list), part(list, begin, end), {}, false);
+    const Shaded seen = shade(street(log, list), part_of(list, begin, end), {}, false);
     eval({seen.depth, seen.opacity, seen.alpha});
     const std::vector<float> depth = seen.depth.to_host(), opacity = seen.opacity.to_host();
     for (size_t i = 0; i < depth.size(); ++i) out.depths.push_back(opacity[i] < 0.5f ? 0.f : depth[i]);
@@ -580,7 +575,7 @@ Picture GenAssets::render_asset(const AssetName& asset, const Camera& camera, co
   const Stage stage = alone(log, place);
   Tensors features, opacity;
   for (int64_t begin = 0; begin < rays.count(); begin += kRenderRays) {
-    const Shaded seen = shade(stage, part(rays, begin, std::min(rays.count(), begin + kRenderRays)), {}, false);
+    const Shaded seen = shade(stage, part_of(rays, begin, std::min(rays.count(), begin + kRenderRays)), {}, false);
     eval({seen.features, seen.actor_opacity});
     features.push_back(stop_gradient(seen.features));
     opacity.push_back(stop_gradient(seen.actor_opacity));

@@ -26,6 +26,8 @@ struct GenAssetsConfig {
   bool variational = true;  // codes as (mean, log variance) with the KL term
   bool shadows = true;
   int background_side = 256;  // texels
+  bool whole_images = false;
+  int tile_rays = 16384, tile_side = 96;
   int patches = 4, patch_side = 32, lidar_rays = 1024;
   float weight_rgb = 1, weight_perceptual = 0.1f, weight_adversarial = 0.001f, weight_lidar = 0.01f,
         weight_stray = 0.01f, weight_kl = 1e-5f;
@@ -47,6 +49,7 @@ class GenAssets final : public Method, public Street {
   Params& parameters() override { return params_; }
   std::vector<LearningRate> learning_rates(const Progress& progress) const override;
   Tensor loss(const Progress& progress) override;
+  Gradients gradients(const Progress& progress, const Tensors& wanted) override;
   Tensors observed() const override { return observed_; }
   std::map<std::string, double> metrics() const override;
   Picture render(const View& view) override;
@@ -88,11 +91,11 @@ class GenAssets final : public Method, public Street {
   struct Met {
     std::vector<int32_t> slot_of;    // of the log's actors; -1: none
     std::vector<AssetPlace> assets;  // by slot
-    std::vector<int32_t> owners;     // actors by slot
   };
   struct Decoded {
-    Tensor planes;  // [3,N,side,side,channels]
+    Tensor planes;  // [3,N,side,side,channels]; empty: no asset is met
     Tensor kl;      // mean over the assets; empty without
+    Tensor slots;   // int32: place in planes of each of the stage's actors
   };
   struct Shaded {
     StreetSamples samples;
@@ -102,7 +105,7 @@ class GenAssets final : public Method, public Street {
     Tensor opacity, actor_opacity, stray;  // [R]
     Tensor shadow;                         // [R,3] factors; empty: none
     Tensor kl;
-    std::vector<int32_t> owners;  // actors by slot
+    int64_t actors = 0;  // decoded
   };
   Log make_log(const Scene& scene, size_t index, const Scope& scope) const;
   void find_looks();
@@ -115,10 +118,15 @@ class GenAssets final : public Method, public Street {
   Tensor asset_rows(const std::vector<AssetPlace>& assets) const;
   Met meet(const Stage& stage, const StreetSamples& samples) const;
   Tensor features_at(const Log& log, const StreetSamples& samples, const Tensor& planes, const Tensor& slots) const;
-  Shaded shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows) const;
+  Shaded shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows,
+               const Decoded* ready = nullptr) const;
+  Decoded decode_met(const Met& met, const Drawing& how) const;
   Tensor shadows_of(const Log& log, const Shaded& shaded, const Tensor& planes, const Tensor& slots) const;
   Tensor image_of(const Tensor& features, const Tensor& shadow) const;
   Tensor adversarial_loss(const Tensor& image, const Tensor& truth) const;
+  Tensor window_loss(const Tensor& image, const Tensor& truth, float share) const;
+  struct WholeImage;
+  WholeImage whole_image(const Progress& progress) const;
   Tensor lidar_loss(const Tensor& depth, const Tensor& ranges) const;
 
   GenAssetsConfig config_;

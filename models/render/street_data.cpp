@@ -57,6 +57,17 @@ void RayList::add(const Eigen::Vector3d& origin, const Eigen::Vector3d& directio
   ranges.push_back(range);
 }
 
+RayList part_of(const RayList& rays, int64_t begin, int64_t end) {
+  RayList out;
+  out.times = rays.times;
+  out.actors = rays.actors;
+  out.origins.assign(rays.origins.begin() + 3 * begin, rays.origins.begin() + 3 * end);
+  out.directions.assign(rays.directions.begin() + 3 * begin, rays.directions.begin() + 3 * end);
+  out.moments.assign(rays.moments.begin() + begin, rays.moments.begin() + end);
+  out.ranges.assign(rays.ranges.begin() + begin, rays.ranges.begin() + end);
+  return out;
+}
+
 void add_view(RayList& rays, const View& view, const StreetSpace& space, int scale) {
   const Eigen::Matrix4d street_from_camera = space.street_from_world() * view.world_from_camera;
   const Eigen::Vector3d origin = street_from_camera.block<3, 1>(0, 3);
@@ -109,7 +120,7 @@ StreetData::Corner StreetData::corner_near_actor(const FramePixels& photo, HostR
 }
 
 /// Those whose boxes, twice as wide and long for their shadows, have a corner region that meets the patch.
-void StreetData::mark_actors(RayList& rays, const FramePixels& photo, const Corner& corner, int64_t side) const {
+void StreetData::mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const {
   const Frame& frame = scene_.frames[photo.frame];
   const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
   const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
@@ -128,39 +139,55 @@ void StreetData::mark_actors(RayList& rays, const FramePixels& photo, const Corn
       high = high.cwiseMax(at);
     }
     if (low.x() > high.x()) continue;  // all of it lies behind the camera
-    rays.actors[a] =
-        behind || (low.x() < static_cast<double>(corner.x + side) && high.x() > static_cast<double>(corner.x) &&
-                   low.y() < static_cast<double>(corner.y + side) && high.y() > static_cast<double>(corner.y));
+    const auto meets = [&](int axis, int64_t begin, int64_t size) {
+      return low[axis] < static_cast<double>(begin + size) && high[axis] > static_cast<double>(begin);
+    };
+    rays.actors[a] = behind || (meets(0, region.x, region.columns) && meets(1, region.y, region.rows));
   }
+}
+
+void StreetData::add_region(RayList& rays, const StreetSpace& space, const FramePixels& photo, const Region& region,
+                            float* truth) const {
+  const Frame& frame = scene_.frames[photo.frame];
+  const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
+  const Eigen::Matrix4d street_from_camera = space.street_from_world() * frame.world_from_camera;
+  const Eigen::Vector3d origin = street_from_camera.block<3, 1>(0, 3);
+  rays.times.push_back(frame.timestamp.value_or(0));
+  mark_actors(rays, photo, region);
+  for (int64_t y = region.y; y < region.y + region.rows; ++y)
+    for (int64_t x = region.x; x < region.x + region.columns; ++x)
+      rays.add(origin, rotate(street_from_camera, direction(camera, {(static_cast<double>(x) + 0.5) * scale_,
+                                                                     (static_cast<double>(y) + 0.5) * scale_})));
+  const int64_t width = region.columns * scale_, height = region.rows * scale_;
+  for (int64_t y = 0; y < height; ++y)
+    for (int64_t x = 0; x < width; ++x) {
+      const auto from = static_cast<size_t>((region.y * scale_ + y) * photo.width + region.x * scale_ + x) * 4;
+      for (int64_t c = 0; c < 3; ++c)
+        truth[(c * height + y) * width + x] = static_cast<float>(photo.rgba[from + static_cast<size_t>(c)]) / 255.f;
+    }
 }
 
 Tensor StreetData::add_patches(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count,
                                int64_t side) const {
   const int64_t pixels = side * scale_;
-  rays.actors.assign(scene_.actors.size(), false);
   std::vector<float> truth(static_cast<size_t>(count * 3 * pixels * pixels));
+  rays.actors.assign(scene_.actors.size(), false);
   for (int64_t n = 0; n < count; ++n) {
     const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
-    const Frame& frame = scene_.frames[photo.frame];
-    const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
     const Corner corner = n % 2 == 1 ? corner_near_actor(photo, random, side) : random_corner(photo, random, side);
-    const Eigen::Matrix4d street_from_camera = space.street_from_world() * frame.world_from_camera;
-    const Eigen::Vector3d origin = street_from_camera.block<3, 1>(0, 3);
-    rays.times.push_back(frame.timestamp.value_or(0));
-    mark_actors(rays, photo, corner, side);
-    for (int64_t y = corner.y; y < corner.y + side; ++y)
-      for (int64_t x = corner.x; x < corner.x + side; ++x)
-        rays.add(origin, rotate(street_from_camera, direction(camera, {(static_cast<double>(x) + 0.5) * scale_,
-                                                                       (static_cast<double>(y) + 0.5) * scale_})));
-    for (int64_t y = 0; y < pixels; ++y)
-      for (int64_t x = 0; x < pixels; ++x) {
-        const size_t from = static_cast<size_t>((corner.y * scale_ + y) * photo.width + corner.x * scale_ + x) * 4;
-        for (int64_t c = 0; c < 3; ++c)
-          truth[static_cast<size_t>(((n * 3 + c) * pixels + y) * pixels + x)] =
-              static_cast<float>(photo.rgba[from + static_cast<size_t>(c)]) / 255.f;
-      }
+    add_region(rays, space, photo, {corner.x, corner.y, side, side},
+               &truth[static_cast<size_t>(n * 3 * pixels * pixels)]);
   }
   return from_host(truth, {count, 3, pixels, pixels});
+}
+
+Tensor StreetData::add_image(RayList& rays, const StreetSpace& space, HostRandom& random) const {
+  const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
+  const int64_t columns = photo.width / scale_, rows = photo.height / scale_;
+  std::vector<float> truth(static_cast<size_t>(3 * columns * rows * scale_ * scale_));
+  rays.actors.assign(scene_.actors.size(), false);
+  add_region(rays, space, photo, {0, 0, columns, rows}, truth.data());
+  return from_host(truth, {1, 3, rows * scale_, columns * scale_});
 }
 
 void StreetData::add_returns(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count) const {

@@ -29,6 +29,9 @@ struct RayList {
   void add(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, float range = 0);
 };
 
+/// Rays [begin, end) with all moments.
+RayList part_of(const RayList& rays, int64_t begin, int64_t end);
+
 /// A ray through the middle of each cell of scale x scale pixels of a view, row by row, cut cells too: ceil(W / scale)
 /// x ceil(H / scale). A new moment.
 void add_view(RayList& rays, const View& view, const StreetSpace& space, int scale);
@@ -47,6 +50,9 @@ class StreetData {
   /// `count` patches of side^2 rays, every second one (if it can be) around an actor, each a moment of its own. The
   /// images: [count,3,side scale,side scale] in [0,1]. Sets rays.actors to those that they or their shadows may show.
   Tensor add_patches(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count, int64_t side) const;
+  /// One whole image, as far as it fills cells of scale^2 pixels; a moment. The image: [1,3,h scale,w scale]. Sets
+  /// rays.actors as add_patches.
+  Tensor add_image(RayList& rays, const StreetSpace& space, HostRandom& random) const;
   /// `count` returns of some sweeps, none of actors that rays.actors leaves out: each actor costs a decoding.
   void add_returns(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count) const;
   bool has_lidar() const { return !sweeps_.empty(); }
@@ -54,11 +60,17 @@ class StreetData {
   std::vector<StreetSpace::Seen> seen() const;
 
  private:
+  struct Region {
+    int64_t x, y, columns, rows;  // in rays
+  };
   struct Corner {
     int64_t x, y;
   };
-  void mark_actors(RayList& rays, const FramePixels& photo, const Corner& corner, int64_t side) const;
+  void mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const;
   Corner corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const;
+  /// Rays and colours of a region of a photo; colours go to `truth` [3,rows scale,columns scale].
+  void add_region(RayList& rays, const StreetSpace& space, const FramePixels& photo, const Region& region,
+                  float* truth) const;
   Corner random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const;
 
   const Scene& scene_;
