@@ -13,7 +13,7 @@ std::string lower(std::string word) {
   return word;
 }
 
-// The first word that a label begins with decides, so that special ones stand before general ones.
+// The first entry whose words a label begins with decides.
 const std::pair<const char*, int> kBeginnings[] = {
     {"car", 0},
     {"pickup", 1},
@@ -34,12 +34,18 @@ const std::pair<const char*, int> kBeginnings[] = {
     {"person", 7},
 };
 
+/// Does a label begin with these words? Whole ones: "Personal Mobility Device" is no person.
+bool begins(const std::string& label, const std::string& words) {
+  return label.starts_with(words) &&
+         (label.size() == words.size() || !std::isalnum(static_cast<unsigned char>(label[words.size()])));
+}
+
 }  // namespace
 
 int asset_class(const std::string& label) {
   const std::string word = lower(label);
   for (const auto& [beginning, index] : kBeginnings)
-    if (word.starts_with(beginning)) return index;
+    if (begins(word, beginning)) return index;
   return kAssetClassCount - 1;
 }
 
