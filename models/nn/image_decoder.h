@@ -9,7 +9,7 @@ struct ImageDecoderOptions {
   int features = 32, width = 32;
   int side = 5;       // of the kernels
   int blocks = 6;     // residual blocks
-  int doublings = 2;  // one after every second block, from the first on
+  int doublings = 2;  // one after every second block, first to last; those left over after the last
 };
 
 class ImageDecoder {
