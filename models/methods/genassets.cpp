@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
+#include <tuple>
 
 #include "models/scene/asset_class.h"
 #include "models/scene/assets.h"
@@ -107,7 +108,34 @@ void GenAssets::configure(Config& c) {
   c.bind("train.decay_start", config_.decay_start, "share of the steps before the rates fall");
 }
 
+namespace {
+
+/// Fault::usage for sizes that nothing can be made of, and steps that would never end.
+void check(const GenAssetsConfig& c) {
+  const std::pair<const char*, float> positive[] = {
+      {"steps.background", c.steps.background}, {"steps.actor", c.steps.actor}, {"space.voxel", c.space.voxel}};
+  for (const auto& [setting, value] : positive)
+    if (!(value > 0)) throw Error(Fault::usage, text("setting ", setting, " is ", value, ", want more than 0"));
+  const std::tuple<const char*, int, int> counts[] = {{"planes.channels", c.field.plane_channels, 1},
+                                                      {"background.side", c.background_side, 1},
+                                                      {"code.side", c.code_side, 1},
+                                                      {"code.channels", c.code_channels, 1},
+                                                      {"image.blocks", c.image.blocks, 0},
+                                                      {"image.doublings", c.image.doublings, 0},
+                                                      {"steps.sky", c.steps.sky, 1},
+                                                      {"space.dilate", c.space.dilate, 0},
+                                                      {"batch.patches", c.patches, 1},
+                                                      {"batch.patch_side", c.patch_side, 1},
+                                                      {"batch.lidar_rays", c.lidar_rays, 0}};
+  for (const auto& [setting, value, least] : counts)
+    if (value < least)
+      throw Error(Fault::usage, text("setting ", setting, " is ", value, ", want ", least, " or more"));
+}
+
+}  // namespace
+
 void GenAssets::build(const Scenes& scenes, uint64_t seed) {
+  check(config_);
   seed_ = seed;
   const Scope root{params_, "", seed}, networks = root / "networks";
   config_.image.features = config_.field.features;

@@ -80,6 +80,8 @@ void add_view(RayList& rays, const View& view, const StreetSpace& space, int sca
 
 StreetData::StreetData(const Scene& scene, Pixels pixels, std::vector<LoadedSweep> sweeps, int scale)
     : scene_(scene), pixels_(std::move(pixels)), sweeps_(std::move(sweeps)), scale_(scale) {
+  if (pixels_.frames.empty())
+    throw Error(Fault::data, text(scene.root.string(), ": no image of this log is in the training split"));
   std::erase_if(sweeps_, [](const LoadedSweep& sweep) { return sweep.points.size() == 0; });
 }
 
