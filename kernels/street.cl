@@ -272,7 +272,7 @@ FAT __kernel void blend_grad(__global const float* restrict alpha, __global cons
   }
 }
 
-// Weights of all samples, and for each ray the owner of the actor that most light comes from (-1: none has half of it).
+// For each ray the owner of the actor that most light comes from (-1: none has half of it).
 FAT __kernel void blend_owners(__global const float* restrict alpha, __global const int* restrict rows, __global const int* restrict offsets,
                                __global const int* restrict owners, __global int* restrict seen, int rays, int background, int chunk) {
   const int end = min(rays, ((int)get_global_id(0) + 1) * chunk);

@@ -20,12 +20,12 @@ using Points = std::vector<Eigen::Vector3d>;
 
 Eigen::Vector3d place_of(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
 
-/// Right-handed axes: z up, x along the way from the first camera place to the last; where they stand, along the first
-/// camera's sight.
+/// Right-handed axes: z up, x along the way from the first camera's place to the one furthest from it; where they
+/// stand, along the first camera's sight.
 Eigen::Matrix3d axes_of(const Scene& scene) {
   const Eigen::Vector3d up = scene.up.normalized();
-  const Frame &first = scene.frames.front(), &last = scene.frames.back();
-  Eigen::Vector3d way = place_of(last) - place_of(first);
+  const Frame& first = scene.frames.front();
+  Eigen::Vector3d way = Eigen::Vector3d::Zero();
   for (const Frame& frame : scene.frames) {
     const Eigen::Vector3d other = place_of(frame) - place_of(first);
     if (other.norm() > way.norm()) way = other;
@@ -257,7 +257,7 @@ TensorMap StreetSpace::state() const {
 void StreetSpace::restore(const TensorMap& state) {
   const std::vector<float> numbers = tensor_from(state, "numbers", {16}).to_host();
   double cells = 1;
-  for (std::size_t k = 4; k < 7; ++k) cells *= std::floor(std::max(1.f, numbers[k]));
+  for (std::size_t k = 4; k < 7; ++k) cells *= numbers[k] >= 1 ? std::floor(numbers[k]) : std::nan("");
   if (!(cells <= static_cast<double>(kMostCells)) || !(numbers[3] > 0))
     throw Error(Fault::data, text("the checkpoint's grid has ", cells, " voxels of ", numbers[3], " m"));
   std::copy(numbers.begin(), numbers.end(), numbers_.begin());
