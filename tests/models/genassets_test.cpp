@@ -1,0 +1,334 @@
+// GenAssets' first stage on streets of a few boxes: what it can be held to without long training.
+#include "models/methods/genassets.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <limits>
+
+#include "models/io/checkpoint.h"
+#include "models/methods/registry.h"
+#include "models/train/trainer.h"
+#include "runtime/error.h"
+#include "tests/models/toy_street.h"
+
+using namespace cloam;
+using Eigen::Vector3d;
+namespace fs = std::filesystem;
+
+namespace {
+
+using Settings = std::vector<std::pair<const char*, const char*>>;
+
+const Settings kTiny = {
+    {"planes.channels", "4"},    {"background.side", "32"},  {"code.side", "4"},         {"code.channels", "4"},
+    {"decoder.widths", "8,8"},   {"decoder.middle", "8"},    {"decoder.groups", "4"},    {"field.width", "16"},
+    {"image.width", "8"},        {"image.side", "3"},        {"image.blocks", "2"},      {"image.doublings", "1"},
+    {"adversarial.widths", "8"}, {"batch.patches", "2"},     {"batch.patch_side", "12"}, {"batch.lidar_rays", "64"},
+    {"steps.actor", "0.1"},      {"weight.perceptual", "0"}, {"weight.adversarial", "0"}};
+
+std::unique_ptr<Method> built(const Scene& scene, const Settings& more = {}, const Settings& base = kTiny) {
+  auto method = make_method("genassets");
+  Config config;
+  method->configure(config);
+  for (const Settings& settings : {base, more})
+    for (const auto& [key, value] : settings) config.set(key, value, "test");
+  method->build({scene}, 1);
+  return method;
+}
+
+std::unique_ptr<Method> loaded(const Scene& scene, const Settings& more = {}) {
+  auto method = built(scene, more);
+  std::vector<TrainingData> data;
+  data.push_back({scene, toy_pixels(scene)});
+  method->load_data(std::move(data));
+  return method;
+}
+
+fs::path train_to(Method& method, const fs::path& folder, int64_t stop_after = 0,
+                  const SafetensorsFile* from = nullptr) {
+  TrainOptions options;
+  options.steps = 5;
+  options.stop_after = stop_after;
+  return train({method, folder, {}, from, nullptr}, options, {}).checkpoint;
+}
+
+std::string content(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+void put(Method& method, const std::string& name, const std::vector<float>& values) {
+  const Tensor& p = method.parameters().at(name);
+  assign({{p, from_host(values, p.shape())}});
+}
+
+/// Matter wherever samples are: actors fill their boxes, the background its voxels.
+void fill(Method& method) { put(method, "networks.field.offset", {-1}); }
+
+int64_t count_below(Method& method, const std::string& prefix) {
+  int64_t count = 0;
+  for (const auto& [name, p] : method.parameters())
+    if (name.starts_with(prefix)) count += p.numel();
+  return count;
+}
+
+/// A car in front of another: at y = 0 the first hides the second from all cameras.
+Scene crossing(const fs::path& root, double hidden_y) {
+  Scene scene = toy_street(root);
+  scene.actors = {toy_actor("front", {2, 3, 6}, 8, 0), toy_actor("hidden", {2, 2, 1.5}, 14, hidden_y)};
+  return scene;
+}
+
+/// The largest gradient of an actor's code (or planes) after one step's loss.
+double reached(Method& method, size_t actor, int64_t step) {
+  const char* name = method.parameters().contains("log0.codes") ? "log0.codes" : "log0.planes";
+  const Tensor& assets = method.parameters().at(name);
+  const Gradients all = method.gradients({step, 100, 1}, {assets});
+  const std::vector<float> g = all.of_parameters[0].to_host();
+  const auto row = g.begin() + static_cast<std::ptrdiff_t>(actor * g.size() / 2);
+  double most = 0;
+  for (auto at = row; at != row + static_cast<std::ptrdiff_t>(g.size() / 2); ++at)
+    most = std::max(most, std::abs(double{*at}));
+  return most;
+}
+
+struct Middle {
+  double x = 0, y = 0;
+  int pixels = 0;
+};
+
+Middle middle_of(const Picture& picture, int actor) {
+  Middle middle;
+  for (int y = 0; y < picture.height; ++y)
+    for (int x = 0; x < picture.width; ++x)
+      if (picture.actors[static_cast<size_t>(y * picture.width + x)] == actor)
+        middle.x += x + 0.5, middle.y += y + 0.5, middle.pixels++;
+  middle.x /= std::max(1, middle.pixels);
+  middle.y /= std::max(1, middle.pixels);
+  return middle;
+}
+
+bool all_finite(const std::vector<float>& values) {
+  return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
+}
+
+}  // namespace
+
+TEST_CASE("genassets: the networks have the paper's sizes") {
+  const ToyFolder folder;
+  Scene scene = toy_street(folder.path, {.lidar = false});
+  scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 0)};
+  const auto method =
+      built(scene, {{"weight.perceptual", "0"}, {"weight.adversarial", "0"}}, find_preset("genassets").settings);
+  CHECK(static_cast<double>(count_below(*method, "networks.decoder.")) == doctest::Approx(4.9e6).epsilon(0.011));
+  CHECK(static_cast<double>(count_below(*method, "networks.image.")) == doctest::Approx(0.33e6).epsilon(0.02));
+  CHECK(count_below(*method, "log0.codes") == 2 * 8 * 8 * 32);  // mean and variance
+  CHECK(count_below(*method, "log0.background") % (3 * 12) == 0);
+}
+
+TEST_CASE("genassets: no gradient reaches a hidden actor") {
+  const ToyFolder folder;
+  for (const char* decoder : {"false", "true"})
+    for (const int64_t step : {1, 5}) {  // with and without leaving out what no light reaches
+      CAPTURE(decoder);
+      CAPTURE(step);
+      const Settings settings = {{"decoder.use", decoder},
+                                 {"shadows", "false"},
+                                 {"weight.kl", "0"},
+                                 {"code.variational", "false"},
+                                 {"batch.lidar_rays", "0"}};
+      const auto covered = loaded(crossing(folder.path, 0), settings);
+      put(*covered, "networks.field.offset", {-0.4f});
+      CHECK(reached(*covered, 1, step) < 1e-6);
+      CHECK(reached(*covered, 0, step) > 1e-5);
+      CHECK(covered->metrics().at("actors") == 2);  // rays do meet the hidden one
+      const auto open = loaded(crossing(folder.path, 6), settings);
+      put(*open, "networks.field.offset", {-0.4f});
+      CHECK(reached(*open, 1, step) > 1e-5);
+    }
+}
+
+TEST_CASE("genassets: the mask of an actor that moves by a metre moves by what the camera sees of it") {
+  const ToyFolder folder;
+  Camera camera{96, 72, 90, 90, 48, 36};
+  std::vector<Middle> seen;
+  for (const double y : {-0.5, 0.5}) {
+    Scene scene = toy_street(folder.path);
+    scene.actors = {toy_actor("other", {1, 1, 1}, 20, 6), toy_actor("moved", {0.5, 2, 1.6}, 12, y)};
+    const auto method = loaded(scene, {{"image.doublings", "0"}});
+    fill(*method);
+    const Picture picture = method->render({camera, toy_camera_pose(0), 0, 0.3});
+    seen.push_back(middle_of(picture, 2));
+    CHECK(middle_of(picture, 1).pixels > 10);
+    const auto at =
+        static_cast<size_t>(static_cast<int>(seen.back().y) * camera.width + static_cast<int>(seen.back().x));
+    CHECK(double{picture.depth[at]} == doctest::Approx(12 - 0.25 - 0.125).epsilon(0.02));
+    CHECK(picture.opacity[at] > 0.99f);
+    CHECK(method->render({camera, toy_camera_pose(0), 0, 5.0}).actors == std::vector<int>(96 * 72, 0));  // it has left
+  }
+  CHECK(seen[0].pixels > 100);
+  CHECK(std::abs(seen[1].x - seen[0].x + 90 / (12 - 0.375)) < 1);  // y points left in the picture
+  CHECK(std::abs(seen[1].y - seen[0].y) < 1);
+}
+
+TEST_CASE("genassets: equal seeds give equal bytes, stopped and resumed or not") {
+  const ToyFolder folder;
+  Scene scene = toy_street(folder.path);
+  scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 0), toy_actor("b", {2, 2, 2}, 15, 3)};
+  const Settings all = {{"weight.perceptual", "0.1"}, {"weight.adversarial", "0.001"}, {"weight.kl", "1e-3"}};
+  const std::string want = content(train_to(*loaded(scene, all), folder.path / "a"));
+  CHECK(want.size() > 1000);
+  CHECK(content(train_to(*loaded(scene, all), folder.path / "b")) == want);
+  (void)train_to(*loaded(scene, all), folder.path / "c", 2);
+  const SafetensorsFile saved = load_latest_checkpoint(folder.path / "c").file;
+  CHECK(content(train_to(*loaded(scene, all), folder.path / "c", 0, &saved)) == want);
+}
+
+TEST_CASE("genassets: what a LiDAR would measure") {
+  const ToyFolder folder;
+  Scene scene = toy_street(folder.path);
+  scene.actors = {toy_actor("far", {2, 2, 2}, 20, 8), toy_actor("near", {2, 4, 3}, 12, 0)};
+  const auto method = loaded(scene, {{"space.voxel", "0.25"}, {"space.dilate", "0"}, {"steps.background", "0.1"}});
+  fill(*method);
+  const std::vector<Vector3d> ways = {{1, 0, 0}, {1, -0.4, 0.05}, {0.2, 0, 1}, {20, 8, -0.5}};
+  WorldRays rays;
+  rays.time = 0.2;
+  for (const Vector3d& way : ways)
+    for (int k = 0; k < 3; ++k) {
+      rays.origins.push_back(k == 2 ? 1.5f : 0.f);
+      rays.directions.push_back(static_cast<float>(way.normalized()[k]));
+    }
+  const LidarReturns returns = method->street()->measure(rays);
+  CHECK(returns.actors == std::vector<int>{2, 0, 0, 1});
+  REQUIRE(returns.depths.size() == 4);
+  CHECK(double{returns.depths[0]} == doctest::Approx(11 - 0.125).epsilon(0.01));
+  const double wall = kToyWall * ways[1].norm();
+  CHECK(std::abs(double{returns.depths[1]} - wall) < 0.4);  // a voxel and a step
+  CHECK(returns.depths[2] == 0);                            // the sky
+}
+
+TEST_CASE("genassets: the KL term is that of normal distributions, a mean over the actors met") {
+  const ToyFolder folder;
+  Scene scene = toy_street(folder.path);
+  scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 2), toy_actor("b", {2, 4, 1.5}, 12, -2)};
+  const auto method =
+      loaded(scene, {{"weight.kl", "1"}, {"weight.rgb", "0"}, {"weight.lidar", "0"}, {"weight.stray", "0"}});
+  const int64_t numbers = 4 * 4 * 4;
+  std::vector<float> codes;
+  double want = 0;
+  for (int64_t i = 0; i < 2 * 2 * numbers; ++i) {
+    codes.push_back(0.7f * std::sin(static_cast<float>(3 * i)));
+    const bool variance = i / numbers % 2 == 1;
+    const double value = double{codes.back()}, log_variance = value - 6;
+    want += 0.5 / 2 * (variance ? std::exp(log_variance) - 1 - log_variance : value * value);
+  }
+  put(*method, "log0.codes", codes);
+  const Tensor loss = method->loss({1, 100, 1});
+  REQUIRE(method->metrics().at("actors") == 2);
+  CHECK(double{loss.item()} == doctest::Approx(want).epsilon(1e-5));
+}
+
+TEST_CASE("genassets: the codes of actors that nothing shows stand still") {
+  const ToyFolder folder;
+  Scene scene = toy_street(folder.path);
+  scene.actors = {toy_actor("ahead", {2, 6, 3}, 12, 0), toy_actor("behind", {2, 4, 1.5}, -12, 0)};
+  for (const char* decoder : {"true", "false"}) {
+    CAPTURE(decoder);
+    const auto method = loaded(scene, {{"decoder.use", decoder}});
+    const std::string name = std::string(decoder) == "true" ? "log0.codes" : "log0.planes";
+    const std::vector<float> before = method->parameters().at(name).to_host();
+    (void)train_to(*method, folder.path / decoder, 2);
+    const std::vector<float> after = method->parameters().at(name).to_host();
+    const auto half = static_cast<std::ptrdiff_t>(before.size() / 2);
+    CHECK_FALSE(std::equal(before.begin(), before.begin() + half, after.begin()));
+    CHECK(std::equal(before.begin() + half, before.end(), after.begin() + half));
+  }
+}
+
+TEST_CASE("genassets: logs without actors, without LiDAR, and with boxes of no size train") {
+  const ToyFolder folder;
+  const Scene empty = toy_street(folder.path);
+  Scene no_lidar = toy_street(folder.path, {.frames = 1, .lidar = false});
+  no_lidar.actors = {toy_actor("a", {2, 4, 1.5}, 12, 0)};
+  Scene flat = toy_street(folder.path);
+  flat.actors = {toy_actor("a", {0, 0, 0}, 12, 0)};
+  int run = 0;
+  for (const Scene& scene : {empty, no_lidar, flat}) {
+    CAPTURE(run);
+    const auto method = loaded(scene, {{"steps.background", "1"}});
+    (void)train_to(*method, folder.path / std::to_string(run++), 2);
+    const Picture picture = method->render(view_of(scene.frames[0], scene.cameras[0], 0));
+    CHECK(picture.rgb.size() == 32 * 24 * 3);
+    CHECK(all_finite(picture.rgb));
+    CHECK(all_finite(picture.depth));
+  }
+}
+
+TEST_CASE("genassets: adopted networks stand still, the log's own parameters do not") {
+  const ToyFolder folder;
+  Scene scene = toy_street(folder.path);
+  scene.actors = {toy_actor("a", {2, 6, 3}, 12, 0)};
+  const Settings all = {{"weight.perceptual", "0.1"}, {"weight.adversarial", "0.001"}};
+  (void)train_to(*loaded(scene, all), folder.path / "a", 2);
+  const TensorMap networks = parameters_in(load_latest_checkpoint(folder.path / "a").file);
+  const auto method = loaded(scene, all);
+  method->adopt_networks(networks);
+  std::map<std::string, std::vector<float>> before;
+  for (const auto& [name, p] : method->parameters()) before[name] = p.to_host();
+  (void)train_to(*method, folder.path / "b", 2);
+  int adopted = 0;
+  for (const auto& [name, p] : method->parameters()) {
+    CAPTURE(name);
+    const bool network = name.starts_with("networks.");
+    const std::vector<float> now = p.to_host();
+    CHECK((now == before[name]) == network);
+    if (!network) continue;
+    const auto& bytes = networks.at(name).data;
+    REQUIRE(bytes.size() == 4 * now.size());
+    CHECK(std::memcmp(bytes.data(), now.data(), bytes.size()) == 0);
+    adopted++;
+  }
+  CHECK(adopted > 20);
+}
+
+TEST_CASE("genassets: settings that no street can be made with are errors that name them") {
+  const ToyFolder folder;
+  const Scene scene = toy_street(folder.path, {.lidar = false});
+  const Settings bad = {{"steps.background", "0"}, {"steps.actor", "-1"},     {"space.voxel", "0"},
+                        {"steps.sky", "0"},        {"image.doublings", "-1"}, {"decoder.widths", "8,x"},
+                        {"batch.patches", "0"},    {"batch.patch_side", "-3"}};
+  for (const auto& [key, value] : bad) {
+    CAPTURE(key);
+    try {
+      (void)built(scene, {{key, value}});
+      FAIL("no error");
+    } catch (const Error& error) {
+      CHECK(error.fault() == Fault::usage);
+      CHECK(std::string(error.what()).find(key) != std::string::npos);
+    }
+  }
+  Scene photos = scene;
+  photos.is_log = false;
+  CHECK_THROWS_AS((void)built(photos), Error);
+  const auto method = built(scene);
+  std::vector<TrainingData> none;
+  none.push_back({scene, {}});
+  CHECK_THROWS_AS(method->load_data(std::move(none)), Error);
+}
+
+TEST_CASE("image decoder: the image is as much larger as scale() says, whatever the blocks") {
+  for (const auto& [blocks, doublings] : {std::pair{6, 2}, {4, 1}, {3, 2}, {0, 1}, {5, 0}}) {
+    CAPTURE(blocks);
+    CAPTURE(doublings);
+    Params params;
+    const ImageDecoder decoder(Scope{params, "", 1},
+                               {.features = 4, .width = 4, .side = 3, .blocks = blocks, .doublings = doublings});
+    const Tensor image = decoder(zeros({1, 4, 5, 3}));
+    CHECK(image.shape() == Shape{1, 3, 5 * decoder.scale(), 3 * decoder.scale()});
+  }
+}
