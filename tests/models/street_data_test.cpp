@@ -1,0 +1,158 @@
+// What a step gets of a log: pixels and the rays that look through them, returns and where they lie.
+#include "models/render/street_data.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "runtime/error.h"
+#include "tests/models/toy_street.h"
+
+using namespace cloam;
+using Eigen::Vector3d;
+
+namespace {
+
+Vector3d origin_of(const RayList& rays, std::size_t r) {
+  return Eigen::Map<const Eigen::Vector3f>(&rays.origins[3 * r]).cast<double>();
+}
+Vector3d direction_of(const RayList& rays, std::size_t r) {
+  return Eigen::Map<const Eigen::Vector3f>(&rays.directions[3 * r]).cast<double>();
+}
+Vector3d moved(const Eigen::Matrix4d& pose, const Vector3d& p) { return (pose * p.homogeneous()).head<3>(); }
+
+/// Does a ray meet a box with room for its mirrors, at a time?
+bool meets(const Actor& actor, double time, const Vector3d& origin, const Vector3d& way) {
+  const auto pose = world_from_box_at(actor, time);
+  if (!pose) return false;
+  const Vector3d o = moved(pose->inverse(), origin), d = pose->inverse().topLeftCorner<3, 3>() * way,
+                 half = actor.size / 2 + Vector3d(0.125, 0.125, 0.05);
+  const Eigen::Array3d a = (-half - o).array() / d.array(), b = (half - o).array() / d.array();
+  return std::max(0., a.min(b).maxCoeff()) < a.max(b).minCoeff();
+}
+
+}  // namespace
+
+TEST_CASE("patches: rays look through the middle of the pixels that they stand for") {
+  const ToyFolder folder;
+  const Scene scene = toy_street(folder.path, {.frames = 3});
+  const StreetSpace space(scene, {});
+  for (const int scale : {1, 2, 4}) {
+    CAPTURE(scale);
+    const StreetData data(scene, toy_pixels(scene), {}, scale);
+    CHECK(data.patch_side(100) == 24 / scale);
+    CHECK(data.patch_side(3) == 3);
+    HostRandom random(1, 2);
+    RayList rays;
+    const int64_t count = 6, side = 5, pixels = side * scale;
+    const Tensor image = data.add_patches(rays, space, random, count, side);
+    CHECK(image.shape() == Shape{count, 3, pixels, pixels});
+    const std::vector<float> truth = image.to_host();
+    REQUIRE(rays.count() == count * side * side);
+    REQUIRE(rays.times.size() == std::size_t(count));
+    for (int64_t n = 0; n < count; ++n)
+      for (int64_t y = 0; y < side; ++y)
+        for (int64_t x = 0; x < side; ++x) {
+          const auto value = [&](int64_t channel) {
+            const int64_t at = ((n * 3 + channel) * pixels + y * scale) * pixels + x * scale;
+            return static_cast<int>(std::lround(255 * truth[static_cast<std::size_t>(at)]));
+          };
+          // The photos' colours tell where a pixel is and of which photo.
+          const int column = value(0) / 7, row = value(1) / 9;
+          const auto frame = static_cast<std::size_t>((value(2) + 512 - 3 * column - 5 * row) % 256 / 40);
+          REQUIRE(frame < 3);
+          const auto r = static_cast<std::size_t>((n * side + y) * side + x);
+          CHECK(rays.moments[r] == static_cast<int>(n));
+          CHECK(rays.times[std::size_t(n)] == 0.1 * static_cast<double>(frame));
+          CHECK(rays.ranges[r] == 0);
+          const Eigen::Matrix4d pose = space.street_from_world() * scene.frames[frame].world_from_camera;
+          const Vector3d in_camera((column + scale / 2. - 16) / 32, (row + scale / 2. - 12) / 32, 1);
+          CHECK((origin_of(rays, r) - pose.topRightCorner<3, 1>()).norm() < 1e-5);
+          CHECK((direction_of(rays, r) - pose.topLeftCorner<3, 3>() * in_camera.normalized()).norm() < 1e-5);
+        }
+  }
+}
+
+TEST_CASE("patches: the actors that their rays meet are marked, and those out of sight are not") {
+  const ToyFolder folder;
+  Scene scene = toy_street(folder.path, {.frames = 5});
+  scene.actors = {toy_actor("ahead", {2, 1, 1.5}, 15, 4), toy_actor("around the corner", {1, 9, 4}, 3, -6),
+                  toy_actor("behind", {2, 2, 2}, -9, 0), toy_actor("beside", {5, 2, 2}, 1, 2),
+                  toy_actor("gone", {2, 4, 3}, 12, 0)};
+  scene.actors[4].boxes.resize(1);
+  scene.actors[4].boxes[0].timestamp = 7;
+  const StreetSpace space(scene, {});
+  const StreetData data(scene, toy_pixels(scene), {}, 1);
+  const Eigen::Matrix4d world_from_street = space.street_from_world().inverse();
+  std::size_t marked = 0, met = 0;
+  for (uint64_t step = 0; step < 60; ++step) {
+    HostRandom random(3, step);
+    RayList rays;
+    (void)data.add_patches(rays, space, random, 1 + int64_t(step) % 2, 6);
+    REQUIRE(rays.actors.size() == scene.actors.size());
+    CHECK_FALSE(rays.actors[2]);
+    CHECK_FALSE(rays.actors[4]);
+    for (std::size_t a = 0; a < scene.actors.size(); ++a) {
+      marked += rays.actors[a];
+      bool any = false;
+      for (std::size_t r = 0; r < std::size_t(rays.count()); ++r)
+        any = any || meets(scene.actors[a], rays.times[std::size_t(rays.moments[r])],
+                           moved(world_from_street, origin_of(rays, r)),
+                           world_from_street.topLeftCorner<3, 3>() * direction_of(rays, r));
+      met += any;
+      CHECK((rays.actors[a] || !any));
+    }
+  }
+  CHECK(met > 30);
+  CHECK(marked < 60 * 3);
+}
+
+TEST_CASE("returns lie where the LiDAR saw them, and not on actors that are left out") {
+  const ToyFolder folder;
+  Scene scene = toy_street(folder.path, {.frames = 3});
+  scene.actors = {toy_actor("ahead", {2, 4, 3}, 12, 0), toy_actor("behind", {2, 2, 2}, -9, 0)};
+  std::vector<StreetData::LoadedSweep> sweeps;
+  for (const Sweep& sweep : scene.sweeps) {
+    LidarPoints points = load_sweep(scene, sweep);
+    for (std::size_t i = 0; i < points.size(); i += 2) {  // half of all on the one behind, a quarter on the one ahead
+      points.positions[3 * i] = i % 4 == 0 ? 11.f : -8.1f;
+      points.positions[3 * i + 1] = 0;
+      points.positions[3 * i + 2] = 1;
+    }
+    sweeps.push_back({&sweep, points});
+  }
+  sweeps.push_back({&scene.sweeps[0], {}});  // of nothing
+  const StreetSpace space(scene, {});
+  const StreetData data(scene, toy_pixels(scene), std::move(sweeps), 1);
+  CHECK(data.has_lidar());
+  CHECK(data.seen().size() == 3);
+  HostRandom random(1, 1);
+  RayList rays;
+  (void)data.add_patches(rays, space, random, 4, 24);  // whole pictures' height
+  REQUIRE((rays.actors[0] && !rays.actors[1]));
+  const auto first = static_cast<std::size_t>(rays.count());
+  data.add_returns(rays, space, random, 400);
+  const auto last = static_cast<std::size_t>(rays.count());
+  CHECK(last > first + 200);
+  CHECK(last < first + 380);
+  const Eigen::Matrix4d world_from_street = space.street_from_world().inverse();
+  std::size_t wall = 0, car = 0;
+  for (std::size_t r = first; r < last; ++r) {
+    CHECK(rays.moments[r] >= 4);
+    CHECK((moved(world_from_street, origin_of(rays, r)) - Vector3d(0, 0, 2)).norm() < 1e-4);
+    const Vector3d end = moved(world_from_street, origin_of(rays, r) + double{rays.ranges[r]} * direction_of(rays, r));
+    wall += std::abs(end.x() - kToyWall) < 1e-3;
+    car += (end - Vector3d(11, 0, 1)).norm() < 1e-3;
+  }
+  CHECK(wall + car == last - first);
+  CHECK(car > 40);
+}
+
+TEST_CASE("images smaller than the pixels that a ray stands for, and logs without images, are errors") {
+  const ToyFolder folder;
+  const Scene scene = toy_street(folder.path);
+  const StreetData data(scene, toy_pixels(scene), {}, 64);
+  CHECK_THROWS_AS((void)data.patch_side(8), Error);
+  CHECK_THROWS_AS(StreetData(scene, Pixels{}, {}, 1), Error);
+}
