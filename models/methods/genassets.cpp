@@ -112,10 +112,12 @@ namespace {
 
 /// Fault::usage for sizes that nothing can be made of, and steps that would never end.
 void check(const GenAssetsConfig& c) {
-  const std::pair<const char*, float> positive[] = {
+  constexpr float kLeast = 0.001f;
+  const std::pair<const char*, float> metres[] = {
       {"steps.background", c.steps.background}, {"steps.actor", c.steps.actor}, {"space.voxel", c.space.voxel}};
-  for (const auto& [setting, value] : positive)
-    if (!(value > 0)) throw Error(Fault::usage, text("setting ", setting, " is ", value, ", want more than 0"));
+  for (const auto& [setting, value] : metres)
+    if (!(value >= kLeast && std::isfinite(value)))
+      throw Error(Fault::usage, text("setting ", setting, " is ", value, " metres, want ", kLeast, " or more"));
   const std::tuple<const char*, int, int> counts[] = {{"planes.channels", c.field.plane_channels, 1},
                                                       {"background.side", c.background_side, 1},
                                                       {"code.side", c.code_side, 1},
@@ -160,7 +162,7 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
     if (!scene.is_log)
       throw Error(Fault::data, text(scene.root.string(), " is no driving log (format ", scene.format,
                                     "): genassets wants cameras with time stamps, boxes and LiDAR"));
-    logs_.push_back(make_log(scene, logs_.size(), root / ("log" + std::to_string(logs_.size()))));
+    logs_.push_back(make_log(scene, root / ("log" + std::to_string(logs_.size()))));
   }
   find_looks();
 }
@@ -173,7 +175,7 @@ int64_t planes_side(const GenAssetsConfig& config) {
 
 }  // namespace
 
-GenAssets::Log GenAssets::make_log(const Scene& scene, size_t, const Scope& scope) const {
+GenAssets::Log GenAssets::make_log(const Scene& scene, const Scope& scope) const {
   Log log;
   log.scene = scene;
   log.space = std::make_unique<StreetSpace>(scene, config_.space);

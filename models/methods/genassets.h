@@ -107,7 +107,7 @@ class GenAssets final : public Method, public Street {
     Tensor kl;
     int64_t actors = 0;  // decoded
   };
-  Log make_log(const Scene& scene, size_t index, const Scope& scope) const;
+  Log make_log(const Scene& scene, const Scope& scope) const;
   void find_looks();
   AssetPlace place_of(const AssetName& asset) const;
   Eigen::Vector3d size_of(const AssetPlace& place) const;

@@ -338,7 +338,7 @@ TEST_CASE("genassets: adopted networks stand still, the log's own parameters do 
 TEST_CASE("genassets: settings that no street can be made with are errors that name them") {
   const ToyFolder folder;
   const Scene scene = toy_street(folder.path, {.lidar = false});
-  const Settings bad = {{"steps.background", "0"}, {"steps.actor", "-1"},     {"space.voxel", "0"},
+  const Settings bad = {{"steps.background", "0"}, {"steps.actor", "-1"},     {"space.voxel", "1e-9"},
                         {"steps.sky", "0"},        {"image.doublings", "-1"}, {"decoder.widths", "8,x"},
                         {"batch.patches", "0"},    {"batch.patch_side", "-3"}};
   for (const auto& [key, value] : bad) {
