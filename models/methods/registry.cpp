@@ -1,6 +1,8 @@
 // Methods and presets.
 #include "models/methods/registry.h"
 
+#include <algorithm>
+
 #include "models/data/paths.h"
 #include "models/methods/genassets.h"
 #include "models/methods/nerf.h"
@@ -19,10 +21,46 @@ const MethodRow kMethods[] = {
     {"genassets", [] { return std::unique_ptr<Method>(std::make_unique<GenAssets>()); }},
 };
 
+/// A preset that differs from another, named first.
+struct Variant {
+  std::string base;
+  const char *name, *summary;
+  Preset::Settings differences;
+};
+
+// The ablations of GenAssets' Table A2.
+const Variant kVariants[] = {
+    {"genassets-small",
+     "genassets-small-nokl",
+     "the same without variational codes",
+     {{"weight.kl", "0"}, {"code.variational", "false"}}},
+    {"genassets-small",
+     "genassets-small-noperceptual",
+     "the same without the perceptual loss",
+     {{"weight.perceptual", "0"}}},
+    {"genassets-small",
+     "genassets-small-nodecoder",
+     "the same with actors' planes learned directly",
+     {{"decoder.use", "false"}}},
+};
+
+std::vector<Preset> with_variants(std::vector<Preset> rows) {
+  for (const Variant& variant : kVariants) {
+    Preset preset =
+        *std::find_if(rows.begin(), rows.end(), [&](const Preset& row) { return variant.base == row.name; });
+    preset.name = variant.name;
+    preset.summary = variant.summary;
+    // Of settings given twice the later one stands.
+    preset.settings.insert(preset.settings.end(), variant.differences.begin(), variant.differences.end());
+    rows.push_back(preset);
+  }
+  return rows;
+}
+
 }  // namespace
 
 const std::vector<Preset>& presets() {
-  static const std::vector<Preset> rows = {
+  static const std::vector<Preset> rows = with_variants({
       {"nerf", "nerf", "hash grid and occupancy grid: minutes on two cores", {}, 4000},
       {"nerf-paper",
        "nerf",
@@ -62,7 +100,7 @@ const std::vector<Preset>& presets() {
         {"train.rate_image", "4e-3"},
         {"train.rate_background", "0.05"}},
        7000},
-  };
+  });
   return rows;
 }
 

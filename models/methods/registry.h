@@ -11,11 +11,12 @@
 namespace cloam {
 
 struct Preset {
+  using Settings = std::vector<std::pair<const char*, const char*>>;
   const char* name;
   const char* method;
   const char* summary;
-  std::vector<std::pair<const char*, const char*>> settings;  // over the defaults
-  int64_t steps;                                              // when neither --steps nor --time-budget is given
+  Settings settings;  // over the defaults
+  int64_t steps;      // when neither --steps nor --time-budget is given
 };
 
 const std::vector<Preset>& presets();

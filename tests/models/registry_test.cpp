@@ -1,0 +1,42 @@
+// Presets: each can be set, and the ablations differ from their base by what they are named after and nothing else.
+#include "models/methods/registry.h"
+
+#include <doctest/doctest.h>
+
+using namespace cloam;
+
+namespace {
+
+std::map<std::string, std::string> settings_of(const std::string& name) {
+  const Preset& preset = find_preset(name);
+  const auto method = make_method(preset.method);
+  Config config;
+  method->configure(config);
+  for (const auto& [key, value] : preset.settings) config.set(key, value, name);
+  std::map<std::string, std::string> settings;
+  for (const ConfigEntry& entry : config.entries()) settings[entry.key] = to_string(entry.value);
+  return settings;
+}
+
+}  // namespace
+
+TEST_CASE("ablations differ from genassets-small in what they leave out alone") {
+  for (const Preset& preset : presets()) CHECK_NOTHROW(settings_of(preset.name));
+  const auto base = settings_of("genassets-small");
+  CHECK(base.at("code.variational") == "true");
+  CHECK(base.at("decoder.use") == "true");
+  const std::map<std::string, std::map<std::string, std::string>> ablations = {
+      {"nokl", {{"weight.kl", "0"}, {"code.variational", "false"}}},
+      {"noperceptual", {{"weight.perceptual", "0"}}},
+      {"nodecoder", {{"decoder.use", "false"}}}};
+  for (const auto& [name, differences] : ablations) {
+    CAPTURE(name);
+    auto expected = base;
+    for (const auto& [key, value] : differences) {
+      CHECK(base.at(key) != value);
+      expected[key] = value;
+    }
+    CHECK(settings_of("genassets-small-" + name) == expected);
+    CHECK(find_preset("genassets-small-" + name).steps == find_preset("genassets-small").steps);
+  }
+}
