@@ -162,7 +162,7 @@ EvalResult measure(const EvalRequest& request, const RestoredRun& run, Evaluator
   result.step = run.progress.step;
   result.downscale = record.reading.downscale;
   if (!request.features.empty()) {
-    evaluator.network = request.features == "random" ? random_features() : feature_network(request.features);
+    evaluator.network = features_named(request.features);
     result.features = evaluator.network->name;
   }
   if (protocol_of(run, request) == "rotate360" && request.other.empty())
@@ -172,25 +172,40 @@ EvalResult measure(const EvalRequest& request, const RestoredRun& run, Evaluator
   return result;
 }
 
-}  // namespace
+fs::path pictures_of(const EvalRequest& request) {
+  return request.images.empty() ? RunPaths{request.run}.eval() / "images" : fs::path(request.images);
+}
 
-int run_eval(const EvalRequest& request, const Common& common) {
+EvalResult measure_and_report(const EvalRequest& request, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   read_record(request.run);  // a wrong folder is told before a missing device
   open_device(common);
   const RestoredRun run = restore_run(request.run);
   if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
-  const fs::path folder = RunPaths{request.run}.eval();
-  const fs::path pictures = request.images.empty() ? folder / "images" : fs::path(request.images);
-  Evaluator evaluator{common, pictures};
+  Evaluator evaluator{common, pictures_of(request)};
   EvalResult result = measure(request, run, evaluator);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  write_reports(folder, result);
+  write_reports(RunPaths{request.run}.eval(), result);
+  return result;
+}
+
+}  // namespace
+
+FeatureNetwork features_named(const std::string& features) {
+  return features == "random" ? random_features() : feature_network(features);
+}
+
+nlohmann::ordered_json measure_run(const EvalRequest& request, const Common& common) {
+  return to_json(measure_and_report(request, common));
+}
+
+int run_eval(const EvalRequest& request, const Common& common) {
+  const EvalResult result = measure_and_report(request, common);
   if (common.json)
     put(to_json(result).dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
   else
     put(table(result));
-  say(common, text("pictures ", pictures.string(), "  (render | photo | error x4)"));
+  say(common, text("pictures ", pictures_of(request).string(), "  (render | photo | error x4)"));
   return 0;
 }
 

@@ -1,8 +1,10 @@
 // An evaluation as a request: what the command line and the demo fill in.
 #pragma once
+#include <nlohmann/json.hpp>
 #include <string>
 
 #include "cli/common.h"
+#include "models/nn/feature_network.h"
 
 namespace cloam {
 
@@ -12,7 +14,13 @@ struct EvalRequest {
   std::string features;            // weights of a feature network, or "random"; empty: no feature distances
 };
 
-/// Measures a run, writes RUN/eval, prints a table or one JSON object. Errors as the program's faults.
+/// The network that --features names. Fault::data for a file that holds none.
+FeatureNetwork features_named(const std::string& features);
+
+/// Measures a run and writes RUN/eval; returns what `eval --json` prints, and prints nothing on stdout.
+nlohmann::ordered_json measure_run(const EvalRequest& request, const Common& common);
+
+/// measure_run, and a table or one JSON object on stdout. Errors as the program's faults.
 int run_eval(const EvalRequest& request, const Common& common);
 
 }  // namespace cloam

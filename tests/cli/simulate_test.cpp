@@ -7,53 +7,13 @@
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
 #include "tests/cli/process.h"
+#include "tests/cli/small_street.h"
 
 using namespace cloam;
 namespace fs = std::filesystem;
 using Eigen::Vector3d;
 
 namespace {
-
-const fs::path& street() {
-  static const fs::path log = [] {
-    const Outcome made = cloam_with({"synth", "-o", (scratch() / "street").string(), "--logs", "1", "--frames", "3",
-                                     "--size", "48x27", "--cameras", "front", "--beams", "24", "--no-truth", "-q"});
-    REQUIRE_MESSAGE(made.code == 0, made.err);
-    return scratch() / "street" / "001";
-  }();
-  return log;
-}
-
-const fs::path& street_run() {
-  static const fs::path run = [] {
-    const fs::path folder = scratch() / "street_run";
-    const Outcome trained = cloam_with({"train",
-                                        "genassets",
-                                        street().string(),
-                                        "-o",
-                                        folder.string(),
-                                        "--preset",
-                                        "genassets-small",
-                                        "--steps",
-                                        "1",
-                                        "-q",
-                                        "--set",
-                                        "background.side=32",
-                                        "--set",
-                                        "batch.patches=1",
-                                        "--set",
-                                        "batch.patch_side=8",
-                                        "--set",
-                                        "batch.lidar_rays=32",
-                                        "--set",
-                                        "code.side=4",
-                                        "--set",
-                                        "weight.perceptual=0"});
-    REQUIRE_MESSAGE(trained.code == 0, trained.err);
-    return folder;
-  }();
-  return run;
-}
 
 std::vector<Vector3d> points_of(const Scene& log, std::size_t sweep) {
   const LidarPoints points = load_sweep(log, log.sweeps.at(sweep));
@@ -90,11 +50,11 @@ const Actor& most_seen(const Scene& log) {
 }  // namespace
 
 TEST_CASE("simulate after remove: boxes and LiDAR of the actor are gone, all that it did not touch is as it was") {
-  const Scene before = read_scene(street());
+  const Scene before = read_scene(small_street());
   const Actor& removed = most_seen(before);
   const fs::path edited = scratch() / "removed_run", out = scratch() / "removed_log";
   const Outcome edit =
-      cloam_with({"edit", street_run().string(), "--actor", removed.id + ":remove", "-o", edited.string()});
+      cloam_with({"edit", small_street_run().string(), "--actor", removed.id + ":remove", "-o", edited.string()});
   REQUIRE_MESSAGE(edit.code == 0, edit.err);
   const Outcome simulated = cloam_with({"simulate", edited.string(), "-o", out.string(), "--json"});
   REQUIRE_MESSAGE(simulated.code == 0, simulated.err);
@@ -132,12 +92,11 @@ TEST_CASE("simulate after remove: boxes and LiDAR of the actor are gone, all tha
 }
 
 TEST_CASE("simulate after shift: the boxes move by what was asked for; size and cameras are chosen") {
-  const Scene before = read_scene(street());
+  const Scene before = read_scene(small_street());
   const Actor& moved = most_seen(before);
   const fs::path edited = scratch() / "moved_run", out = scratch() / "moved_log";
-  REQUIRE(
-      cloam_with({"edit", street_run().string(), "--actor", moved.id + ":shift=1,0,0", "-o", edited.string()}).code ==
-      0);
+  REQUIRE(cloam_with({"edit", small_street_run().string(), "--actor", moved.id + ":shift=1,0,0", "-o", edited.string()})
+              .code == 0);
   const Outcome simulated =
       cloam_with({"simulate", edited.string(), "-o", out.string(), "--size", "32x18", "--cameras", "front", "-q"});
   REQUIRE_MESSAGE(simulated.code == 0, simulated.err);

@@ -1,0 +1,289 @@
+// cloam compare: the evaluations of runs side by side, and the means of those that differ by their seeds alone.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+
+#include "cli/commands.h"
+#include "cli/eval.h"
+#include "models/data/json.h"
+#include "models/scene/split.h"
+#include "models/train/run_folder.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+using Report = nlohmann::ordered_json;
+using Cells = std::vector<std::string>;
+
+constexpr char kExamples[] = R"(Put the evaluations of runs side by side; those that are missing are made first.
+
+Examples:
+  cloam compare runs/a runs/b
+  cloam compare runs/*-seed? --protocol rotate360 --features squeezenet.npz
+  cloam compare runs/a runs/b --json
+
+Runs of the same data and settings that differ by their seeds are also averaged (mean +- standard deviation).)";
+
+struct CompareRequest {
+  std::vector<std::string> runs;
+  std::string protocol, features;  // as eval takes them; empty: what RUN/eval holds
+};
+
+struct Column {
+  const char *key, *heading;
+};
+
+// Keys of eval.json (docs/formats.md). The table leaves out what no run has.
+const Column kColumns[] = {{"psnr", "PSNR"},
+                           {"ssim", "SSIM"},
+                           {"masked_psnr", "masked PSNR"},
+                           {"masked_ssim", "masked SSIM"},
+                           {"lidar_median_error_m", "LiDAR m"},
+                           {"feature_distance", "features"},
+                           {"masked_feature_distance", "masked features"},
+                           {"kernel_feature_distance", "kernel features"},
+                           {"baseline_mean_colour_psnr", "mean colour"},
+                           {"baseline_nearest_frame_psnr", "nearest"},
+                           {"baseline_blend_psnr", "blend"},
+                           {"baseline_blend_masked_psnr", "masked blend"},
+                           {"baseline_mean_masked_psnr", "masked mean"}};
+
+struct Compared {
+  std::string run;
+  RunRecord record;
+  Report eval;
+};
+using Group = std::vector<const Compared*>;  // runs that differ by their seeds alone
+
+/// What RUN/eval holds, if it is what was asked for and the run has not gone on since.
+std::optional<Report> kept_eval(const CompareRequest& request, const RunPaths& run, int64_t step,
+                                const std::string& network) {
+  const fs::path path = run.eval() / "eval.json";
+  if (!fs::exists(path)) return {};
+  try {
+    const Json json = parse_json_file(path);
+    const std::string protocol = string(json, "protocol", path.string());
+    const bool asked = request.protocol.empty() || request.protocol == protocol;
+    const bool same_network = network.empty() || optional_string(json, "feature_network", path.string()) == network;
+    if (!asked || !same_network || number(json, "step", path.string()) < static_cast<double>(step)) return {};
+    return Report(json);
+  } catch (const Error& error) {
+    warn(text(error.what(), "\n  the run is evaluated anew"));
+    return {};
+  }
+}
+
+std::vector<Compared> read_runs(const CompareRequest& request, const Common& common) {
+  std::vector<Compared> runs;
+  for (const std::string& run : request.runs) runs.push_back({run, read_record(run), {}});
+  std::string network;
+  if (!request.features.empty()) {
+    open_device(common);
+    network = features_named(request.features).name;
+  }
+  for (Compared& one : runs) {
+    if (const auto kept = kept_eval(request, RunPaths{one.run}, one.record.step, network)) {
+      one.eval = *kept;
+      continue;
+    }
+    say(common, "evaluating " + one.run);
+    EvalRequest eval;
+    eval.run = one.run;
+    eval.protocol = request.protocol;
+    eval.features = request.features;
+    one.eval = measure_run(eval, common);
+  }
+  return runs;
+}
+
+std::string word(const Report& eval, const char* key) {
+  const auto at = eval.find(key);
+  return at == eval.end() || !at->is_string() ? "" : at->get<std::string>();
+}
+
+std::optional<double> figure(const Report& eval, const char* key) {
+  const auto at = eval.find(key);
+  if (at == eval.end() || !at->is_number()) return {};
+  return at->get<double>();
+}
+
+bool same_but_for_seed(const Compared& a, const Compared& b) {
+  const RunRecord &r = a.record, &s = b.record;
+  const auto same_data = [](const RunData& x, const RunData& y) { return x.fingerprint == y.fingerprint; };
+  return r.method == s.method && r.preset == s.preset && r.settings == s.settings && r.steps == s.steps &&
+         std::equal(r.data.begin(), r.data.end(), s.data.begin(), s.data.end(), same_data) &&
+         word(a.eval, "protocol") == word(b.eval, "protocol") &&
+         word(a.eval, "feature_network") == word(b.eval, "feature_network");
+}
+
+std::vector<Group> groups_of(const std::vector<Compared>& runs) {
+  std::vector<Group> groups;
+  for (const Compared& run : runs) {
+    const auto fits = [&](const Group& group) { return same_but_for_seed(*group.front(), run); };
+    const auto group = std::find_if(groups.begin(), groups.end(), fits);
+    group == groups.end() ? groups.push_back({&run}) : group->push_back(&run);
+  }
+  std::erase_if(groups, [](const Group& group) { return group.size() < 2; });
+  return groups;
+}
+
+struct Mean {
+  double mean, deviation;  // of a sample: divided by n - 1
+};
+
+/// Nothing unless every run has the figure.
+std::optional<Mean> mean_of(const Group& group, const char* key) {
+  double sum = 0, squares = 0;
+  for (const Compared* run : group) {
+    const auto value = figure(run->eval, key);
+    if (!value) return {};
+    sum += *value;
+  }
+  const double count = static_cast<double>(group.size()), mean = sum / count;
+  for (const Compared* run : group) squares += std::pow(*figure(run->eval, key) - mean, 2);
+  return Mean{mean, std::sqrt(squares / (count - 1))};
+}
+
+int digits_of(double value) { return std::abs(value) < 1 ? 4 : 2; }
+
+std::string spelled(double value) { return fmt::format("{:.{}f}", value, digits_of(value)); }
+
+/// Guesses do not depend on the seed: they have no deviation.
+std::string spelled(const Mean& value) {
+  const std::string mean = spelled(value.mean);
+  return value.deviation == 0 ? mean : fmt::format("{} +- {:.{}f}", mean, value.deviation, digits_of(value.mean));
+}
+
+std::string steps_of(const Group& group) {
+  std::set<int64_t> steps;
+  for (const Compared* run : group) steps.insert(static_cast<int64_t>(figure(run->eval, "step").value_or(0)));
+  return *steps.begin() == *steps.rbegin() ? text(*steps.begin()) : text(*steps.begin(), "-", *steps.rbegin());
+}
+
+std::vector<Column> used_columns(const std::vector<Compared>& runs) {
+  std::vector<Column> used;
+  for (const Column& column : kColumns) {
+    if (std::any_of(runs.begin(), runs.end(), [&](const Compared& run) { return figure(run.eval, column.key); }))
+      used.push_back(column);
+  }
+  return used;
+}
+
+Cells row_of(const Compared& run, const std::vector<Column>& columns) {
+  Cells cells = {run.run,          run.record.method,         run.record.preset, text(run.record.seed),
+                 steps_of({&run}), word(run.eval, "protocol")};
+  for (const Column& column : columns) {
+    const auto value = figure(run.eval, column.key);
+    cells.push_back(value ? spelled(*value) : "-");
+  }
+  return cells;
+}
+
+Cells row_of(const Group& group, const std::vector<Column>& columns) {
+  Cells cells = row_of(*group.front(), {});
+  cells[0] = text("mean of ", group.size());
+  cells[3] = "";
+  cells[4] = steps_of(group);
+  for (const Column& column : columns) {
+    const auto value = mean_of(group, column.key);
+    cells.push_back(value ? spelled(*value) : "-");
+  }
+  return cells;
+}
+
+/// Words to the left, figures to the right.
+std::string aligned(const std::vector<Cells>& rows) {
+  constexpr std::size_t kWords = 3;
+  std::vector<std::size_t> widths(rows.front().size());
+  for (const Cells& row : rows)
+    for (std::size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], row[i].size());
+  std::string out;
+  for (const Cells& row : rows) {
+    for (std::size_t i = 0; i < row.size(); ++i) {
+      out += i == 0 ? "" : "  ";
+      out += i < kWords ? fmt::format("{:<{}}", row[i], widths[i]) : fmt::format("{:>{}}", row[i], widths[i]);
+    }
+    out += "\n";
+  }
+  return out;
+}
+
+std::string table(const std::vector<Compared>& runs, const std::vector<Group>& groups) {
+  const std::vector<Column> columns = used_columns(runs);
+  Cells head = {"run", "method", "preset", "seed", "steps", "protocol"};
+  for (const Column& column : columns) head.push_back(column.heading);
+  std::vector<Cells> rows = {head}, means = {head};
+  for (const Compared& run : runs) rows.push_back(row_of(run, columns));
+  for (const Group& group : groups) means.push_back(row_of(group, columns));
+  return aligned(rows) + (groups.empty() ? "" : "\n" + aligned(means));
+}
+
+Report report(const std::vector<Compared>& runs, const std::vector<Group>& groups) {
+  Report json = {{"schema_version", 1}, {"runs", Report::array()}, {"means", Report::array()}};
+  const auto head = [](const Compared& run) {
+    Report row = {{"method", run.record.method}, {"preset", run.record.preset}, {"protocol", run.eval["protocol"]}};
+    if (run.eval.contains("feature_network")) row["feature_network"] = run.eval["feature_network"];
+    return row;
+  };
+  for (const Compared& run : runs) {
+    Report row = {{"run", run.run}, {"seed", run.record.seed}, {"steps", run.eval["step"]}};
+    row.update(head(run));
+    for (const Column& column : kColumns)
+      if (run.eval.contains(column.key)) row[column.key] = run.eval[column.key];
+    json["runs"].push_back(row);
+  }
+  for (const Group& group : groups) {
+    Report row = head(*group.front());
+    for (const Compared* run : group) row["seeds"].push_back(run->record.seed);
+    for (const Column& column : kColumns)
+      if (const auto value = mean_of(group, column.key))
+        row[column.key] = {{"mean", value->mean}, {"deviation", value->deviation}};
+    json["means"].push_back(row);
+  }
+  return json;
+}
+
+void warn_of_differences(const std::vector<Compared>& runs) {
+  for (const char* key : {"protocol", "feature_network"}) {
+    std::set<std::string> words;
+    for (const Compared& run : runs) words.insert(word(run.eval, key));
+    if (words.size() > 1)
+      warn(text("the runs were not measured alike (", key, "): give ", key[0] == 'p' ? "--protocol" : "--features"));
+  }
+}
+
+int run_command(const CompareRequest& request, const Common& common) {
+  const std::vector<Compared> runs = read_runs(request, common);
+  const std::vector<Group> groups = groups_of(runs);
+  warn_of_differences(runs);
+  if (common.json)
+    put(report(runs, groups).dump(2, ' ', false, Report::error_handler_t::replace) + "\n");
+  else
+    put(table(runs, groups));
+  const std::string network = word(runs.front().eval, "feature_network");
+  say(common, text("masked: over actors alone; right of the features: guesses that a figure must clear",
+                   network.empty() ? "" : "; features: distances by " + network));
+  return 0;
+}
+
+}  // namespace
+
+Command add_compare(CLI::App& program) {
+  CLI::App* parser = program.add_subcommand("compare", kExamples);
+  const auto request = std::make_shared<CompareRequest>();
+  const auto common = std::make_shared<Common>();
+  parser->add_option("RUN", request->runs, "Run folders")->required();
+  parser->add_option("--protocol", request->protocol, "Evaluates by sparse, novel or rotate360 what is not yet")
+      ->check(CLI::IsMember(protocol_names()));
+  parser->add_option("--features", request->features, "Weights of a feature network, or random: feature distances too");
+  add_common(*parser, *common);
+  return {parser, [=] { return run_command(*request, *common); }};
+}
+
+}  // namespace cloam
