@@ -126,6 +126,8 @@ void check(const GenAssetsConfig& c) {
                                                       {"image.doublings", c.image.doublings, 0},
                                                       {"steps.sky", c.steps.sky, 1},
                                                       {"space.dilate", c.space.dilate, 0},
+                                                      {"batch.tile_rays", c.tile_rays, 1},
+                                                      {"batch.tile_side", c.tile_side, 1},
                                                       {"batch.patches", c.patches, 1},
                                                       {"batch.patch_side", c.patch_side, 1},
                                                       {"batch.lidar_rays", c.lidar_rays, 0}};

@@ -184,6 +184,7 @@ Tensor StreetData::add_patches(RayList& rays, const StreetSpace& space, HostRand
 }
 
 Tensor StreetData::add_image(RayList& rays, const StreetSpace& space, HostRandom& random) const {
+  (void)patch_side(1);  // an image of no cell is an error
   const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
   const int64_t columns = photo.width / scale_, rows = photo.height / scale_;
   std::vector<float> truth(static_cast<size_t>(3 * columns * rows * scale_ * scale_));
