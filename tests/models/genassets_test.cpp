@@ -165,6 +165,45 @@ TEST_CASE("genassets: no gradient reaches a hidden actor") {
     }
 }
 
+TEST_CASE("genassets: a whole image in tiles has the gradients of one patch that covers it") {
+  const ToyFolder folder;
+  Scene scene = toy_street(folder.path, {.frames = 1, .width = 32, .height = 32});
+  scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 2), toy_actor("b", {2, 4, 2.5}, 14, -2)};
+  const auto gradients = [&](const Settings& more) {
+    Settings settings = {
+        {"batch.lidar_rays", "0"}, {"weight.kl", "1e-3"}, {"batch.patches", "1"}, {"batch.patch_side", "16"}};
+    settings.insert(settings.end(), more.begin(), more.end());
+    const auto method = loaded(scene, settings);
+    put(*method, "networks.field.offset", {-0.05f});
+    Tensors wanted;
+    for (const auto& [name, p] : method->parameters()) wanted.push_back(p);
+    const Gradients all = method->gradients({1, 100, 1}, wanted);
+    CHECK(method->metrics().at("actors") == 2);
+    std::map<std::string, std::vector<float>> out;
+    size_t at = 0;
+    for (const auto& [name, p] : method->parameters())
+      if (const Tensor& g = all.of_parameters[at++]) out[name] = g.to_host();
+    return out;
+  };
+  const auto want = gradients({});
+  CHECK(want.size() > 30);
+  for (const char* side : {"96", "8"}) {
+    CAPTURE(side);
+    const auto got = gradients({{"batch.whole_images", "true"}, {"batch.tile_side", side}});
+    CHECK(got.size() == want.size());
+    for (const auto& [name, values] : want) {
+      CAPTURE(name);
+      REQUIRE(got.contains(name));
+      double most = 0, apart = 0;
+      for (size_t i = 0; i < values.size(); ++i) {
+        most = std::max(most, std::abs(double{values[i]}));
+        apart = std::max(apart, std::abs(double{values[i]} - double{got.at(name)[i]}));
+      }
+      CHECK(apart <= 2e-4 * most + 1e-8);
+    }
+  }
+}
+
 TEST_CASE("genassets: masks are the boxes that the camera sees, and move with them") {
   const ToyFolder folder;
   const Camera camera{96, 72, 90, 90, 48, 36};
@@ -299,7 +338,9 @@ TEST_CASE("genassets: logs without actors, without LiDAR, and with boxes of no s
   int run = 0;
   for (const Scene& scene : {empty, no_lidar, flat}) {
     CAPTURE(run);
-    const auto method = loaded(scene, {{"steps.background", "1"}});
+    const char* whole = run % 2 == 0 ? "true" : "false";
+    const auto method =
+        loaded(scene, {{"steps.background", "1"}, {"batch.whole_images", whole}, {"batch.tile_rays", "50"}});
     (void)train_to(*method, folder.path / std::to_string(run++), 2);
     const Picture picture = method->render(view_of(scene.frames[0], scene.cameras[0], 0));
     CHECK(picture.rgb.size() == 32 * 24 * 3);
@@ -340,7 +381,7 @@ TEST_CASE("genassets: settings that no street can be made with are errors that n
   const Scene scene = toy_street(folder.path, {.lidar = false});
   const Settings bad = {{"steps.background", "0"}, {"steps.actor", "-1"},     {"space.voxel", "1e-9"},
                         {"steps.sky", "0"},        {"image.doublings", "-1"}, {"decoder.widths", "8,x"},
-                        {"batch.patches", "0"},    {"batch.patch_side", "-3"}};
+                        {"batch.tile_rays", "0"},  {"batch.patches", "0"},    {"batch.patch_side", "-3"}};
   for (const auto& [key, value] : bad) {
     CAPTURE(key);
     try {
