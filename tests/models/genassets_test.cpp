@@ -147,7 +147,7 @@ TEST_CASE("genassets: no gradient reaches a hidden actor") {
   const ToyFolder folder;
   for (const char* decoder : {"false", "true"})
     for (const int64_t step : {1, 5}) {  // with and without leaving out what no light reaches
-      CAPTURE(decoder);
+      CAPTURE(std::string(decoder));
       CAPTURE(step);
       const Settings settings = {{"decoder.use", decoder},
                                  {"shadows", "false"},
@@ -188,7 +188,7 @@ TEST_CASE("genassets: a whole image in tiles has the gradients of one patch that
   const auto want = gradients({});
   CHECK(want.size() > 30);
   for (const char* side : {"96", "8"}) {
-    CAPTURE(side);
+    CAPTURE(std::string(side));
     const auto got = gradients({{"batch.whole_images", "true"}, {"batch.tile_side", side}});
     CHECK(got.size() == want.size());
     for (const auto& [name, values] : want) {
@@ -307,7 +307,7 @@ TEST_CASE("genassets: an actor that a step does not show stands still, momentum 
   scene.actors = {toy_actor("stays", {2, 4, 3}, 12, 0), toy_actor("leaves", {2, 3, 1.5}, 10, 2)};
   scene.actors[1].boxes.resize(3);
   for (const char* decoder : {"true", "false"}) {
-    CAPTURE(decoder);
+    CAPTURE(std::string(decoder));
     const Settings settings = {{"decoder.use", decoder}};
     const std::string name = std::string(decoder) == "true" ? "log0.codes" : "log0.planes";
     const auto early = loaded(scene, settings, 0), late = loaded(scene, settings, 5);
@@ -383,7 +383,7 @@ TEST_CASE("genassets: settings that no street can be made with are errors that n
                         {"steps.sky", "0"},        {"image.doublings", "-1"}, {"decoder.widths", "8,x"},
                         {"batch.tile_rays", "0"},  {"batch.patches", "0"},    {"batch.patch_side", "-3"}};
   for (const auto& [key, value] : bad) {
-    CAPTURE(key);
+    CAPTURE(std::string(key));
     try {
       (void)built(scene, {{key, value}});
       FAIL("no error");

@@ -255,7 +255,7 @@ TEST_CASE("classes of assets are those of Table A1") {
                                                       {"", "Other"}};
   static_assert(std::size(kAssetClasses) == kAssetClassCount);
   for (const auto& [label, name] : rows) {
-    CAPTURE(label);
+    CAPTURE(std::string(label));
     CHECK(std::string(kAssetClasses[asset_class(label)]) == name);
   }
 }
