@@ -113,10 +113,16 @@ std::optional<double> figure(const Report& eval, const char* key) {
   return at->get<double>();
 }
 
+bool same_reading(const Reading& a, const Reading& b) {
+  return a.downscale == b.downscale && a.holdout == b.holdout && a.protocol.name == b.protocol.name &&
+         a.protocol.sparse_every == b.protocol.sparse_every;
+}
+
 bool same_but_for_seed(const Compared& a, const Compared& b) {
   const RunRecord &r = a.record, &s = b.record;
   const auto same_data = [](const RunData& x, const RunData& y) { return x.fingerprint == y.fingerprint; };
   return r.method == s.method && r.preset == s.preset && r.settings == s.settings && r.steps == s.steps &&
+         same_reading(r.reading, s.reading) &&
          std::equal(r.data.begin(), r.data.end(), s.data.begin(), s.data.end(), same_data) &&
          word(a.eval, "protocol") == word(b.eval, "protocol") &&
          word(a.eval, "feature_network") == word(b.eval, "feature_network");

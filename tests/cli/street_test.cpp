@@ -123,12 +123,16 @@ TEST_CASE("compare puts runs side by side and averages over seeds alone") {
   other["psnr"] = 100;
   RunRecord differs = record_with_seed(3);
   differs.settings["weight.kl"] = "7";
+  RunRecord sparser = record_with_seed(4);
+  sparser.reading.holdout = 9;
+  measured_run("sparser", sparser, other);
   const Words runs = {measured_run("seed1", record_with_seed(1), figures), measured_run("other", differs, other),
                       measured_run("seed2", record_with_seed(2), better)};
-  const Outcome compared = cloam_with({"compare", runs[0], runs[1], runs[2], "--json"});
+  const Outcome compared =
+      cloam_with({"compare", runs[0], runs[1], runs[2], (scratch() / "sparser").string(), "--json"});
   REQUIRE_MESSAGE(compared.code == 0, compared.err);
   const auto json = nlohmann::json::parse(compared.out);
-  CHECK(json.at("runs").size() == 3);
+  CHECK(json.at("runs").size() == 4);
   CHECK(json.at("runs").at(1).at("psnr") == 100);
   CHECK(json.at("runs").at(2).at("seed") == 2);
   REQUIRE(json.at("means").size() == 1);
