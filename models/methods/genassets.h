@@ -110,6 +110,8 @@ class GenAssets final : public Method, public Street {
   Log make_log(const Scene& scene, const Scope& scope) const;
   void find_looks();
   AssetPlace place_of(const AssetName& asset) const;
+  /// From metres in a box of that size to its cube of side 1.
+  static float cube_scale(const Eigen::Vector3d& size);
   Eigen::Vector3d size_of(const AssetPlace& place) const;
   Stage street(const Log& log, const RayList& rays) const;
   Stage alone(const Log& log, const AssetPlace& place) const;

@@ -53,6 +53,13 @@ const NamedTensor& find(const TensorMap& map, const std::string& name) {
 
 }  // namespace
 
+TensorMap with_prefix(const TensorMap& map, const std::string& prefix) {
+  TensorMap out;
+  for (const auto& [name, tensor] : map)
+    if (name.starts_with(prefix)) out[name.substr(prefix.size())] = tensor;
+  return out;
+}
+
 NamedTensor named(const Tensor& tensor) {
   return {stored_type(tensor.dtype()), {tensor.shape().begin(), tensor.shape().end()}, host_bytes(tensor)};
 }

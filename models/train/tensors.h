@@ -5,6 +5,8 @@
 
 namespace cloam {
 
+/// The tensors whose names begin with `prefix`, under the rest of their names.
+TensorMap with_prefix(const TensorMap& map, const std::string& prefix);
 NamedTensor named(const Tensor& tensor);
 NamedTensor named_integers(const std::vector<int64_t>& values);
 /// A leaf with the values stored under `name`. Fault::data naming what is missing or which shape was wanted.

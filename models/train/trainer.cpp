@@ -22,13 +22,6 @@ constexpr char kParameter[] = "param.", kOptimiser[] = "adam.", kState[] = "stat
 constexpr double kTimingShare =
     0.25;  // of the budget is run before its horizon is chosen (schedules hold still till then)
 
-TensorMap with_prefix(const TensorMap& map, const std::string& prefix) {
-  TensorMap out;
-  for (const auto& [name, tensor] : map)
-    if (name.starts_with(prefix)) out[name.substr(prefix.size())] = tensor;
-  return out;
-}
-
 void add_prefixed(TensorMap& to, const TensorMap& from, const std::string& prefix) {
   for (const auto& [name, tensor] : from) to[prefix + name] = tensor;
 }
