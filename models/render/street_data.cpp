@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/render/actor_space.h"
 #include "models/scene/camera.h"
 #include "runtime/error.h"
 
@@ -17,25 +18,6 @@ constexpr double kFarActor = 60;  // metres: patches look no further for actors
 Eigen::Vector3d rotate(const Eigen::Matrix4d& pose, const Eigen::Vector3d& v) { return pose.topLeftCorner<3, 3>() * v; }
 Eigen::Vector3d move(const Eigen::Matrix4d& pose, const Eigen::Vector3d& p) {
   return (pose * p.homogeneous()).head<3>();
-}
-
-/// The box of an actor that rays shall not meet, with room for its mirrors.
-struct Excluded {
-  Eigen::Matrix4d box_from_world;
-  Eigen::Vector3d half;
-  bool holds(const Eigen::Vector3d& world) const {
-    return (move(box_from_world, world).cwiseAbs().array() < half.array()).all();
-  }
-};
-
-std::vector<Excluded> excluded_boxes(const Scene& scene, const std::vector<bool>& kept, double time) {
-  std::vector<Excluded> boxes;
-  for (size_t a = 0; a < kept.size(); ++a) {
-    if (kept[a]) continue;
-    if (const auto pose = world_from_box_at(scene.actors[a], time))
-      boxes.push_back({pose->inverse(), scene.actors[a].size / 2 + Eigen::Vector3d(0.2, 0.2, 0.1)});
-  }
-  return boxes;
 }
 
 }  // namespace
@@ -200,11 +182,11 @@ void StreetData::add_returns(RayList& rays, const StreetSpace& space, HostRandom
     const Eigen::Matrix4d street_from_world = space.street_from_world();
     const Eigen::Vector3d lidar = move(street_from_world, seen.sweep->world_from_lidar.block<3, 1>(0, 3));
     rays.times.push_back(seen.sweep->timestamp);
-    const std::vector<Excluded> boxes = excluded_boxes(scene_, rays.actors, seen.sweep->timestamp);
+    const ActorSpace others(scene_, seen.sweep->timestamp, rays.actors);
     for (int64_t i = part; i < count; i += parts) {
       const float* p = &seen.points.positions[3 * random.below(seen.points.size())];
       const Eigen::Vector3d world(p[0], p[1], p[2]), way = move(street_from_world, world) - lidar;
-      if (std::any_of(boxes.begin(), boxes.end(), [&](const Excluded& box) { return box.holds(world); })) continue;
+      if (!rays.actors.empty() && others.holds(world)) continue;
       rays.add(lidar, way.norm() > 1e-3 ? way : Eigen::Vector3d::UnitX(), static_cast<float>(way.norm()));
     }
   }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/render/actor_space.h"
 #include "models/train/tensors.h"
 #include "runtime/error.h"
 
@@ -45,29 +46,6 @@ double quantile(std::vector<double> values, double share) {
   std::nth_element(values.begin(), place, values.end());
   return *place;
 }
-
-/// The boxes of all actors about the time of a sweep, with room for their wheels and mirrors.
-class ActorSpace {
- public:
-  ActorSpace(const Scene& scene, double time) {
-    for (const Actor& actor : scene.actors)
-      if (const auto pose = world_from_box_at(actor, time))
-        boxes_.push_back({pose->inverse(), actor.size / 2 + Eigen::Vector3d(0.2, 0.2, 0.1)});
-  }
-  bool holds(const Eigen::Vector3d& world) const {
-    return std::any_of(boxes_.begin(), boxes_.end(), [&](const Box& box) {
-      const Eigen::Vector3d p = (box.box_from_world * world.homogeneous()).head<3>();
-      return (p.cwiseAbs().array() < box.half.array()).all();
-    });
-  }
-
- private:
-  struct Box {
-    Eigen::Matrix4d box_from_world;
-    Eigen::Vector3d half;
-  };
-  std::vector<Box> boxes_;
-};
 
 struct Static {
   Points points, tops;  // street axes; tops: of them those at the upper edge of the LiDAR's sight

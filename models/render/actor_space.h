@@ -1,0 +1,26 @@
+// The space that actors take up at a time.
+#pragma once
+#include <vector>
+
+#include "models/scene/scene.h"
+
+namespace cloam {
+
+/// The boxes of actors, with room for their wheels and mirrors.
+class ActorSpace {
+ public:
+  /// Of all actors that have a box at `time`, but for those that `without` marks (by place in scene.actors; empty:
+  /// none).
+  ActorSpace(const Scene& scene, double time, const std::vector<bool>& without = {});
+  /// world: a point in the scene's world frame.
+  bool holds(const Eigen::Vector3d& world) const;
+
+ private:
+  struct Box {
+    Eigen::Matrix4d box_from_world;
+    Eigen::Vector3d half;
+  };
+  std::vector<Box> boxes_;
+};
+
+}  // namespace cloam
