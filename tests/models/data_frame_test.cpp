@@ -13,23 +13,12 @@
 #include "models/io/gzip.h"
 #include "runtime/error.h"
 #include "tests/hostile_pickles.h"
+#include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
 
 namespace {
-
-class Folder {
- public:
-  Folder() {
-    std::string pattern = (fs::temp_directory_path() / "cloam-frame-XXXXXX").string();
-    path = mkdtemp(pattern.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  fs::path path;
-};
 
 std::span<const std::uint8_t> bytes_of(const std::string& content) {
   return {reinterpret_cast<const std::uint8_t*>(content.data()), content.size()};

@@ -12,23 +12,12 @@
 
 #include "models/io/bytes.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
 
 namespace {
-
-class Folder {
- public:
-  Folder() {
-    std::string pattern = (fs::temp_directory_path() / "cloam-image-XXXXXX").string();
-    path = mkdtemp(pattern.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  fs::path path;
-};
 
 using Bytes = std::vector<std::uint8_t>;
 

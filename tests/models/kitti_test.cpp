@@ -19,6 +19,7 @@
 #include "models/io/image.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -26,18 +27,6 @@ using namespace cloam;
 namespace {
 
 constexpr int kSteps = 3;
-
-class Folder {
- public:
-  Folder() {
-    std::string pattern = (fs::temp_directory_path() / "cloam-kitti-XXXXXX").string();
-    path = mkdtemp(pattern.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  fs::path path;
-};
 
 bool holds(const std::string& all, const std::string& part) {
   const bool found = all.find(part) != std::string::npos;

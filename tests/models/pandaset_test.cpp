@@ -18,6 +18,7 @@
 #include "models/data/write_pandaset.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -25,18 +26,6 @@ using namespace cloam;
 namespace {
 
 constexpr int kSteps = 3;
-
-class Folder {
- public:
-  Folder() {
-    std::string pattern = (fs::temp_directory_path() / "cloam-log-XXXXXX").string();
-    path = mkdtemp(pattern.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  fs::path path;
-};
 
 bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
 

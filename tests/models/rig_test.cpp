@@ -19,23 +19,12 @@
 #include "models/io/ply.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
 
 namespace {
-
-class Folder {
- public:
-  Folder() {
-    std::string pattern = (fs::temp_directory_path() / "cloam-rig-XXXXXX").string();
-    path = mkdtemp(pattern.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  fs::path path;
-};
 
 bool holds(const std::string& all, const std::string& part) {
   const bool found = all.find(part) != std::string::npos;
