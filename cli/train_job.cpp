@@ -2,6 +2,9 @@
 #include "cli/train_job.h"
 
 #include <algorithm>
+#include <cctype>
+#include <cstdio>
+#include <map>
 
 #include "cli/settings.h"
 #include "models/methods/registry.h"
@@ -178,6 +181,32 @@ std::string schedule_text(const TrainJob& job) {
   return text(job.default_steps, " steps");
 }
 
+std::string words_for_count(int64_t count) {
+  char buffer[32];
+  if (count < 10000)
+    std::snprintf(buffer, sizeof buffer, "%lld", static_cast<long long>(count));
+  else
+    std::snprintf(buffer, sizeof buffer, "%.2f M", static_cast<double>(count) * 1e-6);
+  return buffer;
+}
+
+/// By the first two words of their names, all logs' together: "6.25 M: log.background 2.36 M, networks.decoder ...".
+std::string parameters_text(const Params& parameters) {
+  std::map<std::string, int64_t> counts;
+  int64_t sum = 0;
+  for (const auto& [name, p] : parameters) {
+    const std::size_t first = std::min(name.find('.'), name.size()), second = name.find('.', first + 1);
+    std::string group = name.substr(0, first);
+    while (!group.empty() && std::isdigit(static_cast<unsigned char>(group.back()))) group.pop_back();
+    counts[group + name.substr(first, second - first)] += p.numel();
+    sum += p.numel();
+  }
+  std::string out = words_for_count(sum);
+  for (const auto& [group, count] : counts)
+    out += text(out.find(':') == std::string::npos ? ": " : ", ", group, " ", words_for_count(count));
+  return out;
+}
+
 Event plan_event(const TrainJob& job, const Captures& captures, const MemoryPlan& plan) {
   const Camera& camera = captures.front().train.cameras.front();
   std::size_t train = 0, test = 0;
@@ -288,6 +317,7 @@ void tell_plan(const TrainJob& job, const Captures& captures, const Common& comm
   }
   say(common, text("model  ", job.record.method, ", preset ", job.record.preset, ", seed ", job.record.seed, ", ",
                    schedule_text(job)));
+  say(common, "       parameters " + parameters_text(job.method->parameters()));
   say(common, "memory " + words_for_bytes(plan.total()) + " of " + words_for_bytes(memory_budget()) + " (images " +
                   words_for_bytes(plan.images) + ", parameters " + words_for_bytes(plan.parameters) + ", optimiser " +
                   words_for_bytes(plan.optimiser) + ", work " + words_for_bytes(plan.work) + ")");

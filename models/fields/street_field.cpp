@@ -15,8 +15,8 @@ std::vector<int64_t> sizes(int64_t in, int layers, int64_t width, int64_t out) {
 
 StreetField::StreetField(const Scope& scope, const StreetFieldOptions& o)
     : options_(o),
-      distance_(scope / "distance", sizes(3 * int64_t{o.plane_channels}, o.distance_layers, o.width, 1 + o.inner)),
-      feature_(scope / "feature", sizes(int64_t{o.inner} + 17, o.feature_layers, o.width, o.features)),
+      distance_(scope / "distance", sizes(3 * int64_t{o.plane_channels}, o.distance_layers, o.width, o.features)),
+      feature_(scope / "feature", sizes(int64_t{o.features} + 16, o.feature_layers, o.width, o.features)),
       offset_(scope.constant("offset", {1}, o.distance)),
       sharpness_(scope.constant("sharpness", {1}, o.sharpness)) {}
 
@@ -27,7 +27,7 @@ StreetField::Geometry StreetField::geometry(const Tensor& planes) const {
 }
 
 Tensor StreetField::features(const Tensor& inner, const Tensor& harmonics) const {
-  return feature_(concat({inner, harmonics}, 1));
+  return inner + feature_(concat({inner, harmonics}, 1));
 }
 
 Tensor StreetField::opacity(const Tensor& distance) const { return sigmoid(-maximum(sharpness_, 1e-4f) * distance); }

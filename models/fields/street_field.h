@@ -8,8 +8,7 @@ namespace cloam {
 struct StreetFieldOptions {
   int plane_channels = 12;
   int width = 64, distance_layers = 2, feature_layers = 3;
-  int inner = 31;  // features between the two networks
-  int features = 32;
+  int features = 32;       // and as many numbers, of which the distance is the first, between the two networks
   float sharpness = 20;    // beta at the start
   float distance = 0.15f;  // added to the first network's, so that space begins nearly empty
 };
@@ -19,11 +18,12 @@ class StreetField {
   StreetField(const Scope& scope, const StreetFieldOptions& options);
   struct Geometry {
     Tensor distance;  // [S] in metres' scale, negative inside
-    Tensor inner;     // [S,1 + inner], the first as the distance, which costs less than leaving it out
+    Tensor inner;     // [S,features], the first as the distance, which costs less than leaving it out
   };
   /// planes: [S,3 plane_channels] of sample_planes.
   Geometry geometry(const Tensor& planes) const;
-  /// harmonics: [S,16] of the view's direction -> [S,features].
+  /// harmonics: [S,16] of the view's direction -> [S,features]. The second network adds what depends on the view; what
+  /// does not goes past it, so that colours outlive the units that it loses.
   Tensor features(const Tensor& inner, const Tensor& harmonics) const;
   /// alpha = sigmoid(-beta s): [S]. No step length in it (UniSim).
   Tensor opacity(const Tensor& distance) const;

@@ -86,7 +86,7 @@ void GenAssets::configure(Config& c) {
   c.bind("weight.perceptual", config_.weight_perceptual, "of the perceptual loss");
   c.bind("weight.adversarial", config_.weight_adversarial, "of fooling the discriminator; 0: there is none");
   c.bind("adversarial.widths", config_.discriminator_widths, "of the discriminator's blocks");
-  c.bind("weight.lidar", config_.weight_lidar, "of the squared LiDAR depth error");
+  c.bind("weight.lidar", config_.weight_lidar, "of the LiDAR depth error, squared up to a metre");
   c.bind("weight.stray", config_.weight_stray, "of matter along LiDAR rays that is not near their return");
   c.bind("weight.kl", config_.weight_kl, "of the codes' KL term");
   c.bind("perceptual.weights", config_.perceptual_weights, "file with a pretrained network; empty: random features");
@@ -432,9 +432,10 @@ Tensor GenAssets::image_of(const Tensor& features, const Tensor& shadow) const {
   return shadow ? image * resize_bilinear(shadow, image.dim(2), image.dim(3)) : image;
 }
 
-/// Mean squared error without the worst rays (UniSim).
+/// Mean squared error without the worst rays (UniSim), but linear beyond a metre (Huber): in the first steps rays are
+/// tens of metres wrong, and Adam's second moments of planes and networks would long be too large for colours to count.
 Tensor GenAssets::lidar_loss(const Tensor& depth, const Tensor& ranges) const {
-  const Tensor error = square(depth - ranges);
+  const Tensor metres = abs(depth - ranges), error = where(metres < 1.f, square(metres), 2.f * metres - 1.f);
   const int64_t count = error.dim(0),
                 kept = std::max<int64_t>(1, static_cast<int64_t>((1 - kWorst) * static_cast<double>(count)));
   const Tensor limit = slice(sort(stop_gradient(error)).keys, 0, kept - 1, kept);

@@ -1,5 +1,6 @@
 // From a map of features to an image (GenAssets, supplement A: f_rgb): residual blocks, with the map doubled on the
-// way.
+// way. The first three features go past them to the image (as in GIRAFFE, Niemeyer and Geiger 2021), so that colours
+// learn at once and survive units that die.
 #pragma once
 #include "models/nn/image_layers.h"
 

@@ -197,6 +197,7 @@ TEST_CASE("a dry run shows the plan and writes nothing") {
   CHECK(outcome.code == 0);
   CHECK(contains(outcome.err, "10 images 24x24"));
   CHECK(contains(outcome.err, "memory "));
+  CHECK(contains(outcome.err, "parameters "));
   CHECK_FALSE(fs::exists(run));
 }
 
