@@ -25,7 +25,9 @@ constexpr float kCube = 1.1f;                          // a box's cube over its 
 constexpr float kShadowSlack = 0.3f;  // metres behind the background at which ground still counts as seen
 constexpr float kBright = 4;          // shadows begin as sigmoid(kBright)
 constexpr float kLeastTransmittance = 1e-3f;
-constexpr double kWorst = 0.05;  // share of LiDAR rays that are left out
+constexpr int64_t kHeights = 9;      // at which a log's texels have something in common
+constexpr float kCommonSteps = 200;  // in which codes of their own come up, if the networks are another run's
+constexpr double kWorst = 0.05;      // share of LiDAR rays that are left out
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
 
@@ -174,13 +176,16 @@ GenAssets::Log GenAssets::make_log(const Scene& scene, const Scope& scope) const
   log.space = std::make_unique<StreetSpace>(scene, config_.space);
   const int64_t side = config_.background_side, channels = config_.field.plane_channels;
   log.background = scope.uniform("background", {3 * side * side, channels}, 0.1f);
+  log.common_background = scope.constant("common.background", {2 * kHeights, 3 * channels}, 0.f);
   const auto actors = static_cast<int64_t>(scene.actors.size());
   const int64_t code = int64_t{config_.code_channels} * config_.code_side * config_.code_side;
   if (actors > 0 && !config_.decoder) {
     const int64_t texels = planes_side(config_) * planes_side(config_);
     log.assets = scope.uniform("planes", {actors, 3 * texels * channels}, 0.1f);
   } else if (actors > 0) {
-    log.assets = scope.uniform("codes", {actors, code * (config_.variational ? 2 : 1)}, kCodeDeviation);
+    const int64_t numbers = code * (config_.variational ? 2 : 1);
+    log.assets = scope.uniform("codes", {actors, numbers}, kCodeDeviation);
+    log.common_code = scope.constant("common.code", {1, numbers}, 0.f);
   }
   for (const Actor& actor : scene.actors) log.classes.push_back(asset_class(actor.label));
   return log;
@@ -237,10 +242,14 @@ std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) co
                                      {"networks.shadow", config_.rate_field * now},
                                      {"networks.discriminator", config_.rate_discriminator * now}};
   for (LearningRate& rate : rates) rate.frozen = frozen_;
+  // With networks that know actors already: first what all actors of the log share, then each its own.
+  const float up = frozen_ ? std::min(1.f, static_cast<float>(progress.step) / kCommonSteps) : 1.f, own = up * up;
   for (size_t i = 0; i < logs_.size(); ++i) {
     const std::string log = "log" + std::to_string(i);
     rates.push_back({log + ".background", config_.rate_background * now, true});
-    rates.push_back({log + ".codes", config_.rate_codes * now, true});
+    rates.push_back({log + ".common.background", config_.rate_background * now});
+    rates.push_back({log + ".common.code", config_.rate_codes * now});
+    rates.push_back({log + ".codes", config_.rate_codes * now * own, true});
     rates.push_back({log + ".planes", config_.rate_background * now, true});
   }
   return rates;
@@ -313,7 +322,9 @@ Tensor GenAssets::asset_rows(const std::vector<AssetPlace>& assets) const {
     std::vector<int32_t> rows;
     for (; end < assets.size() && assets[end].log == assets[begin].log; ++end)
       rows.push_back(static_cast<int32_t>(assets[end].actor));
-    parts.push_back(gather_rows(logs_[assets[begin].log].assets, from_host(rows, {static_cast<int64_t>(rows.size())})));
+    const Log& log = logs_[assets[begin].log];
+    const Tensor own = gather_rows(log.assets, from_host(rows, {static_cast<int64_t>(rows.size())}));
+    parts.push_back(log.common_code ? own + log.common_code : own);
   }
   return parts.size() == 1 ? parts.front() : concat(parts, 0);
 }
@@ -389,10 +400,23 @@ GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, cons
   return out;
 }
 
+/// points [S,3] in [0,1]^3 -> [S,2 kHeights]: hat functions of the height for what is near, ramps for the sky. A ramp
+/// stays at 1 above its end: what is higher than any camera saw goes on like the highest that one did.
+Tensor GenAssets::heights(const Tensor& points) {
+  std::vector<float> knots(kHeights);
+  for (size_t k = 0; k < knots.size(); ++k) knots[k] = static_cast<float>(k);
+  const Tensor above = columns(points, 2, 3) * static_cast<float>(kHeights - 1) - from_host(knots, {1, kHeights});
+  const Tensor hats = maximum(1.f - abs(above), 0.f), ramps = minimum(maximum(above + 1.f, 0.f), 1.f);
+  // The contracted middle ends at half way from the centre to the border.
+  const Tensor far = maximum(max(abs(points - 0.5f), {{1}, true}) * 4.f - 1.f, 0.f);
+  return concat({hats * (1.f - far), ramps * far}, 1);
+}
+
 /// The features of all samples' planes by row.
 Tensor GenAssets::features_at(const Log& log, const StreetSamples& s, const Tensor& planes, const Tensor& slots) const {
   const int64_t side = config_.background_side, channels = config_.field.plane_channels;
-  const Tensor background = sample_planes(reshape(log.background, {3, side, side, channels}), s.points);
+  const Tensor background = sample_planes(reshape(log.background, {3, side, side, channels}), s.points) +
+                            matmul(heights(s.points), log.common_background);
   if (s.owners.dim(0) == 0) return background;
   return concat({background, sample_planes(planes, s.actor_points, gather_rows(slots, s.owners))}, 0);
 }

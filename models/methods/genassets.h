@@ -70,10 +70,13 @@ class GenAssets final : public Method, public Street {
     Scene scene;
     std::unique_ptr<StreetSpace> space;
     std::unique_ptr<StreetData> data;
-    Tensor background;              // [3 side^2, channels]
-    Tensor assets;                  // codes [A, ...] or planes [A, ...]
-    std::vector<int32_t> classes;   // of the actors
-    std::vector<AssetPlace> looks;  // of the actors: whose asset they wear
+    Tensor background;  // [3 side^2, channels]
+    Tensor assets;      // codes [A, ...] or planes [A, ...]
+    // What a log's texels at one height, and all its codes, have in common is added to them: where no camera looked,
+    // there is nothing else.
+    Tensor common_background, common_code;  // [2 heights, 3 channels], [1, ...]; of planes there is none
+    std::vector<int32_t> classes;           // of the actors
+    std::vector<AssetPlace> looks;          // of the actors: whose asset they wear
   };
   /// What rays meet.
   struct Stage {
@@ -119,6 +122,7 @@ class GenAssets final : public Method, public Street {
   Decoded decode(const std::vector<AssetPlace>& assets, const Drawing& how) const;
   Tensor asset_rows(const std::vector<AssetPlace>& assets) const;
   Met meet(const Stage& stage, const StreetSamples& samples) const;
+  static Tensor heights(const Tensor& points);
   Tensor features_at(const Log& log, const StreetSamples& samples, const Tensor& planes, const Tensor& slots) const;
   Shaded shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows,
                const Decoded* ready = nullptr) const;

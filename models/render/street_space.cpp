@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "models/render/actor_space.h"
 #include "models/train/tensors.h"
@@ -132,9 +133,41 @@ struct Voxels {
     }
     return c;
   }
+  Eigen::Vector3d middle(int x, int y, int z) const {
+    return Eigen::Vector3d(numbers[0], numbers[1], numbers[2]) +
+           Eigen::Vector3d(x + 0.5, y + 0.5, z + 0.5) * double{numbers[3]};
+  }
   std::size_t place(int x, int y, int z) const {
     return (std::size_t(z) * std::size_t(counts[1]) + std::size_t(y)) * std::size_t(counts[0]) + std::size_t(x);
   }
+};
+
+/// Those of training images.
+class Cameras {
+ public:
+  Cameras(const Scene& scene, const Eigen::Matrix4d& street_from_world) : scene_(scene) {
+    for (const Frame& frame : scene.frames)
+      if (frame.split == Split::train)
+        views_.push_back({frame.camera, (street_from_world * frame.world_from_camera).inverse()});
+  }
+  /// Does the point (street axes) lie in any of the images?
+  bool see(const Eigen::Vector3d& point) const {
+    return std::any_of(views_.begin(), views_.end(), [&](const View& view) {
+      const Eigen::Vector3d p = (view.camera_from_street * point.homogeneous()).head<3>();
+      if (p.z() <= 0) return false;
+      const Camera& camera = scene_.cameras[static_cast<std::size_t>(view.camera)];
+      const Eigen::Vector2d at = project(camera, p);
+      return at.x() >= 0 && at.y() >= 0 && at.x() < camera.width && at.y() < camera.height;
+    });
+  }
+
+ private:
+  struct View {
+    int camera;
+    Eigen::Matrix4d camera_from_street;
+  };
+  const Scene& scene_;
+  std::vector<View> views_;
 };
 
 }  // namespace
@@ -145,13 +178,20 @@ void StreetSpace::mark(const Points& points) {
     if (const auto c = voxels.at(p)) cells_[voxels.place((*c)[0], (*c)[1], (*c)[2])] = 1;
 }
 
-void StreetSpace::raise(const Points& tops) {
+/// As far as cameras look: above what LiDARs see, they alone can tell matter from air.
+void StreetSpace::raise(const Points& tops, const Scene& scene) {
   const Voxels voxels{numbers_, counts()};
-  for (const Eigen::Vector3d& p : tops) {
-    const auto c = voxels.at(p);
-    for (int z = c ? (*c)[2] : voxels.counts[2]; z < voxels.counts[2]; ++z)
-      cells_[voxels.place((*c)[0], (*c)[1], z)] = 1;
-  }
+  const Cameras cameras(scene, street_from_world_);
+  std::map<std::pair<int, int>, int> lowest;  // top of each column
+  for (const Eigen::Vector3d& p : tops)
+    if (const auto c = voxels.at(p)) {
+      const auto [top, fresh] = lowest.insert({{(*c)[0], (*c)[1]}, (*c)[2]});
+      if (!fresh) top->second = std::min(top->second, (*c)[2]);
+    }
+  for (const auto& [column, top] : lowest)
+    for (int z = top; z < voxels.counts[2]; ++z)
+      if (cameras.see(voxels.middle(column.first, column.second, z)))
+        cells_[voxels.place(column.first, column.second, z)] = 1;
 }
 
 /// Along one axis after the other: a cube around every occupied voxel.
@@ -193,7 +233,7 @@ void StreetSpace::look(const Scene& scene, const std::vector<Seen>& sweeps) {
   }
   lay(reach, middle);
   mark(seen.points);
-  raise(seen.tops);
+  raise(seen.tops, scene);
   dilate();
   upload();
 }

@@ -22,7 +22,8 @@ class StreetSpace {
   /// The axes alone: every voxel counts as occupied until look() or restore().
   StreetSpace(const Scene& scene, const StreetSpaceOptions& options);
   /// `sweeps`: points in the scene's world frame and where the LiDAR was. Points within boxes of actors are left out. A
-  /// wall that is seen up to the upper edge of the LiDAR's sight goes on above it.
+  /// wall that is seen up to the upper edge of the LiDAR's sight goes on above it where training images show that
+  /// place.
   struct Seen {
     const Sweep& sweep;
     const LidarPoints& points;
@@ -45,7 +46,7 @@ class StreetSpace {
   std::array<int, 3> counts() const;
   void lay(const Bounds& grid, const Bounds& middle);
   void mark(const std::vector<Eigen::Vector3d>& points);
-  void raise(const std::vector<Eigen::Vector3d>& tops);
+  void raise(const std::vector<Eigen::Vector3d>& tops, const Scene& scene);
   void dilate();
   void upload();
 
