@@ -4,57 +4,52 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/io/weights.h"
+#include "models/nn/inception.h"
 #include "models/nn/params.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
-using Convolution = FeatureLayer::Convolution;
-
 Tensor each_channel(const std::vector<float>& values) { return from_host(values, {1, 3, 1, 1}); }
 
-Convolution read(const Weights& from, const std::string& name, const Shape& shape, Conv2dParams with) {
+FeatureConvolution read(const Weights& from, const std::string& name, const Shape& shape) {
   const auto values = from.take(name + ".weight", {shape.begin(), shape.end()});
-  return {from_host(values, shape), from_host(from.take(name + ".bias", {shape[0]}), {shape[0]}), with};
+  return {from_host(values, shape), from_host(from.take(name + ".bias", {shape[0]}), {shape[0]})};
 }
 
 constexpr const char* kSqueezeNetFirst = "conv1";
 constexpr const char* kVggFirst = "features.0";
 
-/// Names as in SqueezeNet_deploy.prototxt. A module's `in` channels become twice `expand`.
-FeatureLayer fire(const Weights& from, const std::string& name, int64_t in, int64_t squeeze, int64_t expand) {
-  return {"",
-          {read(from, name + "/conv1x1_1", {squeeze, in, 1, 1}, {}),
-           read(from, name + "/conv1x1_2", {expand, squeeze, 1, 1}, {}),
-           read(from, name + "/conv3x3_2", {expand, squeeze, 3, 3}, {.pad = 1})}};
-}
-
 /// It was trained on BGR: the filters of its first layer are turned round, not every image.
-Convolution for_rgb(const Convolution& bgr) {
+FeatureConvolution first_of_squeezenet(const Weights& from) {
+  const FeatureConvolution bgr = read(from, kSqueezeNetFirst, {96, 3, 7, 7});
   const Tensor planes = bgr.weight;
-  return {concat({slice(planes, 1, 2, 3), slice(planes, 1, 1, 2), slice(planes, 1, 0, 1)}, 1), bgr.bias, bgr.with};
+  return {concat({slice(planes, 1, 2, 3), slice(planes, 1, 1, 2), slice(planes, 1, 0, 1)}, 1), bgr.bias, 2, false};
 }
 
-/// SqueezeNet v1.0 up to its last fire module. Caffe's images: 0 to 255, less the mean colour.
+/// SqueezeNet v1.0 up to its last fire module (Iandola et al. 2016): 1x1, then 1x1 and 3x3 side by side. Names as in
+/// SqueezeNet_deploy.prototxt. Caffe's images: 0 to 255, less the mean colour.
 FeatureNetwork squeezenet(const Weights& from) {
   constexpr Pooling kPool = {3, 2, 0, true};
   FeatureNetwork net{"squeezenet-1.0", each_channel({255, 255, 255}), each_channel({-123, -117, -104}), {}, {}, 29};
-  net.layers = {{"", {for_rgb(read(from, kSqueezeNetFirst, {96, 3, 7, 7}, {.stride = 2}))}},
-                {"", {}, kPool},
-                fire(from, "fire2", 96, 16, 64),
-                fire(from, "fire3", 128, 16, 64),
-                fire(from, "fire4", 128, 32, 128),
-                {"", {}, kPool},
-                fire(from, "fire5", 256, 32, 128),
-                fire(from, "fire6", 256, 48, 192),
-                fire(from, "fire7", 384, 48, 192),
-                fire(from, "fire8", 384, 64, 256),
-                {"", {}, kPool},
-                fire(from, "fire9", 512, 64, 256)};
-  net.layers[0].name = "conv1", net.layers[3].name = "fire3", net.layers[6].name = "fire5";
-  net.layers[11].name = "fire9";
+  const auto fire = [&](const std::string& module, int64_t in, int64_t squeeze, int64_t expand,
+                        const std::string& tap = "") {
+    net.layers.push_back({"", read(from, module + "/conv1x1_1", {squeeze, in, 1, 1})});
+    net.layers.push_back({tap, Branches{{{{"", read(from, module + "/conv1x1_2", {expand, squeeze, 1, 1})}},
+                                         {{"", read(from, module + "/conv3x3_2", {expand, squeeze, 3, 3})}}}}});
+  };
+  net.layers = {{"conv1", first_of_squeezenet(from)}, {"", kPool}};
+  fire("fire2", 96, 16, 64);
+  fire("fire3", 128, 16, 64, "fire3");
+  fire("fire4", 128, 32, 128);
+  net.layers.push_back({"", kPool});
+  fire("fire5", 256, 32, 128, "fire5");
+  fire("fire6", 256, 48, 192);
+  fire("fire7", 384, 48, 192);
+  fire("fire8", 384, 64, 256);
+  net.layers.push_back({"", kPool});
+  fire("fire9", 512, 64, 256, "fire9");
   net.loss_weights = {1 / (3 * 14.f), 1 / (3 * 120.f), 1 / (3 * 150.f), 0};
   return net;
 }
@@ -75,10 +70,17 @@ FeatureNetwork vgg19(const Weights& from) {
     if (block_number++ > 0) net.layers.push_back({}), place++;
     for (int i = 0; i < block.convolutions; i++, place += 2, in = block.channels)
       net.layers.push_back({i == 0 ? text("relu", block_number, "_1") : "",
-                            {read(from, text("features.", place), {block.channels, in, 3, 3}, {.pad = 1})}});
+                            read(from, text("features.", place), {block.channels, in, 3, 3})});
   }
   net.loss_weights = {1 / 32.f, 1 / 16.f, 1 / 8.f, 1 / 4.f, 1};
   return net;
+}
+
+/// x plus its two neighbours along an axis, zero outside.
+Tensor sum_of_three(const Tensor& x, int axis) {
+  const int64_t size = x.dim(axis);
+  const Tensor wide = pad(x, axis, 1, 1);
+  return slice(wide, axis, 0, size) + slice(wide, axis, 1, size + 1) + slice(wide, axis, 2, size + 2);
 }
 
 Tensor features_difference(const Tensor& a, const Tensor& b) { return mean(abs(a - stop_gradient(b))); }
@@ -94,7 +96,7 @@ FeatureNetwork random_features() {
     const Shape shape{out, in, 3, 3};
     const std::string name = text("stage", drawn.size() + 1);
     const Tensor weight = Scope{drawn, "", 1}.uniform(name, shape, std::sqrt(6.f / static_cast<float>(9 * in)));
-    net.layers.push_back({name, {{from_host(weight.to_host(), shape), zeros({out}), {.pad = 1}}}});
+    net.layers.push_back({name, FeatureConvolution{from_host(weight.to_host(), shape), zeros({out})}});
     in = out;
   }
   net.loss_weights = {1 / (4 * 0.5f), 1 / (4 * 0.33f), 1 / (4 * 0.55f), 1 / (4 * 0.88f)};
@@ -102,24 +104,47 @@ FeatureNetwork random_features() {
 }
 
 FeatureNetwork feature_network(const std::filesystem::path& path) {
-  if (path.empty()) return random_features();
-  const Weights weights = read_weights(path);
+  return path.empty() ? random_features() : feature_network(read_weights(path));
+}
+
+FeatureNetwork feature_network(const Weights& weights) {
   const auto begins = [&](const std::string& first) { return weights.has(first + ".weight"); };
   if (begins(kSqueezeNetFirst)) return squeezenet(weights);
   if (begins(kVggFirst)) return vgg19(weights);
+  if (begins(kInceptionFirst)) return inception(weights);
   throw Error(Fault::data, text(weights.file.string(), ": looked for ", kSqueezeNetFirst,
-                                ".weight [96,3,7,7] (SqueezeNet v1.0, Caffe's names) or ", kVggFirst,
-                                ".weight [64,3,3,3] (VGG-19, torchvision's names), found ", weights.content()));
+                                ".weight [96,3,7,7] (SqueezeNet v1.0, Caffe's names), ", kVggFirst,
+                                ".weight [64,3,3,3] (VGG-19, torchvision's names) or ", kInceptionFirst,
+                                ".weight [32,3,3,3] (Inception, torch-fidelity's names), found ", weights.content()));
+}
+
+// conv2d pads all sides alike: for kernels that are not square, the images are.
+Tensor FeatureConvolution::operator()(const Tensor& x) const {
+  const int64_t rows = padded ? weight.dim(2) / 2 : 0, columns = padded ? weight.dim(3) / 2 : 0;
+  const Epilogue end = {.bias = bias, .activation = Activation::relu};
+  if (rows == columns) return conv2d(x, weight, {stride, static_cast<int>(rows)}, end);
+  return conv2d(pad(pad(x, 2, rows, rows), 3, columns, columns), weight, {stride}, end);
+}
+
+Tensor NeighbourMean::operator()(const Tensor& x) const {
+  const auto sum_of_nine = [](const Tensor& of) { return sum_of_three(sum_of_three(of, 2), 3); };
+  return sum_of_nine(x) / sum_of_nine(ones({1, 1, x.dim(2), x.dim(3)}));
+}
+
+Tensor Branches::operator()(const Tensor& x) const {
+  Tensors results;
+  for (const auto& chain : chains) {
+    results.push_back(x);
+    for (const FeatureLayer& layer : chain) results.back() = layer(results.back());
+  }
+  return concat(results, 1);
 }
 
 Tensor FeatureLayer::operator()(const Tensor& x) const {
-  const auto through = [&](size_t i, const Tensor& from) {
-    const Convolution& c = convolutions[i];
-    return conv2d(from, c.weight, c.with, {.bias = c.bias, .activation = Activation::relu});
-  };
-  if (convolutions.empty()) return max_pool2d(x, pooling);
-  const Tensor first = through(0, x);
-  return convolutions.size() == 1 ? first : concat({through(1, first), through(2, first)}, 1);
+  if (const auto* pooling = std::get_if<Pooling>(&what)) return max_pool2d(x, *pooling);
+  if (const auto* convolution = std::get_if<FeatureConvolution>(&what)) return (*convolution)(x);
+  if (const auto* branches = std::get_if<Branches>(&what)) return (*branches)(x);
+  return std::get<NeighbourMean>(what)(x);
 }
 
 Tensors FeatureNetwork::operator()(const Tensor& images) const {
@@ -128,7 +153,7 @@ Tensors FeatureNetwork::operator()(const Tensor& images) const {
     throw Error(Fault::internal, text("[feature_network] images ", to_string(images.shape()), ", ", name, " wants ",
                                       smallest, " pixels a side at least"));
   Tensors taps;
-  Tensor x = images * scale + shift;
+  Tensor x = (side > 0 ? resize_tensorflow1(images, side) : images) * scale + shift;
   for (const FeatureLayer& layer : layers) {
     x = layer(x);
     if (!layer.name.empty()) taps.push_back(x);
@@ -138,6 +163,8 @@ Tensors FeatureNetwork::operator()(const Tensor& images) const {
 
 Tensor perceptual_loss(const FeatureNetwork& network, const Tensor& rendered, const Tensor& truth) {
   match("perceptual_loss", {{"rendered", rendered, "N 3 H W"}, {"truth", truth, "N 3 H W"}});
+  if (network.loss_weights.empty())
+    throw Error(Fault::usage, network.name + " is for figures alone: for a loss name weights of SqueezeNet or VGG-19");
   const Tensors ours = network(rendered), wanted = network(stop_gradient(truth));
   Tensor loss = 0.f;
   for (size_t i = 0; i < ours.size(); i++)

@@ -3,31 +3,47 @@
 #pragma once
 #include <filesystem>
 #include <string>
+#include <variant>
 #include <vector>
 
+#include "models/io/weights.h"
 #include "runtime/ops.h"
 
 namespace cloam {
 
-/// ReLU(convolution); a fire module (Iandola et al. 2016: 1x1, then 1x1 and 3x3 side by side, each with ReLU); or max
-/// pooling.
+/// ReLU(convolution + bias).
+struct FeatureConvolution {
+  Tensor weight, bias;  // [K,C,R,S], [K]
+  int stride = 1;
+  bool padded = true;  // zeros around the image, half a kernel on each side: stride 1 keeps the size
+  Tensor operator()(const Tensor& x) const;
+};
+
+/// The mean of the 3x3 places around each place, of those that are in the image.
+struct NeighbourMean {
+  Tensor operator()(const Tensor& x) const;
+};
+
+/// Chains of layers side by side; the channels of their results are joined.
+struct FeatureLayer;
+struct Branches {
+  std::vector<std::vector<FeatureLayer>> chains;
+  Tensor operator()(const Tensor& x) const;
+};
+
 struct FeatureLayer {
-  struct Convolution {
-    Tensor weight, bias;
-    Conv2dParams with;
-  };
-  std::string name;                       // of the tap; empty: its result is only passed on
-  std::vector<Convolution> convolutions;  // none: pooling; one; three: fire
-  Pooling pooling = {};
+  std::string name = {};  // of the tap; empty: its result is only passed on
+  std::variant<Pooling, FeatureConvolution, NeighbourMean, Branches> what = {};  // Pooling: the largest of each window
   Tensor operator()(const Tensor& x) const;
 };
 
 struct FeatureNetwork {
-  std::string name;     // for reports: "squeezenet-1.0", "vgg-19", "random features"
+  std::string name;     // for reports: "squeezenet-1.0", "vgg-19", "random features", kInception
   Tensor scale, shift;  // [1,3,1,1]: the layers see images * scale + shift
   std::vector<FeatureLayer> layers;
-  std::vector<float> loss_weights;  // a tap (perceptual_loss)
+  std::vector<float> loss_weights;  // a tap (perceptual_loss); empty: no loss looks through it
   int64_t smallest;                 // height and width that an image must have
+  int64_t side = 0;                 // images are first scaled to side x side (resize_tensorflow1); 0: they stay
 
   /// RGB images [N,3,H,W] in [0,1] -> the feature maps [N,C,h,w] of every tap, shallow to deep. Those that nobody reads
   /// cost nothing. Weights are no parameters: gradients reach the images alone.
@@ -37,12 +53,13 @@ struct FeatureNetwork {
 /// The network that the file of weights holds (models/io/weights.h; docs/formats.md, "Weights of feature networks"); an
 /// empty path gives the random features. Fault::data that names the tensors looked for and found.
 FeatureNetwork feature_network(const std::filesystem::path& weights);
+FeatureNetwork feature_network(const Weights& weights);
 /// He-initialised 3x3 convolutions between poolings, the same numbers in every run.
 FeatureNetwork random_features();
 
 /// Sum over taps of weight * mean |features of rendered - features of truth|; both [N,3,H,W] in [0,1] -> one value.
 /// pix2pixHD's form and, for VGG-19, its weights (Wang et al. 2018, from Johnson et al. 2016). The gradient reaches
-/// `rendered` alone.
+/// `rendered` alone. Fault::usage for a network without weights of a loss.
 Tensor perceptual_loss(const FeatureNetwork& network, const Tensor& rendered, const Tensor& truth);
 
 }  // namespace cloam

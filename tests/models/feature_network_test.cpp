@@ -104,7 +104,7 @@ std::vector<Map> random_taps(const FeatureNetwork& net, const std::vector<double
   std::vector<Map> taps;
   for (size_t stage = 0; stage < 4; stage++) {
     if (stage > 0) x = pooled(x, 2, x.height / 2, x.width / 2);
-    const auto& c = net.layers[2 * stage].convolutions.at(0);
+    const auto& c = std::get<FeatureConvolution>(net.layers[2 * stage].what);
     x = convolved(x, {c.weight.to_host(), c.bias.to_host(), c.weight.dim(0), 3, 1, 1});
     taps.push_back(x);
   }
@@ -150,7 +150,10 @@ TEST_CASE("random features are a small network of fixed weights") {
   REQUIRE(net.loss_weights.size() == want.size());
   for (size_t t = 0; t < taps.size(); t++) CHECK(worst_difference(taps[t], want[t]) < 1e-5);
   const FeatureNetwork again = random_features();
-  CHECK(again.layers[2].convolutions[0].weight.to_host() == net.layers[2].convolutions[0].weight.to_host());
+  const auto weights = [](const FeatureNetwork& of) {
+    return std::get<FeatureConvolution>(of.layers[2].what).weight.to_host();
+  };
+  CHECK(weights(again) == weights(net));
   CHECK_THROWS_WITH_AS(net(zeros({1, 3, 7, 9})), doctest::Contains("8 pixels a side"), Error);
 }
 
