@@ -64,6 +64,10 @@ TEST_CASE("Frechet distance: zero for equal sets, whatever their order, and with
   const MatrixXd b = normals(9, 20, 2);
   CHECK(frechet_distance(a, b) == doctest::Approx(frechet_distance(b, turned)).epsilon(1e-6));
   CHECK(frechet_distance(a, b) > 1);
+  const MatrixXd many = 30 * normals(300, 200, 3), more = normals(250, 200, 4);
+  CHECK(std::abs(frechet_distance(many, many)) < 1e-6);
+  CHECK(frechet_distance(many, more) ==
+        doctest::Approx(frechet_distance(more.colwise().reverse(), many)).epsilon(1e-9));
   CHECK_THROWS_WITH_AS(frechet_distance(a, b.topRows(1)), doctest::Contains("got 12 and 1 images"), Error);
   CHECK_THROWS_AS(kernel_distance(a, b.leftCols(3)), Error);
 }
@@ -84,8 +88,40 @@ TEST_CASE("kernel distance is unbiased: its mean over small samples is the close
     return std::sqrt((of_squares / kDraws - total / kDraws * total / kDraws) / kDraws);
   };
   CHECK(std::abs(sum / kDraws - want) < 4 * error(sum, squares));
-  CHECK(std::abs(alike / kDraws) < 4 * error(alike, alike_squares));
+  CHECK(std::abs(alike / kDraws) < 3 * error(alike, alike_squares));
   CHECK(error(sum, squares) < 0.5);
+}
+
+TEST_CASE("kernel distance of subsets: their mean is the whole sets' distance, and the seed decides") {
+  // A mean over all subsets would be exactly that distance, being unbiased; over some it is near.
+  const MatrixXd a = normals(60, 5, 1), b = normals(45, 5, 2).array() + 0.3;
+  const SubsetDistance found = kernel_distance_of_subsets(a, b, {20, 2000, 1});
+  const double error = found.deviation / std::sqrt(2000.0);
+  CHECK(std::abs(found.mean - kernel_distance(a, b)) < 4 * error);
+  CHECK(error < 0.01);  // the biased form would be 0.2 more
+  CHECK(found.subsets == 2000);
+  CHECK(kernel_distance_of_subsets(a, b, {20, 9, 1}).mean == kernel_distance_of_subsets(a, b, {20, 9, 1}).mean);
+  CHECK(kernel_distance_of_subsets(a, b, {20, 9, 1}).mean != kernel_distance_of_subsets(a, b, {20, 9, 2}).mean);
+  // A set of the subset's size is taken whole, the larger one is not.
+  CHECK(kernel_distance_of_subsets(a.topRows(20), b, {20, 9, 1}).subsets == 9);
+  CHECK(kernel_distance_of_subsets(a, b, {60, 9, 1}).mean == kernel_distance(a, b));
+  CHECK(kernel_distance_of_subsets(a, b, {60, 9, 1}).deviation == 0);
+  const MatrixXd turned = a.colwise().reverse();
+  CHECK(kernel_distance(turned, b) == doctest::Approx(kernel_distance(a, b)).epsilon(1e-9));
+}
+
+TEST_CASE("FID and KID are the names of Inception's features alone") {
+  FeatureNetwork net = random_features();
+  net.name = "inception-v3-2015-12-05";
+  CHECK(feature_distance_name(net, "Frechet") == "FID");
+  CHECK(feature_distance_name(net, "kernel") == "KID");
+  CHECK(feature_distance_name(net) == "feature distance (inception-v3-2015-12-05)");
+  const SetDistances found = set_distances(normals(12, 4, 1), normals(9, 4, 2));
+  CHECK(found.frechet == frechet_distance(normals(12, 4, 1), normals(9, 4, 2)));
+  CHECK(found.kernel.mean == kernel_distance(normals(12, 4, 1), normals(9, 4, 2)));
+  CHECK(found.images_a == 12);
+  CHECK(found.images_b == 9);
+  CHECK(found.features == 4);
 }
 
 TEST_CASE("feature distance of images: LPIPS's form by loops, zero for equal images, larger for more noise") {
@@ -112,9 +148,15 @@ TEST_CASE("feature distance of images: LPIPS's form by loops, zero for equal ima
   CHECK(near[1] == doctest::Approx(want).epsilon(1e-4));
   CHECK(far[0] > 2 * near[0]);
   CHECK(feature_distance(net, a, a).to_host() == std::vector<float>{0, 0});
+  std::vector<float> bytes = a.to_host(), bright = bytes;
+  for (float& value : bytes) value = std::round(255 * value) / 255;
+  for (float& value : bright) value += 1;
+  const Tensor deepest = net(from_host(bytes, shape)).back();
   CHECK(pooled_features(net, a).rows() == 2);
   CHECK(pooled_features(net, a)(1, 3) ==
-        doctest::Approx(mean(slice(slice(of_a.back(), 0, 1, 2), 1, 3, 4)).item()).epsilon(1e-6));
+        doctest::Approx(mean(slice(slice(deepest, 0, 1, 2), 1, 3, 4)).item()).epsilon(1e-6));
+  CHECK(pooled_features(net, a) == pooled_features(net, from_host(bytes, shape)));
+  CHECK(pooled_features(net, from_host(bright, shape)) == pooled_features(net, ones(shape)));
   CHECK(feature_distance_name(net) == "feature distance (random features)");
   CHECK(feature_distance_name(net, "Frechet") == "Frechet feature distance (random features)");
 }
