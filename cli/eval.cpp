@@ -9,6 +9,7 @@
 #include "cli/commands.h"
 #include "cli/eval_photos.h"
 #include "cli/eval_report.h"
+#include "cli/set_report.h"
 #include "models/data/turned_log.h"
 #include "models/io/image.h"
 #include "models/metrics/feature_distance.h"
@@ -137,8 +138,9 @@ void measure_rotations(const EvalRequest& request, std::size_t scenes, Evaluator
       measure_turned(*run.method, photos, turned, evaluator, result.scenes[i]);
     }
   }
-  if (evaluator.rendered.rows() > 1 && evaluator.source.rows() > 1)
-    result.kernel_feature_distance = kernel_distance(evaluator.rendered, evaluator.source);
+  if (evaluator.rendered.rows() < 2 || evaluator.source.rows() < 2) return;
+  result.sets = set_distances(evaluator.rendered, evaluator.source);
+  warn_of_few_images(*result.sets);
 }
 
 void measure_photos(const EvalRequest& request, const RestoredRun& run, Evaluator& evaluator, EvalResult& result) {

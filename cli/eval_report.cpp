@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "cli/set_report.h"
 #include "models/io/commit.h"
 #include "models/train/lidar_rays.h"
 #include "runtime/error.h"
@@ -143,7 +144,7 @@ nlohmann::ordered_json to_json(const EvalResult& result) {
   add_figures(json, result, all_images(result), all_errors(result));
   if (result.is_log) json["masks"] = masks_from_truth(result) ? "truth" : "boxes";
   if (!result.features.empty()) json["feature_network"] = result.features;
-  if (result.kernel_feature_distance) json["kernel_feature_distance"] = finite(*result.kernel_feature_distance);
+  if (result.sets) add_sets(json, result.features, *result.sets);
   json["method"] = result.method;
   json["preset"] = result.preset;
   json["step"] = result.step;
@@ -190,9 +191,7 @@ std::string table(const EvalResult& result) {
   for (const Figure& figure : kFeatures)
     if (!result.features.empty())
       out += text(figure.key, " (", result.features, "): ", mean_score(images, figure.of), "\n");
-  if (result.kernel_feature_distance)
-    out += text("kernel feature distance to the source images (", result.features, "): ",
-                *result.kernel_feature_distance, "\n");
+  if (result.sets) out += "of renders to the source images, actors alone:\n" + set_lines(result.features, *result.sets);
   return out + guess_rows(result, images);
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "models/metrics/feature_distance.h"
 #include "models/train/evaluate.h"
 
 namespace cloam {
@@ -23,8 +24,8 @@ struct EvalResult {
   std::vector<SceneResult> scenes;
   bool has_masks = false;  // photos with pixels that do not count
   bool is_log = false;
-  std::string features;                           // name of the feature network; empty: none
-  std::optional<double> kernel_feature_distance;  // of rotate360: of renders and source images, their actors alone
+  std::string features;              // name of the feature network; empty: none
+  std::optional<SetDistances> sets;  // of rotate360: of renders and source images, their actors alone
   std::string method, preset;
   int64_t step = 0;
   int downscale = 1;

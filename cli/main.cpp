@@ -22,6 +22,7 @@ constexpr char kIntroduction[] =
   cloam train nerf DATA -o runs/my --time-budget 5m
   cloam eval runs/my                             PSNR and SSIM on photos that were held out
   cloam compare runs/my runs/other               the figures of several runs side by side
+  cloam distance samples photos --features FILE  FID and KID of two folders of pictures
   cloam render runs/my -o pictures --path orbit  new views, and a turntable
   cloam synth -o streets                         invented driving logs, with masks, depth and turned actors as truth
   cloam edit runs/street --list                  the actors of a street; --actor moves, turns, removes, swaps them
@@ -109,8 +110,8 @@ int main_of(int argc, char** argv) {
   program.set_version_flag("--version", std::string("cloam ") + kVersion);
   program.require_subcommand(0, 1);
   std::vector<Command> commands;
-  for (const auto add : {add_train, add_eval, add_compare, add_render, add_export, add_edit, add_simulate, add_check, add_demo,
-                         add_synth, add_info, add_selftest, add_bench, add_tune}) {
+  for (const auto add : {add_train, add_eval, add_compare, add_distance, add_render, add_export, add_edit, add_simulate,
+                         add_check, add_demo, add_synth, add_info, add_selftest, add_bench, add_tune}) {
     commands.push_back(add(program));
   }
   const int parsed = parse(program, argc, argv);

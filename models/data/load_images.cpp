@@ -13,18 +13,6 @@ namespace {
 
 constexpr int kMaskThreshold = 128;
 
-std::vector<std::uint8_t> as_rgba(const Image& image) {
-  const int channels = image.channels, alpha = channels % 2 == 0 ? channels - 1 : -1;
-  const std::size_t count = std::size_t(image.width) * image.height;
-  std::vector<std::uint8_t> rgba(4 * count);
-  for (std::size_t i = 0; i < count; ++i) {
-    const std::uint8_t* pixel = &image.pixels[i * channels];
-    for (int c = 0; c < 3; ++c) rgba[4 * i + c] = pixel[channels < 3 ? 0 : c];
-    rgba[4 * i + 3] = alpha < 0 ? 255 : pixel[alpha];
-  }
-  return rgba;
-}
-
 // Black means ignore (nerfstudio). Used pixels of the result stand for used pixels alone.
 std::vector<std::uint8_t> as_mask(const Image& image, int factor) {
   const int width = image.width / factor, height = image.height / factor;

@@ -186,6 +186,11 @@ void write(const std::filesystem::path& path, const char* format, const OIIO::Im
 
 }  // namespace
 
+bool is_image_name(const std::filesystem::path& path) {
+  const std::string format = format_of_name(path);
+  return format == "png" || format == "jpeg" || format == "openexr";
+}
+
 ImageSize read_image_size(const std::filesystem::path& path) {
   const Decoder decoder = open(path, 4);
   return {decoder.spec.width, decoder.spec.height, decoder.spec.nchannels};
@@ -200,6 +205,18 @@ Image read_image(const std::filesystem::path& path) {
     image.pixels = decode<std::uint8_t>(path, decoder, OIIO::TypeDesc::UINT8);
   }
   return image;
+}
+
+std::vector<std::uint8_t> as_rgba(const Image& image) {
+  const int channels = image.channels, alpha = channels % 2 == 0 ? channels - 1 : -1;
+  const std::size_t count = std::size_t(image.width) * image.height;
+  std::vector<std::uint8_t> rgba(4 * count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::uint8_t* pixel = &image.pixels[i * channels];
+    for (int c = 0; c < 3; ++c) rgba[4 * i + c] = pixel[channels < 3 ? 0 : c];
+    rgba[4 * i + 3] = alpha < 0 ? 255 : pixel[alpha];
+  }
+  return rgba;
 }
 
 Labels read_labels(const std::filesystem::path& path) {

@@ -24,6 +24,9 @@ struct ImageSize {
   int channels = 0;
 };
 
+/// By the extension: .png, .jpg, .jpeg, .exr in any case.
+bool is_image_name(const std::filesystem::path& path);
+
 /// The header alone. Errors as read_image, as far as the header shows them.
 ImageSize read_image_size(const std::filesystem::path& path);
 
@@ -31,6 +34,9 @@ ImageSize read_image_size(const std::filesystem::path& path);
 /// with more than 4 channels, or with more than 2^29 values (2^27 in an EXR). Deeper pixels are rounded to 8 bit after
 /// clamping to [0, 1].
 Image read_image(const std::filesystem::path& path);
+
+/// [height, width, 4]; grey images have three equal colours, and 255 is the alpha of those without.
+std::vector<std::uint8_t> as_rgba(const Image& image);
 
 /// Whole numbers a pixel, [height, width].
 struct Labels {

@@ -55,10 +55,10 @@ MatrixXd drawn_rows(const MatrixXd& from, int64_t count, std::mt19937_64& random
 
 }  // namespace
 
-std::string feature_distance_name(const FeatureNetwork& network, const std::string& kind) {
-  if (network.name == kInception && kind == "Frechet") return "FID";
-  if (network.name == kInception && kind == "kernel") return "KID";
-  return text(kind, kind.empty() ? "" : " ", "feature distance (", network.name, ")");
+std::string feature_distance_name(const std::string& network, const std::string& kind) {
+  if (network == kInception && kind == "Frechet") return "FID";
+  if (network == kInception && kind == "kernel") return "KID";
+  return text(kind, kind.empty() ? "" : " ", "feature distance (", network, ")");
 }
 
 Tensor feature_distance(const FeatureNetwork& network, const Tensor& a, const Tensor& b) {

@@ -9,9 +9,9 @@
 
 namespace cloam {
 
-/// "feature distance (squeezenet-1.0)"; likewise "Frechet feature distance (...)" and "kernel feature distance (...)",
-/// which are "FID" and "KID" of Inception.
-std::string feature_distance_name(const FeatureNetwork& network, const std::string& kind = "");
+/// Of a network by its name: "feature distance (squeezenet-1.0)"; likewise "Frechet feature distance (...)" and "kernel
+/// feature distance (...)", which are "FID" and "KID" of Inception.
+std::string feature_distance_name(const std::string& network, const std::string& kind = "");
 
 /// LPIPS's form (Zhang et al. 2018, eq. 1) with all channels' weights 1: features scaled to length 1 over the channels
 /// of each place, squared difference, mean over places, mean over taps. a, b [N,3,H,W] in [0,1] -> [N], from 0 to 2.

@@ -24,8 +24,8 @@ struct NeighbourMean {
   Tensor operator()(const Tensor& x) const;
 };
 
-/// Chains of layers side by side; the channels of their results are joined.
 struct FeatureLayer;
+/// Chains of layers side by side; the channels of their results are joined.
 struct Branches {
   std::vector<std::vector<FeatureLayer>> chains;
   Tensor operator()(const Tensor& x) const;

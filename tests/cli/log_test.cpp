@@ -176,10 +176,15 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
   const Outcome novel = cloam_with({"eval", run.string(), "--protocol", "novel"});
   CHECK(novel.code == 3);
   CHECK(novel.err.find("front_left_camera") != std::string::npos);
-  const auto turned = cloam_with({"eval", run.string(), "--protocol", "rotate360", "--json"});
+  const auto turned = cloam_with({"eval", run.string(), "--protocol", "rotate360", "--features", "random", "--json"});
   REQUIRE_MESSAGE(turned.code == 0, turned.err);
-  CHECK(nlohmann::json::parse(turned.out).at("images") == 7 * 12);
-  CHECK(nlohmann::json::parse(turned.out).at("psnr").is_null());  // the log has no images of turned actors
+  const auto rotated = nlohmann::json::parse(turned.out);
+  CHECK(rotated.at("images") == 7 * 12);
+  CHECK(rotated.at("psnr").is_null());  // the log has no images of turned actors
+  CHECK(rotated.at("frechet_feature_distance").is_number());
+  CHECK(rotated.at("kernel_feature_distance").is_number());
+  CHECK(rotated.at("set_images") == std::vector<int>{7 * 12, 4});
+  CHECK_FALSE(rotated.contains("fid"));
 }
 
 TEST_CASE("render shows a log's camera at any time and size, by log, camera and step") {

@@ -164,3 +164,35 @@ TEST_CASE("a camera file gives the view, and a damaged one is exit 3") {
   CHECK(cloam_with({"render", trained().string(), "-o", out.string(), "--camera", (scratch() / "cam.json").string()})
             .code == 3);
 }
+
+TEST_CASE("distance: a set is as itself and as its pictures on white, other pictures are further") {
+  const fs::path photos = small_scene() / "train", on_white = scratch() / "on_white", one = scratch() / "one_picture";
+  for (const auto& entry : fs::directory_iterator(photos)) {
+    const Image image = read_image(entry.path());
+    REQUIRE(image.channels == 4);
+    Image flat{image.width, image.height, 3, {}};
+    for (std::size_t i = 0; i < image.pixels.size(); ++i) {
+      const double alpha = image.pixels[i / 4 * 4 + 3] / 255.0;
+      if (i % 4 < 3) flat.pixels.push_back(std::uint8_t(std::lround(image.pixels[i] * alpha + 255 * (1 - alpha))));
+    }
+    write_png(on_white / entry.path().filename(), flat);
+    write_png(one / "picture.png", flat);
+  }
+  const auto measured = [&](const fs::path& a, const fs::path& b) {
+    const Outcome outcome = cloam_with({"distance", a.string(), b.string(), "--features", "random", "--json"});
+    REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+    return nlohmann::json::parse(outcome.out);
+  };
+  const auto same = measured(photos, on_white), other = measured(photos, small_scene() / "test");
+  CHECK(same.at("schema_version") == 1);
+  CHECK(same.at("feature_network") == "random features");
+  CHECK(other.at("set_images") == std::vector<int>{8, 2});
+  const double apart = other.at("frechet_feature_distance").get<double>();
+  CHECK(apart > 0);
+  CHECK(std::abs(same.at("frechet_feature_distance").get<double>()) < 1e-6 * apart);
+  CHECK(other.at("kernel_feature_distance").is_number());
+  const Outcome lonely = cloam_with({"distance", photos.string(), one.string(), "--features", "random"});
+  CHECK(lonely.code == 3);
+  CHECK(contains(lonely.err, "one_picture: want two images"));
+  CHECK(cloam_with({"distance", photos.string(), photos.string(), "--features", photos.string()}).code == 3);
+}

@@ -1,0 +1,97 @@
+// cloam distance: how alike two sets of pictures are as sets. FID and KID with the weights of Inception, the same
+// statistics under other names with other networks.
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "cli/commands.h"
+#include "cli/eval.h"
+#include "cli/set_report.h"
+#include "models/data/load_images.h"
+#include "models/io/image.h"
+#include "models/train/evaluate.h"
+#include "models/train/pictures.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kExamples[] = R"(Measure how alike the pictures of two folders are, as sets: FID and KID.
+
+Examples:
+  cloam distance samples photos --features inception.safetensors
+  cloam distance samples photos --features squeezenet.npz      # the same statistics, but no FID and KID
+  cloam distance samples photos --features random --json
+
+docs/formats.md says how to get a file with Inception's weights.)";
+
+struct DistanceRequest {
+  std::vector<std::string> folders;
+  std::string features;
+};
+
+std::vector<fs::path> images_in(const fs::path& folder) {
+  if (!fs::is_directory(folder)) throw Error(Fault::data, text(folder.string(), ": want a folder of images"));
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (is_image_name(entry.path())) files.push_back(entry.path());
+  if (files.size() < 2)
+    throw Error(Fault::data,
+                text(folder.string(), ": want two images (.png, .jpg, .exr) at least, found ", files.size()));
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+Eigen::MatrixXd features_of(const fs::path& file, const FeatureNetwork& network) {
+  const Image image = read_image(file);
+  if (std::min(image.width, image.height) < network.smallest)
+    throw Error(Fault::data, text(file.string(), ": ", image.width, "x", image.height, " pixels, ", network.name,
+                                  " wants ", network.smallest, " a side at least"));
+  FramePixels pixels;
+  pixels.width = image.width, pixels.height = image.height;
+  pixels.rgba = as_rgba(image);
+  return pooled_features(network, as_batch(on_white(pixels), image.width, image.height));
+}
+
+Eigen::MatrixXd features_of(const std::vector<fs::path>& files, const FeatureNetwork& network, const Common& common) {
+  constexpr std::size_t kTold = 200;
+  Eigen::MatrixXd rows;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    const Eigen::MatrixXd row = features_of(files[i], network);
+    if (i == 0) rows.resize(static_cast<Eigen::Index>(files.size()), row.cols());
+    rows.row(static_cast<Eigen::Index>(i)) = row;
+    if ((i + 1) % kTold == 0) say(common, text(files[i].parent_path().string(), "  ", i + 1, "/", files.size()));
+  }
+  return rows;
+}
+
+int run_command(const DistanceRequest& request, const Common& common) {
+  const std::vector<fs::path> a = images_in(request.folders[0]), b = images_in(request.folders[1]);
+  open_device(common);
+  const FeatureNetwork network = features_named(request.features);
+  const SetDistances sets = set_distances(features_of(a, network, common), features_of(b, network, common));
+  warn_of_few_images(sets);
+  if (!common.json) {
+    put(set_lines(network.name, sets));
+    return 0;
+  }
+  nlohmann::ordered_json json = {{"schema_version", 1}, {"feature_network", network.name}};
+  add_sets(json, network.name, sets);
+  put(json.dump(2) + "\n");
+  return 0;
+}
+
+}  // namespace
+
+Command add_distance(CLI::App& program) {
+  CLI::App* parser = program.add_subcommand("distance", kExamples);
+  const auto request = std::make_shared<DistanceRequest>();
+  const auto common = std::make_shared<Common>();
+  parser->add_option("FOLDER", request->folders, "Two folders of images")->required()->expected(2);
+  parser->add_option("--features", request->features, "Weights of a feature network, or random")->required();
+  add_common(*parser, *common);
+  return {parser, [=] { return run_command(*request, *common); }};
+}
+
+}  // namespace cloam
