@@ -26,7 +26,7 @@ constexpr float kShadowSlack = 0.3f;  // metres behind the background at which g
 constexpr float kBright = 4;          // shadows begin as sigmoid(kBright)
 constexpr float kLeastTransmittance = 1e-3f;
 constexpr int64_t kHeights = 9;      // at which a log's texels have something in common
-constexpr float kCommonSteps = 200;  // in which codes of their own come up, if the networks are another run's
+constexpr float kCommonSteps = 100;  // before codes of their own come up, if the networks are another run's
 constexpr double kWorst = 0.05;      // share of LiDAR rays that are left out
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
@@ -97,6 +97,7 @@ void GenAssets::configure(Config& c) {
   c.bind("train.rate_field", config_.rate_field, "learning rate of the field's networks");
   c.bind("train.rate_image", config_.rate_image, "learning rate of the image decoder");
   c.bind("train.rate_background", config_.rate_background, "learning rate of planes");
+  c.bind("train.decay_background", config_.decay_background, "weight decay of the background's planes");
   c.bind("train.final_rate", config_.final_rate, "factor on the rates at the last step");
   c.bind("train.decay_start", config_.decay_start, "share of the steps before the rates fall");
 }
@@ -243,10 +244,11 @@ std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) co
                                      {"networks.discriminator", config_.rate_discriminator * now}};
   for (LearningRate& rate : rates) rate.frozen = frozen_;
   // With networks that know actors already: first what all actors of the log share, then each its own.
-  const float up = frozen_ ? std::min(1.f, static_cast<float>(progress.step) / kCommonSteps) : 1.f, own = up * up;
+  const float alone = static_cast<float>(progress.step) / kCommonSteps - 1;
+  const float own = frozen_ ? std::clamp(alone, 0.01f, 1.f) : 1.f;
   for (size_t i = 0; i < logs_.size(); ++i) {
     const std::string log = "log" + std::to_string(i);
-    rates.push_back({log + ".background", config_.rate_background * now, true});
+    rates.push_back({log + ".background", config_.rate_background * now, true, false, config_.decay_background});
     rates.push_back({log + ".common.background", config_.rate_background * now});
     rates.push_back({log + ".common.code", config_.rate_codes * now});
     rates.push_back({log + ".codes", config_.rate_codes * now * own, true});

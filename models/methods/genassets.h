@@ -35,7 +35,7 @@ struct GenAssetsConfig {
   std::string perceptual_weights;  // file; empty: fixed random features
   float near = 0.1f;               // metres around a LiDAR's return where matter belongs
   float rate_codes = 0.05f, rate_decoder = 1e-4f, rate_field = 1e-3f, rate_image = 1e-3f, rate_background = 0.02f,
-        rate_discriminator = 1e-4f;
+        rate_discriminator = 1e-4f, decay_background = 0.2f;
   float final_rate = 0.1f, decay_start = 0.3f;
 };
 

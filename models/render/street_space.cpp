@@ -16,6 +16,7 @@ namespace {
 constexpr int kBlock = 8;            // voxels a side of StreetGrid::blocks
 constexpr double kUpperEdge = 0.02;  // share of a sweep's points that are its upper edge
 constexpr double kMiddle = 0.02;     // share of the points on either side that is not of the middle
+constexpr double kBlindRise = 3;     // metres that a wall goes on above LiDARs' sight where no camera looks: a storey
 constexpr int64_t kMostCells = 1 << 26;
 
 using Points = std::vector<Eigen::Vector3d>;
@@ -178,7 +179,7 @@ void StreetSpace::mark(const Points& points) {
     if (const auto c = voxels.at(p)) cells_[voxels.place((*c)[0], (*c)[1], (*c)[2])] = 1;
 }
 
-/// As far as cameras look: above what LiDARs see, they alone can tell matter from air.
+/// As far as cameras look: above what LiDARs see, they alone can tell matter from air. Elsewhere a storey is a guess.
 void StreetSpace::raise(const Points& tops, const Scene& scene) {
   const Voxels voxels{numbers_, counts()};
   const Cameras cameras(scene, street_from_world_);
@@ -188,9 +189,10 @@ void StreetSpace::raise(const Points& tops, const Scene& scene) {
       const auto [top, fresh] = lowest.insert({{(*c)[0], (*c)[1]}, (*c)[2]});
       if (!fresh) top->second = std::min(top->second, (*c)[2]);
     }
+  const int blind = static_cast<int>(kBlindRise / double{numbers_[3]});
   for (const auto& [column, top] : lowest)
     for (int z = top; z < voxels.counts[2]; ++z)
-      if (cameras.see(voxels.middle(column.first, column.second, z)))
+      if (z <= top + blind || cameras.see(voxels.middle(column.first, column.second, z)))
         cells_[voxels.place(column.first, column.second, z)] = 1;
 }
 

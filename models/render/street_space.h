@@ -22,8 +22,8 @@ class StreetSpace {
   /// The axes alone: every voxel counts as occupied until look() or restore().
   StreetSpace(const Scene& scene, const StreetSpaceOptions& options);
   /// `sweeps`: points in the scene's world frame and where the LiDAR was. Points within boxes of actors are left out. A
-  /// wall that is seen up to the upper edge of the LiDAR's sight goes on above it where training images show that
-  /// place.
+  /// wall that is seen up to the upper edge of the LiDAR's sight goes on above it: by a storey, and as far as training
+  /// images look.
   struct Seen {
     const Sweep& sweep;
     const LidarPoints& points;

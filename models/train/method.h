@@ -26,6 +26,7 @@ struct LearningRate {
   float rate = 1e-3f;
   bool sparse = false;  // rows without a gradient stand still and count their own steps
   bool frozen = false;  // never changed: no gradient, no optimiser state
+  float decay = 0;      // sparse ones: what is touched shrinks by rate * decay
 };
 
 struct AdamSettings {

@@ -93,15 +93,17 @@ void Optimiser::step_group(Group& group, const Tensors& parameters, const Tensor
 
 void Optimiser::step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates,
                      const AdamSettings& adam, int64_t step) {
-  const auto with = [&](float rate) { return AdamStep{rate, adam.beta1, adam.beta2, adam.epsilon, 0.f, step}; };
+  const auto with = [&](float rate, float decay) {
+    return AdamStep{rate, adam.beta1, adam.beta2, adam.epsilon, decay, step};
+  };
   for (size_t i = 0; i < names_.size(); i++) {
     const std::string& name = names_[i];
     if (!gradients[i] || !steps_.contains(name)) continue;
-    adam_step_rows(parameters.at(name), m_[name], v_[name], steps_[name], gradients[i],
-                   with(rate_of(name, rates).rate));
+    const LearningRate& rate = rate_of(name, rates);
+    adam_step_rows(parameters.at(name), m_[name], v_[name], steps_[name], gradients[i], with(rate.rate, rate.decay));
   }
   const Tensors in_order = wanted(parameters);
-  for (Group& group : groups_) step_group(group, in_order, gradients, with(rate_with(group.prefix, rates)));
+  for (Group& group : groups_) step_group(group, in_order, gradients, with(rate_with(group.prefix, rates), 0));
 }
 
 TensorMap Optimiser::state() const {

@@ -106,6 +106,17 @@ TEST_CASE("adopted networks stay as they were, have no optimiser state and are s
   CHECK(restored.values("network") == first.values("network"));
 }
 
+TEST_CASE("rows that a gradient reaches decay towards zero, the others keep their values") {
+  Params params;
+  params["w"] = parameter({4.f, 4.f}, {2, 1});
+  const std::vector<LearningRate> rates = {{.prefix = "", .rate = 0.1f, .sparse = true, .decay = 0.5f}};
+  Optimiser optimiser(params, rates);
+  optimiser.step(params, {from_host(std::vector<float>{1.f, 0.f}, {2, 1})}, rates, {}, 1);
+  // AdamW: 4 (1 - 0.1 0.5) less a first step as long as the rate.
+  CHECK(params["w"].to_host()[0] == doctest::Approx(4 * 0.95 - 0.1));
+  CHECK(params["w"].to_host()[1] == 4.f);
+}
+
 TEST_CASE("a dense parameter without a gradient goes on by its momentum") {
   Params params;
   params["w"] = parameter({0.f, 0.f}, {2});
