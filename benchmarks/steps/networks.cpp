@@ -56,9 +56,9 @@ Run prepare_unet(int64_t batch) {
   const Shape shape = {batch, 32, 8, 8};
   const Tensor x = values(shape, 1), noise = values(shape, 2), t = numbers(batch, 1000);
   const UnetCondition condition = {numbers(batch, 8), numbers(batch, 2)};
-  network->loss = [=, schedule = LinearSchedule()] {
+  network->loss = [=, schedule = Schedule()] {
     const Tensor v = (*unet)(schedule.noisy(x, noise, t), cast(t, DType::f32), condition);
-    return mean(square(v - schedule.velocity(x, noise, t)));
+    return mean(square(v - schedule.target(Prediction::velocity, x, noise, t)));
   };
   return stepping(network);
 }

@@ -262,20 +262,6 @@ TEST_CASE("times are encoded as sines and cosines of falling rates") {
   CHECK_THROWS_AS(timestep_encoding(from_host(times, {2, 2}), 10), Error);
 }
 
-TEST_CASE("the schedule keeps the variance, and x and noise come back from x_t and v") {
-  const LinearSchedule schedule;
-  const Tensor x = noise({3, 4, 2, 2}, 1), e = noise({3, 4, 2, 2}, 2);
-  const Tensor t = from_host(std::vector<int32_t>{0, 500, 999}, {3});
-  const Tensor noisy = schedule.noisy(x, e, t), v = schedule.velocity(x, e, t);
-  check_close(schedule.clean(noisy, v, t), Image(x));
-  check_close(schedule.noise(noisy, v, t), Image(e));
-  // The first step keeps sqrt(1 - 1e-4) of x; after the last, 0.0064 is left (Ho et al.: 4e-5 of the variance).
-  const Tensor one = ones({1, 1}), none = zeros({1, 1});
-  CHECK(schedule.noisy(one, none, from_host(std::vector<int32_t>{0}, {1})).item() == doctest::Approx(0.99995));
-  CHECK(schedule.noisy(one, none, from_host(std::vector<int32_t>{999}, {1})).item() ==
-        doctest::Approx(0.00635).epsilon(0.01));
-}
-
 TEST_CASE("the paper's U-Net has 57.6 M parameters") {
   Params params;
   const Unet unet(Scope{params, "unet", 1});
@@ -349,11 +335,11 @@ TEST_CASE("gradients reach every parameter of the asset decoder, and the latent"
 TEST_CASE("a small U-Net learns the velocities of two samples by heart") {
   Params params;
   const Unet unet(Scope{params, "", 1}, small_unet());
-  const LinearSchedule schedule;
+  const Schedule schedule;
   const Shape shape = {2, 32, 8, 8};
   const Tensor x = noise(shape, 1), e = noise(shape, 2);
   const Tensor t = from_host(std::vector<int32_t>{300, 600}, {2});
-  const Tensor noisy = schedule.noisy(x, e, t), v = schedule.velocity(x, e, t);
+  const Tensor noisy = schedule.noisy(x, e, t), v = schedule.target(Prediction::velocity, x, e, t);
   const float baseline = mean(square(v - mean(v))).item();
   const std::vector<LearningRate> rates = {{"", 2e-3f}};
   Optimiser optimiser(params, rates);
