@@ -229,6 +229,7 @@ int list_actors(const EditRequest& request, const Common& common) {
 
 int edit_actors(const EditRequest& request, const Common& common) {
   const RunRecord record = read_record(request.run);
+  check_has_views(record);
   Editor editor(read_scene_file(RunPaths{request.run}.scene()), log_names(record));
   for (const std::string& given : request.actors) editor.apply_all(given);
   write_edited_run(request.run, request.out, editor.scenes(), command_line());

@@ -8,6 +8,7 @@
 
 #include "cli/commands.h"
 #include "cli/eval_photos.h"
+#include "cli/eval_prior.h"
 #include "cli/eval_report.h"
 #include "cli/set_report.h"
 #include "models/data/turned_log.h"
@@ -30,7 +31,8 @@ Examples:
   cloam eval runs/fox --json
   cloam eval runs/fox --data data/fox-evening --images pictures
   cloam eval runs/street --protocol novel
-  cloam eval runs/street --protocol rotate360 --features squeezenet.npz)";
+  cloam eval runs/street --protocol rotate360 --features squeezenet.npz
+  cloam eval runs/assets                                    a run of diffusion: its loss on codes held out)";
 
 struct Evaluator {
   const Common& common;
@@ -180,7 +182,6 @@ fs::path pictures_of(const EvalRequest& request) {
 
 EvalResult measure_and_report(const EvalRequest& request, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
-  read_record(request.run);  // a wrong folder is told before a missing device
   open_device(common);
   const RestoredRun run = restore_run(request.run);
   if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
@@ -198,10 +199,16 @@ FeatureNetwork features_named(const std::string& features) {
 }
 
 nlohmann::ordered_json measure_run(const EvalRequest& request, const Common& common) {
+  if (learned_from_run(read_record(request.run))) return measure_prior(request, common);
   return to_json(measure_and_report(request, common));
 }
 
 int run_eval(const EvalRequest& request, const Common& common) {
+  if (learned_from_run(read_record(request.run))) {
+    const auto figures = measure_prior(request, common);
+    put(common.json ? figures.dump(2) + "\n" : prior_table(figures));
+    return 0;
+  }
   const EvalResult result = measure_and_report(request, common);
   if (common.json)
     put(to_json(result).dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");

@@ -128,7 +128,7 @@ void check_request(const RenderRequest& request) {
 
 int run_render(const RenderRequest& request, const Common& common) {
   check_request(request);
-  read_record(request.run);  // a wrong folder is told before a missing device
+  check_has_views(read_record(request.run));  // a wrong folder is told before a missing device
   open_device(common);
   const RestoredRun run = restore_run(request.run);
   if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);

@@ -14,6 +14,7 @@
 #include "models/io/checkpoint.h"
 #include "models/io/commit.h"
 #include "models/methods/registry.h"
+#include "models/train/asset_prior.h"
 #include "models/train/evaluate.h"
 #include "models/train/pictures.h"
 #include "models/train/restore_run.h"
@@ -32,6 +33,7 @@ Examples:
   cloam train nerf data/fox -o runs/fox --time-budget 5m
   cloam train --resume runs/fox
   cloam train nerf data/pandaset/001 --protocol sparse
+  cloam train diffusion runs/street -o runs/assets --preset diffusion-small
   cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
 
 constexpr double kPreviewUntil = 0.9;  // share of a time budget
@@ -95,13 +97,26 @@ std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView&
   return checkpoint;
 }
 
-void check_data_unchanged(const TrainJob& job, const TrainRequest& request, const Captures& captures,
+/// What a run learns from as its record names it.
+struct DataNow {
+  fs::path root;
+  std::string fingerprint;
+};
+
+std::vector<DataNow> data_now(const TrainJob& job, const Captures& captures) {
+  if (job.source) return {{job.source->folder, fingerprint(*job.source)}};
+  std::vector<DataNow> all;
+  for (const Capture& capture : captures) all.push_back({capture.scene.root, fingerprint(capture.scene)});
+  return all;
+}
+
+void check_data_unchanged(const TrainJob& job, const TrainRequest& request, const std::vector<DataNow>& data,
                           ProgressView& view) {
   std::string all;
-  for (const fs::path& data : job.data) all += " --data " + quoted(data.string());
-  for (std::size_t i = 0; i < captures.size(); ++i) {
+  for (const fs::path& one : job.data) all += " --data " + quoted(one.string());
+  for (std::size_t i = 0; i < data.size(); ++i) {
     const std::string& before = job.record.data[i].fingerprint;
-    const std::string now = fingerprint(captures[i].scene);
+    const std::string& now = data[i].fingerprint;
     if (before.empty() || before == now) continue;
     const std::string difference =
         text(job.data[i].string(), " differs from what the run was trained on (", before, "; now ", now, ")");
@@ -122,7 +137,8 @@ void adopt_networks(TrainJob& job, const TrainRequest& request) {
   if (!own) job.record.networks->relative = relative_to_run(fs::weakly_canonical(source, error), job.folder);
 }
 
-void begin_folder(TrainJob& job, const Captures& captures, const TrainRequest& request) {
+void begin_folder(TrainJob& job, const Scenes& scenes, const std::vector<DataNow>& data, const TrainRequest& request) {
+  std::error_code error;
   if (request.overwrite && is_run(job.folder)) clear_run(job.folder);
   RunRecord& r = job.record;
   r.state = "running";
@@ -132,14 +148,14 @@ void begin_folder(TrainJob& job, const Captures& captures, const TrainRequest& r
   r.driver = device().driver;
   r.started = time_stamp();
   r.ended = "";
-  for (std::size_t i = 0; i < captures.size(); ++i) {
-    r.data[i].fingerprint = fingerprint(captures[i].scene);
-    r.data[i].relative = relative_to_run(captures[i].scene.root, job.folder);
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    r.data[i].fingerprint = data[i].fingerprint;
+    r.data[i].relative = relative_to_run(fs::weakly_canonical(data[i].root, error), job.folder);
   }
   write_record(job.folder, r);
   if (request.resume) return;
   write_config(job.folder, job.config, text("Settings of ", r.method, ", preset ", r.preset, "; use with --config"));
-  write_scenes(RunPaths{job.folder}.scene(), scenes_of(captures));
+  write_scenes(RunPaths{job.folder}.scene(), scenes);
 }
 
 TrainOptions options_of(const TrainJob& job, const TrainRequest& request) {
@@ -232,17 +248,20 @@ bool has_time_for_preview(const TrainResult& result, const TrainOptions& options
 }
 
 /// From here on files are written. Everything was read and checked before.
-int train_in_folder(TrainJob& job, Captures captures, const TrainRequest& request, const Common& common, EventLog& log,
-                    ProgressView& view) {
-  const PreviewFrame preview = preview_frame(captures);
+int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>& now, const TrainRequest& request,
+                    const Common& common, EventLog& log, ProgressView& view) {
+  const Scenes scenes = job.source ? std::move(job.source->scenes) : scenes_of(captures);
+  job.source.reset();  // loaded long since, and large
+  std::optional<PreviewFrame> preview;
+  if (!captures.empty()) preview = preview_frame(captures);
   std::vector<TrainingData> data;
   for (Capture& capture : captures) data.push_back({capture.scene, std::move(capture.train)});
-  job.method->load_data(std::move(data));
+  if (!job.method->prior()) job.method->load_data(std::move(data));
   const FolderLock lock(job.folder);
   if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
   const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
   if (checkpoint) take_progress(job, *checkpoint, request);
-  begin_folder(job, captures, request);
+  begin_folder(job, scenes, now, request);
   mend_log(RunPaths{job.folder}.events());
   log.open(RunPaths{job.folder}.events());
   log.write("start", {{"step", job.record.step}, {"command_line", command_line()}, {"device", job.record.device}});
@@ -257,7 +276,8 @@ int train_in_folder(TrainJob& job, Captures captures, const TrainRequest& reques
     view.finish();
     end_record(job, state_of(result), result);
   }
-  if (has_time_for_preview(result, options, result.seconds)) write_preview(job, preview, result, common, log);
+  if (preview && has_time_for_preview(result, options, result.seconds))
+    write_preview(job, *preview, result, common, log);
   log.write("end", {{"state", job.record.state},
                     {"step", result.step},
                     {"horizon", result.horizon},
@@ -282,12 +302,15 @@ int run_train(TrainRequest request, const Common& common) {
   open_device(common);
   EventLog log(style == ProgressStyle::jsonl);
   ProgressView view(style, log);
-  Captures captures = read_captures(job.data, job.record.reading, memory_budget());
-  check_data_unchanged(job, request, captures, view);
-  job.method->build(scenes_of(captures), job.record.seed);
+  Captures captures;
+  if (!job.source) captures = read_captures(job.data, job.record.reading, memory_budget());
+  const std::vector<DataNow> now = data_now(job, captures);
+  check_data_unchanged(job, request, now, view);
+  job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);
+  if (job.source) job.method->prior()->load(*job.source);
   adopt_networks(job, request);
   tell_plan(job, captures, common, log);
-  if (!request.dry_run) return train_in_folder(job, std::move(captures), request, common, log, view);
+  if (!request.dry_run) return train_in_folder(job, std::move(captures), now, request, common, log, view);
   say(common, "dry run: nothing was written");
   return 0;
 }
@@ -361,7 +384,8 @@ std::string joined(const std::vector<std::string>& words) {
 void add_method_options(CLI::App& parser, TrainRequest& r) {
   const char* group = "Method";
   parser.add_option("METHOD", r.method, joined(method_names()));
-  parser.add_option("DATA", r.data, "Folders of the captures; several logs are one run");
+  parser.add_option("DATA", r.data,
+                    "Folders of the captures; several logs are one run. Of diffusion: a run of genassets");
   parser.add_option("--preset", r.preset, joined(preset_names()) + " (default: named as the method)")->group(group);
   parser
       .add_option("--networks", r.networks,

@@ -8,7 +8,7 @@
 
 #include "cli/settings.h"
 #include "models/methods/registry.h"
-#include "models/train/restore_run.h"
+#include "models/train/asset_prior.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -94,6 +94,31 @@ void take_networks(const TrainRequest& request, TrainJob& job) {
   job.record.reading.downscale = other.reading.downscale;
   job.record.networks = RunData{request.networks, "", ""};
   for (const auto& [key, value] : other.settings) job.config.set(key, value, "run " + request.networks);
+}
+
+/// Options that say how captures are read have no meaning for a run.
+void check_source_options(const TrainRequest& request) {
+  const std::pair<const char*, bool> options[] = {{"--downscale", request.downscale.has_value()},
+                                                  {"--holdout", request.holdout.has_value()},
+                                                  {"--skip-bad", request.skip_bad},
+                                                  {"--protocol", !request.protocol.empty()},
+                                                  {"--sparse-every", request.sparse_every.has_value()},
+                                                  {"--networks", !request.networks.empty()}};
+  for (const auto& [option, given] : options)
+    if (given)
+      throw Error(Fault::usage, text(option, " goes with captures, but ", request.method, " learns from a run"));
+  if (request.data.size() > 1)
+    throw Error(Fault::usage, text(request.method, " learns from one run, ", request.data.size(), " are given"));
+}
+
+/// The run to learn from, and the settings that follow from it.
+void take_source(const TrainRequest& request, TrainJob& job) {
+  if (!job.method->prior()) return;
+  check_source_options(request);
+  const fs::path folder = request.data.front();
+  const auto settings = job.method->prior()->settings_from(read_record(folder));
+  for (const auto& [key, value] : settings) job.config.set(key, value, "run " + folder.string());
+  job.source = read_run(folder);
 }
 
 void fill_record(const TrainRequest& request, TrainJob& job) {
@@ -233,6 +258,19 @@ Event plan_event(const TrainJob& job, const Captures& captures, const MemoryPlan
           {"warnings", warnings}};
 }
 
+/// The plan of a method that learns from a run.
+Event source_event(const TrainJob& job, const MemoryPlan& plan) {
+  return {{"method", job.record.method},
+          {"preset", job.record.preset},
+          {"data", {job.data.front().string()}},
+          {"assets", job.method->prior()->describe()},
+          {"memory_bytes", plan.total()},
+          {"memory_budget_bytes", memory_budget()},
+          {"device", device().name},
+          {"device_id", device().id},
+          {"warnings", job.method->prior()->warnings()}};
+}
+
 }  // namespace
 
 /// Never in silence over another run: hours may lie there.
@@ -271,6 +309,7 @@ TrainJob new_job(const TrainRequest& request) {
   job.default_steps = preset.steps;
   if (request.networks.empty())
     for (const auto& [key, value] : preset.settings) job.config.set(key, value, text("preset ", preset.name));
+  take_source(request, job);
   apply_settings(request, job.config);
   job.data.assign(request.data.begin(), request.data.end());
   job.folder = request.out.empty() ? default_folder(request) : fs::path(request.out);
@@ -301,6 +340,7 @@ TrainJob resumed_job(const TrainRequest& request) {
   else if (job.record.horizon > 0)
     job.record.time_budget_seconds.reset();  // the horizon it chose stands
   find_captures(request.new_data.empty() ? request.data : request.new_data, job);
+  if (job.method->prior()) job.source = read_run(job.data.front());
   return job;
 }
 
@@ -312,6 +352,13 @@ void tell_plan(const TrainJob& job, const Captures& captures, const Common& comm
     for (const std::string& warning : captures[i].warnings) warn(name + warning);
     for (const std::string& line : describe(captures[i].scene, job.record.reading)) {
       say(common, label + name + line);
+      label = "       ";
+    }
+  }
+  if (AssetPrior* prior = job.method->prior()) {
+    for (const std::string& warning : prior->warnings()) warn(warning);
+    for (const std::string& line : prior->describe()) {
+      say(common, label + line);
       label = "       ";
     }
   }
@@ -327,7 +374,7 @@ void tell_plan(const TrainJob& job, const Captures& captures, const Common& comm
     if (common.verbose)
       say(common, text("       ", entry.key, " = ", to_string(entry.value), "  (", entry.origin, ") ", entry.help));
   }
-  log.write("plan", plan_event(job, captures, plan));
+  log.write("plan", captures.empty() ? source_event(job, plan) : plan_event(job, captures, plan));
   check_memory(plan, job, captures);
 }
 

@@ -2,10 +2,11 @@
 #pragma once
 #include <filesystem>
 #include <memory>
+#include <optional>
 
 #include "cli/progress.h"
 #include "cli/train.h"
-#include "models/train/run_folder.h"
+#include "models/train/restore_run.h"
 
 namespace cloam {
 
@@ -15,12 +16,13 @@ struct TrainJob {
   RunRecord record;
   Config config;
   std::unique_ptr<Method> method;
+  std::optional<StoredRun> source;  // of methods that learn from a run (Method::prior): that run, until it is loaded
   int64_t default_steps = 0;
   bool finished = false;  // a resumed run that has nothing left to do
 };
 
-/// A new run. Reads no data. Fault::usage for unknown names, settings that are wrong, and for a folder that exists
-/// (unless --overwrite is given and it is a run).
+/// A new run. Reads no data but a run to learn from. Fault::usage for unknown names, settings that are wrong, and for a
+/// folder that exists (unless --overwrite is given and it is a run).
 TrainJob new_job(const TrainRequest& request);
 
 /// Fault::usage for a folder that holds anything, unless it is a run that may be overwritten.

@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <tuple>
 
 #include "models/scene/asset_class.h"
@@ -19,7 +18,6 @@ namespace {
 enum Stream : uint32_t { kJitter = 0, kCodes = 1 };
 
 constexpr float kCodeDeviation = 0.05f;                // of codes' means at the start
-constexpr float kLogVariance = -6;                     // of codes at the start
 constexpr float kPadding[] = {0.125f, 0.125f, 0.05f};  // metres added to a box's half sizes (UniSim)
 constexpr float kCube = 1.1f;                          // a box's cube over its longest side
 constexpr float kShadowSlack = 0.3f;  // metres behind the background at which ground still counts as seen
@@ -30,19 +28,6 @@ constexpr float kCommonSteps = 100;  // before codes of their own come up, if th
 constexpr double kWorst = 0.05;      // share of LiDAR rays that are left out
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
-
-std::vector<int64_t> numbers_of(const char* setting, const std::string& list) {
-  std::vector<int64_t> out;
-  std::istringstream in(list);
-  for (std::string word; std::getline(in, word, ',');) {
-    const bool digits = !word.empty() && word.size() < 6 && word.find_first_not_of("0123456789") == std::string::npos;
-    if (!digits || std::stoll(word) < 1)
-      throw Error(Fault::usage, text("setting ", setting, ": \"", list, "\", want numbers as 256,128,128,64,64"));
-    out.push_back(std::stoll(word));
-  }
-  if (out.empty()) throw Error(Fault::usage, text("setting ", setting, " is empty, want numbers as 256,128,128,64,64"));
-  return out;
-}
 
 void hold(PatchDiscriminator::Block& block) {
   block.weight = stop_gradient(block.weight);
@@ -144,7 +129,7 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
     o.latent_channels = config_.code_channels;
     o.classes = kAssetClassCount;
     o.middle = config_.decoder_middle;
-    o.widths = numbers_of("decoder.widths", config_.decoder_widths);
+    o.widths = whole_numbers("decoder.widths", config_.decoder_widths);
     o.plane_channels = 3 * config_.field.plane_channels;
     o.groups = config_.decoder_groups;
     decoder_ = std::make_unique<AssetDecoder>(networks / "decoder", o);
@@ -153,7 +138,8 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
     shadow_.emplace(networks / "shadow", std::vector<int64_t>{3 * int64_t{config_.field.plane_channels} + 17, 32, 3});
   if (config_.weight_perceptual > 0) perceptual_ = feature_network(config_.perceptual_weights);
   if (config_.weight_adversarial > 0)
-    discriminator_.emplace(networks / "discriminator", numbers_of("adversarial.widths", config_.discriminator_widths));
+    discriminator_.emplace(networks / "discriminator",
+                           whole_numbers("adversarial.widths", config_.discriminator_widths));
   for (const Scene& scene : scenes) {
     if (!scene.is_log)
       throw Error(Fault::data, text(scene.root.string(), " is no driving log (format ", scene.format,
@@ -166,7 +152,7 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
 namespace {
 
 int64_t planes_side(const GenAssetsConfig& config) {
-  return int64_t{config.code_side} << (numbers_of("decoder.widths", config.decoder_widths).size() - 1);
+  return int64_t{config.code_side} << (whole_numbers("decoder.widths", config.decoder_widths).size() - 1);
 }
 
 }  // namespace
@@ -174,7 +160,7 @@ int64_t planes_side(const GenAssetsConfig& config) {
 GenAssets::Log GenAssets::make_log(const Scene& scene, const Scope& scope) const {
   Log log;
   log.scene = scene;
-  log.space = std::make_unique<StreetSpace>(scene, config_.space);
+  log.space = std::make_shared<StreetSpace>(scene, config_.space);
   const int64_t side = config_.background_side, channels = config_.field.plane_channels;
   log.background = scope.uniform("background", {3 * side * side, channels}, 0.1f);
   log.common_background = scope.constant("common.background", {2 * kHeights, 3 * channels}, 0.f);
@@ -341,7 +327,7 @@ GenAssets::Decoded GenAssets::decode(const std::vector<AssetPlace>& assets, cons
   if (config_.variational) {
     const int64_t numbers = rows.dim(1) / 2;
     const Tensor mean_code = columns(rows, 0, numbers),
-                 log_variance = columns(rows, numbers, 2 * numbers) + kLogVariance;
+                 log_variance = columns(rows, numbers, 2 * numbers) + kCodeLogVariance;
     code = mean_code;
     if (how.random)
       code = mean_code + exp(log_variance * 0.5f) * random_normal({count, numbers}, stream(how.key, kCodes));

@@ -14,6 +14,9 @@
 
 namespace cloam {
 
+/// Of codes at the start: parameters hold what is added to it.
+constexpr float kCodeLogVariance = -6;
+
 struct GenAssetsConfig {
   StreetFieldOptions field;
   StreetSpaceOptions space;
@@ -60,6 +63,7 @@ class GenAssets final : public Method, public Street {
   LidarReturns measure(const WorldRays& rays) override;
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
+  AssetName add_asset(const NewAsset& asset) override;
 
  private:
   struct AssetPlace {
@@ -68,7 +72,7 @@ class GenAssets final : public Method, public Street {
   };
   struct Log {
     Scene scene;
-    std::unique_ptr<StreetSpace> space;
+    std::shared_ptr<StreetSpace> space;  // of generated assets: that of another log
     std::unique_ptr<StreetData> data;
     Tensor background;  // [3 side^2, channels]
     Tensor assets;      // codes [A, ...] or planes [A, ...]

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "models/methods/genassets.h"
+#include "models/scene/asset_class.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -127,6 +128,32 @@ Picture GenAssets::render_asset(const AssetName& asset, const Camera& camera, co
   out.rgb = pixels(image * covered + (1.f - covered));
   out.opacity = pixels(covered);
   return out;
+}
+
+/// A log of its own, whose sky is that of the run's first log by the same light.
+AssetName GenAssets::add_asset(const NewAsset& asset) {
+  if (!decoder_)
+    throw Error(Fault::usage,
+                "the run learned its actors' planes directly (decoder.use = false): no code can be shown");
+  const size_t numbers = static_cast<size_t>(config_.code_channels) * static_cast<size_t>(config_.code_side) *
+                         static_cast<size_t>(config_.code_side);
+  if (asset.code.size() != numbers)
+    throw Error(Fault::data, text("a code of ", asset.code.size(), " numbers, the run's have ", numbers));
+  const auto alike =
+      std::find_if(logs_.begin(), logs_.end(), [&](const Log& log) { return log.scene.night == asset.night; });
+  const Log& host = alike == logs_.end() ? logs_.front() : *alike;
+  std::vector<float> row = asset.code;
+  row.resize(numbers * (config_.variational ? 2 : 1));
+  Log log;
+  log.scene.night = asset.night;
+  log.scene.actors.push_back({"generated", kAssetClasses[asset.asset_class], asset.size, false, {}, {}});
+  log.space = host.space;
+  log.background = host.background;
+  log.common_background = host.common_background;
+  log.classes = {asset.asset_class};
+  log.assets = from_host(row, {1, static_cast<int64_t>(row.size())});
+  logs_.push_back(std::move(log));
+  return {static_cast<int>(logs_.size()) - 1, "generated"};
 }
 
 AssetSamples GenAssets::sample_asset(const AssetName& asset, const std::vector<float>& points) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "models/data/paths.h"
+#include "models/methods/diffusion.h"
 #include "models/methods/genassets.h"
 #include "models/methods/nerf.h"
 #include "runtime/error.h"
@@ -19,6 +20,7 @@ struct MethodRow {
 const MethodRow kMethods[] = {
     {"nerf", [] { return std::unique_ptr<Method>(std::make_unique<Nerf>()); }},
     {"genassets", [] { return std::unique_ptr<Method>(std::make_unique<GenAssets>()); }},
+    {"diffusion", [] { return std::unique_ptr<Method>(std::make_unique<Diffusion>()); }},
 };
 
 /// A preset that differs from another, named first.
@@ -100,6 +102,18 @@ const std::vector<Preset>& presets() {
         {"train.rate_image", "4e-3"},
         {"train.rate_background", "0.05"}},
        7000},
+      {"diffusion", "diffusion", "the paper's sizes: assets of a run of genassets", {}, 100000},
+      {"diffusion-small",
+       "diffusion",
+       "assets of a run of genassets-small: minutes on two cores",
+       {{"unet.base", "32"},
+        {"unet.multipliers", "1,2"},
+        {"unet.groups", "8"},
+        {"batch.codes", "64"},
+        {"train.rate", "1e-3"},
+        {"train.final_rate", "0.1"},
+        {"train.average", "0.999"}},
+       4000},
   });
   return rows;
 }

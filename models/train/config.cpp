@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <sstream>
 
 #include "models/data/paths.h"
 #include "runtime/error.h"
@@ -88,6 +89,19 @@ std::string to_string(const ConfigValue& value) {
     return {digits, std::to_chars(digits, digits + sizeof digits, *d).ptr};
   }
   return std::get<std::string>(value);
+}
+
+std::vector<int64_t> whole_numbers(const std::string& setting, const std::string& list) {
+  std::vector<int64_t> out;
+  std::istringstream in(list);
+  for (std::string word; std::getline(in, word, ',');) {
+    const bool digits = !word.empty() && word.size() < 6 && word.find_first_not_of("0123456789") == std::string::npos;
+    if (!digits || std::stoll(word) < 1)
+      throw Error(Fault::usage, text("setting ", setting, ": \"", list, "\", want numbers as 256,128,128,64,64"));
+    out.push_back(std::stoll(word));
+  }
+  if (out.empty()) throw Error(Fault::usage, text("setting ", setting, " is empty, want numbers as 256,128,128,64,64"));
+  return out;
 }
 
 }  // namespace cloam

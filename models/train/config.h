@@ -39,4 +39,7 @@ class Config {
 
 std::string to_string(const ConfigValue& value);
 
+/// "256,128,64" -> the numbers. Fault::usage, naming the setting, for anything but whole numbers from 1 to 99999.
+std::vector<int64_t> whole_numbers(const std::string& setting, const std::string& list);
+
 }  // namespace cloam

@@ -49,6 +49,8 @@ struct Gradients {
   Tensors of_parameters;
 };
 
+class AssetPrior;
+
 class Method {
  public:
   virtual ~Method() = default;
@@ -76,6 +78,9 @@ class Method {
   virtual Picture render(const View& view) = 0;
   /// What it can do with actors and LiDAR; null: it knows neither.
   virtual Street* street() { return nullptr; }
+  /// Of methods that learn from the assets of a run instead of captures: build is given that run's scenes, and the
+  /// prior loads its assets in the place of load_data. Null: it learns from captures.
+  virtual AssetPrior* prior() { return nullptr; }
   /// After build: takes the networks among the parameters of another run and leaves them frozen from here on, whatever
   /// the data. Fault::usage for methods whose networks belong to one scene.
   virtual void adopt_networks(const TensorMap& parameters);

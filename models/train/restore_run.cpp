@@ -1,6 +1,9 @@
 // See restore_run.h.
 #include "models/train/restore_run.h"
 
+#include <utility>
+
+#include "models/io/crc32c.h"
 #include "models/methods/registry.h"
 #include "models/train/scene_file.h"
 #include "runtime/error.h"
@@ -42,19 +45,57 @@ std::unique_ptr<Method> configured_method(const RunRecord& record, Config& confi
   }
 }
 
-RestoredRun restore_run(const std::filesystem::path& folder, const std::function<void(Scenes&)>& edit) {
-  RestoredRun run;
+bool learned_from_run(const RunRecord& record) {
+  Config config;
+  return configured_method(record, config)->prior() != nullptr;
+}
+
+void check_has_views(const RunRecord& record) {
+  if (!learned_from_run(record)) return;
+  throw Error(Fault::usage,
+              text("a run of ", record.method, " has no views and no actors: cloam generate makes assets ",
+                   "with it, or name the run it learned from, ", record.data.front().given));
+}
+
+StoredRun read_run(const std::filesystem::path& folder) {
+  StoredRun run;
+  run.folder = folder;
   run.record = read_record(folder);
   const RunPaths paths{folder};
   run.scenes = read_scene_file(paths.scene());
-  edit(run.scenes);
   run.checkpoint = load_latest_checkpoint(paths.checkpoints());
   check_belongs(run.checkpoint, run.record);
+  return run;
+}
+
+std::string fingerprint(const StoredRun& run) {
+  uint32_t sum = 0;
+  for (const auto& [name, tensor] : parameters_in(run.checkpoint.file)) sum = crc32c(tensor.data, sum);
+  return text(run.record.method, ", step ", run.checkpoint.step, ", ", crc32c_digits(sum));
+}
+
+StoredRun read_source(const StoredRun& run) {
+  const RunData& data = run.record.data.front();
+  StoredRun source = read_run(find_data(run.folder, data));
+  const std::string now = fingerprint(source);
+  if (now == data.fingerprint) return source;
+  throw Error(Fault::data, text(source.folder.string(), " is not what ", run.folder.string(), " learned from (",
+                                data.fingerprint, "; now ", now, ")\n  fix: train it anew, or put that run back"));
+}
+
+RestoredRun restore_run(StoredRun stored) {
+  RestoredRun run{std::move(stored), {}, {}};
   Config config;
   run.method = configured_method(run.record, config);
   run.method->build(run.scenes, run.record.seed);
   run.progress = restore_method(*run.method, run.checkpoint.file);
   return run;
+}
+
+RestoredRun restore_run(const std::filesystem::path& folder, const std::function<void(Scenes&)>& edit) {
+  StoredRun stored = read_run(folder);
+  edit(stored.scenes);
+  return restore_run(std::move(stored));
 }
 
 }  // namespace cloam

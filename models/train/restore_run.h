@@ -9,25 +9,45 @@
 
 namespace cloam {
 
-struct RestoredRun {
+/// What lies in a run folder.
+struct StoredRun {
+  std::filesystem::path folder;
   RunRecord record;
   Scenes scenes;  // the geometry that the model was fitted to; no images
   LoadedCheckpoint checkpoint;
+};
+
+/// Reads the record, the geometry and the newest whole checkpoint.
+/// Fault::usage for a folder that does not exist; Fault::data for what is damaged or does not fit together.
+StoredRun read_run(const std::filesystem::path& folder);
+
+/// Method, step and checksum of the parameters: equal after copying the run, another one after training it further.
+std::string fingerprint(const StoredRun& run);
+
+/// The run that a run of an AssetPrior learned from, where it lies now. Fault::data if it is gone or was changed since.
+StoredRun read_source(const StoredRun& run);
+
+struct RestoredRun : StoredRun {
   std::unique_ptr<Method> method;
   Progress progress;
 };
 
-/// Reads the record, the geometry and the newest whole checkpoint, and builds the method from them; `edit` may change
-/// the scenes before: where actors are, not how many.
-/// Fault::usage for a folder that does not exist; Fault::data for what is damaged or does not fit together.
+/// read_run, with the method built from it; `edit` may change the scenes before: where actors are, not how many.
+/// Errors as read_run.
 RestoredRun restore_run(
     const std::filesystem::path& folder, const std::function<void(Scenes&)>& edit = [](Scenes&) {});
+RestoredRun restore_run(StoredRun stored);
 
 /// What a checkpoint says about the model that it belongs to.
 std::map<std::string, std::string> checkpoint_metadata(const RunRecord& record);
 
 /// Fault::data naming the first entry of a checkpoint that is not of this run.
 void check_belongs(const LoadedCheckpoint& checkpoint, const RunRecord& record);
+
+/// Does its method learn from the assets of a run (Method::prior)? Then it has no views and no actors of its own.
+bool learned_from_run(const RunRecord& record);
+/// Fault::usage for such a run.
+void check_has_views(const RunRecord& record);
 
 /// A method with the settings of the record, not built; `config` lists them.
 std::unique_ptr<Method> configured_method(const RunRecord& record, Config& config);

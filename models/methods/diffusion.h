@@ -1,0 +1,84 @@
+// Latent diffusion of assets (GenAssets, stage 2): a U-Net learns to tell noise from the codes of a run of genassets,
+// by class and time of day; its samples are codes of new assets. docs/methods/genassets.md has the whole.
+#pragma once
+#include <memory>
+
+#include "models/diffusion/schedule.h"
+#include "models/diffusion/unet.h"
+#include "models/methods/asset_codes.h"
+#include "models/train/asset_prior.h"
+#include "models/train/method.h"
+
+namespace cloam {
+
+struct DiffusionConfig {
+  int channels = 32, side = 8;  // of the codes
+  int base = 128, blocks = 2, groups = 32;
+  std::string multipliers = "1,2,4";
+  std::string betas = "linear";
+  int times = 1000;
+  int batch = 128;
+  float drop = 0.1f;      // share of the codes whose conditions are dropped
+  float held_out = 0.1f;  // share of the codes
+  int least_steps = 1;    // of an actor in the run's training
+  float min_snr = 0;      // gamma; 0: all times weigh the same
+  float rate = 1e-4f, final_rate = 1, average = 0.9999f;
+};
+
+class Diffusion final : public Method, public AssetPrior {
+ public:
+  const char* name() const override { return "diffusion"; }
+  void configure(Config& config) override;
+  void build(const Scenes& scenes, uint64_t seed) override;
+  void load_data(std::vector<TrainingData> data) override;
+  MemoryPlan memory() const override;
+  Params& parameters() override { return params_; }
+  std::vector<LearningRate> learning_rates(const Progress& progress) const override;
+  Tensor loss(const Progress& progress) override;
+  Tensors observed() const override { return observed_; }
+  void after_step(const Progress& progress) override;
+  std::map<std::string, double> metrics() const override;
+  Picture render(const View& view) override;
+  TensorMap state() const override;
+  void restore(const TensorMap& state) override;
+
+  AssetPrior* prior() override { return this; }
+  std::map<std::string, std::string> settings_from(const RunRecord& source) const override;
+  void load(const StoredRun& source) override;
+  std::vector<std::string> describe() const override;
+  std::vector<std::string> warnings() const override;
+  PriorScore score() override;
+  std::vector<NewAsset> generate(const AssetWish& wish) override;
+
+ private:
+  struct Loss {
+    double of_network = 0, of_zero = 0;
+  };
+  void split();
+  void standardise();
+  Shape shape_of(int64_t count) const { return {count, config_.channels, config_.side, config_.side}; }
+  /// Standardised codes c = mu + sigma e.
+  Tensor draw(const std::vector<int32_t>& rows, const RandomKey& key) const;
+  UnetCondition condition_of(const std::vector<int32_t>& rows, const std::vector<bool>& dropped) const;
+  /// The v that a network predicts.
+  Tensor predict(const Unet& unet, const Tensor& noisy, const Tensor& t, const UnetCondition& condition) const;
+  /// Mean over the rows, several times each, with the averaged network.
+  Loss v_loss(const std::vector<int32_t>& rows) const;
+  int32_t drawn_actor(const AssetWish& wish, uint64_t index) const;
+  Eigen::Vector3d mean_size(int asset_class) const;
+  /// Standardised codes of assets of these classes and times of day.
+  Tensor sampled(const AssetWish& wish, const std::vector<NewAsset>& assets) const;
+
+  DiffusionConfig config_;
+  uint64_t seed_ = 0;
+  Params params_, averages_;              // of one set of names
+  std::unique_ptr<Unet> unet_, average_;  // of params_ and of averages_
+  std::optional<Schedule> schedule_;
+  AssetCodes codes_;
+  std::vector<int32_t> training_, held_out_;  // places in codes_
+  std::vector<float> mean_, deviation_;       // [C]: of the training codes
+  Tensor means_, deviations_;                 // standardised [A,C,H,W]; deviations_ empty where codes are plain
+  Tensors observed_;                          // the v-loss of the last step, all times alike
+};
+
+}  // namespace cloam

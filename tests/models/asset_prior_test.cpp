@@ -1,0 +1,236 @@
+// Stage 2 of GenAssets on made codes whose statistics are known: what is read, held out and standardised, and that
+// samples follow their class.
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <cstring>
+#include <set>
+
+#include "models/methods/asset_codes.h"
+#include "models/methods/diffusion.h"
+#include "models/train/tensors.h"
+#include "models/train/trainer.h"
+#include "runtime/error.h"
+#include "runtime/ops.h"
+#include "tests/models/folder.h"
+
+using namespace cloam;
+
+namespace {
+
+constexpr int64_t kChannels = 2, kSide = 2, kNumbers = kChannels * kSide * kSide;
+constexpr float kLogVariance = 3;  // of all codes but plain ones, over the start's -6
+
+constexpr float kCommon = 0.25f;  // what the codes of a log share, which their own parameters leave out
+
+struct MadeRun {
+  bool variational = true;
+  int actors = 20;           // a log: one of the day, one of the night
+  bool last_unseen = false;  // the last actor of each log was seen in no step
+};
+
+/// Cars have codes about 3 in the first channel, people about -1; the second channel is 5 everywhere.
+float made_code(bool car, int64_t i, int actor) {
+  const float spread = 0.1f * static_cast<float>(actor % 5 - 2);
+  return i < kSide * kSide ? (car ? 3.f : -1.f) + spread : 5.f;
+}
+
+StoredRun made_run(const MadeRun& made) {
+  StoredRun run;
+  run.folder = "made";
+  run.record.method = run.record.preset = "genassets";
+  run.record.settings = {{"code.channels", "2"}, {"code.side", "2"}};
+  run.record.settings["code.variational"] = made.variational ? "true" : "false";
+  for (int log = 0; log < 2; ++log) {
+    Scene scene;
+    scene.is_log = true;
+    scene.night = log == 1;
+    std::vector<float> rows;
+    std::vector<int32_t> steps;
+    for (int a = 0; a < made.actors; ++a) {
+      const bool car = a % 2 == 0;
+      scene.actors.push_back({std::to_string(a),
+                              car ? "Car" : "Pedestrian",
+                              car ? Eigen::Vector3d(2, 4 + a % 4, 1.5) : Eigen::Vector3d(0.5, 0.5, 1.8),
+                              false,
+                              {},
+                              {}});
+      for (int64_t i = 0; i < kNumbers; ++i) rows.push_back(made_code(car, i, a) - kCommon);
+      if (made.variational) rows.insert(rows.end(), kNumbers, kLogVariance - kCommon);
+      steps.push_back(made.last_unseen && a + 1 == made.actors ? 0 : 7);
+    }
+    const std::string name = "log" + std::to_string(log) + ".codes";
+    const int64_t width = kNumbers * (made.variational ? 2 : 1);
+    const std::vector<float> common(static_cast<size_t>(width), kCommon);
+    run.checkpoint.file.tensors["param.log" + std::to_string(log) + ".common.code"] =
+        named(from_host(common, {1, width}));
+    run.checkpoint.file.tensors["param." + name] = named(from_host(rows, {made.actors, width}));
+    run.checkpoint.file.tensors["adam.steps." + name] = named(from_host(steps, {made.actors}));
+    run.scenes.push_back(scene);
+  }
+  return run;
+}
+
+/// The smallest network on a made run.
+struct Prior {
+  Diffusion method;
+  explicit Prior(const StoredRun& run, uint64_t seed = 3, const std::map<std::string, std::string>& more = {}) {
+    Config config;
+    method.configure(config);
+    std::map<std::string, std::string> settings = {
+        {"unet.base", "16"},   {"unet.multipliers", "1,2"}, {"unet.groups", "4"},        {"unet.blocks", "1"},
+        {"batch.codes", "32"}, {"train.rate", "5e-3"},      {"train.final_rate", "0.1"}, {"train.average", "0.95"}};
+    for (const auto& [key, value] : method.settings_from(run.record)) settings[key] = value;
+    for (const auto& [key, value] : more) settings[key] = value;
+    for (const auto& [key, value] : settings) config.set(key, value, "test");
+    method.build(run.scenes, seed);
+    method.load(run);
+  }
+};
+
+std::vector<float> state_of(const Diffusion& method, const char* name) {
+  return tensor_from(method.state(), name, {kChannels}).to_host();
+}
+
+}  // namespace
+
+TEST_CASE("codes of a run come with class, time of day, size and deviation; actors that were not seen are left out") {
+  const AssetCodes codes = asset_codes(made_run({true, 6, true}), 1);
+  REQUIRE(codes.count() == 10);
+  CHECK(codes.unseen == 2);
+  CHECK(codes.classes == std::vector<int32_t>{0, 7, 0, 7, 0, 0, 7, 0, 7, 0});
+  CHECK(codes.nights == std::vector<int32_t>{0, 0, 0, 0, 0, 1, 1, 1, 1, 1});
+  CHECK(codes.sizes[7] == Eigen::Vector3d(2, 6, 1.5));
+  REQUIRE(codes.means.size() == 10 * kNumbers);
+  CHECK(codes.means[kNumbers] == doctest::Approx(made_code(false, 0, 1)));
+  CHECK(codes.deviations[5] == doctest::Approx(std::exp(0.5 * (3 - 6))));
+  CHECK(asset_codes(made_run({false, 6, false}), 1).deviations.empty());
+  CHECK_THROWS_WITH_AS(asset_codes(made_run({}), 8), doctest::Contains("no actor to learn from"), Error);
+}
+
+TEST_CASE("runs that have no codes are told apart, and what is damaged is no crash") {
+  StoredRun run = made_run({});
+  run.record.method = "nerf";
+  CHECK_THROWS_WITH_AS(code_shape(run.record), doctest::Contains("one of nerf"), Error);
+  run = made_run({});
+  run.record.settings["decoder.use"] = "false";
+  CHECK_THROWS_WITH_AS(code_shape(run.record), doctest::Contains("no codes"), Error);
+  run = made_run({});
+  run.record.edited_from = RunData{"runs/first", "", ""};
+  CHECK_THROWS_WITH_AS(code_shape(run.record), doctest::Contains("runs/first"), Error);
+  run = made_run({});
+  run.record.settings["code.side"] = "2000000000";
+  CHECK_THROWS_AS(code_shape(run.record), Error);
+  run = made_run({});
+  run.record.settings["code.channels"] = "3";
+  CHECK_THROWS_WITH_AS(asset_codes(run, 1), doctest::Contains("log0.codes"), Error);
+  run = made_run({});
+  run.checkpoint.file.tensors.erase("adam.steps.log1.codes");
+  CHECK_THROWS_WITH_AS(asset_codes(run, 1), doctest::Contains("log1.codes"), Error);
+}
+
+TEST_CASE("channels are standardised over what is drawn of the training codes; the seed chooses what is held out") {
+  const StoredRun run = made_run({});
+  Prior prior(run, 3);
+  const PriorScore score = prior.method.score();
+  CHECK(score.codes == 4);  // 10 % of 40
+  CHECK(score.training_codes == 36);
+  // The second channel is constant but for the codes' own deviation.
+  const double own = std::exp(0.5 * (3 - 6));
+  CHECK(state_of(prior.method, "mean")[1] == doctest::Approx(5));
+  CHECK(state_of(prior.method, "deviation")[1] == doctest::Approx(own).epsilon(1e-3));
+  CHECK(state_of(prior.method, "deviation")[0] == doctest::Approx(std::hypot(2, std::hypot(own, 0.14))).epsilon(0.03));
+  std::set<std::vector<float>> means;
+  for (uint64_t seed = 0; seed < 5; ++seed) means.insert(state_of(Prior(run, seed).method, "mean"));
+  CHECK(means.size() > 1);
+  CHECK(state_of(Prior(run, 3).method, "mean") == state_of(prior.method, "mean"));
+}
+
+TEST_CASE("a network that was never trained scores as predicting zero does, about 1") {
+  Prior prior(made_run({}));
+  const PriorScore score = prior.method.score();
+  CHECK(score.v_loss == doctest::Approx(score.zero_v_loss).epsilon(1e-6));
+  CHECK(score.zero_v_loss == doctest::Approx(1).epsilon(0.25));
+}
+
+TEST_CASE("the weighted loss is the v-loss by its weights; metrics show the v-loss") {
+  Prior even(made_run({})), weighted(made_run({}), 3, {{"weight.min_snr", "5"}});
+  const Progress progress{1, 10, 3};
+  const Tensor a = even.method.loss(progress), b = weighted.method.loss(progress);
+  eval({a, b, weighted.method.observed().front()});
+  CHECK(weighted.method.metrics().at("v_loss") == doctest::Approx(static_cast<double>(a.item())));
+  CHECK(b.item() < a.item());  // min(SNR, 5) / (SNR + 1) is below 1 everywhere
+  CHECK(b.item() > 0);
+}
+
+TEST_CASE("held-out codes are told from noise, and samples have the class that was wished for") {
+  const StoredRun run = made_run({});
+  Prior prior(run);
+  const Folder folder;
+  TrainOptions options;
+  options.steps = 150;
+  train({prior.method, folder.path, {}}, options, {});
+  const PriorScore score = prior.method.score();
+  CAPTURE(score.v_loss);
+  CHECK(score.v_loss < 0.7 * score.zero_v_loss);
+  CHECK(score.training_v_loss < 0.7 * score.zero_v_loss);
+  AssetWish wish;
+  wish.count = 8, wish.seed = 5, wish.steps = 20;
+  for (const bool car : {true, false}) {
+    wish.asset_class = car ? 0 : 7;
+    const std::vector<NewAsset> assets = prior.method.generate(wish);
+    REQUIRE(assets.size() == 8);
+    int right = 0;
+    for (const NewAsset& asset : assets) {
+      float first = 0;
+      for (size_t i = 0; i < 4; ++i) first += asset.code[i] / 4;
+      right += (first > 1) == car;
+      CHECK(asset.code[5] == doctest::Approx(5).epsilon(0.3));
+      CHECK(asset.size.z() == doctest::Approx(car ? 1.5 : 1.8));
+    }
+    CHECK(right == 8);
+  }
+}
+
+TEST_CASE("the same wish gives the same assets; what is not wished for is as in training; mean sizes of the class") {
+  Prior prior(made_run({}));
+  AssetWish wish;
+  wish.count = 40, wish.seed = 1, wish.steps = 2;
+  const auto first = prior.method.generate(wish), again = prior.method.generate(wish);
+  int cars = 0, nights = 0;
+  for (size_t i = 0; i < first.size(); ++i) {
+    CHECK(first[i].code == again[i].code);
+    cars += first[i].asset_class == 0;
+    nights += first[i].night;
+    if (first[i].asset_class == 0) {
+      CHECK(first[i].size.y() > 4.5);
+      CHECK(first[i].size.y() < 5.5);  // of lengths 4 and 6 alike
+    }
+  }
+  CHECK(std::abs(cars - 20) < 12);
+  CHECK(std::abs(nights - 20) < 12);
+  wish.seed = 2;
+  CHECK(prior.method.generate(wish)[0].code != first[0].code);
+  wish.asset_class = 2;
+  CHECK_THROWS_WITH_AS(prior.method.generate(wish), doctest::Contains("no Bus was in training"), Error);
+  wish.asset_class = 0, wish.night = true;
+  for (const NewAsset& asset : prior.method.generate(wish)) CHECK((asset.night && asset.asset_class == 0));
+}
+
+TEST_CASE("settings of the network that cannot be are told with their names") {
+  const StoredRun run = made_run({});
+  const auto error_of = [&](const std::string& key, const std::string& value) -> std::string {
+    try {
+      Prior(run, 3, {{key, value}});
+    } catch (const Error& error) { return error.what(); }
+    return "";
+  };
+  CHECK(error_of("unet.multipliers", "1,2,4").find("unet.multipliers") != std::string::npos);
+  CHECK(error_of("unet.base", "18").find("unet.base") != std::string::npos);
+  CHECK(error_of("unet.groups", "5").find("unet.groups") != std::string::npos);
+  CHECK(error_of("batch.codes", "0").find("batch.codes") != std::string::npos);
+  CHECK(error_of("condition.drop", "1").find("condition.drop") != std::string::npos);
+  CHECK(error_of("schedule.times", "0").find("times") != std::string::npos);
+  CHECK(error_of("schedule.betas", "square").find("square") != std::string::npos);
+  CHECK(error_of("code.side", "4").find("code.side") != std::string::npos);
+}
