@@ -8,7 +8,6 @@
 #include "models/io/gif.h"
 #include "models/mesh/asset_mesh.h"
 #include "models/mesh/write_mesh.h"
-#include "models/scene/orbit.h"
 #include "models/train/pictures.h"
 #include "runtime/error.h"
 
@@ -70,14 +69,12 @@ Exported export_mesh(const RestoredRun& run, const ExportRequest& request, const
 
 Exported export_turntable(const RestoredRun& run, const ExportRequest& request, const AssetName& name,
                           const fs::path& folder) {
-  const Camera camera = turntable_camera(request.size, request.size);
-  std::vector<Image> images;
-  for (const auto& pose : turntable_poses(actor_of(run.scenes, name).size, camera, request.frames)) {
-    const Picture picture = street_of(run).render_asset(looks_of(run.scenes, name), camera, pose);
-    images.push_back(to_image(picture.rgb, picture.width, picture.height));
+  const std::vector<Image> images = turntable(street_of(run), looks_of(run.scenes, name),
+                                              actor_of(run.scenes, name).size, request.frames, request.size);
+  for (std::size_t i = 0; i < images.size(); ++i) {
     char file[32];
-    std::snprintf(file, sizeof file, "turn_%04zu.png", images.size() - 1);
-    write_png(folder / file, images.back());
+    std::snprintf(file, sizeof file, "turn_%04zu.png", i);
+    write_png(folder / file, images[i]);
   }
   write_gif(folder / "turntable.gif", images, kFramesPerSecond);
   return {name, folder.string(), 0, 0, images.size()};

@@ -28,6 +28,8 @@ constexpr char kIntroduction[] =
   cloam edit runs/street --list                  the actors of a street; --actor moves, turns, removes, swaps them
   cloam simulate runs/edited -o logs/edited      the edited street as a log: images, LiDAR and boxes
   cloam export runs/street --actor ID -o car.glb an actor as a mesh
+  cloam train diffusion runs/street -o runs/new  learn what such actors are like ...
+  cloam generate runs/new -n 8 -o cars           ... and make new ones: pictures and meshes
   cloam selftest --quick                         does this device compute right?
   cloam bench                                    how fast is it here?
 
@@ -110,8 +112,8 @@ int main_of(int argc, char** argv) {
   program.set_version_flag("--version", std::string("cloam ") + kVersion);
   program.require_subcommand(0, 1);
   std::vector<Command> commands;
-  for (const auto add : {add_train, add_eval, add_compare, add_distance, add_render, add_export, add_edit, add_simulate,
-                         add_check, add_demo, add_synth, add_info, add_selftest, add_bench, add_tune}) {
+  for (const auto add : {add_train, add_eval, add_compare, add_distance, add_render, add_export, add_generate, add_edit,
+                         add_simulate, add_check, add_demo, add_synth, add_info, add_selftest, add_bench, add_tune}) {
     commands.push_back(add(program));
   }
   const int parsed = parse(program, argc, argv);

@@ -3,6 +3,8 @@
 
 #include <OpenImageIO/imageio.h>
 
+#include <fstream>
+
 #include "models/io/commit.h"
 #include "runtime/error.h"
 
@@ -32,13 +34,35 @@ bool write_frames(OIIO::ImageOutput& output, const std::string& name, const std:
   return output.close();
 }
 
+/// A comment extension (GIF89a, section 24) in the place of the trailer, and the trailer again.
+bool add_comment(const std::filesystem::path& path, const std::string& comment) {
+  constexpr char kTrailer = 0x3B;
+  constexpr std::size_t kBlock = 255;
+  std::fstream file(path, std::ios::binary | std::ios::in | std::ios::out);
+  file.seekg(-1, std::ios::end);
+  if (file.get() != kTrailer) return false;
+  std::string bytes = "\x21\xFE";
+  for (std::size_t at = 0; at < comment.size(); at += kBlock) {
+    const std::string block = comment.substr(at, kBlock);
+    bytes += static_cast<char>(block.size()) + block;
+  }
+  bytes += {'\0', kTrailer};
+  file.seekp(-1, std::ios::end);
+  file << bytes << std::flush;
+  return file.good();
+}
+
 }  // namespace
 
-void write_gif(const std::filesystem::path& path, const std::vector<Image>& frames, int frames_per_second) {
+void write_gif(const std::filesystem::path& path, const std::vector<Image>& frames, int frames_per_second,
+               const std::string& comment) {
   check(frames);
   commit_file(path, [&](const std::filesystem::path& temp) {
     const auto output = OIIO::ImageOutput::create("gif");
-    if (output && write_frames(*output, temp.string(), frames, frames_per_second)) return;
+    if (output && write_frames(*output, temp.string(), frames, frames_per_second)) {
+      if (comment.empty() || add_comment(temp, comment)) return;
+      throw Error(Fault::write, text(path.string(), ": its comment cannot be written"));
+    }
     throw Error(Fault::write,
                 text(path.string(), ": cannot be written: ", output ? output->geterror() : OIIO::geterror()));
   });

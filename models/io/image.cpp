@@ -247,9 +247,10 @@ std::vector<float> read_exr_layer(const std::filesystem::path& path, const std::
   return layer;
 }
 
-void write_png(const std::filesystem::path& path, const Image& image) {
+void write_png(const std::filesystem::path& path, const Image& image, const std::string& description) {
   OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
   spec.attribute("oiio:UnassociatedAlpha", 1);
+  if (!description.empty()) spec.attribute("ImageDescription", description);
   write(path, "png", spec, image.pixels.data());
 }
 

@@ -55,8 +55,8 @@ void write_labels(const std::filesystem::path& path, const Labels& labels);
 /// floor(width / factor) columns. Colours are weighted by alpha. Fault::usage if nothing would be left.
 Image downscale(const Image& image, int factor);
 
-/// Replaces `path` in one step. Fault::write if that fails.
-void write_png(const std::filesystem::path& path, const Image& image);
+/// Replaces `path` in one step. Fault::write if that fails. description: kept in the file as text; empty: none.
+void write_png(const std::filesystem::path& path, const Image& image, const std::string& description = "");
 
 /// RGB or grey at quality 95, colours not thinned out. Replaces `path` in one step. Fault::write if that fails.
 void write_jpeg(const std::filesystem::path& path, const Image& image);

@@ -99,7 +99,7 @@ void Diffusion::load_data(std::vector<TrainingData>) {
 }
 
 std::map<std::string, std::string> Diffusion::settings_from(const RunRecord& source) const {
-  const CodeShape shape = code_shape(source);
+  const CodeShape shape = cloam::code_shape(source);
   return {{"code.channels", std::to_string(shape.channels)}, {"code.side", std::to_string(shape.side)}};
 }
 

@@ -47,6 +47,7 @@ class Diffusion final : public Method, public AssetPrior {
   void load(const StoredRun& source) override;
   std::vector<std::string> describe() const override;
   std::vector<std::string> warnings() const override;
+  std::array<int64_t, 2> code_shape() const override { return {config_.channels, config_.side}; }
   PriorScore score() override;
   std::vector<NewAsset> generate(const AssetWish& wish) override;
 

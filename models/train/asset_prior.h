@@ -41,6 +41,8 @@ class AssetPrior {
   /// What was loaded, one line each; and what is odd about it.
   virtual std::vector<std::string> describe() const = 0;
   virtual std::vector<std::string> warnings() const = 0;
+  /// Channels and side of a code.
+  virtual std::array<int64_t, 2> code_shape() const = 0;
   virtual PriorScore score() = 0;
   /// The same wish gives the same assets. Fault::usage for a class or time of day that was not in training.
   virtual std::vector<NewAsset> generate(const AssetWish& wish) = 0;

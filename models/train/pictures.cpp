@@ -5,6 +5,8 @@
 #include <cmath>
 #include <set>
 
+#include "models/scene/orbit.h"
+
 namespace cloam {
 namespace {
 
@@ -67,6 +69,17 @@ Image contact_sheet(const std::vector<Image>& images, int columns) {
     paste(sheet, images[static_cast<std::size_t>(i)], i % columns * (width + kGap), i / columns * (height + kGap));
   }
   return sheet;
+}
+
+std::vector<Image> turntable(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int count,
+                             int pixels) {
+  const Camera camera = turntable_camera(pixels, pixels);
+  std::vector<Image> images;
+  for (const auto& pose : turntable_poses(size, camera, count)) {
+    const Picture picture = street.render_asset(looks, camera, pose);
+    images.push_back(to_image(picture.rgb, picture.width, picture.height));
+  }
+  return images;
 }
 
 std::vector<std::string> file_names(const Scene& scene, const std::vector<std::size_t>& frames) {

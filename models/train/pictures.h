@@ -21,6 +21,11 @@ Image error_image(const std::vector<float>& a, const std::vector<float>& b, int 
 /// RGB images in rows of `columns`, with a gap of white; cells have the size of the largest.
 Image contact_sheet(const std::vector<Image>& images, int columns);
 
+/// `count` pictures of pixels x pixels all around an asset of that size, alone on white, from its front
+/// counter-clockwise (orbit.h: turntable_poses).
+std::vector<Image> turntable(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int count,
+                             int pixels);
+
 /// A file name (no extension) for each frame, from its image path with "/" as "_"; all different.
 std::vector<std::string> file_names(const Scene& scene, const std::vector<std::size_t>& frames);
 

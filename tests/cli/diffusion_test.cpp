@@ -2,6 +2,8 @@
 #include <doctest/doctest.h>
 #include <signal.h>
 
+#include <cstring>
+
 #include "models/io/safetensors.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
@@ -12,6 +14,14 @@ namespace fs = std::filesystem;
 namespace {
 
 bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
+
+/// Eight steps leave space empty: matter wherever the field begins.
+void give_surfaces(const fs::path& checkpoint) {
+  SafetensorsFile file = read_safetensors(checkpoint);
+  const float offset = -1;
+  std::memcpy(file.tensors.at("param.networks.field.offset").data.data(), &offset, sizeof offset);
+  write_safetensors(checkpoint, file);
+}
 
 /// A run of two streets, one of them at night, that has seen most of its actors.
 const fs::path& source_run() {
@@ -28,6 +38,7 @@ const fs::path& source_run() {
       words.insert(words.end(), {"--set", setting});
     const Outcome trained = cloam_with(words);
     REQUIRE_MESSAGE(trained.code == 0, trained.err);
+    give_surfaces(fs::path(folder) / "ckpt" / "000008.safetensors");
     return fs::path(folder);
   }();
   return run;
@@ -119,6 +130,7 @@ TEST_CASE("eval of a run of diffusion measures codes that were held out, beside 
   const Outcome rendered = cloam_with({"render", golden().string(), "-o", (scratch() / "none").string()});
   CHECK(rendered.code == 2);
   CHECK(contains(rendered.err, "cloam generate"));
+  CHECK(cloam_with({"edit", golden().string(), "--list"}).code == 2);
 }
 
 TEST_CASE("what diffusion cannot learn from is one error, and makes no run") {
@@ -170,4 +182,64 @@ TEST_CASE("a source that is gone or was changed since is told; --data names its 
   const Outcome moved = cloam_with({"train", "--resume", run.string(), "--data", source_run().string()});
   CHECK_MESSAGE(moved.code == 0, moved.err);
   CHECK(cloam_with({"eval", run.string()}).code == 0);
+}
+
+namespace {
+
+Words small_generation(const fs::path& out, const Words& more = {}) {
+  Words words = {"generate", golden().string(), "-o", out.string(),   "-n", "2", "--steps", "4", "--frames",
+                 "2",        "--size",          "16", "--resolution", "8",  "-q"};
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
+}  // namespace
+
+TEST_CASE("generate makes latents, turntables, meshes and a grid; the same seed the same bytes, another others") {
+  const Words car = {"--class", "car", "--time", "night", "--seed", "7", "--guidance", "2"};
+  const fs::path first = scratch() / "made", again = scratch() / "made_again", other = scratch() / "made_other";
+  const Outcome made = cloam_with(small_generation(first, car));
+  REQUIRE_MESSAGE(made.code == 0, made.err);
+  for (const char* name : {"latents.safetensors", "generate.json", "grid.png", "asset_000.gif", "asset_000.glb",
+                           "asset_001.gif", "asset_001.glb"})
+    CHECK_MESSAGE(fs::exists(first / name), name);
+  const SafetensorsFile latents = read_safetensors(first / "latents.safetensors");
+  CHECK(latents.tensors.at("latents").shape == std::vector<int64_t>{2, 4, 4, 4});
+  CHECK(latents.metadata.at("seed") == "7");
+  CHECK(latents.metadata.at("class") == "Car");
+  CHECK(latents.metadata.at("time") == "night");
+  CHECK(contains(latents.metadata.at("prior"), "diffusion, step 60, "));
+  CHECK(contains(content_of(first / "asset_001.glb"), "\"guidance\":2.0"));
+  CHECK(contains(content_of(first / "asset_001.gif").substr(0, 3), "GIF"));
+  CHECK(contains(content_of(first / "asset_001.gif"), "\"class\":\"Car\""));
+  CHECK(contains(content_of(first / "grid.png"), "\"seed\":7"));
+  const auto json = json_of(first / "generate.json");
+  CHECK(json.at("assets").size() == 2);
+  CHECK(json.at("assets").at(1).at("triangles") > 0);
+  CHECK(json.at("assets").at(1).at("size_m").at(1) > 3);  // a car is long
+  REQUIRE(cloam_with(small_generation(again, car)).code == 0);
+  CHECK(snapshot(again) == snapshot(first));
+  Words seed8 = car;
+  seed8[5] = "8";
+  REQUIRE(cloam_with(small_generation(other, seed8)).code == 0);
+  for (const char* name : {"latents.safetensors", "asset_000.glb"})
+    CHECK_MESSAGE(content_of(other / name) != content_of(first / name), name);
+  CHECK(read_safetensors(other / "latents.safetensors").tensors.at("latents") != latents.tensors.at("latents"));
+}
+
+TEST_CASE("generate's mistakes: one line that says what would do, and nothing is written") {
+  const fs::path never = scratch() / "made_never";
+  const auto fails = [&](const Words& words, int code, const char* says) {
+    const Outcome outcome = cloam_with(words);
+    CAPTURE(outcome.err);
+    CHECK(outcome.code == code);
+    CHECK(contains(outcome.err, says));
+    CHECK_FALSE(fs::exists(never));
+  };
+  fails(small_generation(never, {"--class", "Cra"}), 2, "did you mean Car?");
+  fails(small_generation(never, {"--class", "Other"}), 2, "no Other was in training");
+  fails(small_generation(never, {"--time", "noon"}), 2, "noon");
+  fails({"generate", golden().string(), "-o", never.string(), "--steps", "1001"}, 2, "1001 denoising steps");
+  fails({"generate", source_run().string(), "-o", never.string()}, 2, "cloam train diffusion");
+  fails({"generate", small_street().string(), "-o", never.string()}, 3, "no run folder");
 }

@@ -12,6 +12,7 @@
 
 #include "models/io/checkpoint.h"
 #include "models/methods/registry.h"
+#include "models/scene/orbit.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
 #include "tests/models/toy_street.h"
@@ -374,6 +375,34 @@ TEST_CASE("genassets: adopted networks stand still, the log's own parameters do 
     adopted++;
   }
   CHECK(adopted > 20);
+}
+
+TEST_CASE(
+    "genassets: an asset that is added with an actor's code, class and size looks like it, one of another code not") {
+  const ToyFolder folder;
+  const auto method = built(crossing(folder.path, 5));
+  fill(*method);
+  Street& street = *method->street();
+  const std::vector<float> rows = method->parameters().at("log0.codes").to_host();
+  const size_t numbers = rows.size() / 4;  // two actors, mean and log variance
+  put(*method, "log0.common.code", std::vector<float>(2 * numbers, 0.25f));
+  NewAsset same{0, false, {2, 3, 6}, {rows.begin(), rows.begin() + static_cast<std::ptrdiff_t>(numbers)}};
+  for (float& value : same.code) value += 0.25f;
+  NewAsset other = same;
+  for (float& value : other.code) value = 1 - 40 * value;
+  const AssetName own{0, "front"}, added = street.add_asset(same), another = street.add_asset(other);
+  const Camera camera = turntable_camera(16, 16);
+  const Eigen::Matrix4d pose = turntable_poses(same.size, camera, 8)[1];
+  const std::vector<float> picture = street.render_asset(own, camera, pose).rgb;
+  CHECK(*std::min_element(picture.begin(), picture.end()) < 0.9f);  // it is seen
+  CHECK(street.render_asset(added, camera, pose).rgb == picture);
+  CHECK(street.render_asset(another, camera, pose).rgb != picture);
+  const std::vector<float> points = {0, 0, 0, 0.5f, 1, -1};
+  CHECK(street.sample_asset(added, points).distances == street.sample_asset(own, points).distances);
+  same.code.pop_back();
+  CHECK_THROWS_WITH_AS(street.add_asset(same), doctest::Contains("63 numbers, the run's have 64"), Error);
+  const auto planes = built(crossing(folder.path, 5), {{"decoder.use", "false"}});
+  CHECK_THROWS_WITH_AS(planes->street()->add_asset(other), doctest::Contains("decoder.use"), Error);
 }
 
 TEST_CASE("genassets: settings that no street can be made with are errors that name them") {

@@ -1,0 +1,218 @@
+// cloam generate: new assets from a run of diffusion, decoded by the run that it learned from.
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "cli/actors.h"
+#include "cli/commands.h"
+#include "models/data/paths.h"
+#include "models/io/commit.h"
+#include "models/io/gif.h"
+#include "models/io/safetensors.h"
+#include "models/mesh/asset_mesh.h"
+#include "models/mesh/write_mesh.h"
+#include "models/train/asset_prior.h"
+#include "models/train/pictures.h"
+#include "models/train/tensors.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr int kFramesPerSecond = 12;
+constexpr char kExamples[] = R"(Make new assets of a run of diffusion.
+
+Examples:
+  cloam generate runs/assets -n 16 -o assets
+  cloam generate runs/assets -n 4 --class Car --time night --seed 7 --guidance 2 -o cars
+
+Writes latents.safetensors, grid.png, generate.json and for each asset a turntable (GIF) and a mesh (GLB). The same seed
+gives the same files. Without --class and --time both are drawn as often as training had them. Boxes have the mean size
+of their class in training.)";
+
+struct GenerateRequest {
+  std::string run, out, asset_class, time;
+  AssetWish wish;
+  int frames = 12, size = 128, resolution = 96;
+};
+
+/// The assets in the street that shows them, and how they were made.
+struct Made {
+  Street& street;
+  std::vector<NewAsset> assets;
+  std::vector<AssetName> names;
+  Json how;
+};
+
+std::string lower(std::string word) {
+  std::transform(word.begin(), word.end(), word.begin(), [](unsigned char c) { return std::tolower(c); });
+  return word;
+}
+
+int class_named(const std::string& given) {
+  const std::vector<std::string> names(std::begin(kAssetClasses), std::end(kAssetClasses));
+  std::string all;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (lower(names[i]) == lower(given)) return static_cast<int>(i);
+    all += (i ? ", " : "") + names[i];
+  }
+  const std::string near = nearest_name(given, names);
+  throw Error(Fault::usage,
+              text("--class ", given, ": want one of ", all, near.empty() ? "" : "; did you mean " + near + "?"));
+}
+
+const char* time_of_day(bool night) { return night ? "night" : "day"; }
+
+/// Nothing of when, where and by whom: equal runs and seeds give equal bytes.
+Json how_made(const GenerateRequest& request, const RestoredRun& prior, const StoredRun& source) {
+  const AssetWish& wish = request.wish;
+  return {{"version", kVersion},
+          {"seed", wish.seed},
+          {"guidance", wish.guidance},
+          {"steps", wish.steps},
+          {"class", wish.asset_class ? kAssetClasses[*wish.asset_class] : "as in training"},
+          {"time", wish.night ? time_of_day(*wish.night) : "as in training"},
+          {"prior", fingerprint(prior)},
+          {"prior_settings", prior.record.settings},
+          {"decoder", fingerprint(source)},
+          {"decoder_settings", source.record.settings}};
+}
+
+Json described(const Made& made, std::size_t i) {
+  const NewAsset& asset = made.assets[i];
+  return {{"asset", i},
+          {"class", kAssetClasses[asset.asset_class]},
+          {"time", time_of_day(asset.night)},
+          {"size_m", {asset.size.x(), asset.size.y(), asset.size.z()}}};
+}
+
+fs::path file_of(const GenerateRequest& request, std::size_t asset, const char* extension) {
+  char name[32];
+  std::snprintf(name, sizeof name, "asset_%03zu.%s", asset, extension);
+  return fs::path(request.out) / name;
+}
+
+void write_latents(const fs::path& path, const Made& made, const std::array<int64_t, 2>& shape) {
+  std::vector<float> latents, sizes;
+  std::vector<int64_t> classes, nights;
+  for (const NewAsset& asset : made.assets) {
+    latents.insert(latents.end(), asset.code.begin(), asset.code.end());
+    classes.push_back(asset.asset_class);
+    nights.push_back(asset.night ? 1 : 0);
+    for (int k = 0; k < 3; ++k) sizes.push_back(static_cast<float>(asset.size[k]));
+  }
+  const auto count = static_cast<int64_t>(made.assets.size());
+  SafetensorsFile file;
+  file.tensors["latents"] = named(from_host(latents, {count, shape[0], shape[1], shape[1]}));
+  file.tensors["sizes"] = named(from_host(sizes, {count, 3}));
+  file.tensors["classes"] = named_integers(classes);
+  file.tensors["nights"] = named_integers(nights);
+  for (const auto& [key, value] : made.how.items())
+    file.metadata[key] = value.is_string() ? value.get<std::string>() : value.dump();
+  write_safetensors(path, file);
+}
+
+/// The mesh's file, or none (and a warning) where the asset has no surface.
+void add_mesh(const GenerateRequest& request, const Made& made, std::size_t i, Json& row) {
+  const NewAsset& asset = made.assets[i];
+  const fs::path path = file_of(request, i, "glb");
+  const Mesh mesh = asset_mesh(made.street, made.names[i], asset.size, request.resolution);
+  if (mesh.triangle_count() == 0) {
+    std::error_code error;
+    fs::remove(path, error);  // of an earlier generation
+    return warn(text("asset ", i, " has no surface in its box: it gets no mesh"));
+  }
+  MeshLabel label{text("generated ", kAssetClasses[asset.asset_class], " ", i), described(made, i)};
+  label.extras["resolution"] = request.resolution;
+  label.extras.update(made.how);
+  write_glb(path, mesh, label);
+  row["mesh"] = path.filename().string();
+  row["vertices"] = mesh.vertex_count();
+  row["triangles"] = mesh.triangle_count();
+}
+
+/// Turntables, meshes and the grid; returns what there is of each asset.
+Json write_assets(const GenerateRequest& request, const Made& made, const Common& common) {
+  Json rows = Json::array();
+  std::vector<Image> grid;
+  for (std::size_t i = 0; i < made.assets.size(); ++i) {
+    Json row = described(made, i);
+    const std::vector<Image> turn =
+        turntable(made.street, made.names[i], made.assets[i].size, request.frames, request.size);
+    const fs::path gif = file_of(request, i, "gif");
+    Json how = row;
+    how.update(made.how);
+    write_gif(gif, turn, kFramesPerSecond, how.dump());
+    row["turntable"] = gif.filename().string();
+    grid.push_back(turn[turn.size() / 8]);  // from the front and a side
+    add_mesh(request, made, i, row);
+    say(common, text("generate ", i + 1, "/", made.assets.size(), "  ", kAssetClasses[made.assets[i].asset_class], ", ",
+                     time_of_day(made.assets[i].night)));
+    rows.push_back(row);
+  }
+  const int columns = static_cast<int>(std::ceil(std::sqrt(static_cast<double>(grid.size()))));
+  write_png(fs::path(request.out) / "grid.png", contact_sheet(grid, columns), made.how.dump());
+  return rows;
+}
+
+int run_command(GenerateRequest request, const Common& common) {
+  if (!request.asset_class.empty()) request.wish.asset_class = class_named(request.asset_class);
+  if (!request.time.empty()) request.wish.night = request.time == "night";
+  const RunRecord record = read_record(request.run);
+  if (!learned_from_run(record))
+    throw Error(Fault::usage, text("generate wants a run of diffusion, ", request.run, " is one of ", record.method,
+                                   "\n  fix: cloam train diffusion ", quoted(request.run), " -o RUN2, and name RUN2"));
+  open_device(common);
+  const RestoredRun prior = restore_run(request.run);
+  if (!prior.checkpoint.warning.empty()) warn(prior.checkpoint.warning);
+  StoredRun source = read_source(prior);
+  prior.method->prior()->load(source);
+  const Json how = how_made(request, prior, source);
+  std::vector<NewAsset> assets = prior.method->prior()->generate(request.wish);
+  const RestoredRun decoder = restore_run(std::move(source));
+  Made made{street_of(decoder), std::move(assets), {}, how};
+  for (const NewAsset& asset : made.assets) made.names.push_back(made.street.add_asset(asset));
+  const fs::path folder = request.out;
+  write_latents(folder / "latents.safetensors", made, prior.method->prior()->code_shape());
+  Json all = {{"schema_version", 1}, {"made", made.how}};
+  all["assets"] = write_assets(request, made, common);
+  commit_text(folder / "generate.json", all.dump(2) + "\n");
+  if (common.json) {
+    all["folder"] = request.out;
+    put(all.dump() + "\n");
+  }
+  say(common,
+      text(made.assets.size(), " assets in ", request.out, ", seen together in ", (folder / "grid.png").string()));
+  return 0;
+}
+
+}  // namespace
+
+Command add_generate(CLI::App& program) {
+  CLI::App* parser = program.add_subcommand("generate", kExamples);
+  const auto request = std::make_shared<GenerateRequest>();
+  const auto common = std::make_shared<Common>();
+  parser->add_option("RUN", request->run, "Run folder of diffusion")->required();
+  parser->add_option("-o,--out", request->out, "Folder for the files")->required();
+  parser->add_option("-n,--count", request->wish.count, "How many assets (1)")->check(CLI::Range(1, 1000));
+  parser->add_option("--class", request->asset_class, "Car, Truck, Bus, ... (as in training)");
+  parser->add_option("--time", request->time, "day or night (as in training)")->check(CLI::IsMember({"day", "night"}));
+  parser->add_option("--seed", request->wish.seed, "Of all that is drawn (0)");
+  parser->add_option("--guidance", request->wish.guidance, "1: the condition alone; above: closer to it (1)")
+      ->check(CLI::Range(0.0, 100.0));
+  parser->add_option("--steps", request->wish.steps, "Denoising steps of DDIM (50)")->check(CLI::PositiveNumber);
+  parser->add_option("--frames", request->frames, "Pictures of a turntable (12)")->check(CLI::Range(1, 10000));
+  parser->add_option("--size", request->size, "Pixels a side of a picture (128)")->check(CLI::Range(16, 4096));
+  parser->add_option("--resolution", request->resolution, "Cells along the longest side of a mesh (96)")
+      ->check(CLI::Range(8, 512));
+  add_common(*parser, *common);
+  return {parser, [=] { return run_command(*request, *common); }};
+}
+
+}  // namespace cloam
