@@ -40,6 +40,7 @@ nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& c
                                           {"training_codes", score.training_codes},
                                           {"v_loss", score.v_loss},
                                           {"baseline_zero_v_loss", score.zero_v_loss},
+                                          {"floor_v_loss", score.floor_v_loss},
                                           {"training_v_loss", score.training_v_loss},
                                           {"method", run.record.method},
                                           {"preset", run.record.preset},
@@ -56,7 +57,7 @@ std::string prior_table(const nlohmann::ordered_json& f) {
   return fmt::format("{} codes held out, {} trained on, step {}\n", f.at("codes").get<int64_t>(),
                      f.at("training_codes").get<int64_t>(), f.at("step").get<int64_t>()) +
          row("v-loss", "v_loss") + row("of predicting zero", "baseline_zero_v_loss") +
-         row("on the training codes", "training_v_loss");
+         row("of knowing their means", "floor_v_loss") + row("on the training codes", "training_v_loss");
 }
 
 }  // namespace cloam

@@ -69,6 +69,7 @@ void Diffusion::configure(Config& c) {
   c.bind("batch.codes", config_.batch, "codes a step");
   c.bind("condition.drop", config_.drop, "share of the codes that lose class and time of day, for guidance");
   c.bind("data.held_out", config_.held_out, "share of the codes that are measured instead of trained on");
+  c.bind("data.drawn", config_.drawn, "codes are drawn by their own variance, if they have one; false: their means");
   c.bind("data.least_steps", config_.least_steps, "actors that fewer steps of the run have seen are left out");
   c.bind("weight.min_snr", config_.min_snr, "gamma of the min-SNR weights; 0: all times weigh the same");
   c.bind("train.rate", config_.rate, "learning rate");
@@ -105,6 +106,7 @@ std::map<std::string, std::string> Diffusion::settings_from(const RunRecord& sou
 
 void Diffusion::load(const StoredRun& source) {
   codes_ = asset_codes(source, config_.least_steps);
+  if (!config_.drawn) codes_.deviations.clear();
   if (codes_.channels != config_.channels || codes_.side != config_.side)
     throw Error(Fault::usage, text("the settings say codes of ", config_.channels, "x", config_.side, "x", config_.side,
                                    " (code.channels, code.side), those of ", source.folder.string(), " are ",
@@ -265,6 +267,12 @@ void Diffusion::restore(const TensorMap& state) {
   deviation_ = tensor_from(state, "deviation", {config_.channels}).to_host();
 }
 
+Tensor Diffusion::floor_of(const std::vector<int32_t>& rows, const Level& level) const {
+  if (!deviations_) return zeros({1});
+  const Tensor variance = square(gather_rows(deviations_, numbers(rows)));
+  return mean(variance / (variance * (level.alpha * level.alpha) + level.sigma * level.sigma));
+}
+
 Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows) const {
   Loss sum;
   for (size_t begin = 0; begin < rows.size(); begin += kScoredCodesAtOnce) {
@@ -280,10 +288,12 @@ Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows) const {
       const Tensor v = predict(*average_, schedule_->noisy(x, noise, t), t, condition_of(some, {}));
       const Tensor target = schedule_->target(Prediction::velocity, x, noise, t);
       const Tensor of_network = mean(square(v - target)), of_zero = mean(square(target));
-      eval({of_network, of_zero});
+      const Tensor floor = floor_of(some, schedule_->level(time));
+      eval({of_network, of_zero, floor});
       const double weight = static_cast<double>(some.size()) / (static_cast<double>(rows.size()) * kScoredTimes);
       sum.of_network += weight * static_cast<double>(of_network.item());
       sum.of_zero += weight * static_cast<double>(of_zero.item());
+      sum.floor += weight * static_cast<double>(floor.item());
     }
   }
   return sum;
@@ -291,8 +301,12 @@ Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows) const {
 
 PriorScore Diffusion::score() {
   const Loss unseen = v_loss(held_out_);
-  return {static_cast<int64_t>(held_out_.size()), static_cast<int64_t>(training_.size()), unseen.of_network,
-          unseen.of_zero, v_loss(training_).of_network};
+  return {static_cast<int64_t>(held_out_.size()),
+          static_cast<int64_t>(training_.size()),
+          unseen.of_network,
+          unseen.of_zero,
+          unseen.floor,
+          v_loss(training_).of_network};
 }
 
 /// A training actor, whose class and time of day are taken where the wish leaves them open.

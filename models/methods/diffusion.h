@@ -21,6 +21,7 @@ struct DiffusionConfig {
   float drop = 0.1f;      // share of the codes whose conditions are dropped
   float held_out = 0.1f;  // share of the codes
   int least_steps = 1;    // of an actor in the run's training
+  bool drawn = true;      // codes as mean and noise of their own deviation; false: the mean alone
   float min_snr = 0;      // gamma; 0: all times weigh the same
   float rate = 1e-4f, final_rate = 1, average = 0.9999f;
 };
@@ -53,7 +54,7 @@ class Diffusion final : public Method, public AssetPrior {
 
  private:
   struct Loss {
-    double of_network = 0, of_zero = 0;
+    double of_network = 0, of_zero = 0, floor = 0;
   };
   void split();
   void standardise();
@@ -63,6 +64,9 @@ class Diffusion final : public Method, public AssetPrior {
   UnetCondition condition_of(const std::vector<int32_t>& rows, const std::vector<bool>& dropped) const;
   /// The v that a network predicts.
   Tensor predict(const Unet& unet, const Tensor& noisy, const Tensor& t, const UnetCondition& condition) const;
+  /// The least v-loss at a level: v = (alpha x_t - x) / sigma, and of a code N(mean, s^2) a variance of s^2 sigma^2 /
+  /// (alpha^2 s^2 + sigma^2) is left when mean and x_t are known.
+  Tensor floor_of(const std::vector<int32_t>& rows, const Level& level) const;
   /// Mean over the rows, several times each, with the averaged network.
   Loss v_loss(const std::vector<int32_t>& rows) const;
   int32_t drawn_actor(const AssetWish& wish, uint64_t index) const;

@@ -19,6 +19,7 @@ struct RunRecord;
 struct PriorScore {
   int64_t codes = 0, training_codes = 0;
   double v_loss = 0, zero_v_loss = 0;  // on the codes held out; of predicting zero
+  double floor_v_loss = 0;             // of knowing each of their means: what codes draw of their own nobody foretells
   double training_v_loss = 0;
 };
 

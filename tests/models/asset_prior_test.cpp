@@ -153,6 +153,23 @@ TEST_CASE("a network that was never trained scores as predicting zero does, abou
   CHECK(score.zero_v_loss == doctest::Approx(1).epsilon(0.25));
 }
 
+TEST_CASE("the least v-loss is that of codes whose means are known") {
+  const StoredRun run = made_run({});
+  Prior prior(run);
+  double want = 0;
+  const Schedule schedule;
+  for (int i = 0; i < 16; ++i)
+    for (size_t channel = 0; channel < 2; ++channel) {
+      const double own = std::exp(0.5 * (3 - 6)) / static_cast<double>(state_of(prior.method, "deviation")[channel]);
+      const Level level = schedule.level(1000 * (2 * i + 1) / 32);
+      // x given x_t has variance 1 / (1 / own^2 + alpha^2 / sigma^2), v that over sigma^2.
+      want += 1 / (1 / (own * own) + std::pow(level.alpha / level.sigma, 2)) / std::pow(level.sigma, 2) / 32;
+    }
+  CHECK(prior.method.score().floor_v_loss == doctest::Approx(want).epsilon(1e-4));
+  CHECK(Prior(made_run({false, 20, false})).method.score().floor_v_loss == 0);
+  CHECK(Prior(run, 3, {{"data.drawn", "false"}}).method.score().floor_v_loss == 0);
+}
+
 TEST_CASE("the weighted loss is the v-loss by its weights; metrics show the v-loss") {
   Prior even(made_run({})), weighted(made_run({}), 3, {{"weight.min_snr", "5"}});
   const Progress progress{1, 10, 3};
@@ -173,6 +190,7 @@ TEST_CASE("held-out codes are told from noise, and samples have the class that w
   const PriorScore score = prior.method.score();
   CAPTURE(score.v_loss);
   CHECK(score.v_loss < 0.7 * score.zero_v_loss);
+  CHECK(score.v_loss > score.floor_v_loss);
   CHECK(score.training_v_loss < 0.7 * score.zero_v_loss);
   AssetWish wish;
   wish.count = 8, wish.seed = 5, wish.steps = 20;
