@@ -1,6 +1,7 @@
 // See restore_run.h.
 #include "models/train/restore_run.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "models/io/crc32c.h"
@@ -46,8 +47,8 @@ std::unique_ptr<Method> configured_method(const RunRecord& record, Config& confi
 }
 
 bool learned_from_run(const RunRecord& record) {
-  Config config;
-  return configured_method(record, config)->prior() != nullptr;
+  const std::vector<std::string> known = method_names();
+  return std::find(known.begin(), known.end(), record.method) != known.end() && make_method(record.method)->prior();
 }
 
 void check_has_views(const RunRecord& record) {

@@ -44,7 +44,8 @@ std::map<std::string, std::string> checkpoint_metadata(const RunRecord& record);
 /// Fault::data naming the first entry of a checkpoint that is not of this run.
 void check_belongs(const LoadedCheckpoint& checkpoint, const RunRecord& record);
 
-/// Does its method learn from the assets of a run (Method::prior)? Then it has no views and no actors of its own.
+/// Does its method learn from the assets of a run (Method::prior)? Then it has no views and no actors of its own. No
+/// error for a method that this version does not know: whoever restores the run tells.
 bool learned_from_run(const RunRecord& record);
 /// Fault::usage for such a run.
 void check_has_views(const RunRecord& record);
