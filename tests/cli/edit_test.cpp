@@ -73,7 +73,7 @@ Vector3d centre(const Scenes& scenes, std::size_t log, std::size_t actor, std::s
 }  // namespace
 
 TEST_CASE("edit writes a run of its own, and edits of edits compose") {
-  const fs::path run = street_run("street"), once = scratch() / "once", twice = scratch() / "twice";
+  const fs::path run = street_run("to-edit"), once = scratch() / "once", twice = scratch() / "twice";
   const auto before = snapshot(run);
   const Outcome first = edit(run, {"0:abc:shift=1,2,0,rotate=90", "1:abc:remove", "002:truck:shift=0/-1/0.5"}, once);
   REQUIRE_MESSAGE(first.code == 0, first.err);
