@@ -133,7 +133,7 @@ bool all_finite(const std::vector<float>& values) {
 }  // namespace
 
 TEST_CASE("genassets: the networks have the paper's sizes") {
-  const ToyFolder folder;
+  const Folder folder;
   Scene scene = toy_street(folder.path, {.lidar = false});
   scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 0)};
   const auto method =
@@ -145,7 +145,7 @@ TEST_CASE("genassets: the networks have the paper's sizes") {
 }
 
 TEST_CASE("genassets: no gradient reaches a hidden actor") {
-  const ToyFolder folder;
+  const Folder folder;
   for (const char* decoder : {"false", "true"})
     for (const int64_t step : {1, 5}) {  // with and without leaving out what no light reaches
       CAPTURE(std::string(decoder));
@@ -167,7 +167,7 @@ TEST_CASE("genassets: no gradient reaches a hidden actor") {
 }
 
 TEST_CASE("genassets: a whole image in tiles has the gradients of one patch that covers it") {
-  const ToyFolder folder;
+  const Folder folder;
   Scene scene = toy_street(folder.path, {.frames = 1, .width = 32, .height = 32});
   scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 2), toy_actor("b", {2, 4, 2.5}, 14, -2)};
   const auto gradients = [&](const Settings& more) {
@@ -206,7 +206,7 @@ TEST_CASE("genassets: a whole image in tiles has the gradients of one patch that
 }
 
 TEST_CASE("genassets: masks are the boxes that the camera sees, and move with them") {
-  const ToyFolder folder;
+  const Folder folder;
   const Camera camera{96, 72, 90, 90, 48, 36};
   std::vector<Middle> seen;
   for (const double y : {-0.5, 0.5}) {
@@ -240,7 +240,7 @@ TEST_CASE("genassets: masks are the boxes that the camera sees, and move with th
 }
 
 TEST_CASE("genassets: equal seeds give equal bytes, stopped and resumed or not") {
-  const ToyFolder folder;
+  const Folder folder;
   Scene scene = toy_street(folder.path);
   scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 0), toy_actor("b", {2, 2, 2}, 15, 3)};
   const auto made = [&] {
@@ -259,7 +259,7 @@ TEST_CASE("genassets: equal seeds give equal bytes, stopped and resumed or not")
 }
 
 TEST_CASE("genassets: what a LiDAR would measure") {
-  const ToyFolder folder;
+  const Folder folder;
   Scene scene = toy_street(folder.path);
   scene.actors = {toy_actor("far", {2, 2, 2}, 20, 8), toy_actor("near", {2, 4, 3}, 12, 0)};
   const auto method = loaded(scene, {{"space.voxel", "0.25"}, {"space.dilate", "0"}, {"steps.background", "0.1"}});
@@ -282,7 +282,7 @@ TEST_CASE("genassets: what a LiDAR would measure") {
 }
 
 TEST_CASE("genassets: the KL term is that of normal distributions, a mean over the actors met") {
-  const ToyFolder folder;
+  const Folder folder;
   Scene scene = toy_street(folder.path);
   scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 2), toy_actor("b", {2, 4, 1.5}, 12, -2)};
   const auto method =
@@ -303,7 +303,7 @@ TEST_CASE("genassets: the KL term is that of normal distributions, a mean over t
 }
 
 TEST_CASE("genassets: an actor that a step does not show stands still, momentum or not") {
-  const ToyFolder folder;
+  const Folder folder;
   Scene scene = toy_street(folder.path, {.frames = 6});
   scene.actors = {toy_actor("stays", {2, 4, 3}, 12, 0), toy_actor("leaves", {2, 3, 1.5}, 10, 2)};
   scene.actors[1].boxes.resize(3);
@@ -330,7 +330,7 @@ TEST_CASE("genassets: an actor that a step does not show stands still, momentum 
 }
 
 TEST_CASE("genassets: logs without actors, without LiDAR, and with boxes of no size train") {
-  const ToyFolder folder;
+  const Folder folder;
   const Scene empty = toy_street(folder.path);
   Scene no_lidar = toy_street(folder.path, {.frames = 1, .lidar = false});
   no_lidar.actors = {toy_actor("a", {2, 4, 1.5}, 12, 0)};
@@ -351,7 +351,7 @@ TEST_CASE("genassets: logs without actors, without LiDAR, and with boxes of no s
 }
 
 TEST_CASE("genassets: adopted networks stand still, the log's own parameters do not") {
-  const ToyFolder folder;
+  const Folder folder;
   Scene scene = toy_street(folder.path);
   scene.actors = {toy_actor("a", {2, 6, 3}, 12, 0)};
   const Settings all = {{"weight.perceptual", "0.1"}, {"weight.adversarial", "0.001"}};
@@ -379,7 +379,7 @@ TEST_CASE("genassets: adopted networks stand still, the log's own parameters do 
 
 TEST_CASE(
     "genassets: an asset that is added with an actor's code, class and size looks like it, one of another code not") {
-  const ToyFolder folder;
+  const Folder folder;
   const auto method = built(crossing(folder.path, 5));
   fill(*method);
   Street& street = *method->street();
@@ -406,7 +406,7 @@ TEST_CASE(
 }
 
 TEST_CASE("genassets: settings that no street can be made with are errors that name them") {
-  const ToyFolder folder;
+  const Folder folder;
   const Scene scene = toy_street(folder.path, {.lidar = false});
   const Settings bad = {{"steps.background", "0"}, {"steps.actor", "-1"},     {"space.voxel", "1e-9"},
                         {"steps.sky", "0"},        {"image.doublings", "-1"}, {"decoder.widths", "8,x"},

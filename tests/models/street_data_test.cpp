@@ -35,7 +35,7 @@ bool meets(const Actor& actor, double time, const Vector3d& origin, const Vector
 }  // namespace
 
 TEST_CASE("patches: rays look through the middle of the pixels that they stand for") {
-  const ToyFolder folder;
+  const Folder folder;
   const Scene scene = toy_street(folder.path, {.frames = 3});
   const StreetSpace space(scene, {});
   for (const int scale : {1, 2, 4}) {
@@ -75,7 +75,7 @@ TEST_CASE("patches: rays look through the middle of the pixels that they stand f
 }
 
 TEST_CASE("patches: the actors that their rays meet are marked, and those out of sight are not") {
-  const ToyFolder folder;
+  const Folder folder;
   Scene scene = toy_street(folder.path, {.frames = 5});
   scene.actors = {toy_actor("ahead", {2, 1, 1.5}, 15, 4), toy_actor("around the corner", {1, 9, 4}, 3, -6),
                   toy_actor("behind", {2, 2, 2}, -9, 0), toy_actor("beside", {5, 2, 2}, 1, 2),
@@ -109,7 +109,7 @@ TEST_CASE("patches: the actors that their rays meet are marked, and those out of
 }
 
 TEST_CASE("returns lie where the LiDAR saw them, and not on actors that are left out") {
-  const ToyFolder folder;
+  const Folder folder;
   Scene scene = toy_street(folder.path, {.frames = 3});
   scene.actors = {toy_actor("ahead", {2, 4, 3}, 12, 0), toy_actor("behind", {2, 2, 2}, -9, 0)};
   std::vector<StreetData::LoadedSweep> sweeps;
@@ -150,7 +150,7 @@ TEST_CASE("returns lie where the LiDAR saw them, and not on actors that are left
 }
 
 TEST_CASE("images smaller than the pixels that a ray stands for, and logs without images, are errors") {
-  const ToyFolder folder;
+  const Folder folder;
   const Scene scene = toy_street(folder.path);
   const StreetData data(scene, toy_pixels(scene), {}, 64);
   CHECK_THROWS_AS((void)data.patch_side(8), Error);

@@ -41,7 +41,7 @@ struct Seen {
     out.look(scene, {{scene.sweeps[0], lidar}});
     return out;
   }
-  ToyFolder folder;
+  Folder folder;
   Scene scene;
   std::vector<float> still, moving, points;
   LidarPoints lidar;

@@ -1,10 +1,7 @@
 // A street small enough to train on within a test: a wall 30 m ahead of cameras that look along x, and what drives
 // between. Photos are made up; LiDAR returns come from the wall alone.
 #pragma once
-#include <unistd.h>
-
 #include <Eigen/Dense>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -13,21 +10,11 @@
 #include "models/data/load_images.h"
 #include "models/data/load_sweep.h"
 #include "models/scene/scene.h"
+#include "tests/models/folder.h"
 
 namespace cloam {
 
 constexpr double kToyWall = 30;
-
-struct ToyFolder {
-  ToyFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "cloam-toy-XXXXXX").string();
-    path = mkdtemp(name.data());
-  }
-  ~ToyFolder() { std::filesystem::remove_all(path); }
-  ToyFolder(const ToyFolder&) = delete;
-  ToyFolder& operator=(const ToyFolder&) = delete;
-  std::filesystem::path path;
-};
 
 inline Eigen::Matrix4d toy_pose(double x, double y, double z) {
   Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
