@@ -152,6 +152,8 @@ Command add_synth(CLI::App& program) {
   parser->add_option("--size", request->size, "Of the pictures (320x180)");
   parser->add_option("--night", request->night, "Probability that a log is at night (0.25)")
       ->check(CLI::Range(0.0, 1.0));
+  parser->add_option("--clouds", request->log.clouds, "By day: 0 is a clear sky, at 1 nothing has a shadow (0)")
+      ->check(CLI::Range(0.0, 1.0));
   parser->add_option("--beams", request->log.beams, "Of the LiDAR (32)")->check(CLI::Range(1, 256));
   parser->add_flag("--rolling-shutter", request->log.rolling_shutter,
                    "Pictures take 30 ms from top to bottom, sweeps 100 ms around");

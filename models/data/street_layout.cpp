@@ -60,9 +60,13 @@ std::string draw_id(Random& random) {
 
 class Layout {
  public:
-  Layout(uint64_t seed, bool night, double seconds)
-      : random_(seed), actor_random_(seed ^ 0x6163746f72), scenery_random_(seed ^ 0x7363656e65), seconds_(seconds) {
-    made_.world.light.night = night;
+  Layout(uint64_t seed, const Weather& weather, double seconds)
+      : weather_(weather),
+        random_(seed),
+        actor_random_(seed ^ 0x6163746f72),
+        scenery_random_(seed ^ 0x7363656e65),
+        seconds_(seconds) {
+    made_.world.light.night = weather.night;
   }
 
   MadeStreet make() {
@@ -223,14 +227,29 @@ class Layout {
     light.bounce = bright * Vector3d(0.25, 0.24, 0.21);
     light.zenith = mix({0.16, 0.32, 0.62}, {0.26, 0.36, 0.52}, random_.between(0, 1));
     light.horizon = mix({0.66, 0.74, 0.82}, {0.78, 0.76, 0.70}, warm);
-    if (!light.night) return;
+    light.glare = {0.30, 0.26, 0.18};
+    if (!light.night) return cover(light);
     light.sun.setZero();
+    light.glare.setZero();
     light.sky = {0.055, 0.062, 0.085};
     light.bounce = {0.035, 0.034, 0.038};
     light.zenith = {0.004, 0.006, 0.014};
     light.horizon = {0.020, 0.023, 0.034};
   }
 
+  /// Clouds scatter the sun's light: as much reaches a roof, from everywhere above.
+  void cover(Light& light) const {
+    const double clouds = weather_.clouds;
+    const Vector3d scattered = clouds * light.to_sun.z() * light.sun;
+    light.sun *= 1 - clouds;
+    light.glare *= 1 - clouds;
+    light.sky += 0.5 * scattered;
+    light.bounce += 0.25 * scattered;
+    light.zenith = mix(light.zenith, {0.62, 0.64, 0.68}, clouds);
+    light.horizon = mix(light.horizon, {0.74, 0.75, 0.77}, clouds);
+  }
+
+  Weather weather_;
   MadeStreet made_;
   StreetPlan plan_;
   std::vector<PlacedThing> scenery_;
@@ -240,6 +259,8 @@ class Layout {
 
 }  // namespace
 
-MadeStreet make_street(uint64_t seed, bool night, double seconds) { return Layout(seed, night, seconds).make(); }
+MadeStreet make_street(uint64_t seed, const Weather& weather, double seconds) {
+  return Layout(seed, weather, seconds).make();
+}
 
 }  // namespace cloam

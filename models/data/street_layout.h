@@ -11,7 +11,12 @@ struct MadeStreet {
   Track ego;
 };
 
+struct Weather {
+  bool night = false;
+  double clouds = 0;  // share of the sun's light that they take and the sky gives back; not at night
+};
+
 /// All that a car which drives for so many seconds meets. At most 255 actors.
-MadeStreet make_street(uint64_t seed, bool night, double seconds);
+MadeStreet make_street(uint64_t seed, const Weather& weather, double seconds);
 
 }  // namespace cloam

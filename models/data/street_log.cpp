@@ -27,14 +27,14 @@ constexpr int kTurns = 8;
 void check(const StreetLogOptions& options) {
   const bool sound = options.frames >= 1 && options.frames <= 200 && options.width >= 16 && options.width <= 4096 &&
                      options.height >= 16 && options.height <= 4096 && options.beams >= 1 && options.beams <= 256 &&
-                     !options.cameras.empty();
+                     !options.cameras.empty() && options.clouds >= 0 && options.clouds <= 1;
   if (sound) return;
   throw Error(
       Fault::usage,
       text("a synthetic log has 1 to 200 frames, pictures of 16 to 4096 pixels a side, 1 to 256 beams, at least "
-           "one camera; got ",
+           "one camera, clouds of 0 to 1; got ",
            options.frames, ", ", options.width, "x", options.height, ", ", options.beams, ", ", options.cameras.size(),
-           " and ", options.night));
+           " and ", options.clouds));
 }
 
 /// [height, width] of float16 as numpy saves it; numpy.lib.format, version 1.
@@ -61,7 +61,7 @@ class StreetLog {
       : root_(root),
         options_(options),
         on_picture_(on_picture),
-        street_(make_street(options.seed, options.night, options.frames / kRate)) {}
+        street_(make_street(options.seed, {options.night, options.clouds}, options.frames / kRate)) {}
 
   void write() {
     const Scene log = describe();

@@ -14,6 +14,7 @@ struct StreetLogOptions {
   int width = 320, height = 180;
   int beams = 32;
   bool night = false;
+  double clouds = 0;             // share of the sun's light that comes from all over the sky instead
   bool rolling_shutter = false;  // pictures take 30 ms and sweeps 100 ms, in which all goes on moving
   bool truth = true;
   std::uint64_t seed = 0;

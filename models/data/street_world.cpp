@@ -68,9 +68,7 @@ std::optional<GroundHit> hit_ground(const Course& course, const Ray& ray) {
 Vector3d sky(const Light& light, const Vector3d& direction) {
   const double up = std::clamp(direction.z(), 0.0, 1.0);
   Vector3d colour = mix(light.horizon, light.zenith, std::sqrt(up));
-  if (light.night) return colour;
-  const double glare = std::max(0.0, direction.dot(light.to_sun));
-  return colour + std::pow(glare, 24) * Vector3d(0.30, 0.26, 0.18);
+  return colour + std::pow(std::max(0.0, direction.dot(light.to_sun)), 24) * light.glare;
 }
 
 }  // namespace

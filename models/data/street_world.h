@@ -90,6 +90,7 @@ struct Light {
   Eigen::Vector3d to_sun = Eigen::Vector3d::UnitZ();
   Eigen::Vector3d sun, sky, bounce;    // linear RGB on a white surface that faces it
   Eigen::Vector3d zenith, horizon;     // of the sky as seen
+  Eigen::Vector3d glare;               // of the sky around the sun
   std::vector<Eigen::Vector3d> lamps;  // lit at night
 };
 

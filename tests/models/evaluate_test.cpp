@@ -105,6 +105,8 @@ TEST_CASE("each actor is painted in its own true mean colour, and rows in their 
   for (std::size_t i = 0; i < 12; ++i) rgb[i] = values[i / 3];
   const GuessScores scores = Guesses(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, &mask});
   CHECK(scores.mean_masked == doctest::Approx(-10 * std::log10(0.5 * 0.01)).epsilon(1e-4));
+  mask.actors = {0, 0, 2, 2, 0, 0, 0, 0};  // of one colour: its own mean is no guess
+  CHECK(std::isnan(Guesses(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, &mask}).mean_masked));
   for (FramePixels& frame : log.train.frames)
     for (std::size_t i = 0; i < 32; ++i) frame.rgba[i] = i % 4 == 3 ? 255 : i < 16 ? 100 : 200;
   for (std::size_t i = 0; i < 24; ++i) rgb[i] = (i < 12 ? 110.f : 210.f) / 255;

@@ -225,7 +225,7 @@ TEST_CASE("street logs: LiDAR points lie at the depth that the pictures have") {
 }
 
 TEST_CASE("street logs: turned actors lie in their turned boxes, and their shadows follow") {
-  const MadeStreet street = make_street(5, false, 1);
+  const MadeStreet street = make_street(5, {}, 1);
   const StreetPicture plain = take_picture(street, exposure_of(0));
   for (const double turn : {0.25 * M_PI, 1.5 * M_PI}) {
     const Exposure exposure = exposure_of(turn);
@@ -255,8 +255,39 @@ TEST_CASE("street logs: turned actors lie in their turned boxes, and their shado
   CHECK(other < 30);  // rounding at edges
 }
 
+TEST_CASE("street logs: under clouds actors stand where they stood, and cast no shadows") {
+  const Exposure exposure = exposure_of(0);
+  const auto shadows = [&](double clouds) {
+    const MadeStreet street = make_street(5, {false, clouds}, 1);
+    const Matrix4d pose = world_from_camera(street, *exposure.mount, 0);
+    const StreetPicture picture = take_picture(street, exposure);
+    const StreetMoment before(street.world, 0), after(street.world, 0, 0.5 * M_PI);
+    const auto covered = [&](const Vector3d& point) {  // dark under any sky
+      const Ray up{point + Vector3d(0, 0, 0.01), Vector3d::UnitZ()};
+      return before.nearest(up, 0) || after.nearest(up, 0);
+    };
+    int count = 0;
+    for (std::size_t pixel = 0; pixel < picture.depth.size(); ++pixel) {
+      if (picture.depth[pixel] == 0) continue;
+      const Vector3d place = pose.topRightCorner<3, 1>(),
+                     point = seen_point(exposure.camera, pose, pixel, picture.depth[pixel]);
+      const Ray ray{place, (point - place).normalized()};
+      const auto a = before.nearest(ray, 0), b = after.nearest(ray, 0);
+      if (!a || !b || a->actor != 0 || b->actor != 0 || covered(point)) continue;
+      count += (before.colour(ray, 0) - after.colour(ray, 0)).norm() > 0.1;
+    }
+    return count;
+  };
+  CHECK(shadows(0) > 20);
+  CHECK(shadows(1) == 0);
+  const auto actors_under = [&](double clouds) {
+    return take_picture(make_street(5, {false, clouds}, 1), exposure).actor;
+  };
+  CHECK(actors_under(1) == actors_under(0));
+}
+
 TEST_CASE("street logs: the turned frames on disk are those of their angle") {
-  const MadeStreet street = make_street(small_options().seed, false, 0.1 * kFrames);
+  const MadeStreet street = make_street(small_options().seed, {}, 0.1 * kFrames);
   Exposure exposure = exposure_of(0);
   exposure.camera = {kWidth,
                      kHeight,
@@ -285,7 +316,7 @@ TEST_CASE("street logs: the turned frames on disk are those of their angle") {
 }
 
 TEST_CASE("street logs: a rolling shutter's rows and a moving LiDAR's columns are those of their times") {
-  const MadeStreet street = make_street(6, false, 1);
+  const MadeStreet street = make_street(6, {}, 1);
   Exposure exposure = exposure_of(0);
   exposure.time = 0.3;
   exposure.duration = 0.2;
