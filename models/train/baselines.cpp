@@ -14,6 +14,7 @@ namespace cloam {
 namespace {
 
 constexpr std::size_t kChannels = 3;
+constexpr double kExact = 100;  // dB: only rounding differs
 
 Eigen::Vector3d place(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
 Eigen::Vector3d sight(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
@@ -65,7 +66,8 @@ double painted_mean(const MeasuredPhoto& photo) {
     const auto& sum = sums.at(actors[i / kChannels]);
     guess[i] = static_cast<float>(sum[i % kChannels] / sum[kChannels]);
   }
-  return over_actors(guess, photo);
+  const double score = over_actors(guess, photo);
+  return score < kExact ? score : kNoScore;  // masks of a pixel or two: nothing was guessed
 }
 
 std::vector<float> mean_of(const std::vector<float>& a, const std::vector<float>& b) {
