@@ -62,6 +62,8 @@ void GenAssets::configure(Config& c) {
   c.bind("steps.sky", config_.steps.sky, "samples of the sky");
   c.bind("space.voxel", config_.space.voxel, "metres, of the LiDAR's occupancy grid");
   c.bind("space.dilate", config_.space.dilate, "voxels around occupied ones that count as well");
+  c.bind("actors.symmetric", config_.symmetric, "the left of actors is their right, mirrored");
+  c.bind("view.drop", config_.view_drop, "share of the steps in which actors are seen without a view direction");
   c.bind("shadows", config_.shadows, "actors cast shadows on the ground below their boxes");
   c.bind("batch.whole_images", config_.whole_images, "a whole image a step, computed in tiles, instead of patches");
   c.bind("batch.tile_rays", config_.tile_rays, "whole images: rays in memory at a time");
@@ -75,7 +77,7 @@ void GenAssets::configure(Config& c) {
   c.bind("adversarial.widths", config_.discriminator_widths, "of the discriminator's blocks");
   c.bind("weight.lidar", config_.weight_lidar, "of the LiDAR depth error, squared up to a metre");
   c.bind("weight.stray", config_.weight_stray, "of matter along LiDAR rays that is not near their return");
-  c.bind("weight.kl", config_.weight_kl, "of the codes' KL term");
+  c.bind("weight.kl", config_.weight_kl, "of the codes' KL term, a mean over their numbers");
   c.bind("perceptual.weights", config_.perceptual_weights, "file with a pretrained network; empty: random features");
   c.bind("train.rate_codes", config_.rate_codes, "learning rate of codes");
   c.bind("train.rate_decoder", config_.rate_decoder, "learning rate of the asset decoder");
@@ -332,7 +334,7 @@ GenAssets::Decoded GenAssets::decode(const std::vector<AssetPlace>& assets, cons
     if (how.random)
       code = mean_code + exp(log_variance * 0.5f) * random_normal({count, numbers}, stream(how.key, kCodes));
     const Tensor terms = square(mean_code) + exp(log_variance) - 1.f - log_variance;
-    out.kl = sum(terms) * (0.5f / static_cast<float>(count));
+    out.kl = mean(terms) * 0.5f;
   }
   std::vector<int32_t> classes;
   for (const AssetPlace& asset : assets) classes.push_back(logs_[asset.log].classes[asset.actor]);
@@ -373,7 +375,7 @@ GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, cons
   }
   const StreetSamples& s = out.samples;
   Tensor harmonics = gather_rows(spherical_harmonics(at.directions), s.ray);
-  if (s.owners.dim(0) > 0) harmonics = concat({harmonics, spherical_harmonics(s.actor_directions)}, 0);
+  if (s.owners.dim(0) > 0) harmonics = concat({harmonics, actor_views(s.actor_directions, how.blind)}, 0);
   const StreetField::Geometry geometry = field_->geometry(features_at(log, s, decoded.planes, slots));
   out.alpha = field_->opacity(geometry.distance);
   const int64_t wide = config_.field.features;
@@ -386,6 +388,22 @@ GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, cons
   out.actor_opacity = column(blended, wide + 3);
   if (s.shadow_owners.dim(0) > 0) out.shadow = shadows_of(log, out, decoded.planes, slots);
   return out;
+}
+
+/// Spherical harmonics of directions [S,3] in actors' boxes; blind: without all that depends on the direction.
+Tensor GenAssets::actor_views(const Tensor& directions, bool blind) {
+  const Tensor harmonics = spherical_harmonics(directions);
+  if (!blind) return harmonics;
+  std::vector<float> first(static_cast<size_t>(harmonics.dim(1)), 0.f);
+  first[0] = 1;
+  return harmonics * from_host(first, {1, harmonics.dim(1)});
+}
+
+/// Where in an actor's planes points of its cube [S,3] are read: of symmetric actors the right half stands for both.
+Tensor GenAssets::in_cube(const Tensor& points) const {
+  if (!config_.symmetric) return points;
+  const Tensor across = from_host(std::vector<float>{1, 0, 0}, {1, 3});
+  return points * (1.f - across) + (abs(points - 0.5f) + 0.5f) * across;
 }
 
 /// points [S,3] in [0,1]^3 -> [S,2 kHeights]: hat functions of the height for what is near, ramps for the sky. A ramp
@@ -406,7 +424,7 @@ Tensor GenAssets::features_at(const Log& log, const StreetSamples& s, const Tens
   const Tensor background = sample_planes(reshape(log.background, {3, side, side, channels}), s.points) +
                             matmul(heights(s.points), log.common_background);
   if (s.owners.dim(0) == 0) return background;
-  return concat({background, sample_planes(planes, s.actor_points, gather_rows(slots, s.owners))}, 0);
+  return concat({background, sample_planes(planes, in_cube(s.actor_points), gather_rows(slots, s.owners))}, 0);
 }
 
 /// Actors that rays meet get slots: only they are decoded.
@@ -428,7 +446,7 @@ GenAssets::Met GenAssets::meet(const Stage& stage, const StreetSamples& s) const
 Tensor GenAssets::shadows_of(const Log& log, const Shaded& shaded, const Tensor& planes, const Tensor& slots) const {
   const StreetSamples& s = shaded.samples;
   const int64_t places = s.shadow_owners.dim(0);
-  const Tensor features = sample_planes(planes, s.shadow_points, gather_rows(slots, s.shadow_owners));
+  const Tensor features = sample_planes(planes, in_cube(s.shadow_points), gather_rows(slots, s.shadow_owners));
   const Tensor night = full({places, 1}, log.scene.night ? 1.f : 0.f);
   const Tensor dark =
       softplus(-((*shadow_)(concat({features, spherical_harmonics(s.shadow_directions), night}, 1)) + kBright));
@@ -466,6 +484,12 @@ Tensor GenAssets::adversarial_loss(const Tensor& image, const Tensor& truth) con
   return fooled * config_.weight_adversarial + told;
 }
 
+/// Whether the step sees actors without a view direction: else colours would follow directions that one actor alone
+/// was seen from, and change when it turns.
+bool GenAssets::blind(const Progress& progress) const {
+  return HostRandom(~seed_, static_cast<uint64_t>(progress.step)).uniform() < config_.view_drop;
+}
+
 Tensor GenAssets::loss(const Progress& progress) {
   HostRandom random(seed_, static_cast<uint64_t>(progress.step));
   const Log& log = logs_[random.below(logs_.size())];
@@ -477,8 +501,8 @@ Tensor GenAssets::loss(const Progress& progress) {
   const int64_t all = rays.count();
   // A pass through the distance alone finds what lies behind surfaces; it pays once a quarter of the samples are dark.
   const bool skim = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
-  const Shaded seen =
-      shade(street(log, rays), rays, {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skim}, true);
+  const Drawing how{{seed_, static_cast<uint32_t>(progress.step), 0}, true, skim, blind(progress)};
+  const Shaded seen = shade(street(log, rays), rays, how, true);
   const auto map = [&](const Tensor& x) {
     return permute(reshape(slice(x, 0, 0, camera_rays), {patches, side, side, x.dim(1)}), {0, 3, 1, 2});
   };

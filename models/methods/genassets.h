@@ -27,6 +27,8 @@ struct GenAssetsConfig {
   int decoder_middle = 256, decoder_groups = 32;
   bool decoder = true;      // false: actors' tri-planes are learned directly (Table A2)
   bool variational = true;  // codes as (mean, log variance) with the KL term
+  bool symmetric = false;   // left and right, in their boxes' x
+  float view_drop = 0.5f;   // share of the steps that see actors without a view direction
   bool shadows = true;
   int background_side = 256;  // texels
   bool whole_images = false;
@@ -93,7 +95,8 @@ class GenAssets final : public Method, public Street {
   struct Drawing {
     RandomKey key;
     bool random = false;
-    bool skim = true;  // leave out samples behind surfaces
+    bool skim = true;    // leave out samples behind surfaces
+    bool blind = false;  // actors are seen without a view direction
   };
   struct Met {
     std::vector<int32_t> slot_of;    // of the log's actors; -1: none
@@ -101,7 +104,7 @@ class GenAssets final : public Method, public Street {
   };
   struct Decoded {
     Tensor planes;  // [3,N,side,side,channels]; empty: no asset is met
-    Tensor kl;      // mean over the assets; empty without
+    Tensor kl;      // mean over the codes' numbers; empty without
     Tensor slots;   // int32: place in planes of each of the stage's actors
   };
   struct Shaded {
@@ -126,6 +129,9 @@ class GenAssets final : public Method, public Street {
   Decoded decode(const std::vector<AssetPlace>& assets, const Drawing& how) const;
   Tensor asset_rows(const std::vector<AssetPlace>& assets) const;
   Met meet(const Stage& stage, const StreetSamples& samples) const;
+  Tensor in_cube(const Tensor& points) const;
+  bool blind(const Progress& progress) const;
+  static Tensor actor_views(const Tensor& directions, bool blind);
   static Tensor heights(const Tensor& points);
   Tensor features_at(const Log& log, const StreetSamples& samples, const Tensor& planes, const Tensor& slots) const;
   Shaded shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows,

@@ -162,7 +162,7 @@ AssetSamples GenAssets::sample_asset(const AssetName& asset, const std::vector<f
   const Tensor planes = stop_gradient(decode({place}, {}).planes), owners = dense_zeros(count);
   const float scale = cube_scale(size_of(place));
   const auto geometry = [&](const Tensor& at) {
-    return field_->geometry(sample_planes(planes, at * scale + 0.5f, owners));
+    return field_->geometry(sample_planes(planes, in_cube(at * scale + 0.5f), owners));
   };
   const Tensor at = from_host(points, {count, 3});
   // The way outwards by differences over the corners of a tetrahedron.

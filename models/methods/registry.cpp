@@ -94,6 +94,7 @@ const std::vector<Preset>& presets() {
         {"image.blocks", "4"},
         {"image.doublings", "1"},
         {"steps.actor", "0.1"},
+        {"actors.symmetric", "true"},
         {"weight.adversarial", "0"},
         {"batch.lidar_rays", "512"},
         {"train.rate_codes", "0.02"},

@@ -281,7 +281,7 @@ TEST_CASE("genassets: what a LiDAR would measure") {
   CHECK(returns.depths[2] == 0);                            // the sky
 }
 
-TEST_CASE("genassets: the KL term is that of normal distributions, a mean over the actors met") {
+TEST_CASE("genassets: the KL term is that of normal distributions, a mean over the numbers of the actors met") {
   const Folder folder;
   Scene scene = toy_street(folder.path);
   scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 2), toy_actor("b", {2, 4, 1.5}, 12, -2)};
@@ -294,12 +294,48 @@ TEST_CASE("genassets: the KL term is that of normal distributions, a mean over t
     codes.push_back(0.7f * std::sin(static_cast<float>(3 * i)));
     const bool variance = i / numbers % 2 == 1;
     const double value = double{codes.back()}, log_variance = value - 6;
-    want += 0.5 / 2 * (variance ? std::exp(log_variance) - 1 - log_variance : value * value);
+    want += 0.5 / (2 * numbers) * (variance ? std::exp(log_variance) - 1 - log_variance : value * value);
   }
   put(*method, "log0.codes", codes);
   const Tensor loss = method->loss({1, 100, 1});
   REQUIRE(method->metrics().at("actors") == 2);
   CHECK(double{loss.item()} == doctest::Approx(want).epsilon(1e-5));
+}
+
+TEST_CASE("genassets: actors without a view direction look as if their field knew none") {
+  const Folder folder;
+  Scene scene = toy_street(folder.path);
+  scene.actors = {toy_actor("wall", {20, 2, 20}, 8, 0)};  // hides all else
+  const auto loss = [&](const char* drop, bool forget) {
+    const auto method = loaded(scene, {{"view.drop", drop}, {"weight.kl", "0"}, {"batch.lidar_rays", "0"}});
+    fill(*method);
+    const std::string name = "networks.field.feature.weight0";
+    std::vector<float> weights = method->parameters().at(name).to_host();
+    const auto row = weights.size() / (32 + 16);  // inner feature, harmonics
+    if (forget) std::fill(weights.begin() + static_cast<std::ptrdiff_t>(33 * row), weights.end(), 0.f);
+    put(*method, name, weights);
+    return double{method->loss({1, 100, 1}).item()};
+  };
+  const double blind = loss("1", false), seeing = loss("0", false);
+  CHECK(blind == doctest::Approx(loss("0", true)).epsilon(1e-5));
+  CHECK(std::abs(blind - seeing) > 1e-4);
+}
+
+TEST_CASE("genassets: what a symmetric actor's left shows is its right, mirrored") {
+  const Folder folder;
+  Scene scene = toy_street(folder.path);
+  scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 2)};
+  const std::vector<float> right = {0.4f, 0.7f, 0.2f, 0.1f, -1.2f, -0.3f},
+                           left = {-0.4f, 0.7f, 0.2f, -0.1f, -1.2f, -0.3f};
+  for (const char* symmetric : {"true", "false"}) {
+    const auto method = built(scene, {{"actors.symmetric", symmetric}});
+    const auto distances = [&](const std::vector<float>& points) {
+      return method->street()->sample_asset({0, "a"}, points).distances;
+    };
+    const std::vector<float> a = distances(right), b = distances(left);
+    const float apart = std::max(std::abs(a[0] - b[0]), std::abs(a[1] - b[1]));
+    CHECK((apart < 1e-5f) == (std::string(symmetric) == "true"));
+  }
 }
 
 TEST_CASE("genassets: an actor that a step does not show stands still, momentum or not") {
