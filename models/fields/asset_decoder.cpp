@@ -16,7 +16,9 @@ AssetDecoder::AssetDecoder(const Scope& scope, const AssetDecoderOptions& o)
       attention_(scope / "middle.attention", {o.middle, o.groups}),
       middle2_(scope / "middle.block1", {o.middle, o.middle, o.groups}),
       last_norm_(scope / "last_norm", o.widths.back(), o.groups),
-      leave_(scope / "leave", {o.widths.back(), o.plane_channels}) {
+      leave_(scope / "leave", {o.widths.back(), o.plane_channels}),
+      place_(scope / "past.place", {o.latent_channels, o.plane_channels, 1}),
+      whole_(scope / "past.whole", {o.latent_channels, o.plane_channels, 1}) {
   int64_t width = o.middle;
   for (size_t i = 0; i < o.widths.size(); i++) {
     const Scope here = scope / ("stage" + std::to_string(i));
@@ -39,7 +41,9 @@ Tensor AssetDecoder::operator()(const Tensor& latent, const Tensor& class_id) co
   Tensor h = middle1_(enter_(concat({latent, tiled}, 1)));
   h = middle2_(attention_(h));
   for (const Stage& stage : stages_) h = stage.block(stage.after_doubling ? stage.after_doubling->on_doubled(h) : h);
-  return leave_(last_norm_.then_silu(h));
+  const Tensor planes = leave_(last_norm_.then_silu(h));
+  const Tensor past = place_(latent) + whole_(mean(latent, {{2, 3}, true}));
+  return planes + resize_bilinear(past, planes.dim(2), planes.dim(3));
 }
 
 }  // namespace cloam

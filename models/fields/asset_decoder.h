@@ -35,6 +35,9 @@ class AssetDecoder {
   std::vector<Stage> stages_;
   GroupNorm last_norm_;
   Conv2d leave_;
+  // Past all of it: what a code says of a place, and of the whole asset. Group norms take from codes what is alike
+  // everywhere, so that a paint would have to be learned place by place, and sides that no camera saw have none.
+  Conv2d place_, whole_;
 };
 
 }  // namespace cloam
