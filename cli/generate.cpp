@@ -33,8 +33,8 @@ Examples:
   cloam generate runs/assets -n 4 --class Car --time night --seed 7 --guidance 2 -o cars
 
 Writes latents.safetensors, grid.png, generate.json and for each asset a turntable (GIF) and a mesh (GLB). The same seed
-gives the same files. Without --class and --time both are drawn as often as training had them. Boxes have the mean size
-of their class in training.)";
+gives the same files. Without --class and --time both are drawn as often as training had them. An asset has
+the box of the training actor of its class whose code is nearest.)";
 
 struct GenerateRequest {
   std::string run, out, asset_class, time;

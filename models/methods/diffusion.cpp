@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 
 #include "models/diffusion/sampler.h"
@@ -327,15 +328,19 @@ int32_t Diffusion::drawn_actor(const AssetWish& wish, uint64_t index) const {
   return from[random.below(from.size())];
 }
 
-Eigen::Vector3d Diffusion::mean_size(int asset_class) const {
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  double count = 0;
-  for (const int32_t row : training_)
-    if (codes_.classes[static_cast<size_t>(row)] == asset_class) {
-      sum += codes_.sizes[static_cast<size_t>(row)];
-      count++;
-    }
-  return sum / count;
+Eigen::Vector3d Diffusion::nearest_size(const std::vector<float>& code, int asset_class) const {
+  const size_t places = code.size() / deviation_.size();
+  double least = std::numeric_limits<double>::infinity();
+  Eigen::Vector3d size = Eigen::Vector3d::Zero();
+  for (const int32_t row : training_) {
+    const auto at = static_cast<size_t>(row);
+    if (codes_.classes[at] != asset_class) continue;
+    double apart = 0;
+    for (size_t i = 0; i < code.size(); ++i)
+      apart += std::pow(double{code[i] - codes_.means[at * code.size() + i]} / double{deviation_[i / places]}, 2);
+    if (apart < least) least = apart, size = codes_.sizes[at];
+  }
+  return size;
 }
 
 Tensor Diffusion::sampled(const AssetWish& wish, const std::vector<NewAsset>& assets) const {
@@ -371,15 +376,16 @@ std::vector<NewAsset> Diffusion::generate(const AssetWish& wish) {
     NewAsset asset;
     asset.asset_class = wish.asset_class.value_or(codes_.classes[like]);
     asset.night = wish.night.value_or(codes_.nights[like] == 1);
-    asset.size = mean_size(asset.asset_class);
     assets.push_back(asset);
   }
   const Tensor codes = sampled(wish, assets) * by_channel(deviation_) + by_channel(mean_);
   const std::vector<float> values = codes.to_host();
   const size_t numbers = values.size() / assets.size();
-  for (size_t i = 0; i < assets.size(); ++i)
+  for (size_t i = 0; i < assets.size(); ++i) {
     assets[i].code.assign(values.begin() + static_cast<std::ptrdiff_t>(i * numbers),
                           values.begin() + static_cast<std::ptrdiff_t>((i + 1) * numbers));
+    assets[i].size = nearest_size(assets[i].code, assets[i].asset_class);
+  }
   return assets;
 }
 

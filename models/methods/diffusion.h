@@ -70,7 +70,8 @@ class Diffusion final : public Method, public AssetPrior {
   /// Mean over the rows, several times each, with the averaged network.
   Loss v_loss(const std::vector<int32_t>& rows) const;
   int32_t drawn_actor(const AssetWish& wish, uint64_t index) const;
-  Eigen::Vector3d mean_size(int asset_class) const;
+  /// The box of the training actor of a class whose code is nearest to another, by standardised numbers.
+  Eigen::Vector3d nearest_size(const std::vector<float>& code, int asset_class) const;
   /// Standardised codes of assets of these classes and times of day.
   Tensor sampled(const AssetWish& wish, const std::vector<NewAsset>& assets) const;
 

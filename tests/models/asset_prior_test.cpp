@@ -2,6 +2,7 @@
 // samples follow their class.
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <set>
@@ -27,6 +28,7 @@ struct MadeRun {
   bool variational = true;
   int actors = 20;           // a log: one of the day, one of the night
   bool last_unseen = false;  // the last actor of each log was seen in no step
+  bool people = true;        // every second actor; else all are cars
 };
 
 /// Cars have codes about 3 in the first channel, people about -1; the second channel is 5 everywhere.
@@ -48,10 +50,10 @@ StoredRun made_run(const MadeRun& made) {
     std::vector<float> rows;
     std::vector<int32_t> steps;
     for (int a = 0; a < made.actors; ++a) {
-      const bool car = a % 2 == 0;
+      const bool car = a % 2 == 0 || !made.people;
       scene.actors.push_back({std::to_string(a),
                               car ? "Car" : "Pedestrian",
-                              car ? Eigen::Vector3d(2, 4 + a % 4, 1.5) : Eigen::Vector3d(0.5, 0.5, 1.8),
+                              car ? Eigen::Vector3d(2, 4 + 0.5 * (a % 5), 1.5) : Eigen::Vector3d(0.5, 0.5, 1.8),
                               false,
                               {},
                               {}});
@@ -100,7 +102,7 @@ TEST_CASE("codes of a run come with class, time of day, size and deviation; acto
   CHECK(codes.unseen == 2);
   CHECK(codes.classes == std::vector<int32_t>{0, 7, 0, 7, 0, 0, 7, 0, 7, 0});
   CHECK(codes.nights == std::vector<int32_t>{0, 0, 0, 0, 0, 1, 1, 1, 1, 1});
-  CHECK(codes.sizes[7] == Eigen::Vector3d(2, 6, 1.5));
+  CHECK(codes.sizes[7] == Eigen::Vector3d(2, 5, 1.5));
   REQUIRE(codes.means.size() == 10 * kNumbers);
   CHECK(codes.means[kNumbers] == doctest::Approx(made_code(false, 0, 1)));
   CHECK(codes.deviations[5] == doctest::Approx(std::exp(0.5 * (3 - 6))));
@@ -210,7 +212,7 @@ TEST_CASE("held-out codes are told from noise, and samples have the class that w
   }
 }
 
-TEST_CASE("the same wish gives the same assets; what is not wished for is as in training; mean sizes of the class") {
+TEST_CASE("the same wish gives the same assets; what is not wished for is as in training") {
   Prior prior(made_run({}));
   AssetWish wish;
   wish.count = 40, wish.seed = 1, wish.steps = 2;
@@ -220,10 +222,7 @@ TEST_CASE("the same wish gives the same assets; what is not wished for is as in 
     CHECK(first[i].code == again[i].code);
     cars += first[i].asset_class == 0;
     nights += first[i].night;
-    if (first[i].asset_class == 0) {
-      CHECK(first[i].size.y() > 4.5);
-      CHECK(first[i].size.y() < 5.5);  // of lengths 4 and 6 alike
-    }
+    CHECK(first[i].size == again[i].size);
   }
   CHECK(std::abs(cars - 20) < 12);
   CHECK(std::abs(nights - 20) < 12);
@@ -233,6 +232,22 @@ TEST_CASE("the same wish gives the same assets; what is not wished for is as in 
   CHECK_THROWS_WITH_AS(prior.method.generate(wish), doctest::Contains("no Bus was in training"), Error);
   wish.asset_class = 0, wish.night = true;
   for (const NewAsset& asset : prior.method.generate(wish)) CHECK((asset.night && asset.asset_class == 0));
+}
+
+TEST_CASE("an asset has the box of the training actor of its class whose code is nearest") {
+  Prior prior(made_run({.variational = false, .people = false}));
+  AssetWish wish;
+  wish.count = 20, wish.seed = 4, wish.steps = 3, wish.asset_class = 0;
+  std::set<double> lengths;
+  for (const NewAsset& asset : prior.method.generate(wish)) {
+    // Cars whose codes are 0.1 x k off have lengths of 5 + 0.5 k, k from -2 to 2; the second channel tells none apart.
+    double middle = 0;
+    for (size_t i = 0; i < 4; ++i) middle += static_cast<double>(asset.code[i]) / 4;
+    const double k = std::clamp(std::round((middle - 3) / 0.1), -2., 2.);
+    CHECK(asset.size == Eigen::Vector3d(2, 5 + 0.5 * k, 1.5));
+    lengths.insert(asset.size.y());
+  }
+  CHECK(lengths.size() > 1);
 }
 
 TEST_CASE("settings of the network that cannot be are told with their names") {
