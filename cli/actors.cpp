@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "models/data/paths.h"
+#include "models/scene/asset_class.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -89,6 +90,15 @@ AssetName find_actor(const Scenes& scenes, const std::vector<std::string>& logs,
 
 std::string spelled(const Scenes& scenes, const AssetName& name) {
   return scenes.size() > 1 ? text(name.scene, ":", name.actor_id) : name.actor_id;
+}
+
+std::string seen_label(const StoredRun& run, const AssetName& name) {
+  const AssetName looks = looks_of(run.scenes, name);
+  const auto scene = static_cast<std::size_t>(looks.scene);
+  if (scene < run.scenes.size()) return actor_of(run.scenes, looks).label;
+  const int worn = run.generated.assets.at(scene - run.scenes.size()).asset_class;
+  const std::string& own = actor_of(run.scenes, name).label;
+  return asset_class(own) == worn ? own : kAssetClasses[worn];
 }
 
 Street& street_of(const RestoredRun& run) {

@@ -11,9 +11,9 @@
 #include "models/data/path_file.h"
 #include "models/data/paths.h"
 #include "models/scene/orbit.h"
+#include "models/train/asset_maker.h"
 #include "models/train/edit_run.h"
 #include "models/train/pictures.h"
-#include "models/train/scene_file.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -23,6 +23,7 @@ namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 
 constexpr int kThumbnail = 96, kColumns = 8;
+constexpr char kGenerated[] = "generated";
 constexpr char kExamples[] = R"(List the actors of a trained street, or write a run in which they are elsewhere.
 
 Examples:
@@ -31,6 +32,7 @@ Examples:
   cloam edit runs/street --actor 3f2a:rotate=90,shift=0,-5,0 --actor 1:77:remove -o runs/edited
   cloam edit runs/street --actor 3f2a:replace=0:c4 -o runs/edited  with the looks of another, of any log
   cloam edit runs/street --actor 3f2a:path=drive.csv -o runs/edited
+  cloam edit runs/street --actor 3f2a:replace=generated --prior runs/assets --seed 7 -o runs/edited
   cloam render runs/edited -o pictures                             what it looks like
 
 --actor [LOG:]ID:OPERATION,... applies from left to right, and may be repeated:
@@ -38,11 +40,15 @@ Examples:
   rotate=DEGREES  about its own z axis, counter-clockwise from above
   remove          it is gone, and the LiDAR with it
   replace=OTHER   looks and size that another actor ([LOG:]ID) has in RUN, standing on the same ground
+  replace=generated
+                  a new asset of its class and the log's time of day, of the run of diffusion that --prior names:
+                  of eight samples the one whose box is most like its own
   path=FILE       CSV or JSON of time, x, y, z, yaw in the log's world (docs/formats.md); no comma in the name
 ID is the beginning (or any part) of an id that no other has; LOG the number or the name of its log, where there are several.)";
 
 struct EditRequest {
-  std::string run, out;
+  std::string run, out, prior;
+  MakerWish wish;
   std::vector<std::string> actors;
   bool list = false;
 };
@@ -83,23 +89,27 @@ std::vector<double> numbers_of(const std::string& list, std::size_t count, const
 
 class Editor {
  public:
-  Editor(const Scenes& scenes, std::vector<std::string> logs)
-      : before_(scenes), scenes_(scenes), logs_(std::move(logs)) {}
+  Editor(const EditRequest& request, const Common& common)
+      : request_(request),
+        common_(common),
+        run_(read_run(request.run)),
+        before_(run_.scenes),
+        logs_(log_names(run_.record)) {}
 
   /// "[LOG:]ID:OPERATION,..."
   void apply_all(const std::string& given) {
     // An operand may have colons of its own (a log, a path): the last one before it ends the actor's name.
     const std::size_t colon = given.rfind(':', given.find_first_of("=,"));
     if (colon == std::string::npos) bad_operation(given, "want [LOG:]ID:OPERATION");
-    const AssetName actor = find_actor(scenes_, logs_, given.substr(0, colon));
+    const AssetName actor = find_actor(run_.scenes, logs_, given.substr(0, colon));
     for (const std::string& operation : split_operations(given.substr(colon + 1))) {
-      apply(parse(operation, given), scenes_, actor);
+      apply(parse(operation, actor, given), run_.scenes, actor);
     }
   }
-  const Scenes& scenes() const { return scenes_; }
+  const StoredRun& run() const { return run_; }
 
  private:
-  ActorEdit parse(const std::string& operation, const std::string& given) const {
+  ActorEdit parse(const std::string& operation, const AssetName& actor, const std::string& given) {
     const std::size_t equals = operation.find('=');
     const std::string name = operation.substr(0, equals);
     const std::string operand = equals == std::string::npos ? "" : operation.substr(equals + 1);
@@ -113,6 +123,7 @@ class Editor {
       bad_operation(given, name + (name == "remove" ? " takes no operand" : " wants an operand, after ="));
     }
     if (name == "remove") return Remove{};
+    if (name == "replace" && operand == kGenerated) return generated(actor, given);
     if (name == "replace") return replace_by(before_, find_actor(before_, logs_, operand));
     if (name == "path") return Follow{read_path_file(operand)};
     const std::vector<double> v = numbers_of(operand, name == "shift" ? 3 : 1, given);
@@ -120,9 +131,22 @@ class Editor {
     return Turn{v[0] * std::numbers::pi / 180};
   }
 
+  Replace generated(const AssetName& actor, const std::string& given) {
+    if (request_.prior.empty())
+      bad_operation(given, "replace=generated wants a run of diffusion that makes the asset: --prior RUN2");
+    if (!maker_) {
+      open_device(common_);
+      maker_.emplace(request_.prior, run_);
+    }
+    return maker_->make(run_, actor, request_.wish);
+  }
+
+  const EditRequest& request_;
+  const Common& common_;
+  StoredRun run_;
   const Scenes before_;  // what replace takes looks from, so that two actors can be swapped
-  Scenes scenes_;
   std::vector<std::string> logs_;
+  std::optional<AssetMaker> maker_;
 };
 
 /// Images in whose view the centre of the actor's box is.
@@ -140,6 +164,11 @@ std::size_t images_of(const Scene& scene, const Actor& actor) {
   return count;
 }
 
+std::string words_for_looks(const Scenes& scenes, const AssetName& looks) {
+  const auto logs = static_cast<int>(scenes.size());
+  return looks.scene < logs ? spelled(scenes, looks) : text(kGenerated, " ", looks.scene - logs);
+}
+
 Report row_of(const Scenes& scenes, int log, const Actor& actor, std::size_t place) {
   const Scene& scene = scenes[static_cast<std::size_t>(log)];
   Report row = {{"log", log},
@@ -149,7 +178,7 @@ Report row_of(const Scenes& scenes, int log, const Actor& actor, std::size_t pla
                 {"boxes", actor.boxes.size()},
                 {"images", images_of(scene, actor)},
                 {"stationary", actor.stationary},
-                {"looks_of", actor.asset ? Report(spelled(scenes, *actor.asset)) : Report()},
+                {"looks_of", actor.asset ? Report(words_for_looks(scenes, *actor.asset)) : Report()},
                 {"row", place / kColumns + 1},
                 {"column", place % kColumns + 1}};
   return row;
@@ -227,12 +256,21 @@ int list_actors(const EditRequest& request, const Common& common) {
   return 0;
 }
 
+/// Before work begins.
+void check_prior(const EditRequest& request) {
+  const bool is_used = std::any_of(request.actors.begin(), request.actors.end(), [](const std::string& given) {
+    return given.find(std::string("replace=") + kGenerated) != std::string::npos;
+  });
+  if (!is_used) throw Error(Fault::usage, "--prior makes what --actor ID:replace=generated asks for; nothing does");
+  check_is_prior(read_record(request.prior), request.prior);
+}
+
 int edit_actors(const EditRequest& request, const Common& common) {
-  const RunRecord record = read_record(request.run);
-  check_has_views(record);
-  Editor editor(read_scene_file(RunPaths{request.run}.scene()), log_names(record));
+  check_has_views(read_record(request.run));
+  if (!request.prior.empty()) check_prior(request);
+  Editor editor(request, common);
   for (const std::string& given : request.actors) editor.apply_all(given);
-  write_edited_run(request.run, request.out, editor.scenes(), command_line());
+  write_edited_run(editor.run(), request.out, command_line());
   if (common.json) put(Report({{"schema_version", 1}, {"run", request.out}}).dump() + "\n");
   say(common, text("the edited run is ", request.out, "\n  cloam render ", quoted(request.out),
                    " -o pictures, cloam simulate ", quoted(request.out), " -o LOG"));
@@ -258,6 +296,10 @@ Command add_edit(CLI::App& program) {
   parser->add_option("RUN", request->run, "Run folder")->required();
   parser->add_flag("--list", request->list, "Lists the actors and draws a thumbnail of each");
   parser->add_option("--actor", request->actors, "[LOG:]ID:OPERATION,... (may be repeated)")->allow_extra_args(false);
+  parser->add_option("--prior", request->prior, "Run of diffusion that makes what replace=generated asks for");
+  parser->add_option("--seed", request->wish.seed, "Of what is generated (0)");
+  parser->add_option("--guidance", request->wish.guidance, "1: the condition alone; above: closer to it (1)")
+      ->check(CLI::Range(0.0, 100.0));
   parser->add_option("-o,--out", request->out, "Folder of the edited run; with --list of the thumbnails (RUN/edit)");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};

@@ -11,12 +11,11 @@
 #include "models/data/paths.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
-#include "models/io/safetensors.h"
 #include "models/mesh/asset_mesh.h"
 #include "models/mesh/write_mesh.h"
 #include "models/train/asset_prior.h"
+#include "models/train/new_assets.h"
 #include "models/train/pictures.h"
-#include "models/train/tensors.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -99,23 +98,10 @@ fs::path file_of(const GenerateRequest& request, std::size_t asset, const char* 
 }
 
 void write_latents(const fs::path& path, const Made& made, const std::array<int64_t, 2>& shape) {
-  std::vector<float> latents, sizes;
-  std::vector<int64_t> classes, nights;
-  for (const NewAsset& asset : made.assets) {
-    latents.insert(latents.end(), asset.code.begin(), asset.code.end());
-    classes.push_back(asset.asset_class);
-    nights.push_back(asset.night ? 1 : 0);
-    for (int k = 0; k < 3; ++k) sizes.push_back(static_cast<float>(asset.size[k]));
-  }
-  const auto count = static_cast<int64_t>(made.assets.size());
-  SafetensorsFile file;
-  file.tensors["latents"] = named(from_host(latents, {count, shape[0], shape[1], shape[1]}));
-  file.tensors["sizes"] = named(from_host(sizes, {count, 3}));
-  file.tensors["classes"] = named_integers(classes);
-  file.tensors["nights"] = named_integers(nights);
+  NewAssets all{made.assets, shape, {}};
   for (const auto& [key, value] : made.how.items())
-    file.metadata[key] = value.is_string() ? value.get<std::string>() : value.dump();
-  write_safetensors(path, file);
+    all.made[key] = value.is_string() ? value.get<std::string>() : value.dump();
+  write_new_assets(path, all);
 }
 
 /// The mesh's file, or none (and a warning) where the asset has no surface.
@@ -164,10 +150,7 @@ Json write_assets(const GenerateRequest& request, const Made& made, const Common
 int run_command(GenerateRequest request, const Common& common) {
   if (!request.asset_class.empty()) request.wish.asset_class = class_named(request.asset_class);
   if (!request.time.empty()) request.wish.night = request.time == "night";
-  const RunRecord record = read_record(request.run);
-  if (!learned_from_run(record))
-    throw Error(Fault::usage, text("generate wants a run of diffusion, ", request.run, " is one of ", record.method,
-                                   "\n  fix: cloam train diffusion ", quoted(request.run), " -o RUN2, and name RUN2"));
+  check_is_prior(read_record(request.run), request.run);
   open_device(common);
   const RestoredRun prior = restore_run(request.run);
   if (!prior.checkpoint.warning.empty()) warn(prior.checkpoint.warning);

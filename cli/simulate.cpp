@@ -96,7 +96,7 @@ Camera output_camera(const Camera& camera, const SimulateRequest& request, int d
 Scene output_log(const RestoredRun& run, int number, const SimulateRequest& request, const Common& common) {
   Scene log = run.scenes.at(static_cast<std::size_t>(number));
   for (Actor& actor : log.actors)
-    actor.label = actor_of(run.scenes, actor.asset.value_or(AssetName{number, actor.id})).label;
+    actor.label = seen_label(run, {number, actor.id});
   keep_cameras(log, request.cameras);
   const auto names = pandaset_names(log);
   const std::vector<Camera> cameras = log.cameras;

@@ -2,7 +2,6 @@
 #include "models/methods/asset_codes.h"
 
 #include <cmath>
-#include <cstring>
 
 #include "models/methods/genassets.h"
 #include "models/scene/asset_class.h"
@@ -22,24 +21,6 @@ Value setting(const Config& config, const std::string& key) {
   throw Error(Fault::internal, text("[asset codes] genassets has no setting ", key));
 }
 
-/// Fault::data for a tensor that is missing, or of another type or shape.
-template <class Value>
-std::vector<Value> values_of(const TensorMap& all, const std::string& name, const char* dtype,
-                             const std::vector<int64_t>& shape) {
-  const auto found = all.find(name);
-  if (found == all.end()) throw Error(Fault::data, text("the checkpoint has no tensor ", name));
-  const NamedTensor& stored = found->second;
-  if (stored.dtype != dtype || stored.shape != shape) {
-    std::string want;
-    for (const int64_t extent : shape) want += text(want.empty() ? "" : " x ", extent);
-    throw Error(Fault::data, text("the checkpoint's tensor ", name, " has dtype ", stored.dtype, " and ",
-                                  stored.data.size(), " bytes, want ", dtype, " of shape ", want));
-  }
-  std::vector<Value> out(stored.data.size() / sizeof(Value));
-  std::memcpy(out.data(), stored.data.data(), stored.data.size());
-  return out;
-}
-
 /// The actors of one log, added to `codes`. What all codes of a log share is part of each.
 void add_log(AssetCodes& codes, const StoredRun& source, size_t log, bool variational, int64_t least_steps) {
   const Scene& scene = source.scenes[log];
@@ -48,9 +29,9 @@ void add_log(AssetCodes& codes, const StoredRun& source, size_t log, bool variat
   const std::string prefix = text("log", log, "."), name = prefix + "codes";
   const int64_t width = numbers * (variational ? 2 : 1);
   const TensorMap& all = source.checkpoint.file.tensors;
-  const auto rows = values_of<float>(all, "param." + name, "F32", {actors, width});
-  const auto common = values_of<float>(all, "param." + prefix + "common.code", "F32", {1, width});
-  const auto steps = values_of<int32_t>(all, "adam.steps." + name, "I32", {actors});
+  const auto rows = values_from<float>(all, "param." + name, {actors, width});
+  const auto common = values_from<float>(all, "param." + prefix + "common.code", {1, width});
+  const auto steps = values_from<int32_t>(all, "adam.steps." + name, {actors});
   for (size_t a = 0; a < scene.actors.size(); ++a) {
     if (steps[a] < least_steps) {
       codes.unseen++;

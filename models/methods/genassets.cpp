@@ -189,12 +189,16 @@ GenAssets::AssetPlace GenAssets::place_of(const AssetName& asset) const {
   throw Error(Fault::data, text("there is no actor ", asset.actor_id, " in log ", asset.scene, " of this run"));
 }
 
+/// Looks of assets that are still to be added (add_asset) are an actor's own until then.
 void GenAssets::find_looks() {
-  for (size_t l = 0; l < logs_.size(); ++l)
+  const auto is_here = [&](const AssetName& asset) { return asset.scene < static_cast<int>(logs_.size()); };
+  for (size_t l = 0; l < logs_.size(); ++l) {
+    logs_[l].looks.clear();
     for (size_t a = 0; a < logs_[l].scene.actors.size(); ++a) {
-      const Actor& actor = logs_[l].scene.actors[a];
-      logs_[l].looks.push_back(actor.asset ? place_of(*actor.asset) : AssetPlace{l, a});
+      const std::optional<AssetName>& asset = logs_[l].scene.actors[a].asset;
+      logs_[l].looks.push_back(asset && is_here(*asset) ? place_of(*asset) : AssetPlace{l, a});
     }
+  }
 }
 
 void GenAssets::load_data(std::vector<TrainingData> data) {

@@ -146,14 +146,16 @@ AssetName GenAssets::add_asset(const NewAsset& asset) {
   row.resize(numbers * (config_.variational ? 2 : 1));
   Log log;
   log.scene.night = asset.night;
-  log.scene.actors.push_back({"generated", kAssetClasses[asset.asset_class], asset.size, false, {}, {}});
+  const AssetName name = added_asset(logs_.size(), 0);
+  log.scene.actors.push_back({name.actor_id, kAssetClasses[asset.asset_class], asset.size, false, {}, {}});
   log.space = host.space;
   log.background = host.background;
   log.common_background = host.common_background;
   log.classes = {asset.asset_class};
   log.assets = from_host(row, {1, static_cast<int64_t>(row.size())});
   logs_.push_back(std::move(log));
-  return {static_cast<int>(logs_.size()) - 1, "generated"};
+  find_looks();
+  return name;
 }
 
 AssetSamples GenAssets::sample_asset(const AssetName& asset, const std::vector<float>& points) {

@@ -1,9 +1,7 @@
 // See edit_run.h.
 #include "models/train/edit_run.h"
 
-#include "models/io/checkpoint.h"
 #include "models/io/commit.h"
-#include "models/train/restore_run.h"
 #include "models/train/scene_file.h"
 #include "runtime/error.h"
 
@@ -35,18 +33,18 @@ RunData moved(RunData data, const fs::path& from, const fs::path& to) {
 
 }  // namespace
 
-void write_edited_run(const fs::path& from, const fs::path& to, const Scenes& scenes, const std::string& command_line) {
+void write_edited_run(const StoredRun& edited, const fs::path& to, const std::string& command_line) {
   check_empty(to);
-  RunRecord record = read_record(from);
-  const LoadedCheckpoint checkpoint = load_latest_checkpoint(RunPaths{from}.checkpoints());
-  check_belongs(checkpoint, record);
+  const fs::path& from = edited.folder;
+  RunRecord record = edited.record;
   const RunPaths paths{to};
   const FolderLock lock(to);
-  const std::string name = checkpoint.path.filename().string();
-  link_or_copy(checkpoint.path, paths.checkpoints() / name);
+  const std::string name = edited.checkpoint.path.filename().string();
+  link_or_copy(edited.checkpoint.path, paths.checkpoints() / name);
   commit_text(paths.checkpoints() / "latest.txt", name + "\n");
   if (fs::exists(RunPaths{from}.config())) link_or_copy(RunPaths{from}.config(), paths.config());
-  write_scenes(paths.scene(), scenes);
+  if (!edited.generated.assets.empty()) write_new_assets(paths.generated(), edited.generated);
+  write_scenes(paths.scene(), edited.scenes);
   for (RunData& data : record.data) data = moved(data, from, to);
   if (record.networks) record.networks = moved(*record.networks, from, to);
   record.edited_from = RunData{from.string(), relative_to_run(from, to), ""};

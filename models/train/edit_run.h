@@ -2,14 +2,14 @@
 #pragma once
 #include <filesystem>
 
-#include "models/train/run_folder.h"
+#include "models/train/restore_run.h"
 
 namespace cloam {
 
-/// Writes the run `to` from the run `from`: its newest whole checkpoint (linked where the disk can, for checkpoints are
-/// never changed), its settings, the edited scenes, and a record that names `from`. It stands alone: `from` may be
-/// removed afterwards. Fault::usage if `to` holds anything; Fault::data for a damaged run; Fault::write.
-void write_edited_run(const std::filesystem::path& from, const std::filesystem::path& to, const Scenes& scenes,
-                      const std::string& command_line);
+/// Writes the run `to` from the run that `edited` was read from: its newest whole checkpoint (linked where the disk
+/// can, for checkpoints are never changed), its settings, the edited scenes and generated assets, and a record that
+/// names its folder. It stands alone: that folder may be removed afterwards. Fault::usage if `to` holds anything;
+/// Fault::write.
+void write_edited_run(const StoredRun& edited, const std::filesystem::path& to, const std::string& command_line);
 
 }  // namespace cloam

@@ -14,6 +14,28 @@ namespace {
 
 constexpr char kSetting[] = "setting.";
 
+/// Whoever wears another asset names one that there is.
+void check_looks(const StoredRun& run) {
+  const std::size_t all = run.scenes.size() + run.generated.assets.size();
+  for (const Scene& scene : run.scenes)
+    for (const Actor& actor : scene.actors)
+      if (actor.asset && static_cast<std::size_t>(actor.asset->scene) >= all)
+        throw Error(Fault::data,
+                    text(run.folder.string(), ": the actor ", actor.id, " wears the generated asset ",
+                         static_cast<std::size_t>(actor.asset->scene) - run.scenes.size(), ", the run has ",
+                         run.generated.assets.size(), "\n  fix: make the edited run anew"));
+}
+
+/// Puts what was generated into the street of a restored run.
+void add_generated(const RestoredRun& run) {
+  if (run.generated.assets.empty()) return;
+  Street* street = run.method->street();
+  if (!street)
+    throw Error(Fault::data, text(run.folder.string(), " holds generated assets, but its method, ", run.record.method,
+                                  ", knows no actors"));
+  for (const NewAsset& asset : run.generated.assets) street->add_asset(asset);
+}
+
 }  // namespace
 
 std::map<std::string, std::string> checkpoint_metadata(const RunRecord& record) {
@@ -58,6 +80,13 @@ void check_has_views(const RunRecord& record) {
                    "with it, or name the run it learned from, ", record.data.front().given));
 }
 
+void check_is_prior(const RunRecord& record, const std::filesystem::path& folder) {
+  if (learned_from_run(record)) return;
+  throw Error(Fault::usage,
+              text("new assets come from a run of diffusion, ", folder.string(), " is one of ", record.method,
+                   "\n  fix: cloam train diffusion ", folder.string(), " -o RUN2, and name RUN2"));
+}
+
 StoredRun read_run(const std::filesystem::path& folder) {
   StoredRun run;
   run.folder = folder;
@@ -66,6 +95,9 @@ StoredRun read_run(const std::filesystem::path& folder) {
   run.scenes = read_scene_file(paths.scene());
   run.checkpoint = load_latest_checkpoint(paths.checkpoints());
   check_belongs(run.checkpoint, run.record);
+  std::error_code error;
+  if (std::filesystem::exists(paths.generated(), error)) run.generated = read_new_assets(paths.generated());
+  check_looks(run);
   return run;
 }
 
@@ -90,6 +122,7 @@ RestoredRun restore_run(StoredRun stored) {
   run.method = configured_method(run.record, config);
   run.method->build(run.scenes, run.record.seed);
   run.progress = restore_method(*run.method, run.checkpoint.file);
+  add_generated(run);
   return run;
 }
 

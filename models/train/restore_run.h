@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "models/io/checkpoint.h"
+#include "models/train/new_assets.h"
 #include "models/train/run_folder.h"
 #include "models/train/trainer.h"
 
@@ -15,9 +16,10 @@ struct StoredRun {
   RunRecord record;
   Scenes scenes;  // the geometry that the model was fitted to; no images
   LoadedCheckpoint checkpoint;
+  NewAssets generated;  // of an edited run: assets that actors wear as added_asset(scenes.size(), place)
 };
 
-/// Reads the record, the geometry and the newest whole checkpoint.
+/// Reads the record, the geometry, the newest whole checkpoint and generated assets.
 /// Fault::usage for a folder that does not exist; Fault::data for what is damaged or does not fit together.
 StoredRun read_run(const std::filesystem::path& folder);
 
@@ -32,8 +34,8 @@ struct RestoredRun : StoredRun {
   Progress progress;
 };
 
-/// read_run, with the method built from it; `edit` may change the scenes before: where actors are, not how many.
-/// Errors as read_run.
+/// read_run, with the method built from it and its street given the generated assets; `edit` may change the scenes
+/// before: where actors are, not how many. Errors as read_run.
 RestoredRun restore_run(
     const std::filesystem::path& folder, const std::function<void(Scenes&)>& edit = [](Scenes&) {});
 RestoredRun restore_run(StoredRun stored);
@@ -49,6 +51,8 @@ void check_belongs(const LoadedCheckpoint& checkpoint, const RunRecord& record);
 bool learned_from_run(const RunRecord& record);
 /// Fault::usage for such a run.
 void check_has_views(const RunRecord& record);
+/// Fault::usage for any other.
+void check_is_prior(const RunRecord& record, const std::filesystem::path& folder);
 
 /// A method with the settings of the record, not built; `config` lists them.
 std::unique_ptr<Method> configured_method(const RunRecord& record, Config& config);

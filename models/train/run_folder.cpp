@@ -207,7 +207,7 @@ void clear_run(const fs::path& folder) {
   const RunPaths paths{folder};
   std::error_code error;
   for (const fs::path& path : {paths.checkpoints(), paths.preview(), paths.eval(), paths.edit(), paths.events(),
-                               paths.config(), paths.scene(), paths.record()}) {
+                               paths.config(), paths.generated(), paths.scene(), paths.record()}) {
     fs::remove_all(path, error);
     if (error) throw Error(Fault::write, text(path.string(), ": cannot be removed: ", error.message()));
   }

@@ -16,6 +16,7 @@ struct RunPaths {
   std::filesystem::path record() const { return root / "run.json"; }
   std::filesystem::path config() const { return root / "config.toml"; }
   std::filesystem::path scene() const { return root / "scene.json"; }
+  std::filesystem::path generated() const { return root / "generated.safetensors"; }
   std::filesystem::path events() const { return root / "metrics.jsonl"; }
   std::filesystem::path checkpoints() const { return root / "ckpt"; }
   std::filesystem::path preview() const { return root / "preview"; }

@@ -44,13 +44,17 @@ struct AssetSamples {
   std::vector<float> colours;    // in [0,1], seen from where the surface faces
 };
 
-/// A generated asset: its latent code, of the shape that the run's own have, and the box that it fills.
+/// An asset that no log of the run shows: its latent code, of the shape that the run's own have, and the box that it
+/// fills.
 struct NewAsset {
   int asset_class = 0;  // of kAssetClasses
   bool night = false;   // what it was asked to look like
   Eigen::Vector3d size = Eigen::Vector3d::Zero();
   std::vector<float> code;  // [channels, side, side]
 };
+
+/// The name of the n-th asset (from 0) that a street of so many logs is given.
+inline AssetName added_asset(std::size_t logs, std::size_t n) { return {static_cast<int>(logs + n), "generated"}; }
 
 class Street {
  public:
@@ -61,8 +65,9 @@ class Street {
                                const Eigen::Matrix4d& box_from_camera) = 0;
   /// points [N,3] in the axes of the actor's box.
   virtual AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) = 0;
-  /// The name under which the asset can be shown from here on; the run's own stay as they are. Fault::usage for a
-  /// street whose assets have no codes, Fault::data for a code of another size.
+  /// The name under which the asset can be shown from here on (added_asset); actors who have these looks wear them now,
+  /// and the run's own stay as they are. Fault::usage for a street whose assets have no codes, Fault::data for a code
+  /// of another size.
   virtual AssetName add_asset(const NewAsset& asset);
 };
 

@@ -2,6 +2,7 @@
 #include "models/train/tensors.h"
 
 #include <cstring>
+#include <type_traits>
 
 #include "runtime/error.h"
 
@@ -47,7 +48,7 @@ std::vector<std::byte> host_bytes(const Tensor& tensor) {
 
 const NamedTensor& find(const TensorMap& map, const std::string& name) {
   const auto found = map.find(name);
-  if (found == map.end()) throw Error(Fault::data, text("the checkpoint has no tensor ", name));
+  if (found == map.end()) throw Error(Fault::data, text("there is no tensor ", name));
   return found->second;
 }
 
@@ -68,6 +69,10 @@ NamedTensor named_integers(const std::vector<int64_t>& values) {
   return {"I64", {static_cast<int64_t>(values.size())}, bytes_of(values)};
 }
 
+NamedTensor named_floats(const std::vector<float>& values, const std::vector<int64_t>& shape) {
+  return {"F32", shape, bytes_of(values)};
+}
+
 Tensor tensor_from(const TensorMap& map, const std::string& name, const Shape& shape) {
   const NamedTensor& stored = find(map, name);
   const std::vector<int64_t> want(shape.begin(), shape.end());
@@ -75,19 +80,32 @@ Tensor tensor_from(const TensorMap& map, const std::string& name, const Shape& s
   for (DType candidate : {DType::i32, DType::u32, DType::u8})
     if (stored.dtype == stored_type(candidate)) dtype = candidate;
   if (stored.shape != want || stored.dtype != stored_type(dtype))
-    throw Error(Fault::data, text("the checkpoint's tensor ", name, " has dtype ", stored.dtype, " and ",
-                                  stored.data.size(), " bytes, want shape ", to_string(shape)));
+    throw Error(Fault::data, text("the tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(),
+                                  " bytes, want shape ", to_string(shape)));
   return from_bytes(stored.data.data(), dtype, shape);
 }
 
-std::vector<int64_t> integers_from(const TensorMap& map, const std::string& name, size_t count) {
+template <class Value>
+std::vector<Value> values_from(const TensorMap& map, const std::string& name, const std::vector<int64_t>& shape) {
   const NamedTensor& stored = find(map, name);
-  if (stored.dtype != "I64" || stored.data.size() != count * 8)
-    throw Error(Fault::data, text("the checkpoint's tensor ", name, " has dtype ", stored.dtype, " and ",
-                                  stored.data.size(), " bytes, want ", count, " of I64"));
-  std::vector<int64_t> out(count);
+  const char* dtype = std::is_same_v<Value, float> ? "F32" : sizeof(Value) == 4 ? "I32" : "I64";
+  if (stored.dtype != dtype || stored.shape != shape) {
+    std::string want;
+    for (const int64_t extent : shape) want += text(want.empty() ? "" : " x ", extent);
+    throw Error(Fault::data, text("the tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(),
+                                  " bytes, want ", dtype, " of shape ", want));
+  }
+  std::vector<Value> out(stored.data.size() / sizeof(Value));
   std::memcpy(out.data(), stored.data.data(), stored.data.size());
   return out;
+}
+
+template std::vector<float> values_from(const TensorMap&, const std::string&, const std::vector<int64_t>&);
+template std::vector<int32_t> values_from(const TensorMap&, const std::string&, const std::vector<int64_t>&);
+template std::vector<int64_t> values_from(const TensorMap&, const std::string&, const std::vector<int64_t>&);
+
+std::vector<int64_t> integers_from(const TensorMap& map, const std::string& name, size_t count) {
+  return values_from<int64_t>(map, name, {static_cast<int64_t>(count)});
 }
 
 }  // namespace cloam

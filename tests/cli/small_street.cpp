@@ -3,10 +3,24 @@
 
 #include <doctest/doctest.h>
 
-#include "tests/cli/process.h"
+#include <cstring>
+
+#include "models/io/safetensors.h"
 
 namespace cloam {
 namespace fs = std::filesystem;
+
+namespace {
+
+/// Eight steps leave space empty: matter wherever the field begins.
+void give_surfaces(const fs::path& checkpoint) {
+  SafetensorsFile file = read_safetensors(checkpoint);
+  const float offset = -1;
+  std::memcpy(file.tensors.at("param.networks.field.offset").data.data(), &offset, sizeof offset);
+  write_safetensors(checkpoint, file);
+}
+
+}  // namespace
 
 const fs::path& small_street() {
   static const fs::path log = [] {
@@ -38,6 +52,44 @@ const fs::path& small_street_run() {
       words.insert(words.end(), {"--set", setting});
     }
     const Outcome trained = cloam_with(words);
+    REQUIRE_MESSAGE(trained.code == 0, trained.err);
+    return folder;
+  }();
+  return run;
+}
+
+const fs::path& two_streets_run() {
+  static const fs::path run = [] {
+    const std::string logs = (scratch() / "two_streets").string(), folder = (scratch() / "two_streets_run").string();
+    const Outcome made = cloam_with({"synth", "-o", logs, "--logs", "2", "--frames", "3", "--size", "48x27",
+                                     "--cameras", "front", "--beams", "24", "--night", "0.5", "-q"});
+    REQUIRE_MESSAGE(made.code == 0, made.err);
+    Words words = {"train",    "genassets",       logs + "/001", logs + "/002", "-o", folder,
+                   "--preset", "genassets-small", "--steps",     "8",           "-q"};
+    for (const char* setting :
+         {"background.side=32", "batch.patches=2", "batch.patch_side=8", "batch.lidar_rays=32", "code.side=4",
+          "code.channels=4", "decoder.middle=16", "decoder.widths=16,8,8", "decoder.groups=4", "weight.perceptual=0"})
+      words.insert(words.end(), {"--set", setting});
+    const Outcome trained = cloam_with(words);
+    REQUIRE_MESSAGE(trained.code == 0, trained.err);
+    give_surfaces(fs::path(folder) / "ckpt" / "000008.safetensors");
+    return fs::path(folder);
+  }();
+  return run;
+}
+
+Words small_diffusion(const fs::path& source, const fs::path& run, const Words& more) {
+  Words words = {"train", "diffusion", source.string(), "-o", run.string(), "--preset", "diffusion-small", "-q"};
+  for (const char* setting : {"unet.base=8", "unet.groups=4", "batch.codes=8"})
+    words.insert(words.end(), {"--set", setting});
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
+const fs::path& small_diffusion_run() {
+  static const fs::path run = [] {
+    const fs::path folder = scratch() / "assets";
+    const Outcome trained = cloam_with(small_diffusion(two_streets_run(), folder, kDiffusionSteps));
     REQUIRE_MESSAGE(trained.code == 0, trained.err);
     return folder;
   }();

@@ -277,6 +277,30 @@ TEST_CASE("simulate with shift: the actor's returns move with it") {
   CHECK(s.edit.measured < s.recorded.size() / 2);
 }
 
+TEST_CASE("simulate with new looks: returns that touch neither the old box nor the new one stay to the bit") {
+  const AssetName made{1, "generated"};
+  for (const Vector3d& size : {Vector3d(1.6, 3, 1.2), Vector3d(2.6, 5.5, 2.4)}) {
+    const Simulated s({{kCar, Replace{made, size}}});
+    const Actor &was = s.before[0].actors[0], &is = s.after[0].actors[0];
+    CHECK(is.size == size);
+    CHECK(centre(is, 1).z() == doctest::Approx(size.z() / 2));
+    REQUIRE(s.edit.points.size() == s.recorded.size());
+    AnalyticStreet street(s.after);
+    const LidarPoints truth = recorded_sweep(street, s.before[0].sweeps[1]);
+    std::size_t untouched = 0, on_it = 0;
+    for (std::size_t i = 0; i < s.recorded.size(); ++i) {
+      const Vector3d before = point(s.recorded, i), after = point(s.edit.points, i), now = point(truth, i);
+      CHECK((now - after).norm() < 2e-3);
+      on_it += inside(is, 1, after, 1e-3);
+      if (inside(was, 1, before, 0.21) || inside(is, 1, now, 0.01)) continue;
+      CHECK(before == after);
+      ++untouched;
+    }
+    CHECK(untouched > s.recorded.size() / 2);
+    CHECK(on_it > 40);
+  }
+}
+
 TEST_CASE("simulate: what was recorded before the actor's own surface stays, also within its new box") {
   Scenes before = street_scenes(), after = before;
   apply(Shift{{-4, 0, 0}}, after, kCar);

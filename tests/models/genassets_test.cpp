@@ -12,6 +12,7 @@
 
 #include "models/io/checkpoint.h"
 #include "models/methods/registry.h"
+#include "models/scene/edit.h"
 #include "models/scene/orbit.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
@@ -439,6 +440,78 @@ TEST_CASE(
   CHECK_THROWS_WITH_AS(street.add_asset(same), doctest::Contains("63 numbers, the run's have 64"), Error);
   const auto planes = built(crossing(folder.path, 5), {{"decoder.use", "false"}});
   CHECK_THROWS_WITH_AS(planes->street()->add_asset(other), doctest::Contains("decoder.use"), Error);
+}
+
+namespace {
+
+/// Whether a ray meets the actor, or the ground on which its shadow may fall: under the room of its box, twice as
+/// large.
+bool reaches(const Actor& actor, const Vector3d& origin, const Vector3d& way) {
+  const auto [from, to] = within(actor, origin, way);
+  if (to > from) return true;
+  const Eigen::Matrix4d box_from_world = actor.boxes[0].world_from_box.inverse();
+  const Vector3d o = (box_from_world * origin.homogeneous()).head<3>(), d = box_from_world.topLeftCorner<3, 3>() * way,
+                 half = actor.size / 2 + Vector3d(0.125, 0.125, 0.05);
+  if (d.z() >= 0) return false;
+  const Vector3d hit = o + (-half.z() - o.z()) / d.z() * d;
+  return std::abs(hit.x()) <= 2 * half.x() && std::abs(hit.y()) <= 2 * half.y();
+}
+
+/// Pixels that the actors cannot reach, themselves, by their shadows or through the image decoder: cells of 2x2 pixels
+/// further than 6 from those whose rays do (convolutions 3x3: one, two blocks of two, and one on pixels).
+std::vector<bool> out_of_reach(const Camera& camera, const std::vector<Actor>& actors) {
+  const int columns = camera.width / 2, rows = camera.height / 2, far = 6;
+  const Eigen::Matrix4d pose = toy_camera_pose(0);
+  std::vector<bool> out(static_cast<size_t>(camera.width * camera.height), true);
+  for (int row = 0; row < rows; ++row)
+    for (int column = 0; column < columns; ++column) {
+      const Vector3d way = pose.topLeftCorner<3, 3>() * direction(camera, {2 * column + 1., 2 * row + 1.}).normalized();
+      const auto is_reached = [&](const Actor& a) { return reaches(a, pose.topRightCorner<3, 1>(), way); };
+      if (std::none_of(actors.begin(), actors.end(), is_reached)) continue;
+      for (int y = 2 * std::max(0, row - far); y < 2 * std::min(rows, row + far + 1); ++y)
+        for (int x = 2 * std::max(0, column - far); x < 2 * std::min(columns, column + far + 1); ++x)
+          out[static_cast<size_t>(y * camera.width + x)] = false;
+    }
+  return out;
+}
+
+}  // namespace
+
+TEST_CASE("genassets: an actor that wears an added asset changes no pixel that it does not reach, to the bit") {
+  const Folder folder;
+  const Camera camera{200, 150, 200, 200, 100, 75};
+  Scene before = toy_street(folder.path);
+  before.actors = {toy_actor("swapped", {2, 3, 1.5}, 12, 3), toy_actor("stays", {2, 3, 2}, 12, -4)};
+  const auto old = loaded(before);
+  fill(*old);
+  const Picture was = old->render({camera, toy_camera_pose(0), 0, 0.3});
+  for (const Vector3d& size : {Vector3d(2, 3, 1.5), Vector3d(2.3, 2.5, 2)}) {
+    Scenes after = {before};
+    apply(Replace{added_asset(1, 0), size}, after, {0, "swapped"});
+    const auto method = loaded(after[0]);
+    fill(*method);
+    std::vector<float> code(64);
+    for (size_t i = 0; i < code.size(); ++i) code[i] = 3 * std::sin(static_cast<float>(i));
+    CHECK(method->street()->add_asset({0, false, size, code}) == added_asset(1, 0));
+    const Picture is = method->render({camera, toy_camera_pose(0), 0, 0.3});
+    const std::vector<bool> far = out_of_reach(camera, {before.actors[0], after[0].actors[0]});
+    int outside = 0, stays = 0, changed = 0;
+    float most = 0;
+    for (size_t at = 0; at < far.size(); ++at) {
+      float apart = 0;
+      for (size_t k = 0; k < 3; ++k) apart = std::max(apart, std::abs(is.rgb[3 * at + k] - was.rgb[3 * at + k]));
+      if (!far[at]) changed += apart > 0;
+      if (!far[at]) continue;
+      most = std::max({most, apart, std::abs(is.depth[at] - was.depth[at])});
+      CHECK(is.actors[at] == was.actors[at]);
+      outside++;
+      stays += is.actors[at] == 2;
+    }
+    CHECK(most == 0);
+    CHECK(outside > 10000);
+    CHECK(stays > 500);  // the other actor's pixels among them
+    CHECK(changed > 500);
+  }
 }
 
 TEST_CASE("genassets: settings that no street can be made with are errors that name them") {
