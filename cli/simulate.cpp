@@ -2,16 +2,21 @@
 #include "models/train/simulate.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "cli/actors.h"
 #include "cli/commands.h"
 #include "models/data/pandaset.h"
 #include "models/data/read_scene.h"
 #include "models/data/write_pandaset.h"
+#include "models/render/street_data.h"
+#include "models/scene/asset_class.h"
 #include "models/scene/split.h"
+#include "models/train/asset_maker.h"
 #include "models/train/pictures.h"
 #include "runtime/error.h"
 
@@ -19,7 +24,9 @@ namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
+using Report = nlohmann::ordered_json;
 
+constexpr int kLastVehicle = 6;  // of kAssetClasses: cars to motorcycles
 constexpr char kExamples[] =
     R"(Write a log of a trained street, as edited, in PandaSet's layout: images, LiDAR and boxes that fit together.
 
@@ -27,12 +34,18 @@ Examples:
   cloam simulate runs/edited -o logs/without_car
   cloam simulate runs/edited -o logs/small --log 1 --cameras front_camera --size 320x180
   cloam check logs/without_car
+  cloam simulate runs/street --augment 20 --prior runs/assets -o logs/augmented   20 logs with other vehicles
 
 Images are rendered at every frame. LiDAR returns that the edit does not touch are the recorded ones; where an actor was,
-they are what lies behind it; where it is now, they are its own. docs/formats.md says how.)";
+they are what lies behind it; where it is now, they are its own. docs/formats.md says how.
+
+--augment N writes N logs, DIR/001 and so on: the same street and the same ways, but each vehicle is a new asset of its class
+and the log's time of day, in the box that belongs to it. It is what replace=generated of cloam edit makes of them.)";
 
 struct SimulateRequest {
-  std::string run, out, log, cameras, size, data;
+  std::string run, out, log, cameras, size, data, prior;
+  int augment = 0;
+  MakerWish wish;
 };
 
 /// Cameras of other sources get names that PandaSet has: the one that looks ahead is front_camera.
@@ -95,8 +108,7 @@ Camera output_camera(const Camera& camera, const SimulateRequest& request, int d
 /// What is to be written: the edited log with the cameras and names of the output, and labels of what is seen.
 Scene output_log(const RestoredRun& run, int number, const SimulateRequest& request, const Common& common) {
   Scene log = run.scenes.at(static_cast<std::size_t>(number));
-  for (Actor& actor : log.actors)
-    actor.label = seen_label(run, {number, actor.id});
+  for (Actor& actor : log.actors) actor.label = seen_label(run, {number, actor.id});
   keep_cameras(log, request.cameras);
   const auto names = pandaset_names(log);
   const std::vector<Camera> cameras = log.cameras;
@@ -127,6 +139,16 @@ struct Count {
   std::size_t images = 0, sweeps = 0, returns = 0, measured = 0, changed = 0, gone = 0;
 };
 
+Report report_of(const Count& count) {
+  return {{"images", count.images},          {"sweeps", count.sweeps},           {"returns", count.returns},
+          {"rays_measured", count.measured}, {"returns_changed", count.changed}, {"returns_gone", count.gone}};
+}
+
+std::string words_for(const Count& count) {
+  return text(count.images, " images, ", count.sweeps, " sweeps with ", count.returns, " returns (", count.changed,
+              " changed, ", count.gone, " gone)");
+}
+
 Image rendered(const RestoredRun& run, const Scene& out, const Frame& frame, int log) {
   const Camera& camera = out.cameras[static_cast<std::size_t>(frame.camera)];
   const Picture picture = run.method->render(view_of(frame, camera, log));
@@ -149,46 +171,130 @@ LidarPoints measured(const RestoredRun& run, const EditedLog& log, const Sweep& 
   return std::move(edit.points);
 }
 
-void tell(const Count& count, const SimulateRequest& request, const Common& common) {
-  const nlohmann::ordered_json json = {{"schema_version", 1},
-                                       {"folder", request.out},
-                                       {"images", count.images},
-                                       {"sweeps", count.sweeps},
-                                       {"returns", count.returns},
-                                       {"rays_measured", count.measured},
-                                       {"returns_changed", count.changed},
-                                       {"returns_gone", count.gone}};
-  if (common.json) put(json.dump() + "\n");
-  say(common,
-      text("the log is ", request.out, ": ", count.images, " images, ", count.sweeps, " sweeps with ", count.returns,
-           " returns (", count.changed, " changed, ", count.gone, " gone)\n  cloam check ", quoted(request.out)));
+class Simulation {
+ public:
+  Simulation(const SimulateRequest& request, const Common& common, int log, Scene recorded)
+      : request_(request), common_(common), log_(log), recorded_(std::move(recorded)) {}
+
+  /// Writes the log of the run as its scenes have it.
+  Count write(const RestoredRun& run, const fs::path& folder) {
+    const Scene out = output_log(run, log_, request_, common_);
+    const Scene& edited = run.scenes.at(static_cast<std::size_t>(log_));
+    Count count;
+    const auto image = [&](const Frame& frame) {
+      Image picture = rendered(run, out, frame, log_);
+      ++count.images;
+      tell(frame, out.frames.size() * static_cast<std::size_t>(std::max(1, request_.augment)));
+      return picture;
+    };
+    const auto points = [&](const Sweep& sweep) { return measured(run, {recorded_, edited, log_}, sweep, count); };
+    write_pandaset(folder, out, {image, points});
+    return count;
+  }
+
+ private:
+  void tell(const Frame& frame, std::size_t all) {
+    ++images_;
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count();
+    const double left = seconds / static_cast<double>(images_) * static_cast<double>(all - images_);
+    say(common_, text("simulate ", images_, "/", all, "  ", frame.sensor, " ", frame.step, "  ",
+                      words_for_seconds(left), " left"));
+  }
+
+  const SimulateRequest& request_;
+  const Common& common_;
+  const int log_;
+  const Scene recorded_;
+  const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
+  std::size_t images_ = 0;
+};
+
+int write_one(const SimulateRequest& request, const Common& common, Simulation& simulation, StoredRun stored) {
+  const RestoredRun run = restore_run(std::move(stored));
+  street_of(run);
+  const Count count = simulation.write(run, request.out);
+  Report report = {{"schema_version", 1}, {"folder", request.out}};
+  report.update(report_of(count));
+  if (common.json) put(report.dump() + "\n");
+  say(common, text("the log is ", request.out, ": ", words_for(count), "\n  cloam check ", quoted(request.out)));
+  return 0;
+}
+
+std::vector<AssetName> vehicles_of(const Scenes& scenes, int log) {
+  std::vector<AssetName> names;
+  for (const Actor& actor : scenes.at(static_cast<std::size_t>(log)).actors)
+    if (!actor.boxes.empty() && asset_class(actor.label) <= kLastVehicle) names.push_back({log, actor.id});
+  return names;
+}
+
+/// Gives every vehicle that is somewhere in the log a new asset; returns how many. Vehicles of a class that the prior
+/// never saw stay as they are, which is told once for each class.
+std::size_t swap_vehicles(AssetMaker& maker, const MakerWish& wish, int log, StoredRun& run, std::set<int>& told) {
+  std::size_t swapped = 0;
+  for (const AssetName& name : vehicles_of(run.scenes, log)) {
+    const int kind = asset_class(actor_of(run.scenes, name).label);
+    try {
+      apply(maker.make(run, name, wish), run.scenes, name);
+      ++swapped;
+    } catch (const Error& error) {
+      if (error.fault() != Fault::usage) throw;
+      if (told.insert(kind).second) warn(text(kAssetClasses[kind], " stays as it is: ", error.what()));
+    }
+  }
+  if (swapped > 0) return swapped;
+  throw Error(Fault::data, "no vehicle of the log can be swapped: none is of a class that the run of --prior learned");
+}
+
+int write_augmented(const SimulateRequest& request, const Common& common, int log, Simulation& simulation,
+                    const StoredRun& stored) {
+  AssetMaker maker(request.prior, stored);
+  std::set<int> told;
+  Report report = {{"schema_version", 1}, {"folder", request.out}, {"logs", Report::array()}};
+  for (int number = 1; number <= request.augment; ++number) {
+    char name[16];
+    std::snprintf(name, sizeof name, "%03d", number);
+    const MakerWish wish{HostRandom(request.wish.seed, static_cast<uint64_t>(number)).next() >> 32,
+                         request.wish.guidance};
+    StoredRun swapped = stored;
+    const std::size_t vehicles = swap_vehicles(maker, wish, log, swapped, told);
+    const fs::path folder = fs::path(request.out) / name;
+    const Count count = simulation.write(restore_run(std::move(swapped)), folder);
+    Report row = {{"folder", folder.string()}, {"seed", wish.seed}, {"vehicles", vehicles}};
+    row.update(report_of(count));
+    report["logs"].push_back(row);
+    say(common, text(folder.string(), ": ", vehicles, " vehicles swapped, ", words_for(count)));
+  }
+  if (common.json) put(report.dump() + "\n");
+  say(common, text(request.augment, " logs in ", request.out, "\n  cloam check ",
+                   quoted((fs::path(request.out) / "001").string())));
+  return 0;
+}
+
+/// Before work begins.
+void check_request(const SimulateRequest& request) {
+  check_has_views(read_record(request.run));
+  if ((request.augment > 0) == request.prior.empty())
+    throw Error(Fault::usage, text("--augment N and --prior RUN2 go together: RUN2, a run of diffusion, makes the ",
+                                   "vehicles\n  example: cloam simulate RUN --augment 20 --prior RUN2 -o DIR"));
+  if (!request.prior.empty()) check_is_prior(read_record(request.prior), request.prior);
+  check_out(request.out);
 }
 
 int run_command(const SimulateRequest& request, const Common& common) {
-  const RunRecord record = read_record(request.run);  // a wrong folder is told before a missing device
-  check_out(request.out);
+  check_request(request);  // a wrong folder is told before a missing device
+  const RunRecord record = read_record(request.run);
   const std::vector<std::string> logs = log_names(record);
   const int log = request.log.empty() ? 0 : find_log(logs, request.log);
-  const RunData& data = record.data.at(static_cast<std::size_t>(log));
   open_device(common);
-  const RestoredRun run = restore_run(request.run);
-  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
-  street_of(run);
-  const Scene& edited = run.scenes.at(static_cast<std::size_t>(log));
-  check_log(edited, request.run);
-  const Scene recorded = read_scene(request.data.empty() ? find_data(request.run, data) : fs::path(request.data),
-                                    {record.reading.skip_bad});
-  const Scene out = output_log(run, log, request, common);
+  StoredRun stored = read_run(request.run);
+  if (!stored.checkpoint.warning.empty()) warn(stored.checkpoint.warning);
+  check_log(stored.scenes.at(static_cast<std::size_t>(log)), request.run);
+  const fs::path data = request.data.empty() ? find_data(request.run, record.data.at(static_cast<std::size_t>(log)))
+                                             : fs::path(request.data);
+  Simulation simulation(request, common, log, read_scene(data, {record.reading.skip_bad}));
   if (logs.size() > 1) say(common, text("log ", log, " (", logs[static_cast<std::size_t>(log)], ") of ", logs.size()));
-  Count count;
-  const auto image = [&](const Frame& frame) {
-    say(common, text("simulate ", ++count.images, "/", out.frames.size(), "  ", frame.sensor, " ", frame.step));
-    return rendered(run, out, frame, log);
-  };
-  const auto points = [&](const Sweep& sweep) { return measured(run, {recorded, edited, log}, sweep, count); };
-  write_pandaset(request.out, out, {image, points});
-  tell(count, request, common);
-  return 0;
+  return request.augment > 0 ? write_augmented(request, common, log, simulation, stored)
+                             : write_one(request, common, simulation, std::move(stored));
 }
 
 }  // namespace
@@ -198,10 +304,16 @@ Command add_simulate(CLI::App& program) {
   const auto request = std::make_shared<SimulateRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->run, "Run folder, edited or not")->required();
-  parser->add_option("-o,--out", request->out, "Folder of the log")->required();
+  parser->add_option("-o,--out", request->out, "Folder of the log; with --augment of the logs")->required();
   parser->add_option("--log", request->log, "Number or name of the run's log (0)");
   parser->add_option("--cameras", request->cameras, "Cameras, separated by commas (all)");
   parser->add_option("--size", request->size, "Size of the images, WIDTHxHEIGHT (as trained)");
+  parser->add_option("--augment", request->augment, "Writes so many logs, each with other vehicles in the same places")
+      ->check(CLI::Range(1, 100000));
+  parser->add_option("--prior", request->prior, "Run of diffusion that makes the vehicles");
+  parser->add_option("--seed", request->wish.seed, "Of what is generated (0)");
+  parser->add_option("--guidance", request->wish.guidance, "1: the condition alone; above: closer to it (1)")
+      ->check(CLI::Range(0.0, 100.0));
   parser->add_option("--data", request->data, "Where the recorded log lies now");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
