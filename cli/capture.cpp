@@ -26,6 +26,7 @@ std::string size_text(const Camera& camera) { return text(camera.width, "x", cam
 
 std::string split_text(const Scene& scene, const Reading& how) {
   const std::size_t test = frames_of(scene, Split::test).size();
+  if (!how.image.empty()) return text("one alone: ", how.image);
   if (!how.protocol.name.empty())
     return text("protocol ", how.protocol.name, ": ", frames_of(scene, Split::train).size(), " train, ", test,
                 " are measured");
@@ -74,6 +75,7 @@ Scene read_split_scene(const std::filesystem::path& data, const Reading& how) {
   Scene scene = read_scene(data, {how.skip_bad});
   if (how.holdout > 0) apply_holdout(scene, how.holdout);
   if (!how.protocol.name.empty()) apply_protocol(scene, how.protocol);
+  if (!how.image.empty()) apply_image(scene, how.image);
   return scene;
 }
 

@@ -24,6 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kTurnStep = 45, kTurn = 360;
+constexpr int kLeastPixels = 16;  // of an actor that an image shows
 constexpr char kExamples[] = R"(Measure a run on photos that it was not trained on.
 
 Examples:
@@ -103,6 +104,22 @@ void add_source(const Photos& photos, Evaluator& evaluator) {
   }
 }
 
+/// Of a run on one image: that moment alone, and of the actors those that the image shows.
+void keep_image(TurnedLog& turned, const Photos& photos) {
+  if (photos.image.empty()) return;
+  const std::size_t shown = frame_named(photos.scene, photos.image);
+  const Frame& frame = photos.scene.frames[shown];
+  if (frame.sensor != front_sensor(photos.scene))
+    throw Error(Fault::usage, text("rotate360 measures images of ", front_sensor(photos.scene),
+                                   ", and the run learned ", photos.image, " alone"));
+  for (std::size_t i = 0; i < turned.scene.frames.size(); ++i)
+    if (i != shown) turned.scene.frames[i].split = Split::unused;
+  const ActorMask mask = ActorMasks(photos.scene).of(frame, photos.train.cameras.front());
+  for (std::size_t a = 0; a < turned.scene.actors.size(); ++a)
+    if (std::count(mask.actors.begin(), mask.actors.end(), static_cast<int>(a) + 1) < kLeastPixels)
+      turned.scene.actors[a].boxes.clear();
+}
+
 /// One log with its actors turned by one angle, into the log's result.
 void measure_turned(Method& method, const Photos& photos, const TurnedLog& turned, Evaluator& evaluator,
                     SceneResult& result) {
@@ -134,7 +151,8 @@ void measure_rotations(const EvalRequest& request, std::size_t scenes, Evaluator
       note_kind(photos, result);
       result.scenes[i].name = photos.name;
       if (degrees == kTurnStep) add_source(photos, evaluator);
-      const TurnedLog turned = turned_log(photos.scene, degrees);
+      TurnedLog turned = turned_log(photos.scene, degrees);
+      keep_image(turned, photos);
       if (!turned.has_truth && degrees == kTurnStep)
         warn(photos.name + ": it has no images of turned actors: renders alone, beside the images as they were");
       measure_turned(*run.method, photos, turned, evaluator, result.scenes[i]);

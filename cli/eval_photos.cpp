@@ -45,6 +45,7 @@ Photos own_photos(const RestoredRun& run, const EvalRequest& request, std::size_
   Photos photos;
   const fs::path folder = find_data(request.run, data);
   photos.name = folder_name(folder);
+  photos.image = how.image;
   photos.train_scene = read_split_scene(folder, how);
   if (fingerprint(photos.train_scene) != data.fingerprint)
     warn(text(photos.name, ": the data differs from what the run was trained on"));
@@ -80,6 +81,7 @@ Photos other_photos(const RestoredRun& run, const EvalRequest& request) {
   photos.name = folder_name(request.other);
   Reading how = run.record.reading;
   how.holdout = 0;
+  how.image.clear();
   how.protocol = {request.protocol, how.protocol.sparse_every};
   photos.scene = read_split_scene(request.other, how);
   photos.measured = load_images(photos.scene, Split::test, options_of(run));

@@ -12,6 +12,7 @@ struct Photos {
   int index = 0;     // of the run's scenes
   std::string name;  // of the folder
   std::string protocol;
+  std::string image;         // of a run on one image, that one
   Scene scene, train_scene;  // of the photos that are measured, and of those that guesses are made from
   Pixels measured, train;
   LoadOptions options;

@@ -11,6 +11,7 @@
 #include "cli/commands.h"
 #include "cli/progress.h"
 #include "cli/train_job.h"
+#include "cli/train_prior.h"
 #include "models/io/checkpoint.h"
 #include "models/io/commit.h"
 #include "models/methods/registry.h"
@@ -34,6 +35,8 @@ Examples:
   cloam train --resume runs/fox
   cloam train nerf data/pandaset/001 --protocol sparse
   cloam train diffusion runs/street -o runs/assets --preset diffusion-small
+  cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets -o runs/009
+  cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets --image front_camera/05
   cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
 
 constexpr double kPreviewUntil = 0.9;  // share of a time budget
@@ -309,6 +312,7 @@ int run_train(TrainRequest request, const Common& common) {
   job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);
   if (job.source) job.method->prior()->load(*job.source);
   adopt_networks(job, request);
+  adopt_prior(job, request);
   tell_plan(job, captures, common, log);
   if (!request.dry_run) return train_in_folder(job, std::move(captures), now, request, common, log, view);
   say(common, "dry run: nothing was written");
@@ -341,6 +345,9 @@ void add_data_options(CLI::App& parser, TrainRequest& r) {
       ->group(group);
   parser.add_option("--sparse-every", r.sparse_every, "Steps between the training images of sparse")
       ->check(CLI::Range(2, 1 << 20))
+      ->group(group);
+  parser
+      .add_option("--image", r.image, "Of a driving log: one image alone, such as front_camera/05, and its LiDAR sweep")
       ->group(group);
   parser.add_option("--data", r.new_data, "Where a resumed run finds its data now; one for each folder of the run")
       ->allow_extra_args(false)
@@ -390,6 +397,10 @@ void add_method_options(CLI::App& parser, TrainRequest& r) {
   parser
       .add_option("--networks", r.networks,
                   "A run whose networks are taken as they are: only what is new in DATA is learned")
+      ->group(group);
+  parser
+      .add_option("--prior", r.prior,
+                  "A run of diffusion that learned from those networks: new actors are held to what it knows")
       ->group(group);
   parser.add_option("--config", r.config_file, "TOML file with settings")->group(group);
   parser.add_option("--set", r.settings, "key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")

@@ -15,12 +15,13 @@ struct TrainRequest {
   std::vector<std::string> data;
   std::vector<std::string> new_data;  // --data: where a resumed run finds its data now
   std::string networks;               // --networks: the run whose networks are taken
+  std::string prior;                  // --prior: the run of diffusion whose knowledge of codes is used
   std::string out, preset, config_file;
   std::optional<int64_t> steps;
   std::string time_budget;  // as typed
   std::optional<int64_t> seed, save_every;
   std::optional<int> downscale, holdout, sparse_every;
-  std::string protocol;
+  std::string protocol, image;
   int64_t stop_after = 0;
   bool skip_bad = false, resume = false, overwrite = false, dry_run = false;
   std::vector<std::string> settings;  // key=value

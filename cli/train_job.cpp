@@ -82,6 +82,10 @@ Protocol protocol_of(const TrainRequest& request) {
     throw Error(Fault::usage, "--sparse-every goes with --protocol sparse");
   if (!request.protocol.empty() && request.holdout)
     throw Error(Fault::usage, "--protocol and --holdout both choose the training images: give one of them");
+  if (!request.image.empty() && (request.holdout || !request.protocol.empty()))
+    throw Error(Fault::usage, "--image is all that is trained on: leave out --protocol and --holdout");
+  if (!request.image.empty() && request.data.size() > 1)
+    throw Error(Fault::usage, text("--image is one of one log, ", request.data.size(), " are given"));
   return {request.protocol, request.sparse_every.value_or(0)};
 }
 
@@ -96,6 +100,15 @@ void take_networks(const TrainRequest& request, TrainJob& job) {
   for (const auto& [key, value] : other.settings) job.config.set(key, value, "run " + request.networks);
 }
 
+void take_prior(const TrainRequest& request, TrainJob& job) {
+  if (request.prior.empty()) return;
+  if (request.networks.empty())
+    throw Error(Fault::usage, text("--prior ", request.prior,
+                                   " goes with --networks RUN, the run that it learned from: its codes mean nothing to "
+                                   "other networks"));
+  job.record.prior = RunData{request.prior, "", ""};
+}
+
 /// Options that say how captures are read have no meaning for a run.
 void check_source_options(const TrainRequest& request) {
   const std::pair<const char*, bool> options[] = {{"--downscale", request.downscale.has_value()},
@@ -103,7 +116,9 @@ void check_source_options(const TrainRequest& request) {
                                                   {"--skip-bad", request.skip_bad},
                                                   {"--protocol", !request.protocol.empty()},
                                                   {"--sparse-every", request.sparse_every.has_value()},
-                                                  {"--networks", !request.networks.empty()}};
+                                                  {"--image", !request.image.empty()},
+                                                  {"--networks", !request.networks.empty()},
+                                                  {"--prior", !request.prior.empty()}};
   for (const auto& [option, given] : options)
     if (given)
       throw Error(Fault::usage, text(option, " goes with captures, but ", request.method, " learns from a run"));
@@ -132,6 +147,7 @@ void fill_record(const TrainRequest& request, TrainJob& job) {
   r.reading.holdout = request.holdout.value_or(0);
   r.reading.skip_bad = request.skip_bad;
   r.reading.protocol = protocol_of(request);
+  r.reading.image = request.image;
   for (const ConfigEntry& entry : job.config.entries()) r.settings[entry.key] = to_string(entry.value);
 }
 
@@ -144,6 +160,8 @@ void check_same(const TrainRequest& request, const RunRecord& record) {
   same("--protocol", if_given(request.protocol), record.reading.protocol.name);
   same("--sparse-every", request.sparse_every, record.reading.protocol.sparse_every);
   same("--networks", if_given(request.networks), record.networks ? record.networks->given : "none");
+  same("--image", if_given(request.image), record.reading.image.empty() ? "none" : record.reading.image);
+  if (!request.prior.empty() && !record.prior) same("--prior", if_given(request.prior), std::string("none"));
   if (request.steps && record.horizon > 0) same("--steps", request.steps, record.horizon);
   auto wanted = request.config_file.empty() ? decltype(read_settings("")){} : read_settings(request.config_file);
   for (const std::string& setting : request.settings) wanted.push_back(split_setting(setting));
@@ -310,6 +328,7 @@ TrainJob new_job(const TrainRequest& request) {
   if (request.networks.empty())
     for (const auto& [key, value] : preset.settings) job.config.set(key, value, text("preset ", preset.name));
   take_source(request, job);
+  take_prior(request, job);
   apply_settings(request, job.config);
   job.data.assign(request.data.begin(), request.data.end());
   job.folder = request.out.empty() ? default_folder(request) : fs::path(request.out);
@@ -339,6 +358,7 @@ TrainJob resumed_job(const TrainRequest& request) {
     job.record.time_budget_seconds = budget_of(request);
   else if (job.record.horizon > 0)
     job.record.time_budget_seconds.reset();  // the horizon it chose stands
+  if (!request.prior.empty()) job.record.prior->given = request.prior;
   find_captures(request.new_data.empty() ? request.data : request.new_data, job);
   if (job.method->prior()) job.source = read_run(job.data.front());
   return job;

@@ -15,6 +15,7 @@ struct TrainJob {
   std::vector<std::filesystem::path> data;
   RunRecord record;
   Config config;
+  std::unique_ptr<Method> prior;  // of --prior: what `method` calls
   std::unique_ptr<Method> method;
   std::optional<StoredRun> source;  // of methods that learn from a run (Method::prior): that run, until it is loaded
   int64_t default_steps = 0;

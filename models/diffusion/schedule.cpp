@@ -121,6 +121,10 @@ Tensor Schedule::noisy(const Tensor& x, const Tensor& noise, const Tensor& t) co
   return at(alpha_, t, x) * x + at(sigma_, t, x) * noise;
 }
 
+Tensor Schedule::clean(const Tensor& noisy, const Tensor& velocity, const Tensor& t) const {
+  return at(alpha_, t, noisy) * noisy - at(sigma_, t, noisy) * velocity;
+}
+
 Tensor Schedule::target(Prediction kind, const Tensor& x, const Tensor& noise, const Tensor& t) const {
   if (kind == Prediction::noise) return noise;
   if (kind == Prediction::clean) return x;

@@ -43,6 +43,8 @@ class Schedule {
   Level level(int64_t t) const { return t < 0 ? Level{} : levels_.at(static_cast<size_t>(t)); }
   /// t int32 [N], 0 to times - 1; x and noise: [N, ...] of one shape.
   Tensor noisy(const Tensor& x, const Tensor& noise, const Tensor& t) const;
+  /// The x that velocities [N, ...] at times t [N] say of noisy: alpha_t noisy - sigma_t velocity.
+  Tensor clean(const Tensor& noisy, const Tensor& velocity, const Tensor& t) const;
   /// What a network that predicts `kind` is to say of noisy(x, noise, t).
   Tensor target(Prediction kind, const Tensor& x, const Tensor& noise, const Tensor& t) const;
   /// Min-SNR-gamma (Hang et al. 2023) [N]: times of little noise count as if their signal-to-noise ratio alpha^2 /

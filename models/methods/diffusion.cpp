@@ -300,6 +300,15 @@ Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows) const {
   return sum;
 }
 
+CodeDenoiser Diffusion::denoiser() const {
+  CodeDenoiser out{*schedule_, config_.side, mean_, deviation_, {}};
+  out.clean = [this](const Tensor& noisy, const std::vector<int32_t>& times, const UnetCondition& condition) {
+    const Tensor t = numbers(times);
+    return schedule_->clean(noisy, predict(*average_, noisy, t, condition), t);
+  };
+  return out;
+}
+
 PriorScore Diffusion::score() {
   const Loss unseen = v_loss(held_out_);
   return {static_cast<int64_t>(held_out_.size()),

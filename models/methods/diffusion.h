@@ -49,6 +49,7 @@ class Diffusion final : public Method, public AssetPrior {
   std::vector<std::string> describe() const override;
   std::vector<std::string> warnings() const override;
   std::array<int64_t, 2> code_shape() const override { return {config_.channels, config_.side}; }
+  CodeDenoiser denoiser() const override;
   PriorScore score() override;
   std::vector<NewAsset> generate(const AssetWish& wish) override;
 

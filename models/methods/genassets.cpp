@@ -14,9 +14,6 @@
 namespace cloam {
 namespace {
 
-// Streams of random numbers within a step.
-enum Stream : uint32_t { kJitter = 0, kCodes = 1 };
-
 constexpr float kCodeDeviation = 0.05f;                // of codes' means at the start
 constexpr float kPadding[] = {0.125f, 0.125f, 0.05f};  // metres added to a box's half sizes (UniSim)
 constexpr float kCube = 1.1f;                          // a box's cube over its longest side
@@ -26,8 +23,6 @@ constexpr float kLeastTransmittance = 1e-3f;
 constexpr int64_t kHeights = 9;      // at which a log's texels have something in common
 constexpr float kCommonSteps = 100;  // before codes of their own come up, if the networks are another run's
 constexpr double kWorst = 0.05;      // share of LiDAR rays that are left out
-
-RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
 
 void hold(PatchDiscriminator::Block& block) {
   block.weight = stop_gradient(block.weight);
@@ -78,6 +73,10 @@ void GenAssets::configure(Config& c) {
   c.bind("weight.lidar", config_.weight_lidar, "of the LiDAR depth error, squared up to a metre");
   c.bind("weight.stray", config_.weight_stray, "of matter along LiDAR rays that is not near their return");
   c.bind("weight.kl", config_.weight_kl, "of the codes' KL term, a mean over their numbers");
+  c.bind("weight.prior", config_.prior.weight, "with a prior: share that its gradient by codes has of the others'");
+  c.bind("prior.through_network", config_.prior.through_network, "gradients go through the denoiser too");
+  c.bind("prior.steps", config_.prior.steps, "of denoising, which one image alone begins with; 0: none");
+  c.bind("prior.guidance", config_.prior.guidance, "how far rendering moves a denoising step, in its noise levels");
   c.bind("perceptual.weights", config_.perceptual_weights, "file with a pretrained network; empty: random features");
   c.bind("train.rate_codes", config_.rate_codes, "learning rate of codes");
   c.bind("train.rate_decoder", config_.rate_decoder, "learning rate of the asset decoder");
@@ -151,14 +150,6 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
   find_looks();
 }
 
-namespace {
-
-int64_t planes_side(const GenAssetsConfig& config) {
-  return int64_t{config.code_side} << (whole_numbers("decoder.widths", config.decoder_widths).size() - 1);
-}
-
-}  // namespace
-
 GenAssets::Log GenAssets::make_log(const Scene& scene, const Scope& scope) const {
   Log log;
   log.scene = scene;
@@ -169,7 +160,7 @@ GenAssets::Log GenAssets::make_log(const Scene& scene, const Scope& scope) const
   const auto actors = static_cast<int64_t>(scene.actors.size());
   const int64_t code = int64_t{config_.code_channels} * config_.code_side * config_.code_side;
   if (actors > 0 && !config_.decoder) {
-    const int64_t texels = planes_side(config_) * planes_side(config_);
+    const int64_t texels = planes_side() * planes_side();
     log.assets = scope.uniform("planes", {actors, 3 * texels * channels}, 0.1f);
   } else if (actors > 0) {
     const int64_t numbers = code * (config_.variational ? 2 : 1);
@@ -210,6 +201,7 @@ void GenAssets::load_data(std::vector<TrainingData> data) {
     log.data = std::make_unique<StreetData>(log.scene, std::move(data[i].pixels), std::move(sweeps), image_->scale());
     log.space->look(log.scene, log.data->seen());
   }
+  denoise_image();
 }
 
 MemoryPlan GenAssets::memory() const {
@@ -309,58 +301,12 @@ StreetBoxes GenAssets::boxes_of(const Log& log, const RayList& rays) const {
           from_host(numbers, {static_cast<int64_t>(numbers.size() / 20), 20})};
 }
 
-/// [N, ...] rows of the codes (or planes) of assets, which may be of several logs.
-Tensor GenAssets::asset_rows(const std::vector<AssetPlace>& assets) const {
-  Tensors parts;
-  for (size_t begin = 0, end = 0; begin < assets.size(); begin = end) {
-    std::vector<int32_t> rows;
-    for (; end < assets.size() && assets[end].log == assets[begin].log; ++end)
-      rows.push_back(static_cast<int32_t>(assets[end].actor));
-    const Log& log = logs_[assets[begin].log];
-    const Tensor own = gather_rows(log.assets, from_host(rows, {static_cast<int64_t>(rows.size())}));
-    parts.push_back(log.common_code ? own + log.common_code : own);
-  }
-  return parts.size() == 1 ? parts.front() : concat(parts, 0);
-}
-
-GenAssets::Decoded GenAssets::decode(const std::vector<AssetPlace>& assets, const Drawing& how) const {
-  const auto count = static_cast<int64_t>(assets.size());
-  const int64_t side = planes_side(config_), channels = config_.field.plane_channels;
-  const Tensor rows = asset_rows(assets);
-  if (!decoder_) return {permute(reshape(rows, {count, 3, side, side, channels}), {1, 0, 2, 3, 4}), {}, {}};
-  Decoded out;
-  Tensor code = rows;
-  if (config_.variational) {
-    const int64_t numbers = rows.dim(1) / 2;
-    const Tensor mean_code = columns(rows, 0, numbers),
-                 log_variance = columns(rows, numbers, 2 * numbers) + kCodeLogVariance;
-    code = mean_code;
-    if (how.random)
-      code = mean_code + exp(log_variance * 0.5f) * random_normal({count, numbers}, stream(how.key, kCodes));
-    const Tensor terms = square(mean_code) + exp(log_variance) - 1.f - log_variance;
-    out.kl = mean(terms) * 0.5f;
-  }
-  std::vector<int32_t> classes;
-  for (const AssetPlace& asset : assets) classes.push_back(logs_[asset.log].classes[asset.actor]);
-  const Tensor latent = reshape(code, {count, config_.code_channels, config_.code_side, config_.code_side});
-  const Tensor planes = (*decoder_)(latent, from_host(classes, {count}));
-  out.planes = permute(reshape(planes, {count, 3, channels, side, side}), {1, 0, 3, 4, 2});
-  return out;
-}
-
-GenAssets::Decoded GenAssets::decode_met(const Met& met, const Drawing& how) const {
-  if (met.assets.empty()) return {};
-  Decoded out = decode(met.assets, how);
-  out.slots = from_host(met.slot_of, {static_cast<int64_t>(met.slot_of.size())});
-  return out;
-}
-
 GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows,
                                    const Decoded* ready) const {
   const Log& log = stage.log;
   const int64_t count = rays.count();
   StreetRays at = {from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
-                   how.random ? random_uniform({count, 2}, stream(how.key, kJitter)) : full({count, 2}, 0.5f),
+                   how.random ? random_uniform({count, 2}, how.of(kJitter)) : full({count, 2}, 0.5f),
                    from_host(rays.moments, {count})};
   StreetSteps steps = config_.steps;
   steps.shadows = shadows && shadow_;
@@ -370,6 +316,7 @@ GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, cons
   const Decoded decoded = ready ? *ready : decode_met(meet(stage, out.samples), how);
   const Tensor& slots = decoded.slots;
   out.kl = decoded.kl;
+  out.codes = decoded.codes;
   out.actors = decoded.planes ? decoded.planes.dim(1) : 0;
   if (how.skim) {
     const Tensor features = features_at(log, out.samples, decoded.planes, slots);
@@ -429,21 +376,6 @@ Tensor GenAssets::features_at(const Log& log, const StreetSamples& s, const Tens
                             matmul(heights(s.points), log.common_background);
   if (s.owners.dim(0) == 0) return background;
   return concat({background, sample_planes(planes, in_cube(s.actor_points), gather_rows(slots, s.owners))}, 0);
-}
-
-/// Actors that rays meet get slots: only they are decoded.
-GenAssets::Met GenAssets::meet(const Stage& stage, const StreetSamples& s) const {
-  Met met;
-  met.slot_of.assign(stage.looks.size() + 1, -1);
-  for (const Tensor& owners : {s.owners, s.shadow_owners})
-    if (owners.dim(0) > 0)
-      for (const int32_t owner : owners.to_host<int32_t>()) met.slot_of[static_cast<size_t>(owner)] = 0;
-  for (size_t a = 0; a < stage.looks.size(); ++a)
-    if (met.slot_of[a] == 0) {
-      met.slot_of[a] = static_cast<int32_t>(met.assets.size());
-      met.assets.push_back(stage.looks[a]);
-    }
-  return met;
 }
 
 /// How much light is left on each ray's ground [R,3]: the product over the actors whose shadow may fall there.
@@ -528,6 +460,7 @@ Tensor GenAssets::loss(const Progress& progress) {
   last_samples_ = seen.samples.t.dim(0);
   if (skim) lit_permille_ = 1000 * (last_samples_ + 1) / (seen.marched + 1);
   last_actors_ = seen.actors;
+  met_codes_ = seen.codes;
   return total;
 }
 
@@ -538,6 +471,7 @@ std::map<std::string, double> GenAssets::metrics() const {
   if (!observed_.empty() && observed_[0].evaluated())
     out["psnr"] = -10 * std::log10(static_cast<double>(observed_[0].item()) + 1e-12);
   if (observed_.size() > 1 && observed_[1].evaluated()) out["lidar_m"] = static_cast<double>(observed_[1].item());
+  if (prior_) out["prior"] = static_cast<double>(prior_->weight());
   return out;
 }
 
@@ -546,6 +480,8 @@ TensorMap GenAssets::state() const {
   for (size_t i = 0; i < logs_.size(); ++i)
     for (const auto& [name, tensor] : logs_[i].space->state()) out["log" + std::to_string(i) + "." + name] = tensor;
   out["lit"] = named_integers({lit_permille_});
+  if (prior_)
+    for (const auto& [name, tensor] : prior_->state()) out["prior." + name] = tensor;
   return out;
 }
 
@@ -561,6 +497,7 @@ void GenAssets::restore(const TensorMap& state) {
   for (size_t i = 0; i < logs_.size(); ++i)
     logs_[i].space->restore(with_prefix(state, "log" + std::to_string(i) + "."));
   lit_permille_ = integers_from(state, "lit", 1).front();
+  if (prior_) prior_->restore(with_prefix(state, "prior."));
 }
 
 }  // namespace cloam

@@ -6,6 +6,7 @@
 
 #include "models/fields/asset_decoder.h"
 #include "models/fields/street_field.h"
+#include "models/methods/code_prior.h"
 #include "models/nn/feature_network.h"
 #include "models/nn/image_decoder.h"
 #include "models/nn/patch_discriminator.h"
@@ -42,6 +43,7 @@ struct GenAssetsConfig {
   float rate_codes = 0.05f, rate_decoder = 1e-4f, rate_field = 1e-3f, rate_image = 1e-3f, rate_background = 0.02f,
         rate_discriminator = 1e-4f, decay_background = 0.2f;
   float final_rate = 0.1f, decay_start = 0.3f;
+  CodePriorOptions prior;
 };
 
 class GenAssets final : public Method, public Street {
@@ -55,12 +57,14 @@ class GenAssets final : public Method, public Street {
   std::vector<LearningRate> learning_rates(const Progress& progress) const override;
   Tensor loss(const Progress& progress) override;
   Gradients gradients(const Progress& progress, const Tensors& wanted) override;
-  Tensors observed() const override { return observed_; }
+  Tensors observed() const override;
+  void after_step(const Progress& progress) override;
   std::map<std::string, double> metrics() const override;
   Picture render(const View& view) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
   void adopt_networks(const TensorMap& parameters) override;
+  void adopt_prior(const CodeDenoiser& denoiser) override;
   Street* street() override { return this; }
   LidarReturns measure(const WorldRays& rays) override;
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
@@ -91,12 +95,15 @@ class GenAssets final : public Method, public Street {
     StreetGrid grid;
     std::vector<AssetPlace> looks;  // of the boxes' owners
   };
+  /// Streams of random numbers within a step.
+  enum Stream : uint32_t { kJitter = 0, kCodes = 1 };
   /// How samples are placed and codes drawn; without a key: in the middle, and the mean.
   struct Drawing {
     RandomKey key;
     bool random = false;
     bool skim = true;    // leave out samples behind surfaces
     bool blind = false;  // actors are seen without a view direction
+    RandomKey of(Stream stream) const { return {key.seed, key.step, stream}; }
   };
   struct Met {
     std::vector<int32_t> slot_of;    // of the log's actors; -1: none
@@ -106,6 +113,7 @@ class GenAssets final : public Method, public Street {
     Tensor planes;  // [3,N,side,side,channels]; empty: no asset is met
     Tensor kl;      // mean over the codes' numbers; empty without
     Tensor slots;   // int32: place in planes of each of the stage's actors
+    MetCodes codes = {};
   };
   struct Shaded {
     StreetSamples samples;
@@ -115,6 +123,7 @@ class GenAssets final : public Method, public Street {
     Tensor opacity, actor_opacity, stray;  // [R]
     Tensor shadow;                         // [R,3] factors; empty: none
     Tensor kl;
+    MetCodes codes;
     int64_t actors = 0;  // decoded
   };
   Log make_log(const Scene& scene, const Scope& scope) const;
@@ -126,6 +135,8 @@ class GenAssets final : public Method, public Street {
   Stage street(const Log& log, const RayList& rays) const;
   Stage alone(const Log& log, const AssetPlace& place) const;
   StreetBoxes boxes_of(const Log& log, const RayList& rays) const;
+  int64_t planes_side() const;  // texels of actors
+  UnetCondition condition_of(const std::vector<AssetPlace>& assets) const;
   Decoded decode(const std::vector<AssetPlace>& assets, const Drawing& how) const;
   Tensor asset_rows(const std::vector<AssetPlace>& assets) const;
   Met meet(const Stage& stage, const StreetSamples& samples) const;
@@ -144,6 +155,8 @@ class GenAssets final : public Method, public Street {
   struct WholeImage;
   WholeImage whole_image(const Progress& progress) const;
   Tensor lidar_loss(const Tensor& depth, const Tensor& ranges) const;
+  Gradients gradients_in_tiles(const Progress& progress, const Tensors& wanted);
+  void denoise_image();
 
   GenAssetsConfig config_;
   uint64_t seed_ = 0;
@@ -155,6 +168,8 @@ class GenAssets final : public Method, public Street {
   std::optional<SmallMlp> shadow_;
   std::optional<FeatureNetwork> perceptual_;
   std::optional<PatchDiscriminator> discriminator_;
+  std::unique_ptr<CodePrior> prior_;
+  MetCodes met_codes_;           // of the last loss, until its gradients are taken
   bool frozen_ = false;          // the networks are another run's
   int64_t lit_permille_ = 1000;  // of the samples marched to, those that light reaches
   int64_t last_samples_ = 0, last_actors_ = 0;

@@ -185,8 +185,7 @@ GenAssets::WholeImage GenAssets::whole_image(const Progress& progress) const {
   return image;
 }
 
-Gradients GenAssets::gradients(const Progress& progress, const Tensors& wanted) {
-  if (!config_.whole_images) return Method::gradients(progress, wanted);
+Gradients GenAssets::gradients_in_tiles(const Progress& progress, const Tensors& wanted) {
   WholeImage image = whole_image(progress);
   const Tensor& planes = image.given.planes;
   Tensors reached = wanted;
@@ -209,6 +208,7 @@ Gradients GenAssets::gradients(const Progress& progress, const Tensors& wanted) 
   }
   last_samples_ = image.samples;
   last_actors_ = planes ? planes.dim(1) : 0;
+  met_codes_ = image.decoded.codes;
   Gradients out{total, sums.sums()};
   if (!planes) return out;
   const Tensor by_planes = out.of_parameters.back();

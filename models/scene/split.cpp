@@ -2,6 +2,7 @@
 #include "models/scene/split.h"
 
 #include <algorithm>
+#include <map>
 #include <numeric>
 #include <set>
 
@@ -71,6 +72,35 @@ void apply_protocol(Scene& scene, const Protocol& protocol) {
   if (protocol.name == "novel") return split_by_camera(scene, front, kFrontLeftSensor);
   if (protocol.name == "rotate360") return split_by_camera(scene, front, "");
   throw Error(Fault::usage, text("--protocol ", protocol.name, ": want sparse, novel or rotate360"));
+}
+
+std::size_t frame_named(const Scene& scene, const std::string& image) {
+  if (!scene.is_log)
+    throw Error(Fault::usage, text("--image ", image, " is for driving logs; ", scene.root.string(), " holds photos"));
+  const std::size_t slash = image.rfind('/');
+  const std::string sensor = image.substr(0, slash), digits = slash == std::string::npos ? "" : image.substr(slash + 1);
+  const bool sound =
+      !digits.empty() && digits.size() < 9 && digits.find_first_not_of("0123456789") == std::string::npos;
+  const int step = sound ? std::stoi(digits) : -1;
+  std::map<std::string, std::pair<int, int>> known;  // first and last step of each sensor
+  for (std::size_t i = 0; i < scene.frames.size(); ++i) {
+    const Frame& frame = scene.frames[i];
+    if (frame.sensor == sensor && frame.step == step) return i;
+    auto& range = known.try_emplace(frame.sensor, frame.step, frame.step).first->second;
+    range = {std::min(range.first, frame.step), std::max(range.second, frame.step)};
+  }
+  std::string there;
+  for (const auto& [name, range] : known)
+    there += text(there.empty() ? "" : ", ", name, "/", range.first, " to ", name, "/", range.second);
+  throw Error(Fault::usage, text("--image ", image, ": ", scene.root.string(), " has no such image; it has ", there));
+}
+
+void apply_image(Scene& scene, const std::string& image) {
+  const std::size_t chosen = frame_named(scene, image);
+  for (std::size_t i = 0; i < scene.frames.size(); ++i)
+    scene.frames[i].split = i == chosen ? Split::train : Split::unused;
+  for (Sweep& sweep : scene.sweeps)
+    sweep.split = sweep.step == scene.frames[chosen].step ? Split::train : Split::unused;
 }
 
 std::string front_sensor(const Scene& scene) {

@@ -28,6 +28,13 @@ const std::vector<std::string>& protocol_names();
 /// Fault::usage for an unknown name and for captures that are no log.
 void apply_protocol(Scene& scene, const Protocol& protocol);
 
+/// The frame of a log that "front_camera/05" names: its sensor and step. Fault::usage for a capture that is no log and
+/// for a name that is none of its frames', saying which there are.
+std::size_t frame_named(const Scene& scene, const std::string& image);
+
+/// That image alone trains, and the sweep of its step; all else is unused. Errors as frame_named.
+void apply_image(Scene& scene, const std::string& image);
+
 /// The camera that looks ahead: "front_camera" (PandaSet), "image_02" (KITTI), else that of the first frame (so a rig
 /// lists its front camera first). Empty for a capture without frames.
 std::string front_sensor(const Scene& scene);

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "models/diffusion/guidance.h"
 #include "models/scene/asset_class.h"
 #include "models/train/street.h"
 
@@ -44,6 +45,8 @@ class AssetPrior {
   virtual std::vector<std::string> warnings() const = 0;
   /// Channels and side of a code.
   virtual std::array<int64_t, 2> code_shape() const = 0;
+  /// What it knows of the codes; holds as long as this lives. Needs no assets to be loaded.
+  virtual CodeDenoiser denoiser() const = 0;
   virtual PriorScore score() = 0;
   /// The same wish gives the same assets. Fault::usage for a class or time of day that was not in training.
   virtual std::vector<NewAsset> generate(const AssetWish& wish) = 0;

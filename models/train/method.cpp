@@ -14,4 +14,8 @@ void Method::adopt_networks(const TensorMap&) {
   throw Error(Fault::usage, text("--networks: ", name(), " has no networks that several scenes share"));
 }
 
+void Method::adopt_prior(const CodeDenoiser&) {
+  throw Error(Fault::usage, text("--prior: ", name(), " has no codes of actors"));
+}
+
 }  // namespace cloam

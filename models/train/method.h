@@ -50,6 +50,7 @@ struct Gradients {
 };
 
 class AssetPrior;
+struct CodeDenoiser;
 
 class Method {
  public:
@@ -84,6 +85,9 @@ class Method {
   /// After build: takes the networks among the parameters of another run and leaves them frozen from here on, whatever
   /// the data. Fault::usage for methods whose networks belong to one scene.
   virtual void adopt_networks(const TensorMap& parameters);
+  /// After adopt_networks and before load_data: codes that are learned from here on are held to what a diffusion of
+  /// codes knows. The denoiser is called as long as this lives. Fault::usage for methods without such codes.
+  virtual void adopt_prior(const CodeDenoiser& denoiser);
   /// What a resumed run needs beside parameters and optimiser; names without prefix.
   virtual TensorMap state() const { return {}; }
   virtual void restore(const TensorMap&) {}

@@ -37,11 +37,13 @@ RunData data_from(const Json& json, const std::string& where) {
 }
 
 Json to_json(const Reading& reading) {
-  return {{"downscale", reading.downscale},
-          {"holdout", reading.holdout},
-          {"skip_bad", reading.skip_bad},
-          {"protocol", reading.protocol.name},
-          {"sparse_every", reading.protocol.sparse_every}};
+  Json json = {{"downscale", reading.downscale},
+               {"holdout", reading.holdout},
+               {"skip_bad", reading.skip_bad},
+               {"protocol", reading.protocol.name},
+               {"sparse_every", reading.protocol.sparse_every}};
+  if (!reading.image.empty()) json["image"] = reading.image;
+  return json;
 }
 
 Reading reading_from(const Json& json, const std::string& where) {
@@ -51,6 +53,7 @@ Reading reading_from(const Json& json, const std::string& where) {
   reading.skip_bad = flag(json, "skip_bad", false, where);
   reading.protocol.name = string(json, "protocol", where);
   reading.protocol.sparse_every = static_cast<int>(std::clamp<int64_t>(whole(json, "sparse_every", where), 0, 1 << 30));
+  reading.image = optional_string(json, "image", where).value_or("");
   return reading;
 }
 
@@ -132,6 +135,7 @@ RunRecord read_record(const fs::path& folder) {
   if (record.data.empty()) throw Error(Fault::data, where + ": \"data\" is empty");
   record.reading = reading_from(member(json, "reading", where), where + ", reading");
   if (json.contains("networks")) record.networks = data_from(json["networks"], where + ", networks");
+  if (json.contains("prior")) record.prior = data_from(json["prior"], where + ", prior");
   if (json.contains("edited_from")) record.edited_from = data_from(json["edited_from"], where + ", edited_from");
   read_options(record, member(json, "options", where), where + ", options");
   const Json& settings = member(json, "settings", where);
@@ -159,6 +163,7 @@ void write_record(const fs::path& folder, const RunRecord& r) {
   json["data"] = data;
   json["reading"] = to_json(r.reading);
   if (r.networks) json["networks"] = to_json(*r.networks);
+  if (r.prior) json["prior"] = to_json(*r.prior);
   if (r.edited_from) json["edited_from"] = to_json(*r.edited_from);
   json["options"] = options_to_json(r);
   json["settings"] = r.settings;

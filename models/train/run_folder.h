@@ -37,6 +37,7 @@ struct Reading {
   int holdout = 0;  // 0: the split of the source
   bool skip_bad = false;
   Protocol protocol = {};  // no name: none
+  std::string image = {};  // "front_camera/05": that one alone; empty: all that the split gives
 };
 
 /// state: running | finished | interrupted | stopped (--stop-after) | out of time | failed.
@@ -47,6 +48,7 @@ struct RunRecord {
   std::vector<RunData> data;  // one a scene
   Reading reading;
   std::optional<RunData> networks;     // the run whose networks it uses
+  std::optional<RunData> prior;        // the run of diffusion that its codes are held to
   std::optional<RunData> edited_from;  // of an edited run: the run whose model it shows
   std::map<std::string, std::string> settings;
   std::optional<int64_t> steps;

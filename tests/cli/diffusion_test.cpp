@@ -2,6 +2,9 @@
 #include <doctest/doctest.h>
 #include <signal.h>
 
+#include <algorithm>
+#include <cstring>
+
 #include "models/io/safetensors.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
@@ -205,4 +208,98 @@ TEST_CASE("generate's mistakes: one line that says what would do, and nothing is
         "1001 denoising steps");
   fails({"generate", two_streets_run().string(), "-o", never.string()}, 2, "cloam train diffusion");
   fails({"generate", small_street().string(), "-o", never.string()}, 3, "no run folder");
+}
+
+namespace {
+
+/// A fit of one image of the first street, by networks that know others.
+Words fit(const fs::path& run, const Words& more = {}) {
+  const std::string log = (scratch() / "two_streets" / "001").string();
+  Words words = {"train",   "genassets",       log,       "-o", run.string(), "--networks", two_streets_run().string(),
+                 "--image", "front_camera/01", "--steps", "6",  "-q",         "--set",      "prior.steps=3"};
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
+Words fit_with_prior(const fs::path& run, const fs::path& prior, const Words& more = {}) {
+  Words words = fit(run, {"--prior", prior.string()});
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
+}  // namespace
+
+TEST_CASE("a fit of one image with a prior is recorded, repeats, resumes while denoising and after, and is measured") {
+  const fs::path prior = copied(small_diffusion_run(), "fit_prior"), whole = scratch() / "fit",
+                 stopped = scratch() / "fit_stopped";
+  const Outcome trained = cloam_with(fit_with_prior(whole, prior));
+  REQUIRE_MESSAGE(trained.code == 0, trained.err);
+  const auto record = json_of(whole / "run.json");
+  CHECK(record.at("reading").at("image") == "front_camera/01");
+  CHECK(record.at("prior").at("relative") == "../fit_prior");
+  CHECK(contains(record.at("prior").at("fingerprint"), "diffusion, step 60, "));
+  const std::string want = content_of(whole / "ckpt" / "000006.safetensors");
+  CHECK_FALSE(contains(want, "fit_prior"));
+  REQUIRE(cloam_with(fit_with_prior(stopped, prior, {"--stop-after", "2"})).code == 0);
+  REQUIRE(cloam_with({"train", "--resume", stopped.string(), "--stop-after", "4"}).code == 0);
+  const fs::path moved = scratch() / "fit_prior_moved";
+  fs::rename(prior, moved);
+  const Outcome gone = cloam_with({"train", "--resume", stopped.string()});
+  CHECK(gone.code == 3);
+  CHECK(contains(gone.err, "the prior of"));
+  CHECK(contains(gone.err, "--prior RUN"));
+  const Outcome resumed = cloam_with({"train", "--resume", stopped.string(), "--prior", moved.string()});
+  REQUIRE_MESSAGE(resumed.code == 0, resumed.err);
+  CHECK(content_of(stopped / "ckpt" / "000006.safetensors") == want);
+  const Outcome measured = cloam_with({"eval", whole.string(), "--protocol", "rotate360", "--json"});
+  REQUIRE_MESSAGE(measured.code == 0, measured.err);
+  const auto json = nlohmann::json::parse(measured.out);
+  CHECK(json.at("images") == 7);  // one moment, seven angles
+  CHECK(json.at("masked_psnr").is_number());
+  CHECK(json.at("baseline_mean_masked_psnr").is_number());
+}
+
+TEST_CASE("a fit of one image without a prior is the same fit but for the prior") {
+  const fs::path run = scratch() / "fit_alone";
+  REQUIRE(cloam_with(fit(run)).code == 0);
+  const SafetensorsFile file = read_safetensors(run / "ckpt" / "000006.safetensors");
+  CHECK_FALSE(file.tensors.contains("state.prior.norms"));
+  for (const auto& sweep : json_of(run / "scene.json").at("scenes").at(0).at("sweeps"))
+    CHECK(sweep.at("split") == (sweep.at("step") == 1 ? "train" : "unused"));
+}
+
+TEST_CASE("what a prior or an image cannot be is one error, and makes no run") {
+  const fs::path never = scratch() / "fit_never";
+  const auto fails = [&](const Words& words, int code, const char* says) {
+    const Outcome outcome = cloam_with(words);
+    CAPTURE(outcome.err);
+    CHECK(outcome.code == code);
+    CHECK(contains(outcome.err, says));
+    CHECK_FALSE(fs::exists(never));
+  };
+  fails(fit_with_prior(never, two_streets_run()), 2, "is a run of genassets, want one of diffusion");
+  fails(fit_with_prior(never, scratch() / "nothing_here"), 2, "there is no run folder");
+  fails(fit_with_prior(never, small_diffusion_run(), {"--set", "code.side=8"}), 2, "code.side");
+  fails(fit(never, {"--holdout", "4"}), 2, "leave out --protocol and --holdout");
+  const std::string log = (scratch() / "two_streets" / "001").string();
+  const Words plain = {"train", "genassets", log, "-o", never.string()};
+  const auto with = [&](const Words& more) {
+    Words words = plain;
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  };
+  fails(with({"--prior", small_diffusion_run().string()}), 2, "goes with --networks RUN");
+  fails(with({"--image", "front_camera/07"}), 2, "it has front_camera/0 to front_camera/2");
+  fails(with({"--image", "front_camera"}), 2, "no such image");
+  fails({"train", "nerf", small_scene().string(), "-o", never.string(), "--image", "front_camera/01"}, 2,
+        "driving logs");
+  // Networks of another training: its codes mean something else.
+  const fs::path other = copied(two_streets_run(), "other_networks");
+  const fs::path saved = other / "ckpt" / "000008.safetensors";
+  SafetensorsFile changed = read_safetensors(saved);
+  changed.tensors.at("param.networks.field.offset").data[0] ^= std::byte{1};
+  write_safetensors(saved, changed);
+  Words words = fit_with_prior(never, small_diffusion_run());
+  *std::find(words.begin(), words.end(), two_streets_run().string()) = other.string();
+  fails(words, 2, "whose networks are not those of");
 }

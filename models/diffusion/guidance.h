@@ -1,0 +1,44 @@
+// A trained diffusion as a prior of codes that rendering fits: score distillation, and denoising that a rendering
+// guides. All in standardised codes x, the units that the diffusion learned in.
+#pragma once
+#include <functional>
+#include <vector>
+
+#include "models/diffusion/schedule.h"
+#include "models/diffusion/unet.h"
+
+namespace cloam {
+
+/// What a diffusion of codes knows, for those that use it as a prior.
+struct CodeDenoiser {
+  Schedule schedule;
+  int64_t side = 0;                    // of a code; its channels are as many as
+  std::vector<float> mean, deviation;  // these: x = (code - mean) / deviation
+  /// The estimate x^ [N,C,side,side] of what noisy ones of that shape were, at times [N] of the schedule.
+  std::function<Tensor(const Tensor& noisy, const std::vector<int32_t>& times, const UnetCondition& condition)> clean;
+
+  Tensor standardised(const Tensor& codes) const;
+  Tensor codes(const Tensor& standardised) const;
+  /// d loss / d codes -> d loss / d standardised.
+  Tensor gradient(const Tensor& by_codes) const;
+};
+
+/// x^ of noisy [N,...] at times [N].
+using CleanEstimate = std::function<Tensor(const Tensor& noisy, const std::vector<int32_t>& times)>;
+
+enum class NetworkGradient { left_out, included };
+
+/// Score distillation: a scalar, 1/2 sum of sigma_t^2 |x - x^(x_t)|^2 with x_t = alpha_t x + sigma_t noise, whose
+/// gradient by x [N,...] is sigma_t^2 (x - x^): x^ counts as a constant (DreamFusion, Poole et al. 2023, leave the
+/// network's Jacobian out). `included` goes through the network too (SSDNeRF, Chen et al. 2023).
+Tensor distillation(const Schedule& schedule, const CleanEstimate& clean, const Tensor& x,
+                    const std::vector<int32_t>& times, const Tensor& noise,
+                    NetworkGradient network = NetworkGradient::left_out);
+
+/// Rendering-guided denoising (SSDNeRF with omega = 1/2): x^ - lambda sigma g, where g, of x^'s shape [N,...], is the
+/// gradient of a loss by x^, or by x_t where it was taken through the network. A loss may have any scale, so lambda is
+/// chosen here: the row that g moves most goes `strength` sigma far (root mean square), the others in proportion. Rows
+/// without a gradient, and all of them where g is 0, stay as they are.
+Tensor guided_clean(const Tensor& clean, const Tensor& gradient, const Level& level, float strength);
+
+}  // namespace cloam

@@ -1,0 +1,227 @@
+// A prior in the training of genassets: exact denoisers of a Gaussian take the place of a network, so that it is known
+// where codes must go.
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+
+#include "models/io/checkpoint.h"
+#include "models/methods/genassets.h"
+#include "models/methods/registry.h"
+#include "models/train/trainer.h"
+#include "runtime/error.h"
+#include "tests/models/toy_street.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr int64_t kChannels = 4, kSide = 4, kNumbers = kChannels * kSide * kSide;
+constexpr float kPriorMean = 0.8f, kPriorDeviation = 0.1f;  // of all codes
+
+using Settings = std::map<std::string, std::string>;
+
+/// Knows codes N(0.8, 0.1^2), which standardised are N(0, 1): x^ = alpha x_t.
+CodeDenoiser gaussian() {
+  CodeDenoiser out;
+  out.side = kSide;
+  out.mean.assign(kChannels, kPriorMean);
+  out.deviation.assign(kChannels, kPriorDeviation);
+  out.clean = [schedule = out.schedule](const Tensor& noisy, const std::vector<int32_t>& times, const UnetCondition&) {
+    std::vector<float> alphas;
+    for (const int32_t t : times) alphas.push_back(static_cast<float>(schedule.level(t).alpha));
+    return noisy * from_host(alphas, {noisy.dim(0), 1, 1, 1});
+  };
+  return out;
+}
+
+struct Made {
+  Settings settings = {};
+  std::vector<size_t> photos = {0};
+  bool prior = true;
+};
+
+std::unique_ptr<Method> street(const Scene& scene, const Made& made, const CodeDenoiser& denoiser = gaussian()) {
+  auto method = make_method("genassets");
+  Config config;
+  method->configure(config);
+  Settings settings = {
+      {"planes.channels", "4"},   {"background.side", "32"},   {"code.side", "4"},         {"code.channels", "4"},
+      {"decoder.widths", "8,8"},  {"decoder.middle", "8"},     {"decoder.groups", "4"},    {"field.width", "16"},
+      {"image.width", "8"},       {"image.side", "3"},         {"image.blocks", "2"},      {"image.doublings", "1"},
+      {"batch.patches", "2"},     {"batch.patch_side", "12"},  {"batch.lidar_rays", "64"}, {"steps.actor", "0.1"},
+      {"weight.perceptual", "0"}, {"weight.adversarial", "0"}, {"weight.kl", "0"},         {"shadows", "false"}};
+  for (const auto& [key, value] : made.settings) settings[key] = value;
+  for (const auto& [key, value] : settings) config.set(key, value, "test");
+  method->build({scene}, 1);
+  if (made.prior) method->adopt_prior(denoiser);
+  const Tensor& offset = method->parameters().at("networks.field.offset");
+  assign({{offset, from_host(std::vector<float>{-0.4f}, offset.shape())}});
+  Pixels all = toy_pixels(scene), pixels = all;
+  pixels.frames.clear();
+  for (const size_t i : made.photos) pixels.frames.push_back(all.frames[i]);
+  std::vector<TrainingData> data;
+  data.push_back({scene, std::move(pixels)});
+  method->load_data(std::move(data));
+  return method;
+}
+
+/// One car hides the other; a third is where the camera does not look.
+Scene crossing(const fs::path& root) {
+  Scene scene = toy_street(root);
+  scene.actors = {toy_actor("behind", {2, 4, 1.5}, -20, 0), toy_actor("front", {2, 3, 6}, 8, 0),
+                  toy_actor("hidden", {2, 2, 1.5}, 14, 0)};
+  return scene;
+}
+
+/// Means of an actor's code as it is rendered.
+std::vector<float> code_of(Method& method, size_t actor) {
+  const std::vector<float> own = method.parameters().at("log0.codes").to_host(),
+                           common = method.parameters().at("log0.common.code").to_host();
+  std::vector<float> code;
+  for (size_t i = 0; i < static_cast<size_t>(kNumbers); ++i) code.push_back(own[actor * common.size() + i] + common[i]);
+  return code;
+}
+
+double distance(const std::vector<float>& a, const std::vector<float>& b) {
+  double sum = 0;
+  for (size_t i = 0; i < a.size(); ++i) sum += std::pow(static_cast<double>(a[i]) - static_cast<double>(b[i]), 2);
+  return std::sqrt(sum / static_cast<double>(a.size()));
+}
+
+double from_mean(const std::vector<float>& code) { return distance(code, std::vector<float>(code.size(), kPriorMean)); }
+
+fs::path train_to(Method& method, const fs::path& folder, int64_t steps, int64_t stop_after = 0,
+                  const SafetensorsFile* from = nullptr) {
+  TrainOptions options;
+  options.steps = steps;
+  options.stop_after = stop_after;
+  return train({method, folder, {}, from, nullptr}, options, {}).checkpoint;
+}
+
+std::string content(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+double norm(const Tensor& gradient) { return static_cast<double>(sqrt(sum(square(gradient))).item()); }
+
+}  // namespace
+
+TEST_CASE("prior: codes that nothing is rendered of go to the prior's mean, without a prior they do not") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path);
+  for (const bool prior : {true, false}) {
+    CAPTURE(prior);
+    // Two photos: no denoising. The hidden actor is met and gets no gradient from the image.
+    const auto method =
+        street(scene, {{{"weight.prior", "1"}, {"batch.lidar_rays", "0"}, {"train.rate_codes", "0.3"}}, {0, 1}, prior});
+    const double before = from_mean(code_of(*method, 2));
+    (void)train_to(*method, folder.path / (prior ? "with" : "without"), 40);
+    CHECK(before > 0.6);
+    if (prior) CHECK(from_mean(code_of(*method, 2)) < 0.5 * before);
+    if (!prior) CHECK(from_mean(code_of(*method, 2)) > 0.9 * before);
+  }
+}
+
+TEST_CASE("prior: its gradient by codes is the share of the rendering's that the weight says, once that is measured") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path);
+  for (const char* through : {"false", "true"}) {
+    const Settings settings = {{"prior.through_network", through}, {"weight.prior", "0.1"}, {"batch.patch_side", "16"}};
+    const auto with = street(scene, {settings, {0, 1}}), without = street(scene, {settings, {0, 1}, false});
+    const auto gradient = [](Method& method, int64_t step) {
+      const Gradients all = method.gradients({step, 100, 1}, {method.parameters().at("log0.codes")});
+      eval(method.observed());
+      const Tensor out = stop_gradient(all.of_parameters[0]);
+      eval({out});
+      method.after_step({step, 100, 1});
+      return out;
+    };
+    double rendering = 0, term = 0;
+    for (int64_t step = 1; step <= 40; ++step) {
+      const Tensor all = gradient(*with, step), plain = gradient(*without, step);
+      if (step <= 16) CHECK(norm(all - plain) == 0);  // these measure
+      if (step <= 16) continue;
+      rendering += norm(plain);
+      term += norm(all - plain);
+    }
+    CHECK(term / rendering > 0.05);
+    CHECK(term / rendering < 0.2);
+    CHECK(with->metrics().at("prior") > 0);
+  }
+}
+
+TEST_CASE(
+    "prior: denoising begins a run on one image; what is hidden gets the prior's sample, what is seen is guided") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path);
+  const auto denoised = [&](const char* guidance, const char* name) {
+    const auto method = street(scene, {{{"prior.steps", "8"},
+                                        {"prior.guidance", guidance},
+                                        {"code.variational", "false"},
+                                        {"batch.lidar_rays", "0"}}});
+    const std::vector<float> unseen = code_of(*method, 0);
+    (void)train_to(*method, folder.path / name, 8);
+    CHECK(distance(code_of(*method, 0), unseen) == 0);  // the image does not show it
+    return std::array{code_of(*method, 1), code_of(*method, 2)};
+  };
+  const auto free = denoised("0", "free"), guided = denoised("0.5", "guided");
+  // Samples of the prior: about its mean, and its deviation wide.
+  for (const auto& code : free) {
+    CHECK(from_mean(code) > 0.6 * static_cast<double>(kPriorDeviation));
+    CHECK(from_mean(code) < 1.4 * static_cast<double>(kPriorDeviation));
+  }
+  CHECK(distance(guided[1], free[1]) < 1e-4);
+  CHECK(distance(guided[0], free[0]) > 0.3 * static_cast<double>(kPriorDeviation));
+}
+
+TEST_CASE("prior: denoising is of runs on one image alone, and the optimiser leaves codes alone while it lasts") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path);
+  const auto method = street(scene, {{{"prior.steps", "4"}}});
+  (void)train_to(*method, folder.path / "one", 3);
+  const SafetensorsFile file = load_latest_checkpoint(folder.path / "one").file;
+  CHECK(file.tensors.at("state.prior.noisy").shape == std::vector<int64_t>{2, kChannels, kSide, kSide});
+  const auto& steps = file.tensors.at("adam.steps.log0.codes").data;
+  CHECK(std::all_of(steps.begin(), steps.end(), [](std::byte b) { return b == std::byte{0}; }));
+  const auto two = street(scene, {{{"prior.steps", "4"}}, {0, 1}});
+  CHECK_FALSE(two->state().contains("prior.noisy"));
+  CHECK_FALSE(street(scene, {{{"prior.steps", "0"}}})->state().contains("prior.noisy"));
+  CHECK_FALSE(street(scene, {{}, {0}, false})->state().contains("prior.noisy"));
+}
+
+TEST_CASE("prior: equal seeds give equal bytes, stopped while denoising or later, in patches or whole images") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path);
+  for (const char* whole : {"false", "true"}) {
+    const Settings settings = {{"prior.steps", "3"}, {"prior.through_network", whole}, {"batch.whole_images", whole}};
+    const fs::path root = folder.path / whole;
+    const std::string want = content(train_to(*street(scene, {settings}), root / "a", 6));
+    CHECK(want.size() > 1000);
+    CHECK(content(train_to(*street(scene, {settings}), root / "b", 6)) == want);
+    for (const int64_t stop : {2, 5}) {
+      const fs::path run = root / std::to_string(stop);
+      (void)train_to(*street(scene, {settings}), run, 6, stop);
+      const SafetensorsFile saved = load_latest_checkpoint(run).file;
+      CHECK(content(train_to(*street(scene, {settings}), run, 6, 0, &saved)) == want);
+    }
+  }
+}
+
+TEST_CASE("prior: what cannot be is an error that names it") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path);
+  const auto fails = [&](const Settings& settings, const char* says, const CodeDenoiser& denoiser = gaussian()) {
+    CHECK_THROWS_WITH_AS((void)street(scene, {settings}, denoiser), doctest::Contains(says), Error);
+  };
+  fails({{"decoder.use", "false"}}, "decoder.use");
+  fails({{"code.side", "8"}}, "codes of 4x4x4, the settings say 4x8x8");
+  fails({{"weight.prior", "-1"}}, "weight.prior");
+  fails({{"prior.guidance", "nan"}}, "prior.guidance");
+  fails({{"prior.steps", "1001"}}, "1001 denoising steps");
+  CHECK_THROWS_WITH_AS(make_method("nerf")->adopt_prior(gaussian()), doctest::Contains("--prior: nerf"), Error);
+}
