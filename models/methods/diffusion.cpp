@@ -374,11 +374,28 @@ Tensor Diffusion::sampled(const AssetWish& wish, const std::vector<NewAsset>& as
                 random_normal(shape_of(count), {wish.seed}), options);
 }
 
+std::vector<NewAsset> Diffusion::training_assets(const AssetWish& wish) const {
+  std::vector<NewAsset> assets;
+  const auto numbers = static_cast<std::ptrdiff_t>(codes_.means.size() / codes_.count());
+  for (const int32_t row : training_) {
+    const auto at = static_cast<size_t>(row);
+    const NewAsset asset{codes_.classes[at], codes_.nights[at] == 1, codes_.sizes[at], {}};
+    if (asset.asset_class != wish.asset_class.value_or(asset.asset_class)) continue;
+    if (asset.night != wish.night.value_or(asset.night)) continue;
+    if (static_cast<int>(assets.size()) == wish.count) break;
+    assets.push_back(asset);
+    assets.back().code.assign(codes_.means.begin() + row * numbers, codes_.means.begin() + (row + 1) * numbers);
+  }
+  if (!assets.empty()) return assets;
+  throw Error(Fault::usage, text("no such actor was in training; there were ", describe().back()));
+}
+
 std::vector<NewAsset> Diffusion::generate(const AssetWish& wish) {
   if (wish.night && std::none_of(training_.begin(), training_.end(), [&](int32_t row) {
         return (codes_.nights[static_cast<size_t>(row)] == 1) == *wish.night;
       }))
     throw Error(Fault::usage, text("no actor at ", *wish.night ? "night" : "day", " was in training"));
+  if (wish.codes == CodeSource::training) return training_assets(wish);
   std::vector<NewAsset> assets;
   for (int i = 0; i < wish.count; ++i) {
     const auto like = static_cast<size_t>(drawn_actor(wish, static_cast<uint64_t>(i)));
@@ -387,8 +404,9 @@ std::vector<NewAsset> Diffusion::generate(const AssetWish& wish) {
     asset.night = wish.night.value_or(codes_.nights[like] == 1);
     assets.push_back(asset);
   }
-  const Tensor codes = sampled(wish, assets) * by_channel(deviation_) + by_channel(mean_);
-  const std::vector<float> values = codes.to_host();
+  const Tensor codes =
+      wish.codes == CodeSource::random ? random_normal(shape_of(wish.count), {wish.seed}) : sampled(wish, assets);
+  const std::vector<float> values = (codes * by_channel(deviation_) + by_channel(mean_)).to_host();
   const size_t numbers = values.size() / assets.size();
   for (size_t i = 0; i < assets.size(); ++i) {
     assets[i].code.assign(values.begin() + static_cast<std::ptrdiff_t>(i * numbers),

@@ -73,6 +73,8 @@ class Diffusion final : public Method, public AssetPrior {
   int32_t drawn_actor(const AssetWish& wish, uint64_t index) const;
   /// The box of the training actor of a class whose code is nearest to another, by standardised numbers.
   Eigen::Vector3d nearest_size(const std::vector<float>& code, int asset_class) const;
+  /// The first actors of training that the wish fits, as they are.
+  std::vector<NewAsset> training_assets(const AssetWish& wish) const;
   /// Standardised codes of assets of these classes and times of day.
   Tensor sampled(const AssetWish& wish, const std::vector<NewAsset>& assets) const;
 

@@ -24,13 +24,18 @@ struct PriorScore {
   double training_v_loss = 0;
 };
 
+/// Where codes come from: samples of the network, a standard normal distribution instead of it (what the network must
+/// beat), or the codes that it was trained on, as they are.
+enum class CodeSource { sampled, random, training };
+
 struct AssetWish {
-  int count = 1;
+  int count = 1;                   // of training codes: at most
   std::optional<int> asset_class;  // of kAssetClasses; none: as often as in training
   std::optional<bool> night;       // none: as often as in training, of that class
   uint64_t seed = 0;
   float guidance = 1;
   int steps = 50;
+  CodeSource codes = CodeSource::sampled;
 };
 
 class AssetPrior {

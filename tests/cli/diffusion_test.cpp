@@ -78,11 +78,23 @@ TEST_CASE("eval of a run of diffusion measures codes that were held out, beside 
   CHECK(json.at("v_loss") > 0);
   CHECK(json.at("baseline_zero_v_loss") == doctest::Approx(1).epsilon(0.5));
   CHECK(json_of(small_diffusion_run() / "eval" / "eval.json").at("v_loss") == json.at("v_loss"));
+  CHECK(json.at("copy_ratio") > 0);
+  CHECK_FALSE(json.contains("frechet_feature_distance"));
   CHECK(cloam_with({"eval", small_diffusion_run().string(), "--protocol", "novel"}).code == 2);
   const Outcome rendered = cloam_with({"render", small_diffusion_run().string(), "-o", (scratch() / "none").string()});
   CHECK(rendered.code == 2);
   CHECK(contains(rendered.err, "cloam generate"));
   CHECK(cloam_with({"edit", small_diffusion_run().string(), "--list"}).code == 2);
+}
+
+TEST_CASE("eval of a run of diffusion with features compares pictures of samples with those of random codes") {
+  const Outcome evaluated = cloam_with({"eval", small_diffusion_run().string(), "--json", "--features", "random"});
+  REQUIRE_MESSAGE(evaluated.code == 0, evaluated.err);
+  const auto json = nlohmann::json::parse(evaluated.out);
+  CHECK(json.at("frechet_feature_distance") > 0);
+  CHECK(json.at("baseline_random_frechet_feature_distance") > 0);
+  CHECK(json.at("frechet_feature_distance") != json.at("baseline_random_frechet_feature_distance"));
+  CHECK(json.at("set_images").at(0) == 4 * json.at("samples").get<int>());
 }
 
 TEST_CASE("what diffusion cannot learn from is one error, and makes no run") {

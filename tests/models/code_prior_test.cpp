@@ -120,7 +120,7 @@ TEST_CASE("prior: codes that nothing is rendered of go to the prior's mean, with
     const auto method =
         street(scene, {{{"weight.prior", "1"}, {"batch.lidar_rays", "0"}, {"train.rate_codes", "0.3"}}, {0, 1}, prior});
     const double before = from_mean(code_of(*method, 2));
-    (void)train_to(*method, folder.path / (prior ? "with" : "without"), 40);
+    (void)train_to(*method, folder.path / (prior ? "with" : "without"), 80);
     CHECK(before > 0.6);
     if (prior) CHECK(from_mean(code_of(*method, 2)) < 0.5 * before);
     if (!prior) CHECK(from_mean(code_of(*method, 2)) > 0.9 * before);

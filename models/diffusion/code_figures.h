@@ -1,0 +1,23 @@
+// What samples of codes are worth, by the codes alone: whether they are copies, and whether they are of their class.
+#pragma once
+#include <vector>
+
+namespace cloam {
+
+/// Codes [N,width] and the class of each.
+struct LabelledCodes {
+  std::size_t width = 0;
+  std::vector<float> codes;
+  std::vector<int> classes;
+  std::size_t count() const { return classes.size(); }
+  void add(const std::vector<float>& code, int asset_class);
+};
+
+/// The median distance (root mean square of the numbers) of samples to the nearest training code, over the median
+/// distance between two training codes: near 0 for copies. Of at most 400 training codes, evenly taken, for the second.
+double copy_ratio(const LabelledCodes& samples, const LabelledCodes& training);
+
+/// The share of samples whose class is that of the nearest prototype (the mean of the training codes of a class).
+double share_of_right_classes(const LabelledCodes& samples, const LabelledCodes& training);
+
+}  // namespace cloam
