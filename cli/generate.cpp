@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "cli/actors.h"
@@ -24,20 +25,27 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
+const std::map<std::string, CodeSource> kCodeSources = {
+    {"sampled", CodeSource::sampled}, {"random", CodeSource::random}, {"training", CodeSource::training}};
+
 constexpr int kFramesPerSecond = 12;
+constexpr char kPictures[] = "pictures";
 constexpr char kExamples[] = R"(Make new assets of a run of diffusion.
 
 Examples:
   cloam generate runs/assets -n 16 -o assets
   cloam generate runs/assets -n 4 --class Car --time night --seed 7 --guidance 2 -o cars
+  cloam generate runs/assets -n 60 --pictures --no-meshes --codes random -o random    as training and samples: which
+  cloam distance samples/pictures training/pictures --features random                 are nearer to training?
 
 Writes latents.safetensors, grid.png, generate.json and for each asset a turntable (GIF) and a mesh (GLB). The same seed
 gives the same files. Without --class and --time both are drawn as often as training had them. An asset has
 the box of the training actor of its class whose code is nearest.)";
 
 struct GenerateRequest {
-  std::string run, out, asset_class, time;
+  std::string run, out, asset_class, time, codes = "sampled";
   AssetWish wish;
+  bool pictures = false, no_meshes = false;
   int frames = 12, size = 128, resolution = 96;
 };
 
@@ -75,6 +83,7 @@ Json how_made(const GenerateRequest& request, const RestoredRun& prior, const St
           {"seed", wish.seed},
           {"guidance", wish.guidance},
           {"steps", wish.steps},
+          {"codes", request.codes},
           {"class", wish.asset_class ? kAssetClasses[*wish.asset_class] : "as in training"},
           {"time", wish.night ? time_of_day(*wish.night) : "as in training"},
           {"prior", fingerprint(prior)},
@@ -123,6 +132,15 @@ void add_mesh(const GenerateRequest& request, const Made& made, std::size_t i, J
   row["triangles"] = mesh.triangle_count();
 }
 
+/// For `distance`, which wants no loops but pictures.
+void write_pictures(const GenerateRequest& request, std::size_t asset, const std::vector<Image>& turn) {
+  for (std::size_t i = 0; i < turn.size(); ++i) {
+    char name[40];
+    std::snprintf(name, sizeof name, "asset_%03zu_%04zu.png", asset, i);
+    write_png(fs::path(request.out) / kPictures / name, turn[i]);
+  }
+}
+
 /// Turntables, meshes and the grid; returns what there is of each asset.
 Json write_assets(const GenerateRequest& request, const Made& made, const Common& common) {
   Json rows = Json::array();
@@ -137,7 +155,8 @@ Json write_assets(const GenerateRequest& request, const Made& made, const Common
     write_gif(gif, turn, kFramesPerSecond, how.dump());
     row["turntable"] = gif.filename().string();
     grid.push_back(turn[turn.size() / 8]);  // from the front and a side
-    add_mesh(request, made, i, row);
+    if (request.pictures) write_pictures(request, i, turn);
+    if (!request.no_meshes) add_mesh(request, made, i, row);
     say(common, text("generate ", i + 1, "/", made.assets.size(), "  ", kAssetClasses[made.assets[i].asset_class], ", ",
                      time_of_day(made.assets[i].night)));
     rows.push_back(row);
@@ -150,6 +169,7 @@ Json write_assets(const GenerateRequest& request, const Made& made, const Common
 int run_command(GenerateRequest request, const Common& common) {
   if (!request.asset_class.empty()) request.wish.asset_class = class_named(request.asset_class);
   if (!request.time.empty()) request.wish.night = request.time == "night";
+  request.wish.codes = kCodeSources.at(request.codes);
   check_is_prior(read_record(request.run), request.run);
   open_device(common);
   const RestoredRun prior = restore_run(request.run);
@@ -162,6 +182,8 @@ int run_command(GenerateRequest request, const Common& common) {
   Made made{street_of(decoder), std::move(assets), {}, how};
   for (const NewAsset& asset : made.assets) made.names.push_back(made.street.add_asset(asset));
   const fs::path folder = request.out;
+  std::error_code error;
+  fs::remove_all(folder / kPictures, error);  // of an earlier generation, which may have had more
   write_latents(folder / "latents.safetensors", made, prior.method->prior()->code_shape());
   Json all = {{"schema_version", 1}, {"made", made.how}};
   all["assets"] = write_assets(request, made, common);
@@ -190,6 +212,12 @@ Command add_generate(CLI::App& program) {
   parser->add_option("--guidance", request->wish.guidance, "1: the condition alone; above: closer to it (1)")
       ->check(CLI::Range(0.0, 100.0));
   parser->add_option("--steps", request->wish.steps, "Denoising steps of DDIM (50)")->check(CLI::PositiveNumber);
+  parser
+      ->add_option("--codes", request->codes,
+                   "sampled; random: of a normal distribution, what samples must beat; training: those learned from")
+      ->check(CLI::IsMember(kCodeSources));
+  parser->add_flag("--pictures", request->pictures, "Each picture of the turntables as PNG too, in DIR/pictures");
+  parser->add_flag("--no-meshes", request->no_meshes, "No GLB");
   parser->add_option("--frames", request->frames, "Pictures of a turntable (12)")->check(CLI::Range(1, 10000));
   parser->add_option("--size", request->size, "Pixels a side of a picture (128)")->check(CLI::Range(16, 4096));
   parser->add_option("--resolution", request->resolution, "Cells along the longest side of a mesh (96)")

@@ -3,7 +3,9 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
+#include <set>
 
 #include "models/io/safetensors.h"
 #include "tests/cli/process.h"
@@ -202,6 +204,64 @@ TEST_CASE("generate makes latents, turntables, meshes and a grid; the same seed 
   for (const char* name : {"latents.safetensors", "asset_000.glb"})
     CHECK_MESSAGE(content_of(other / name) != content_of(first / name), name);
   CHECK(read_safetensors(other / "latents.safetensors").tensors.at("latents") != latents.tensors.at("latents"));
+}
+
+TEST_CASE(
+    "generate --codes training shows the codes that the run has, random ones a normal distribution of their spread") {
+  const fs::path training = scratch() / "made_training", random = scratch() / "made_random";
+  const Words quick = {"--codes",    "training", "-n", "1000",   "--no-meshes",
+                       "--pictures", "--frames", "2",  "--size", "16"};
+  Words words = {"generate", small_diffusion_run().string(), "-o", training.string(), "-q"};
+  words.insert(words.end(), quick.begin(), quick.end());
+  const Outcome shown = cloam_with(words);
+  REQUIRE_MESSAGE(shown.code == 0, shown.err);
+  const SafetensorsFile source = read_safetensors(two_streets_run() / "ckpt" / "000008.safetensors"),
+                        prior = read_safetensors(small_diffusion_run() / "ckpt" / "000060.safetensors");
+  const auto floats = [](const SafetensorsFile& file, const std::string& name) {
+    const auto& data = file.tensors.at(name).data;
+    std::vector<float> values(data.size() / sizeof(float));
+    std::memcpy(values.data(), data.data(), data.size());
+    return values;
+  };
+  constexpr std::size_t kNumbers = 4 * 4 * 4;
+  std::set<std::vector<float>> known;
+  for (const std::string log : {"param.log0.", "param.log1."}) {
+    const auto rows = floats(source, log + "codes"), common = floats(source, log + "common.code");
+    for (std::size_t row = 0; row < rows.size(); row += common.size()) {
+      std::vector<float> code;
+      for (std::size_t i = 0; i < kNumbers; ++i) code.push_back(rows[row + i] + common[i]);
+      known.insert(code);
+    }
+  }
+  const SafetensorsFile made = read_safetensors(training / "latents.safetensors");
+  const auto latents = floats(made, "latents");
+  const std::size_t count = latents.size() / kNumbers;
+  CHECK(count > 5);
+  CHECK(count < known.size());  // without those held out
+  for (std::size_t i = 0; i < count; ++i)
+    CHECK(known.contains(std::vector<float>(&latents[i * kNumbers], &latents[i * kNumbers] + kNumbers)));
+  CHECK(made.metadata.at("codes") == "training");
+  CHECK(fs::exists(training / "pictures" / "asset_000_0001.png"));
+  CHECK_FALSE(fs::exists(training / "asset_000.glb"));
+
+  words[3] = random.string();
+  words[6] = "random";
+  words[8] = "100";
+  const Outcome drawn = cloam_with(words);
+  REQUIRE_MESSAGE(drawn.code == 0, drawn.err);
+  const auto codes = floats(read_safetensors(random / "latents.safetensors"), "latents");
+  const auto mean = floats(prior, "state.mean"), deviation = floats(prior, "state.deviation");
+  REQUIRE(codes.size() == 100 * kNumbers);
+  double sum = 0, squares = 0;
+  for (std::size_t i = 0; i < codes.size(); ++i) {
+    const std::size_t channel = i / 16 % 4;
+    const double z = static_cast<double>((codes[i] - mean[channel]) / deviation[channel]);
+    sum += z;
+    squares += z * z;
+  }
+  const double n = static_cast<double>(codes.size());
+  CHECK(std::abs(sum / n) < 4 / std::sqrt(n));
+  CHECK(std::abs(squares / n - 1) < 4 * std::sqrt(2 / n));
 }
 
 TEST_CASE("generate's mistakes: one line that says what would do, and nothing is written") {
