@@ -101,6 +101,11 @@ std::string seen_label(const StoredRun& run, const AssetName& name) {
   return asset_class(own) == worn ? own : kAssetClasses[worn];
 }
 
+bool is_vehicle(int asset_class) {
+  constexpr int kMotorcycle = 6;
+  return asset_class <= kMotorcycle;
+}
+
 Street& street_of(const RestoredRun& run) {
   if (Street* street = run.method->street()) return *street;
   throw Error(Fault::usage, text("the run's method, ", run.record.method,

@@ -25,6 +25,9 @@ std::string spelled(const Scenes& scenes, const AssetName& name);
 /// wearer, if that is of the asset's class.
 std::string seen_label(const StoredRun& run, const AssetName& actor);
 
+/// Of classes (kAssetClasses) from cars to motorcycles.
+bool is_vehicle(int asset_class);
+
 /// The run's street. Fault::usage for a method that knows no actors.
 Street& street_of(const RestoredRun& run);
 

@@ -13,6 +13,7 @@
 #include <sstream>
 
 #include "cli/profile.h"
+#include "cli/run_words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -163,13 +164,26 @@ std::string time_stamp() {
   return {buffer, std::strftime(buffer, sizeof buffer, "%Y-%m-%dT%H:%M:%SZ", &parts)};
 }
 
-double seconds_since_start() {
+namespace {
+
+double& restarted() {
+  static double seconds = 0;  // after the program's start
+  return seconds;
+}
+
+double seconds_since_program_start() {
   static const double started = start_time();
   timespec now{};
   const double since_load = std::chrono::duration<double>(std::chrono::steady_clock::now() - kLoaded).count();
   if (started < 0 || clock_gettime(CLOCK_BOOTTIME, &now) != 0) return since_load;
   return std::max(since_load, static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec) - started);
 }
+
+}  // namespace
+
+double seconds_since_start() { return seconds_since_program_start() - restarted(); }
+
+void restart_clock() { restarted() = seconds_since_program_start(); }
 
 std::string device_spelling(const DeviceInfo& info) { return text("--device ", info.id, " or CLOAM_DEVICE=", info.id); }
 

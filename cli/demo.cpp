@@ -1,86 +1,357 @@
-// cloam demo: a scene that it makes itself, trained, measured and rendered. No data, no network, no GPU needed.
-#include <algorithm>
-#include <filesystem>
+// cloam demo: the whole way, from streets that it makes itself to new vehicles in them. No data, no network, no GPU
+// needed.
+#include <unistd.h>
 
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <map>
+#include <set>
+
+#include "cli/actors.h"
 #include "cli/commands.h"
+#include "cli/demo_page.h"
+#include "cli/distance.h"
 #include "cli/eval.h"
-#include "cli/render.h"
-#include "cli/train.h"
-#include "models/data/synthetic_scene.h"
+#include "cli/run_words.h"
+#include "models/data/json.h"
+#include "models/io/commit.h"
 #include "models/io/image.h"
-#include "models/train/pictures.h"
+#include "models/scene/asset_class.h"
+#include "models/train/scene_file.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+using Words = std::vector<std::string>;
 
-constexpr int kOrbitFrames = 36, kSheetColumns = 3;
-constexpr char kExamples[] = R"(Make a scene, train on it for a minute, and show pictures.
+constexpr double kStreetShare = 0.7, kPriorShare = 0.3;  // of the time budget
+constexpr std::size_t kClasses = 3, kSwapped = 6;
+constexpr int kAllOfTraining = 1000;
+constexpr char kEach[] = "2";  // new vehicles of a class and time of day
+constexpr char kExamples[] =
+    R"(Make streets, reconstruct them, learn what their vehicles are like, generate new ones and put
+them into a street. It ends with a page of pictures and figures: demo/index.html.
 
 Examples:
   cloam demo
-  cloam demo -o showcase --time-budget 2m)";
+  cloam demo -o showcase --time-budget 20m
+  cloam demo --features inception.safetensors      feature distances are FID then)";
 
 struct DemoRequest {
-  std::string out = "demo", time_budget = "60s";
-  int size = 128;
+  std::string out = "demo", time_budget = "9m", size = "160x90", features = "random";
+  int logs = 4, frames = 12, assets = 48, steps = 0;
+  std::vector<std::string> settings;
 };
 
-std::vector<fs::path> pngs_in(const fs::path& folder) {
-  std::vector<fs::path> found;
-  for (const auto& entry : fs::directory_iterator(folder)) {
-    if (entry.path().extension() == ".png") found.push_back(entry.path());
+struct Swap {
+  int log = 0;
+  std::vector<std::string> actors;
+  std::size_t pixels = 0;
+};
+
+/// Classes and times of day of the assets that `generate --codes training` showed.
+std::map<std::pair<std::string, std::string>, int> kinds_in(const fs::path& folder) {
+  std::map<std::pair<std::string, std::string>, int> kinds;
+  const auto made = parse_json_file(folder / "generate.json");
+  for (const auto& asset : made.at("assets"))
+    kinds[{asset.at("class").get<std::string>(), asset.at("time").get<std::string>()}]++;
+  return kinds;
+}
+
+/// "Construction-vehicle-night".
+std::string folder_name(const std::string& asset_class, const std::string& time) {
+  std::string name = asset_class + "-" + time;
+  std::replace(name.begin(), name.end(), ' ', '-');
+  return name;
+}
+
+/// The pixels of each actor of a log in all its pictures, by what `render --masks` wrote.
+std::map<std::string, std::size_t> pixels_of(const fs::path& folder, const std::string& log) {
+  const auto names = parse_json_file(folder / (log + "_actors.json"));
+  std::map<std::string, std::size_t> pixels;
+  for (const fs::path& file : files_in(folder, log + "_", "_actor.png"))
+    for (const std::uint16_t actor : read_labels(file).values)
+      if (actor > 0) pixels[names.at(std::to_string(actor)).get<std::string>()]++;
+  return pixels;
+}
+
+/// What leaves at once is a signal outside of a training, which handles it itself; every file is whole at any time.
+extern "C" void leave(int signal) { _exit(128 + signal); }
+
+class Demo {
+ public:
+  Demo(const DemoRequest& request, const Common& common) : request_(request), common_(common) {
+    made_.folders.root = request.out;
+    budget_ = parse_duration(request.time_budget);
   }
-  std::sort(found.begin(), found.end());
+
+  int run();
+
+ private:
+  struct Part {
+    const char* what;
+    double seconds;  // on two cores of 2023, trainings aside
+    double share;    // of the time budget
+    int (Demo::*run)();
+  };
+  static const std::vector<Part> kParts;
+
+  int make_streets();
+  int reconstruct();
+  int learn_assets();
+  int generate();
+  int swap_vehicles();
+  int write_page();
+
+  /// Runs a command and notes it. Talkative ones are told to be quiet.
+  int run_noted(Words words, bool talks = false);
+  Json evaluated(const fs::path& run);
+  Json distance(const fs::path& set);
+  Words with_schedule(Words words, double share) const;
+  Swap best_swap() const;
+  void clear() const;
+  void note(const Words& words, double seconds_before);
+  Json record() const;
+  void tell(std::size_t part) const;
+  double training_seconds(const Part& part) const { return request_.steps > 0 ? 0 : part.share * budget_; }
+  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count(); }
+  /// With the options that all commands have.
+  Words with_common(Words words, bool quiet) const;
+
+  const DemoRequest request_;
+  const Common common_;
+  DemoRecord made_;
+  double budget_ = 0;
+  double expected_ = 0, took_ = 0;  // of the parts so far, trainings aside
+  const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
+};
+
+const std::vector<Demo::Part> Demo::kParts = {
+    {"making streets: driving logs with cameras, LiDAR and boxes", 10, 0, &Demo::make_streets},
+    {"reconstructing them; a sixth of the pictures is held out and measured", 20, kStreetShare, &Demo::reconstruct},
+    {"learning what their assets are like: a diffusion of their latent codes", 5, kPriorShare, &Demo::learn_assets},
+    {"generating assets: new ones, and from random latents to compare with", 60, 0, &Demo::generate},
+    {"swapping vehicles of a street for generated ones", 30, 0, &Demo::swap_vehicles},
+    {"writing the page", 1, 0, &Demo::write_page}};
+
+Words Demo::with_common(Words words, bool quiet) const {
+  if (common_.device != Common().device) words.insert(words.end(), {"--device", common_.device});
+  if (!common_.max_memory.empty()) words.insert(words.end(), {"--max-memory", common_.max_memory});
+  if (quiet) words.push_back("-q");
+  return words;
+}
+
+void Demo::note(const Words& words, double seconds_before) {
+  made_.commands.push_back({typed(words), seconds() - seconds_before});
+}
+
+int Demo::run_noted(Words words, bool talks) {
+  const double before = seconds();
+  const int code = run_words(with_common(words, common_.quiet || !(talks || common_.verbose)));
+  note(words, before);
+  return code;
+}
+
+Json Demo::evaluated(const fs::path& run) {
+  const double before = seconds();
+  Common quiet = common_;
+  quiet.quiet = !common_.verbose;
+  EvalRequest request;
+  request.run = run.string();
+  Json found = measure_run(request, quiet);
+  note({"eval", request.run}, before);
   return found;
 }
 
-void write_sheet(const fs::path& path, const fs::path& pictures) {
-  std::vector<Image> images;
-  for (const fs::path& picture : pngs_in(pictures)) images.push_back(read_image(picture));
-  if (!images.empty()) write_png(path, contact_sheet(images, kSheetColumns));
+Json Demo::distance(const fs::path& set) {
+  const double before = seconds();
+  const DistanceRequest request{{(set / "pictures").string(), (made_.folders.training() / "pictures").string()},
+                                request_.features};
+  Json found = measure_distance(request, common_);
+  note({"distance", request.folders[0], request.folders[1], "--features", request.features}, before);
+  return found;
 }
 
-int train_demo(const DemoRequest& request, const fs::path& data, const fs::path& run, const Common& common) {
-  TrainRequest train;
-  train.method = "nerf";
-  train.data = {data.string()};
-  train.out = run.string();
-  train.time_budget = request.time_budget;
-  train.overwrite = true;
-  train.seconds_before = seconds_since_start();
-  return run_train(train, common);
+Words Demo::with_schedule(Words words, double share) const {
+  if (request_.steps > 0)
+    words.insert(words.end(), {"--steps", std::to_string(request_.steps)});
+  else
+    words.insert(words.end(), {"--time-budget", text(std::lround(std::max(1.0, share * budget_)), "s")});
+  return words;
+}
+
+int Demo::make_streets() {
+  return run_noted({"synth", "-o", made_.folders.logs().string(), "--logs", std::to_string(request_.logs), "--frames",
+                    std::to_string(request_.frames), "--size", request_.size, "--cameras", "front,front_left",
+                    "--night", "0.25", "--no-truth"},
+                   true);
+}
+
+int Demo::reconstruct() {
+  Words words = {"train", "genassets"};
+  for (const fs::path& log : files_in(made_.folders.logs(), "", "")) words.push_back(log.string());
+  words.insert(words.end(), {"-o", made_.folders.street().string(), "--preset", "genassets-small", "--holdout", "6"});
+  // Small pictures want small patches, and more of them.
+  Words settings = {"batch.patches=8", "batch.patch_side=24", "background.side=256"};
+  settings.insert(settings.end(), request_.settings.begin(), request_.settings.end());
+  for (const std::string& setting : settings) words.insert(words.end(), {"--set", setting});
+  const int code = run_noted(with_schedule(words, kStreetShare), true);
+  if (code == 0) made_.street = evaluated(made_.folders.street());
+  return code;
+}
+
+int Demo::learn_assets() {
+  const int code = run_noted(with_schedule({"train", "diffusion", made_.folders.street().string(), "-o",
+                                            made_.folders.prior().string(), "--preset", "diffusion-small"},
+                                           kPriorShare),
+                             true);
+  if (code == 0) made_.prior = evaluated(made_.folders.prior());
+  return code;
+}
+
+int Demo::generate() {
+  const std::string prior = made_.folders.prior().string();
+  const auto show = [&](const char* codes, const fs::path& folder, int count) {
+    run_noted({"generate", prior, "-o", folder.string(), "-n", std::to_string(count), "--codes", codes, "--frames", "8",
+               "--size", "64", "--pictures", "--no-meshes"});
+  };
+  show("training", made_.folders.training(), kAllOfTraining);
+  show("sampled", made_.folders.samples(), request_.assets);
+  show("random", made_.folders.random(), request_.assets);
+  made_.samples = distance(made_.folders.samples());
+  made_.random = distance(made_.folders.random());
+  const auto kinds = kinds_in(made_.folders.training());
+  std::map<std::string, int> counts;
+  std::set<std::string> times;
+  for (const auto& [kind, count] : kinds) {
+    if (is_vehicle(asset_class(kind.first))) counts[kind.first] += count;
+    times.insert(kind.second);
+  }
+  std::vector<std::pair<int, std::string>> classes;  // those that are most, first
+  for (const auto& [name, count] : counts) classes.emplace_back(-count, name);
+  std::sort(classes.begin(), classes.end());
+  for (std::size_t i = 0; i < std::min(classes.size(), kClasses); ++i)
+    for (const std::string& time : times)
+      run_noted({"generate", prior, "-o", (made_.folders.assets() / folder_name(classes[i].second, time)).string(),
+                 "-n", kEach, "--class", classes[i].second, "--time", time, "--resolution", "48"});
+  return 0;
+}
+
+/// The log whose vehicles cover most of its pictures, and those of them that cover most.
+Swap Demo::best_swap() const {
+  const RunRecord record = read_record(made_.folders.street());
+  const Scenes scenes = read_scene_file(made_.folders.street() / "scene.json");
+  const auto kinds = kinds_in(made_.folders.training());
+  const std::vector<std::string> logs = log_names(record);
+  Swap best;
+  for (std::size_t log = 0; log < scenes.size(); ++log) {
+    const auto pixels = pixels_of(made_.folders.before(), logs[log]);
+    std::vector<std::pair<std::size_t, std::string>> vehicles;
+    for (const Actor& actor : scenes[log].actors) {
+      const std::string kind = kAssetClasses[asset_class(actor.label)];
+      const auto seen = pixels.find(actor.id);
+      if (is_vehicle(asset_class(kind)) && !actor.boxes.empty() &&
+          kinds.contains({kind, scenes[log].night ? "night" : "day"}))
+        vehicles.emplace_back(seen == pixels.end() ? 0 : seen->second, actor.id);
+    }
+    std::sort(vehicles.rbegin(), vehicles.rend());
+    vehicles.resize(std::min(vehicles.size(), kSwapped));
+    Swap swap{static_cast<int>(log), {}, 0};
+    for (const auto& [count, id] : vehicles) swap.actors.push_back(id), swap.pixels += count;
+    if (best.actors.empty() || swap.pixels > best.pixels) best = swap;
+  }
+  if (!best.actors.empty()) return best;
+  throw Error(Fault::data, "the streets have no vehicle of a class that was learned\n  fix: a longer --time-budget");
+}
+
+int Demo::swap_vehicles() {
+  const std::string street = made_.folders.street().string();
+  run_noted({"render", street, "-o", made_.folders.before().string(), "--masks", "--exr"});
+  const Swap swap = best_swap();
+  made_.swapped_log = log_names(read_record(street)).at(static_cast<std::size_t>(swap.log));
+  made_.swapped = swap.actors;
+  Words words = {"edit", street, "--prior", made_.folders.prior().string(), "-o", made_.folders.edited().string()};
+  for (const std::string& actor : swap.actors)
+    words.insert(words.end(), {"--actor", made_.swapped_log + ":" + actor + ":replace=generated"});
+  run_noted(words);
+  return run_noted(
+      {"render", made_.folders.edited().string(), "-o", made_.folders.after().string(), "--log", made_.swapped_log});
+}
+
+int Demo::write_page() {
+  write_demo_page(made_);
+  return 0;
+}
+
+/// A demo before this one, but nothing else.
+void Demo::clear() const {
+  const DemoFolders& f = made_.folders;
+  std::error_code error;
+  if (!fs::exists(f.root, error) || fs::is_empty(f.root, error)) return;
+  if (!fs::exists(f.record(), error))
+    throw Error(Fault::usage,
+                text(f.root.string(), " exists and holds what is no demo; name another folder with -o, or remove it"));
+  for (const fs::path& path : {f.page(), f.logs(), f.street(), f.prior(), f.training(), f.samples(), f.random(),
+                               f.assets(), f.before(), f.edited(), f.after()}) {
+    fs::remove_all(path, error);
+    if (error) throw Error(Fault::write, text(path.string(), ": cannot be removed: ", error.message()));
+  }
+}
+
+Json Demo::record() const {
+  Json json = {{"schema_version", 1}, {"page", nullptr}, {"seconds", seconds()}};
+  if (fs::exists(made_.folders.page())) json["page"] = made_.folders.page().string();
+  json["street"] = made_.street;
+  json["prior"] = made_.prior;
+  json["distance_of_samples"] = made_.samples;
+  json["distance_of_random_latents"] = made_.random;
+  json["swapped"] = {{"log", made_.swapped_log}, {"actors", made_.swapped}};
+  json["commands"] = Json::array();
+  for (const DemoCommand& command : made_.commands)
+    json["commands"].push_back({{"command", command.line}, {"seconds", command.seconds}});
+  return json;
+}
+
+/// What is left is told by how fast this machine was so far.
+void Demo::tell(std::size_t part) const {
+  const double slower = expected_ > 0 ? took_ / expected_ : 1;
+  double left = 0;
+  for (std::size_t i = part; i < kParts.size(); ++i) left += kParts[i].seconds * slower + training_seconds(kParts[i]);
+  say(common_, text("[", part + 1, "/", kParts.size(), "] ", kParts[part].what, "; about ", words_for_seconds(left),
+                    " left in all"));
+}
+
+int Demo::run() {
+  clear();
+  commit_text(made_.folders.record(), record().dump(2) + "\n");
+  for (std::size_t i = 0; i < kParts.size(); ++i) {
+    tell(i);
+    const double before = seconds();
+    const int code = (this->*kParts[i].run)();
+    commit_text(made_.folders.record(), record().dump(2) + "\n");
+    if (code != 0) {
+      say(common_, text("what is done is in ", request_.out));
+      return code;
+    }
+    expected_ += kParts[i].seconds;
+    took_ += std::max(0.0, seconds() - before - training_seconds(kParts[i]));
+  }
+  if (common_.json) put(record().dump() + "\n");
+  say(common_, text("done in ", words_for_seconds(seconds()), "\n", made_.folders.page().string()));
+  return 0;
 }
 
 int run_command(const DemoRequest& request, const Common& common) {
   open_device(common);
-  const fs::path out = request.out, data = out / "data", run = out / "run", orbit = out / "orbit";
-  say(common, "making a scene of 40 views in " + data.string());
-  write_synthetic_scene(data, {.size = request.size});
-  const int code = train_demo(request, data, run, common);
-  if (code != 0) return code;  // interrupted; all is saved and said
-  Common talk = common;
-  talk.quiet = true;
-  EvalRequest eval;
-  eval.run = run.string();
-  run_eval(eval, common.json ? common : talk);
-  say(common, "rendering a turntable");
-  RenderRequest render;
-  render.run = run.string();
-  render.out = orbit.string();
-  render.path = "orbit";
-  render.frames = kOrbitFrames;
-  talk.json = false;
-  run_render(render, talk);
-  const fs::path sheet = out / "views.png", turntable = out / "turntable.gif";
-  write_sheet(sheet, run / "eval" / "images");
-  fs::copy_file(orbit / "orbit.gif", turntable, fs::copy_options::overwrite_existing);
-  say(common,
-      text("\npictures:\n  ", sheet.string(), "  render | truth | error, held-out views\n  ", turntable.string(),
-           "  once around\nnext: cloam train nerf YOUR-DATA -o runs/first   (cloam check YOUR-DATA first)"));
-  return 0;
+  features_named(request.features);  // a wrong file is told before minutes of work
+  std::signal(SIGINT, leave);
+  std::signal(SIGTERM, leave);
+  return Demo(request, common).run();
 }
 
 }  // namespace
@@ -90,8 +361,16 @@ Command add_demo(CLI::App& program) {
   const auto request = std::make_shared<DemoRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("-o,--out", request->out, "Folder for everything it makes (demo)");
-  parser->add_option("--time-budget", request->time_budget, "Of the training (60s)");
-  parser->add_option("--size", request->size, "Side of the pictures in pixels (128)")->check(CLI::Range(16, 1024));
+  parser->add_option("--time-budget", request->time_budget, "Of both trainings together (9m); all else takes minutes");
+  parser->add_option("--features", request->features, "Weights of the feature network that measures (random)");
+  parser->add_option("--logs", request->logs, "How many streets (4)")->check(CLI::Range(2, 100));
+  parser->add_option("--frames", request->frames, "Steps of each (12)")->check(CLI::Range(2, 200));
+  parser->add_option("--size", request->size, "Of the pictures (160x90)");
+  parser->add_option("--assets", request->assets, "How many are compared (48)")->check(CLI::Range(2, 1000));
+  parser->add_option("--steps", request->steps, "Of each training, instead of a time budget")
+      ->check(CLI::PositiveNumber);
+  parser->add_option("--set", request->settings, "key=value for the training on the streets, may be repeated")
+      ->allow_extra_args(false);
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

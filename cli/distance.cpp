@@ -1,7 +1,8 @@
 // cloam distance: how alike two sets of pictures are as sets. FID and KID with the weights of Inception, the same
 // statistics under other names with other networks.
+#include "cli/distance.h"
+
 #include <filesystem>
-#include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
 #include "cli/eval.h"
@@ -25,11 +26,6 @@ Examples:
   cloam distance samples photos --features random --json
 
 docs/formats.md says how to get a file with Inception's weights.)";
-
-struct DistanceRequest {
-  std::vector<std::string> folders;
-  std::string features;
-};
 
 std::vector<fs::path> images_in(const fs::path& folder) {
   if (!fs::is_directory(folder)) throw Error(Fault::data, text(folder.string(), ": want a folder of images"));
@@ -66,23 +62,37 @@ Eigen::MatrixXd features_of(const std::vector<fs::path>& files, const FeatureNet
   return rows;
 }
 
-int run_command(const DistanceRequest& request, const Common& common) {
-  const std::vector<fs::path> a = images_in(request.folders[0]), b = images_in(request.folders[1]);
+struct Measured {
+  std::string network;
+  SetDistances sets;
+};
+
+Measured measure(const DistanceRequest& request, const Common& common) {
+  const std::vector<fs::path> a = images_in(request.folders.at(0)), b = images_in(request.folders.at(1));
   open_device(common);
   const FeatureNetwork network = features_named(request.features);
   const SetDistances sets = set_distances(features_of(a, network, common), features_of(b, network, common));
   warn_of_few_images(sets);
-  if (!common.json) {
-    put(set_lines(network.name, sets));
-    return 0;
-  }
-  nlohmann::ordered_json json = {{"schema_version", 1}, {"feature_network", network.name}};
-  add_sets(json, network.name, sets);
-  put(json.dump(2) + "\n");
+  return {network.name, sets};
+}
+
+nlohmann::ordered_json to_json(const Measured& measured) {
+  nlohmann::ordered_json json = {{"schema_version", 1}, {"feature_network", measured.network}};
+  add_sets(json, measured.network, measured.sets);
+  return json;
+}
+
+int run_command(const DistanceRequest& request, const Common& common) {
+  const Measured measured = measure(request, common);
+  put(common.json ? to_json(measured).dump(2) + "\n" : set_lines(measured.network, measured.sets));
   return 0;
 }
 
 }  // namespace
+
+nlohmann::ordered_json measure_distance(const DistanceRequest& request, const Common& common) {
+  return to_json(measure(request, common));
+}
 
 Command add_distance(CLI::App& program) {
   CLI::App* parser = program.add_subcommand("distance", kExamples);

@@ -4,8 +4,8 @@
 #include <exception>
 #include <new>
 
-#include "cli/commands.h"
 #include "cli/profile.h"
+#include "cli/run_words.h"
 #include "models/data/paths.h"
 #include "runtime/error.h"
 
@@ -15,7 +15,7 @@ namespace {
 constexpr char kIntroduction[] =
     R"(cloam makes 3D scenes from photos on any OpenCL device. It needs no CUDA and no Python.
 
-  cloam demo                                     one minute: a scene that it makes itself, trained and rendered
+  cloam demo                                     ten minutes: from streets that it makes itself to new cars in them
   cloam info                                     which devices there are, and which one would run
   cloam check DATA                               is this folder a capture that can be trained?
   cloam train nerf DATA -o runs/my               learn the scene (Ctrl-C saves; --resume goes on)
@@ -101,7 +101,7 @@ int run(const std::function<int()>& command) {
 int main_of(int argc, char** argv) {
   std::signal(SIGPIPE, SIG_IGN);  // a reader of our output that goes away must not end a training
   seconds_since_start();
-  for (int i = 0; i < argc; ++i) command_line() += (i ? " " : "") + (i ? quoted(argv[i]) : std::string("cloam"));
+  command_line() = typed({argv + 1, argv + argc});
   if (argc == 1) {
     return run([] {
       put(kIntroduction);
@@ -111,11 +111,7 @@ int main_of(int argc, char** argv) {
   CLI::App program("3D scenes from photos on any OpenCL device", "cloam");
   program.set_version_flag("--version", std::string("cloam ") + kVersion);
   program.require_subcommand(0, 1);
-  std::vector<Command> commands;
-  for (const auto add : {add_train, add_eval, add_compare, add_distance, add_render, add_export, add_generate, add_edit,
-                         add_simulate, add_check, add_demo, add_synth, add_info, add_selftest, add_bench, add_tune}) {
-    commands.push_back(add(program));
-  }
+  const std::vector<Command> commands = add_commands(program);
   const int parsed = parse(program, argc, argv);
   if (parsed >= 0) return parsed;
   for (const Command& command : commands) {

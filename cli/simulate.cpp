@@ -26,7 +26,6 @@ namespace {
 namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 
-constexpr int kLastVehicle = 6;  // of kAssetClasses: cars to motorcycles
 constexpr char kExamples[] =
     R"(Write a log of a trained street, as edited, in PandaSet's layout: images, LiDAR and boxes that fit together.
 
@@ -223,7 +222,7 @@ int write_one(const SimulateRequest& request, const Common& common, Simulation& 
 std::vector<AssetName> vehicles_of(const Scenes& scenes, int log) {
   std::vector<AssetName> names;
   for (const Actor& actor : scenes.at(static_cast<std::size_t>(log)).actors)
-    if (!actor.boxes.empty() && asset_class(actor.label) <= kLastVehicle) names.push_back({log, actor.id});
+    if (!actor.boxes.empty() && is_vehicle(asset_class(actor.label))) names.push_back({log, actor.id});
   return names;
 }
 

@@ -165,7 +165,7 @@ TrainOptions options_of(const TrainJob& job, const TrainRequest& request) {
   TrainOptions options;
   options.steps = job.record.steps;
   options.time_budget_seconds = job.record.time_budget_seconds;
-  options.seconds_before = seconds_since_start() - std::max(0.0, request.seconds_before);
+  options.seconds_before = seconds_since_start();
   options.stop_after = request.stop_after;
   options.save_every = job.record.save_every;
   options.default_steps = job.default_steps;

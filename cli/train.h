@@ -26,7 +26,6 @@ struct TrainRequest {
   bool skip_bad = false, resume = false, overwrite = false, dry_run = false;
   std::vector<std::string> settings;  // key=value
   std::string progress = "auto";
-  double seconds_before = -1;  // where the time budget starts to count; negative: at the program's start
 };
 
 /// Returns the exit code: 0, or 130 and 143 after a signal with everything saved. Errors as the program's faults.

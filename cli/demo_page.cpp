@@ -1,0 +1,188 @@
+// See demo_page.h.
+#include "cli/demo_page.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "cli/common.h"
+#include "models/io/bytes.h"
+#include "models/io/commit.h"
+#include "models/io/image.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr uint64_t kLargestPicture = 64 << 20;
+constexpr std::size_t kFramesShown = 4;
+constexpr char kStyle[] = R"(
+body { font: 16px/1.5 sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
+table { border-collapse: collapse; margin: 1rem 0 } td, th { padding: .3rem .8rem; border-bottom: 1px solid #ccc; text-align: left }
+td.number { text-align: right; white-space: nowrap } .row { display: flex; flex-wrap: wrap; gap: .6rem; align-items: flex-end }
+figure { margin: 0 } figcaption { color: #666; font-size: .85rem } img { max-width: 100%; display: block }
+pre { background: #f4f4f4; padding: 1rem; white-space: pre-wrap; overflow-wrap: anywhere }
+)";
+
+std::string escaped(const std::string& words) {
+  std::string out;
+  for (const char c : words)
+    out += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '>' ? "&gt;" : c == '"' ? "&quot;" : std::string(1, c);
+  return out;
+}
+
+/// RFC 4648.
+std::string base64(const std::vector<std::uint8_t>& bytes) {
+  constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string out;
+  for (std::size_t i = 0; i < bytes.size(); i += 3) {
+    const std::size_t count = std::min<std::size_t>(3, bytes.size() - i);
+    uint32_t bits = 0;
+    for (std::size_t k = 0; k < 3; ++k) bits = bits << 8 | (k < count ? bytes[i + k] : 0u);
+    for (std::size_t k = 0; k < 4; ++k) out += k <= count ? kDigits[bits >> (18 - 6 * k) & 63] : '=';
+  }
+  return out;
+}
+
+std::string figure(const fs::path& file, const std::string& caption, int width) {
+  const std::string type = file.extension() == ".jpg" ? "jpeg" : file.extension().string().substr(1);
+  return fmt::format(
+      "<figure><img width=\"{}\" alt=\"{}\" src=\"data:image/{};base64,{}\"><figcaption>{}</figcaption></figure>\n",
+      width, escaped(caption), type, base64(read_file(file, kLargestPicture)), escaped(caption));
+}
+
+std::string row_of(const std::string& figures) { return "<div class=\"row\">\n" + figures + "</div>\n"; }
+
+/// Near is bright; black where there is nothing. Returns the picture's file, beside the EXR.
+fs::path depth_picture(const fs::path& exr) {
+  constexpr float kHalf = 10;  // metres at which half the brightness is left
+  const ImageSize size = read_image_size(exr);
+  Image image{size.width, size.height, 1, {}};
+  for (const float depth : read_exr_layer(exr, "depth.Z"))
+    image.pixels.push_back(depth > 0 ? static_cast<std::uint8_t>(std::lround(255 / (1 + depth / kHalf)))
+                                     : std::uint8_t{0});
+  fs::path file = exr;
+  file.replace_extension(".depth.png");
+  write_png(file, image);
+  return file;
+}
+
+struct Figure {
+  std::string what, here, other, wanted;
+};
+
+std::string decibels(const Json& json, const char* key) {
+  return json.at(key).is_number() ? fmt::format("{:.2f} dB", json.at(key).get<double>()) : "-";
+}
+
+std::vector<Figure> figures_of(const DemoRecord& r) {
+  const double samples = frechet_of(r.samples), random = frechet_of(r.random);
+  const Json& metres = r.street.at("lidar_median_error_m");
+  return {
+      {"Held-out pictures, PSNR", decibels(r.street, "psnr"),
+       decibels(r.street, "baseline_blend_psnr") + " (mean of the pictures before and after)", "22 dB or more"},
+      {"Actors in them, PSNR", decibels(r.street, "masked_psnr"),
+       decibels(r.street, "baseline_blend_masked_psnr") + " (the same)", ""},
+      {"LiDAR depth, median error", metres.is_number() ? fmt::format("{:.2f} m", metres.get<double>()) : "-", "", ""},
+      {"Held-out codes, v-loss", fmt::format("{:.3f}", r.prior.at("v_loss").get<double>()),
+       fmt::format("{:.3f} (predicting zero)", r.prior.at("baseline_zero_v_loss").get<double>()), ""},
+      {text("Feature distance of new assets to those learned from (",
+            r.samples.at("feature_network").get<std::string>(), ")"),
+       fmt::format("{:.4g}", samples), fmt::format("{:.4g} (random latents)", random),
+       fmt::format("lower by half or more; it is lower by {:.0f} %", 100 * (1 - samples / random))}};
+}
+
+std::string table(const std::vector<Figure>& figures) {
+  std::string out = "<table><tr><th></th><th>here</th><th>without learning</th><th>wanted</th></tr>\n";
+  for (const Figure& f : figures)
+    out += fmt::format("<tr><td>{}</td><td class=\"number\"><b>{}</b></td><td>{}</td><td>{}</td></tr>\n",
+                       escaped(f.what), escaped(f.here), escaped(f.other), escaped(f.wanted));
+  return out + "</table>\n";
+}
+
+std::string streets(const DemoRecord& r) {
+  std::string out =
+      "<h2>Streets, reconstructed</h2>\n<p>Pictures that the training did not see: reconstruction, photo, error four "
+      "times as bright; and the depth, near is bright.</p>\n";
+  for (const fs::directory_entry& log : fs::directory_iterator(r.folders.logs())) {
+    const std::string name = log.path().filename().string();
+    const std::vector<fs::path> depths = files_in(r.folders.before(), name + "_", ".exr");
+    if (depths.empty()) continue;
+    const fs::path& exr = depths.back();
+    const fs::path sheet = r.folders.street() / "eval" / "images" / exr.filename().replace_extension(".png");
+    out += row_of(figure(sheet, exr.stem().string(), 840) + figure(depth_picture(exr), "depth", 280));
+  }
+  return out;
+}
+
+std::string sets(const DemoRecord& r) {
+  return "<h2>What the diffusion learned</h2>\n<p>Assets of the reconstructed streets, new ones from the diffusion of "
+         "their codes, and what the decoder makes of random codes.</p>\n" +
+         row_of(figure(r.folders.training() / "grid.png", "learned from", 380) +
+                figure(r.folders.samples() / "grid.png", "generated", 380) +
+                figure(r.folders.random() / "grid.png", "random latents", 380));
+}
+
+std::string assets(const DemoRecord& r) {
+  std::vector<fs::path> kinds;
+  for (const fs::directory_entry& kind : fs::directory_iterator(r.folders.assets())) kinds.push_back(kind.path());
+  std::sort(kinds.begin(), kinds.end());
+  std::string figures;
+  for (const fs::path& kind : kinds)
+    for (const fs::path& turntable : files_in(kind, "asset_", ".gif"))
+      figures += figure(turntable, kind.filename().string(), 170);
+  return "<h2>New vehicles, by class and time of day</h2>\n" + row_of(figures);
+}
+
+std::string swap(const DemoRecord& r) {
+  std::string out = fmt::format(
+      "<h2>Before and after</h2>\n<p>The street {} as it was reconstructed, and the same frames with {} of its "
+      "vehicles "
+      "swapped for generated ones.</p>\n",
+      escaped(r.swapped_log), r.swapped.size());
+  const std::vector<fs::path> after = files_in(r.folders.after(), r.swapped_log + "_", ".png");
+  for (std::size_t i = 0; i < std::min(after.size(), kFramesShown); ++i)
+    out += row_of(figure(r.folders.before() / after[i].filename(), "before", 560) + figure(after[i], "after", 560));
+  return out;
+}
+
+std::string commands(const DemoRecord& r) {
+  std::string lines;
+  double all = 0;
+  for (const DemoCommand& command : r.commands) {
+    lines += fmt::format("{}   # {:.1f} s\n", escaped(command.line), command.seconds);
+    all += command.seconds;
+  }
+  return fmt::format("<h2>How to make it again</h2>\n<p>These commands were run; they took {}.</p>\n<pre>{}</pre>\n",
+                     words_for_seconds(all), lines);
+}
+
+}  // namespace
+
+double frechet_of(const Json& distance) {
+  return distance.at(distance.contains("fid") ? "fid" : "frechet_feature_distance").get<double>();
+}
+
+std::vector<fs::path> files_in(const fs::path& folder, const std::string& beginning, const std::string& ending) {
+  std::vector<fs::path> found;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    const std::string name = entry.path().filename().string();
+    if (name.starts_with(beginning) && name.ends_with(ending)) found.push_back(entry.path());
+  }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+void write_demo_page(const DemoRecord& r) {
+  const std::string title = "cloam: streets, reconstructed and with new vehicles";
+  commit_text(r.folders.page(), "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + title +
+                                    "</title><style>" + kStyle + "</style></head><body>\n<h1>" + title + "</h1>\n" +
+                                    table(figures_of(r)) + streets(r) + sets(r) + assets(r) + swap(r) + commands(r) +
+                                    "</body></html>\n");
+}
+
+}  // namespace cloam

@@ -1,0 +1,51 @@
+// What a demo made, as a page for people: one HTML file that holds its pictures and needs nothing else.
+#pragma once
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace cloam {
+
+struct DemoCommand {
+  std::string line;  // as typed at a prompt
+  double seconds;
+};
+
+/// Where the parts of a demo lie.
+struct DemoFolders {
+  std::filesystem::path root;
+  std::filesystem::path page() const { return root / "index.html"; }
+  std::filesystem::path record() const { return root / "demo.json"; }
+  std::filesystem::path logs() const { return root / "logs"; }
+  std::filesystem::path street() const { return root / "street"; }  // run of genassets
+  std::filesystem::path prior() const { return root / "prior"; }    // run of diffusion
+  std::filesystem::path training() const { return root / "training"; }
+  std::filesystem::path samples() const { return root / "samples"; }
+  std::filesystem::path random() const { return root / "random"; }
+  std::filesystem::path assets() const { return root / "assets"; }  // a folder a class and time of day
+  std::filesystem::path before() const { return root / "before"; }
+  std::filesystem::path edited() const { return root / "edited"; }  // run with swapped vehicles
+  std::filesystem::path after() const { return root / "after"; }
+};
+
+struct DemoRecord {
+  DemoFolders folders;
+  nlohmann::ordered_json street, prior;    // what eval found
+  nlohmann::ordered_json samples, random;  // distances to the training assets
+  std::string swapped_log;
+  std::vector<std::string> swapped;  // ids of its actors
+  std::vector<DemoCommand> commands;
+};
+
+/// Writes folders.page(). Fault::data for pictures that are missing; Fault::write.
+void write_demo_page(const DemoRecord& record);
+
+/// The Frechet distance in what `distance --json` prints, whatever the network.
+double frechet_of(const nlohmann::ordered_json& distance);
+
+/// Files in a folder whose names begin and end so, sorted.
+std::vector<std::filesystem::path> files_in(const std::filesystem::path& folder, const std::string& beginning,
+                                            const std::string& ending);
+
+}  // namespace cloam
