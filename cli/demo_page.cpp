@@ -57,10 +57,10 @@ std::string figure(const fs::path& file, const std::string& caption, int width) 
 
 std::string row_of(const std::string& figures) { return "<div class=\"row\">\n" + figures + "</div>\n"; }
 
-/// Near is bright; black where there is nothing. Returns the picture's file, beside the EXR.
+/// Near is bright; black where there is nothing. Returns the picture's file, beside the render's EXR and PNG.
 fs::path depth_picture(const fs::path& exr) {
   constexpr float kHalf = 10;  // metres at which half the brightness is left
-  const ImageSize size = read_image_size(exr);
+  const ImageSize size = read_image_size(fs::path(exr).replace_extension(".png"));
   Image image{size.width, size.height, 1, {}};
   for (const float depth : read_exr_layer(exr, "depth.Z"))
     image.pixels.push_back(depth > 0 ? static_cast<std::uint8_t>(std::lround(255 / (1 + depth / kHalf)))
@@ -110,7 +110,7 @@ std::string streets(const DemoRecord& r) {
       "times as bright; and the depth, near is bright.</p>\n";
   for (const fs::directory_entry& log : fs::directory_iterator(r.folders.logs())) {
     const std::string name = log.path().filename().string();
-    const std::vector<fs::path> depths = files_in(r.folders.before(), name + "_", ".exr");
+    const std::vector<fs::path> depths = files_in(r.folders.before(), name + "_camera_front_camera_", ".exr");
     if (depths.empty()) continue;
     const fs::path& exr = depths.back();
     const fs::path sheet = r.folders.street() / "eval" / "images" / exr.filename().replace_extension(".png");
@@ -144,9 +144,10 @@ std::string swap(const DemoRecord& r) {
       "vehicles "
       "swapped for generated ones.</p>\n",
       escaped(r.swapped_log), r.swapped.size());
-  const std::vector<fs::path> after = files_in(r.folders.after(), r.swapped_log + "_", ".png");
+  const std::vector<fs::path> after = files_in(r.folders.after(), "", ".png");
   for (std::size_t i = 0; i < std::min(after.size(), kFramesShown); ++i)
-    out += row_of(figure(r.folders.before() / after[i].filename(), "before", 560) + figure(after[i], "after", 560));
+    out += row_of(figure(r.folders.before() / (r.swapped_log + "_" + after[i].filename().string()), "before", 560) +
+                  figure(after[i], "after", 560));
   return out;
 }
 

@@ -84,8 +84,9 @@ TEST_CASE("a demo leaves alone what is no demo") {
   const fs::path out = scratch() / "no_demo";
   fs::create_directories(out / "logs");
   write_text(out / "logs" / "mine.txt", "mine");
+  const auto before = snapshot(out);
   const Outcome outcome = cloam_with(small_demo(out));
   CHECK(outcome.code == 2);
   CHECK(contains(outcome.err, "no demo"));
-  CHECK(snapshot(out).size() == 1);
+  CHECK(snapshot(out) == before);
 }
