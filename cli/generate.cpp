@@ -135,7 +135,7 @@ void add_mesh(const GenerateRequest& request, const Made& made, std::size_t i, J
 /// For `distance`, which wants no loops but pictures.
 void write_pictures(const GenerateRequest& request, std::size_t asset, const std::vector<Image>& turn) {
   for (std::size_t i = 0; i < turn.size(); ++i) {
-    char name[40];
+    char name[64];
     std::snprintf(name, sizeof name, "asset_%03zu_%04zu.png", asset, i);
     write_png(fs::path(request.out) / kPictures / name, turn[i]);
   }
