@@ -25,7 +25,6 @@ namespace {
 constexpr int kAllCodes = 1000000;
 constexpr int kSamples = 96, kOfAClass = 16, kLeastTraining = 20, kPairs = 8;
 constexpr int kViews = 4, kPixels = 64;
-constexpr float kGuidance = 2;  // of samples that are asked for by class
 
 using Json = nlohmann::ordered_json;
 
@@ -144,7 +143,6 @@ std::array<LabelledCodes, 2> looks_of_classes(AssetPrior& prior, Street& street,
       wish.count = kOfAClass;
       wish.asset_class = asset_class;
       wish.codes = sampled ? CodeSource::sampled : CodeSource::training;
-      wish.guidance = kGuidance;
       for (const NewAsset& asset : prior.generate(wish)) assets.push_back(asset);
     }
     const auto looks = looks_of(street, assets, network);
