@@ -23,7 +23,8 @@ namespace cloam {
 namespace {
 
 constexpr int kAllCodes = 1000000;
-constexpr int kSamples = 96, kOfAClass = 16, kLeastTraining = 20, kPairs = 8;
+constexpr int kSamples = 96, kLeastTraining = 20, kPairs = 8;
+constexpr int kOfAClass[] = {48, 16};  // at most: training assets, which prototypes are made of, and samples
 constexpr int kViews = 4, kPixels = 64;
 
 using Json = nlohmann::ordered_json;
@@ -130,7 +131,7 @@ std::array<Eigen::MatrixXd, 2> looks_of(Street& street, const std::vector<NewAss
   return looks;
 }
 
-/// As many assets of each class, [0] of training and [1] samples that were asked for, by looks and boxes: each of both
+/// Assets of each class, [0] of training and [1] samples that were asked for, by looks and boxes: each of both
 /// counts with the same weight, and every number by its deviation over the training assets.
 std::array<LabelledCodes, 2> looks_of_classes(AssetPrior& prior, Street& street, const FeatureNetwork& network,
                                               const std::vector<int>& classes) {
@@ -140,7 +141,7 @@ std::array<LabelledCodes, 2> looks_of_classes(AssetPrior& prior, Street& street,
     std::vector<NewAsset> assets;
     for (const int asset_class : classes) {
       AssetWish wish;
-      wish.count = kOfAClass;
+      wish.count = kOfAClass[sampled];
       wish.asset_class = asset_class;
       wish.codes = sampled ? CodeSource::sampled : CodeSource::training;
       for (const NewAsset& asset : prior.generate(wish)) assets.push_back(asset);

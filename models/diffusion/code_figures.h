@@ -17,7 +17,8 @@ struct LabelledCodes {
 /// distance between two training codes: near 0 for copies. Of at most 400 training codes, evenly taken, for the second.
 double copy_ratio(const LabelledCodes& samples, const LabelledCodes& training);
 
-/// The share of samples whose class is that of the nearest prototype (the mean of the training codes of a class).
+/// The share of samples whose class is that of the nearest prototype. A class has two, the means of two clusters of its
+/// training codes (k-means): those of Table A1 mix kinds, such as pickups and semitrailers, whose mean is like neither.
 double share_of_right_classes(const LabelledCodes& samples, const LabelledCodes& training);
 
 }  // namespace cloam

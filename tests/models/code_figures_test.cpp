@@ -14,14 +14,15 @@ TEST_CASE("copies of codes: 0 for a copy, the ratio of medians else") {
   CHECK(copy_ratio(half, training) == doctest::Approx(2.0 / 4));
 }
 
-TEST_CASE("classes of codes: by the nearest mean of a class") {
+TEST_CASE("classes of codes: by the nearest of two means of each class") {
   LabelledCodes training, samples;
-  training.add({0, 1}, 2);
-  training.add({0, 3}, 2);  // mean 0 2
-  training.add({5, 2}, 7);
-  samples.add({1, 2}, 2);
-  samples.add({4, 2}, 7);
-  samples.add({4, 2}, 2);  // wrong
-  samples.add({0, 3}, 7);  // wrong
-  CHECK(share_of_right_classes(samples, training) == 0.5);
+  for (const float x : {0.f, 0.4f, 10.f, 10.4f}) training.add({x, 2}, 2);  // their one mean is among those of class 7
+  for (const float x : {4.f, 6.f}) training.add({x, 2}, 7);
+  samples.add({1.5f, 2}, 2);
+  samples.add({9, 2}, 2);
+  samples.add({4.8f, 2}, 7);
+  samples.add({5.2f, 2}, 2);  // wrong
+  samples.add({9, 2}, 7);     // wrong
+  CHECK(share_of_right_classes(samples, training) == 0.6);
+  CHECK(share_of_right_classes(training, training) == 1);
 }
