@@ -43,9 +43,9 @@ Tensor resize(const char* op, const Tensor& x, int64_t height, int64_t width, bo
   if (x.dtype() != DType::f32 || !fits(height) || !fits(width) || !fits(d["H"]) || !fits(d["W"]))
     throw Error(Fault::internal, text("[", op, "] ", to_string(x.shape()), " ", name_of(x.dtype()), " to ", height, "x",
                                       width, ": want float32, height and width from 1 to ", kLongest));
-  // The shorter way between the two sizes: shrink before growing.
-  if (width < d["W"]) return along(along(x, 3, width, bilinear), 2, height, bilinear);
-  return along(along(x, 2, height, bilinear), 3, width, bilinear);
+  // Along rows a number at a time is made, along columns a row at a time: rows go while there are few of them.
+  if (height < d["H"]) return along(along(x, 2, height, bilinear), 3, width, bilinear);
+  return along(along(x, 3, width, bilinear), 2, height, bilinear);
 }
 
 }  // namespace
