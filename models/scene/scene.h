@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "models/scene/camera.h"
+#include "models/scene/point_cloud.h"
 
 namespace cloam {
 
@@ -81,6 +82,7 @@ struct Scene {
   std::size_t frames_listed = 0;      // including those that were skipped
   std::vector<Sweep> sweeps;          // by step
   std::vector<Actor> actors;          // by id
+  PointCloud cloud;                   // empty where the source has none
   bool is_log = false;                // frames, sweeps and actors have steps
   bool night = false;                 // of a log
   std::vector<std::string> warnings;  // one line each, for the user
