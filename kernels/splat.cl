@@ -2,11 +2,13 @@
 // pixels; tile t blends the gaussians ids[offsets[t]] ... ids[offsets[t + 1] - 1] in this order. At a pixel's centre
 //   power = -1/2 (a dx^2 + c dy^2) - b dx dy,   alpha = min(0.99, opacity exp(power)),   w = T alpha,   T' = T (1 - alpha);
 // passed over where power > 0 or alpha < 1/255; the pixel is done before T' would fall below 1e-4.
-// out [4,H,W]: red, green, blue, T. means [G,2] in pixels; conics [G,3]: a, b, c of the inverse covariance.
+// out [4,H,W]: red, green, blue, T. splats [G,7]: mean x, y in pixels, a, b, c of the inverse covariance, opacity, depth
+// (which is not read).
 //
 // The gradient: with u_i = g . colour_i and B_i what is blended behind i (all of g . out less what lies up to i),
-// d loss / d alpha_i = T_i u_i - B_i / (1 - alpha_i). It goes to [P,9], a row a pair of tile and gaussian: mean, conic,
-// colour, opacity; rows of one gaussian are summed afterwards, in a fixed order.
+// d loss / d alpha_i = T_i u_i - B_i / (1 - alpha_i). It goes to [P,12], a row a pair of tile and gaussian: the splat's 7,
+// colour 3, and the sums over pixels of |d loss / d x| and |d loss / d y| (Ye et al. 2024, AbsGS). Pair k fills row
+// slots[k], such that rows of one gaussian are neighbours; they are summed afterwards, in a fixed order.
 //: variant blend_pixels reference forward
 //: variant gradient_tiles reference gradient
 //: variant blend_groups gpu forward
@@ -19,10 +21,9 @@ typedef struct {
   float x, y, a, b, c, opacity, red, green, blue;
 } Splat;
 
-inline Splat splat_of(int id, __global const float* means, __global const float* conics, __global const float* colours,
-                      __global const float* opacities) {
-  return (Splat){means[2 * id],       means[2 * id + 1],   conics[3 * id],          conics[3 * id + 1],  conics[3 * id + 2],
-                 opacities[id], colours[3 * id], colours[3 * id + 1], colours[3 * id + 2]};
+inline Splat splat_of(int id, __global const float* splats, __global const float* colours) {
+  __global const float *s = splats + 7 * (size_t)id, *c = colours + 3 * (size_t)id;
+  return (Splat){s[0], s[1], s[2], s[3], s[4], s[5], c[0], c[1], c[2]};
 }
 
 // exp(power) at a pixel, 0 where the gaussian is passed over.
@@ -33,9 +34,7 @@ inline float falloff(Splat s, float dx, float dy) {
 }
 
 // version 1: a work-item a pixel.
-__kernel void blend_pixels(__global const float* restrict means, __global const float* restrict conics,
-                           __global const float* restrict colours, __global const float* restrict opacities,
-                           __global const int* restrict ids, __global const int* restrict offsets,
+__kernel void blend_pixels(__global const float* restrict splats, __global const float* restrict colours, __global const int* restrict ids, __global const int* restrict offsets,
                            __global float* restrict out, int height, int width) {
   const int i = get_global_id(0), x = i % width, y = i / width, plane = height * width;
   if (i >= plane) return;
@@ -43,7 +42,7 @@ __kernel void blend_pixels(__global const float* restrict means, __global const 
   float through = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f;
   int done = 0;
   for (int k = offsets[tile]; k < end && !done; k++) {
-    const Splat s = splat_of(ids[k], means, conics, colours, opacities);
+    const Splat s = splat_of(ids[k], splats, colours);
     const float alpha = fmin(0.99f, s.opacity * falloff(s, s.x - ((float)x + 0.5f), s.y - ((float)y + 0.5f)));
     const float next = through * (1.0f - alpha), w = through * alpha;
     done = next < LEAST_THROUGH;
@@ -61,16 +60,14 @@ __kernel void blend_pixels(__global const float* restrict means, __global const 
 }
 
 // version 1: a work-item a tile; a pixel at a time adds its part to the rows of the tile's pairs.
-__kernel void gradient_tiles(__global const float* restrict means, __global const float* restrict conics,
-                             __global const float* restrict colours, __global const float* restrict opacities,
-                             __global const int* restrict ids, __global const int* restrict offsets,
-                             __global const float* restrict out, __global const float* restrict g,
-                             __global float* restrict pairs, int height, int width) {
+__kernel void gradient_tiles(__global const float* restrict splats, __global const float* restrict colours, __global const int* restrict ids, __global const int* restrict offsets,
+                             __global const int* restrict slots, __global const float* restrict out,
+                             __global const float* restrict g, __global float* restrict pairs, int height, int width) {
   const int across = (width + TILE - 1) / TILE, tile = get_global_id(0), plane = height * width;
   if (tile >= across * ((height + TILE - 1) / TILE)) return;
   const int begin = offsets[tile], end = offsets[tile + 1];
   for (int k = begin; k < end; k++)
-    for (int v = 0; v < 9; v++) pairs[9 * k + v] = 0.0f;
+    for (int v = 0; v < 12; v++) pairs[12 * (size_t)slots[k] + v] = 0.0f;
   for (int p = 0; p < TILE * TILE; p++) {
     const int x = tile % across * TILE + p % TILE, y = tile / across * TILE + p / TILE, i = y * width + x;
     if (x >= width || y >= height) continue;
@@ -78,7 +75,7 @@ __kernel void gradient_tiles(__global const float* restrict means, __global cons
     float through = 1.0f, behind = gr * out[i] + gg * out[plane + i] + gb * out[2 * plane + i] + gt * out[3 * plane + i];
     int done = 0;
     for (int k = begin; k < end && !done; k++) {
-      const Splat s = splat_of(ids[k], means, conics, colours, opacities);
+      const Splat s = splat_of(ids[k], splats, colours);
       const float dx = s.x - ((float)x + 0.5f), dy = s.y - ((float)y + 0.5f), full = s.opacity * falloff(s, dx, dy);
       const float alpha = fmin(0.99f, full), next = through * (1.0f - alpha), w = through * alpha;
       done = next < LEAST_THROUGH;
@@ -86,16 +83,19 @@ __kernel void gradient_tiles(__global const float* restrict means, __global cons
         const float u = gr * s.red + gg * s.green + gb * s.blue;
         behind -= w * u;
         const float d_power = full > 0.99f ? 0.0f : full * (through * u - behind / (1.0f - alpha));
-        __global float* to = pairs + 9 * k;
-        to[0] -= d_power * (s.a * dx + s.b * dy);
-        to[1] -= d_power * (s.c * dy + s.b * dx);
+        const float by_x = d_power * (s.a * dx + s.b * dy), by_y = d_power * (s.c * dy + s.b * dx);
+        __global float* to = pairs + 12 * (size_t)slots[k];
+        to[0] -= by_x;
+        to[1] -= by_y;
         to[2] -= d_power * 0.5f * dx * dx;
         to[3] -= d_power * dx * dy;
         to[4] -= d_power * 0.5f * dy * dy;
-        to[5] += w * gr;
-        to[6] += w * gg;
-        to[7] += w * gb;
-        to[8] += d_power / s.opacity;  // blended: above 0
+        to[5] += d_power / s.opacity;  // blended: above 0
+        to[7] += w * gr;
+        to[8] += w * gg;
+        to[9] += w * gb;
+        to[10] += fabs(by_x);
+        to[11] += fabs(by_y);
         through = next;
       }
     }
@@ -115,7 +115,7 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void blend_groups(
   float through = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f;
   int done = 0;
   for (int from = offsets[tile]; from < end; from += LANES) {
-    if (from + lane < end) batch[lane] = splat_of(ids[from + lane], means, conics, colours, opacities);
+    if (from + lane < end) batch[lane] = splat_of(ids[from + lane], splats, colours);
     barrier(CLK_LOCAL_MEM_FENCE);
     const int count = min(LANES, end - from);
     for (int k = 0; k < count && !done; k++) {
@@ -145,14 +145,15 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void blend_groups(
 // these over FEW pixels each, and a lane a number joins the parts.
 #define FEW 8
 #define PARTS (LANES / FEW)
+#define NUMBERS 12
 
 __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void gradient_groups(
     __global const float* restrict means, __global const float* restrict conics, __global const float* restrict colours,
     __global const float* restrict opacities, __global const int* restrict ids, __global const int* restrict offsets,
-    __global const float* restrict out, __global const float* restrict g, __global float* restrict pairs, int height,
-    int width) {
+    __global const int* restrict slots, __global const float* restrict out, __global const float* restrict g,
+    __global float* restrict pairs, int height, int width) {
   __local Splat batch[FEW];
-  __local float d_power[FEW][LANES], weight[FEW][LANES], g_colour[3][LANES], parts[9][LANES];
+  __local float d_power[FEW][LANES], weight[FEW][LANES], g_colour[3][LANES], parts[NUMBERS][LANES];
   const int across = (width + TILE - 1) / TILE, tile = get_group_id(0), lane = get_local_id(0), plane = height * width;
   const int left = tile % across * TILE, top = tile / across * TILE, x = left + lane % TILE, y = top + lane / TILE;
   const int inside = x < width && y < height, i = inside ? y * width + x : 0, end = offsets[tile + 1];
@@ -165,7 +166,7 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void gradient_groups
   g_colour[2][lane] = gb;
   for (int from = offsets[tile]; from < end; from += FEW) {
     const int count = min(FEW, end - from);
-    if (lane < count) batch[lane] = splat_of(ids[from + lane], means, conics, colours, opacities);
+    if (lane < count) batch[lane] = splat_of(ids[from + lane], splats, colours);
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int k = 0; k < count; k++) {
       const Splat s = batch[k];
@@ -180,30 +181,36 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void gradient_groups
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     const int mine = lane / PARTS, part = lane % PARTS;
-    float sums[9] = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
+    float sums[NUMBERS];
+    UNROLL for (int v = 0; v < NUMBERS; v++) sums[v] = 0.0f;
     if (mine < count) {
       const Splat s = batch[mine];
       for (int p = part; p < LANES; p += PARTS) {
         const float q = d_power[mine][p], w = weight[mine][p];
         const float dx = s.x - ((float)(left + p % TILE) + 0.5f), dy = s.y - ((float)(top + p / TILE) + 0.5f);
-        sums[0] -= q * (s.a * dx + s.b * dy);
-        sums[1] -= q * (s.c * dy + s.b * dx);
+        const float by_x = q * (s.a * dx + s.b * dy), by_y = q * (s.c * dy + s.b * dx);
+        sums[0] -= by_x;
+        sums[1] -= by_y;
         sums[2] -= q * 0.5f * dx * dx;
         sums[3] -= q * dx * dy;
         sums[4] -= q * 0.5f * dy * dy;
-        sums[5] += w * g_colour[0][p];
-        sums[6] += w * g_colour[1][p];
-        sums[7] += w * g_colour[2][p];
-        sums[8] += q;
+        sums[5] += q;
+        sums[7] += w * g_colour[0][p];
+        sums[8] += w * g_colour[1][p];
+        sums[9] += w * g_colour[2][p];
+        sums[10] += fabs(by_x);
+        sums[11] += fabs(by_y);
       }
     }
-    UNROLL for (int v = 0; v < 9; v++) parts[v][lane] = sums[v];
+    UNROLL for (int v = 0; v < NUMBERS; v++) parts[v][lane] = sums[v];
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (lane < 9 * count) {
+    if (lane < NUMBERS * count) {
+      const int which = lane / NUMBERS, number = lane % NUMBERS;
       float total = 0.0f;
-      for (int p = 0; p < PARTS; p++) total += parts[lane % 9][lane / 9 * PARTS + p];
-      const float opacity = batch[lane / 9].opacity;
-      pairs[9 * from + lane] = lane % 9 < 8 ? total : (opacity > 0.0f ? total / opacity : 0.0f);
+      for (int p = 0; p < PARTS; p++) total += parts[number][which * PARTS + p];
+      const float opacity = batch[which].opacity;
+      if (number == 5) total = opacity > 0.0f ? total / opacity : 0.0f;
+      pairs[NUMBERS * (size_t)slots[from + which] + number] = total;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
   }

@@ -11,20 +11,20 @@
 // or more. At dy the power is highest where its slope along x is 0, there -1/2 dy^2 det / a.
 #define RECORD 16
 
-__kernel FAT void splat_records(__global const float* restrict means, __global const float* restrict conics,
-                                __global const float* restrict colours, __global const float* restrict opacities,
+__kernel FAT void splat_records(__global const float* restrict splats, __global const float* restrict colours,
                                 __global float* restrict records, int count, int chunk) {
   for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
     __global float* to = records + RECORD * (size_t)i;
-    const float a = conics[3 * i], b = conics[3 * i + 1], c = conics[3 * i + 2], determinant = a * c - b * b;
-    const float fall = 2.0f * m_log(opacities[i] * 255.0f) * 1.0001f + 1e-4f;  // 2 * (the lowest power still seen)
+    __global const float* s = splats + 7 * (size_t)i;
+    const float a = s[2], b = s[3], c = s[4], determinant = a * c - b * b;
+    const float fall = 2.0f * m_log(s[5] * 255.0f) * 1.0001f + 1e-4f;  // 2 * (the lowest power still seen)
     const int bounded = a > 0.0f && determinant > 1e-6f * a * c;
-    to[0] = means[2 * i];
-    to[1] = means[2 * i + 1];
+    to[0] = s[0];
+    to[1] = s[1];
     to[2] = -0.5f * a;
     to[3] = -b;
     to[4] = -0.5f * c;
-    to[5] = opacities[i];
+    to[5] = s[5];
     to[6] = colours[3 * i];
     to[7] = colours[3 * i + 1];
     to[8] = colours[3 * i + 2];
@@ -115,8 +115,9 @@ __kernel FAT void blend_rows(__global const float* restrict records, __global co
 }
 
 __kernel FAT void gradient_rows(__global const float* restrict records, __global const int* restrict ids,
-                                __global const int* restrict offsets, __global const float* restrict out,
-                                __global const float* restrict g, __global float* restrict pairs, int height, int width) {
+                                __global const int* restrict offsets, __global const int* restrict slots,
+                                __global const float* restrict out, __global const float* restrict g,
+                                __global float* restrict pairs, int height, int width) {
   const int across = (width + TILE - 1) / TILE, tile = get_global_id(0), plane = height * width;
   const int left = tile % across * TILE, top = tile / across * TILE, rows = min(TILE, height - top);
   const float16 px = centres(left);
@@ -142,6 +143,7 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
     const int2 reached = open ? rows_reached(s, left, top, rows) : (int2)(0, 0);
     const float16 dx = s[0] - px, along = s[2] * dx * dx, slope = s[3] * dx;
     float16 q0 = (float16)(0.0f), q1 = q0, q2 = q0, red = q0, green = q0, blue = q0;  // sums of q, q dy, q dy^2, w g
+    float16 far_x = q0, far_y = q0;                                                    // of |q slope of the power|
     for (int y = reached.x; y < reached.y; y++) {
       const float dy = s[1] - ((float)(top + y) + 0.5f);
       const float16 power = along + (slope * dy + s[4] * dy * dy), t = through[y];
@@ -155,21 +157,26 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
       q0 += q;
       q1 += q * dy;
       q2 += q * (dy * dy);
+      far_x += fabs(q * (2.0f * s[2] * dx + s[3] * dy));
+      far_y += fabs(q * (2.0f * s[4] * dy + slope));
       red += weight * gr[y];
       green += weight * gg[y];
       blue += weight * gb[y];
     }
     const float qx = sum16(q0 * dx), qy = sum16(q1);
-    __global float* to = pairs + 9 * (size_t)k;
+    __global float* to = pairs + 12 * (size_t)slots[k];
     to[0] = 2.0f * s[2] * qx + s[3] * qy;
     to[1] = 2.0f * s[4] * qy + s[3] * qx;
     to[2] = -0.5f * sum16(q0 * dx * dx);
     to[3] = -sum16(q1 * dx);
     to[4] = -0.5f * sum16(q2);
-    to[5] = sum16(red);
-    to[6] = sum16(green);
-    to[7] = sum16(blue);
-    to[8] = s[5] > 0.0f ? sum16(q0) / s[5] : 0.0f;
+    to[5] = s[5] > 0.0f ? sum16(q0) / s[5] : 0.0f;
+    to[6] = 0.0f;
+    to[7] = sum16(red);
+    to[8] = sum16(green);
+    to[9] = sum16(blue);
+    to[10] = sum16(far_x);
+    to[11] = sum16(far_y);
     if ((k & 15) == 15 && open) open = any_open(through);
   }
 }

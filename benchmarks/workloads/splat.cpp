@@ -15,9 +15,13 @@ Scene prepare(int width, int height) {
   const SplatInput in = splat_input(width, height);
   const auto count = static_cast<int64_t>(in.opacities.size()), pairs = static_cast<int64_t>(in.ids.size()),
              offsets = static_cast<int64_t>(in.offsets.size());
-  return {{parameter(in.means, {count, 2}), parameter(in.conics, {count, 3}), parameter(in.colours, {count, 3}),
-           parameter(in.opacities, {count})},
-          {from_host(in.ids, {pairs}), from_host(in.offsets, {offsets}), height, width}};
+  std::vector<float> seen;
+  for (size_t i = 0; i < in.opacities.size(); i++) {
+    seen.insert(seen.end(), {in.means[2 * i], in.means[2 * i + 1], in.conics[3 * i], in.conics[3 * i + 1],
+                             in.conics[3 * i + 2], in.opacities[i], 1.f});
+  }
+  return {{parameter(seen, {count, 7}), parameter(in.colours, {count, 3})},
+          splat_lists(from_host(in.ids, {pairs}), from_host(in.offsets, {offsets}), {count, height, width})};
 }
 
 Run forward(int width, int height) {
@@ -33,7 +37,7 @@ Run both_ways(int width, int height) {
   const Scene scene = prepare(width, height);
   return [=] {
     const Splats& s = scene.splats;
-    eval(grad(sum(square(splat_blend(s, scene.tiles).image)) * 0.5f, {s.means, s.conics, s.colours, s.opacities}));
+    eval(grad(sum(square(splat_blend(s, scene.tiles).image)) * 0.5f, {s.seen, s.colours}));
   };
 }
 

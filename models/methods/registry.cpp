@@ -7,6 +7,7 @@
 #include "models/methods/diffusion.h"
 #include "models/methods/genassets.h"
 #include "models/methods/nerf.h"
+#include "models/methods/splat.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -19,6 +20,7 @@ struct MethodRow {
 
 const MethodRow kMethods[] = {
     {"nerf", [] { return std::unique_ptr<Method>(std::make_unique<Nerf>()); }},
+    {"splat", [] { return std::unique_ptr<Method>(std::make_unique<Splat>()); }},
     {"genassets", [] { return std::unique_ptr<Method>(std::make_unique<GenAssets>()); }},
     {"diffusion", [] { return std::unique_ptr<Method>(std::make_unique<Diffusion>()); }},
 };
@@ -76,6 +78,7 @@ const std::vector<Preset>& presets() {
         {"train.final_rate", "0.1"},
         {"train.decay_steps", "250000"}},
        200000},
+      {"splat", "splat", "gaussian splatting: photographs with poses", {}, 7000},
       {"genassets",
        "genassets",
        "the paper's sizes: a cluster's work, or a step on two cores",

@@ -20,19 +20,6 @@ constexpr double kTurntableView = kPi * 30 / 180, kTurntableHeight = kPi * 18 / 
 Vector3d position(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
 Vector3d forward(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
 
-/// The point with the least sum of squared distances to the optical axes: sum (I - d d^T) (x - o) = 0. The small
-/// weights keep it solvable for parallel axes.
-Vector3d focus(const Scene& scene) {
-  Matrix3d normal = Matrix3d::Zero();
-  Vector3d right = Vector3d::Zero();
-  for (const Frame& frame : scene.frames) {
-    const Matrix3d across = Matrix3d::Identity() * (1 + 1e-6) - forward(frame) * forward(frame).transpose();
-    normal += across;
-    right += across * position(frame);
-  }
-  return normal.ldlt().solve(right);
-}
-
 Vector3d mean_up(const Scene& scene) {
   Vector3d up = Vector3d::Zero();
   for (const Frame& frame : scene.frames) up -= frame.world_from_camera.block<3, 1>(0, 1);
@@ -95,8 +82,20 @@ Ring ring_of(const Scene& scene, const Vector3d& centre, const Vector3d& up) {
 
 }  // namespace
 
+/// sum (I - d d^T) (x - o) = 0; the small weights keep it solvable for parallel axes.
+Vector3d looked_at(const Scene& scene) {
+  Matrix3d normal = Matrix3d::Zero();
+  Vector3d right = Vector3d::Zero();
+  for (const Frame& frame : scene.frames) {
+    const Matrix3d across = Matrix3d::Identity() * (1 + 1e-6) - forward(frame) * forward(frame).transpose();
+    normal += across;
+    right += across * position(frame);
+  }
+  return normal.ldlt().solve(right);
+}
+
 std::vector<Eigen::Matrix4d> orbit_poses(const Scene& scene, int count) {
-  const Vector3d centre = focus(scene), up = mean_up(scene);
+  const Vector3d centre = looked_at(scene), up = mean_up(scene);
   const Ring ring = ring_of(scene, centre, up);
   const bool full = ring.arc.half >= kPi;
   std::vector<Eigen::Matrix4d> poses;

@@ -6,6 +6,9 @@
 
 namespace cloam {
 
+/// The point with the least sum of squared distances to the cameras' optical axes: what they look at.
+Eigen::Vector3d looked_at(const Scene& scene);
+
 /// `count` poses (world_from_camera) of a closed path around the point that the cameras look at; up axis, height and
 /// distance are the cameras' own means. Where the cameras stand all around it is a circle; where they stand on one side
 /// (a gap of more than 150 degrees) it goes to and fro over the side that they saw.

@@ -6,6 +6,7 @@
 #include "models/io/safetensors.h"
 #include "models/nn/params.h"
 #include "models/scene/scene.h"
+#include "models/splat/gaussians.h"
 #include "models/train/config.h"
 #include "models/train/street.h"
 
@@ -49,6 +50,13 @@ struct Gradients {
   Tensors of_parameters;
 };
 
+/// Row i (of the first axis) of the parameter `name` was row source[i]; -1: it is new, and so is its optimiser state.
+struct RowMove {
+  std::string name;
+  std::vector<int32_t> source;
+};
+using RowMoves = std::vector<RowMove>;
+
 class AssetPrior;
 struct CodeDenoiser;
 
@@ -72,8 +80,10 @@ class Method {
   virtual Gradients gradients(const Progress& progress, const Tensors& wanted);
   /// Tensors that metrics() will read: evaluated together with the loss.
   virtual Tensors observed() const { return {}; }
-  /// Densify, refresh the occupancy grid.
+  /// Refresh the occupancy grid.
   virtual void after_step(const Progress&) {}
+  /// After each step: parameters whose rows it made more, fewer or others, so that the optimiser's state follows.
+  virtual RowMoves grow(const Progress&) { return {}; }
   /// Named figures of the last step for the progress line.
   virtual std::map<std::string, double> metrics() const { return {}; }
   virtual Picture render(const View& view) = 0;
@@ -88,6 +98,10 @@ class Method {
   /// After adopt_networks and before load_data: codes that are learned from here on are held to what a diffusion of
   /// codes knows. The denoiser is called as long as this lives. Fault::usage for methods without such codes.
   virtual void adopt_prior(const CodeDenoiser& denoiser);
+  /// What it learned, as 3D gaussians; nothing where it is made of something else.
+  virtual std::optional<Gaussians> gaussians() const { return {}; }
+  /// Before a checkpoint's parameters are put in: a method whose parameters grow takes their shapes from it.
+  virtual void fit_to(const TensorMap&) {}
   /// What a resumed run needs beside parameters and optimiser; names without prefix.
   virtual TensorMap state() const { return {}; }
   virtual void restore(const TensorMap&) {}

@@ -106,6 +106,37 @@ void Optimiser::step(Params& parameters, const Tensors& gradients, const std::ve
   for (Group& group : groups_) step_group(group, in_order, gradients, with(rate_with(group.prefix, rates), 0));
 }
 
+namespace {
+
+/// Rows of `from` in their new places; zeros for new ones.
+Tensor moved(const Tensor& from, const std::vector<int32_t>& source) {
+  const auto count = static_cast<int64_t>(source.size());
+  std::vector<int32_t> kept;
+  for (const int32_t row : source) kept.push_back(row < 0 ? 0 : 1);
+  Shape wide = Shape::filled(from.rank(), 1);
+  wide[0] = count;
+  const Tensor rows = gather_rows(from, from_host(source, {count}));
+  return where(reshape(from_host(kept, {count}), wide), rows, cast(Tensor(0), from.dtype()));
+}
+
+}  // namespace
+
+void Optimiser::move_rows(const Params& parameters, const RowMoves& moves, const std::vector<LearningRate>& rates) {
+  const Params m = m_, v = v_, steps = steps_;
+  *this = Optimiser(parameters, rates);
+  for (const std::string& name : names_) {
+    const auto move = std::find_if(moves.begin(), moves.end(), [&](const RowMove& row) { return row.name == name; });
+    const auto follow = [&](const Params& from, Params& to) {
+      const auto found = from.find(name);
+      if (found == from.end()) return;
+      put_at(move == moves.end() ? found->second : moved(found->second, move->source), to.at(name));
+    };
+    follow(m, m_);
+    follow(v, v_);
+    follow(steps, steps_);
+  }
+}
+
 TensorMap Optimiser::state() const {
   TensorMap out;
   for (const auto& [name, m] : m_) out["m." + name] = named(m);

@@ -20,6 +20,8 @@ class Optimiser {
   /// One step (counted from 1) in place, with evaluated gradients.
   void step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates,
             const AdamSettings& adam, int64_t step);
+  /// After a method replaced parameters by others of more, fewer or other rows: moments and counts move along.
+  void move_rows(const Params& parameters, const RowMoves& moves, const std::vector<LearningRate>& rates);
   /// Tensors "m.NAME", "v.NAME", "steps.NAME".
   TensorMap state() const;
   void restore(const TensorMap& state);

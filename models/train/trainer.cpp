@@ -67,6 +67,7 @@ void Loop::begin() {
   progress_.seed = options_.seed;
   if (run_.resume) {
     progress_ = restore_method(run_.method, *run_.resume);
+    optimiser_ = Optimiser(run_.method.parameters(), run_.method.learning_rates(progress_));
     optimiser_.restore(with_prefix(run_.resume->tensors, kOptimiser));
     saved_step_ = progress_.step;
   }
@@ -118,6 +119,8 @@ void Loop::one_step() {
                                      : "; no checkpoint was saved yet",
                      ".\n  fix: a lower rate (--set train.rate=...); CLOAM_DEBUG=nan names the first bad op"));
   run_.method.after_step(progress_);
+  const RowMoves moves = run_.method.grow(progress_);
+  if (!moves.empty()) optimiser_.move_rows(run_.method.parameters(), moves, run_.method.learning_rates(progress_));
   profile_step();
   step_seconds_ = seconds() - before;
 }
@@ -205,6 +208,7 @@ TensorMap parameters_in(const SafetensorsFile& checkpoint) { return with_prefix(
 
 Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {
   const TensorMap stored = parameters_in(checkpoint);
+  method.fit_to(stored);
   std::set<std::string> wanted, found;
   for (const auto& [name, p] : method.parameters()) wanted.insert(name);
   for (const auto& [name, t] : stored) found.insert(name);

@@ -1,4 +1,7 @@
 // Blending of 2D Gaussians, tile by tile.
+#include <algorithm>
+#include <bit>
+
 #include "runtime/cl.h"
 #include "runtime/ops.h"
 #include "runtime/ops/share.h"
@@ -22,11 +25,11 @@ Tensor records_of(const Variant& variant, const Tensors& in) {
   const Share work = share(count, 1024);
   if (count > 0)
     launch(kernel(variant.stem.c_str(), "splat_records", variant.constants), "splat_records", work.range, in[0], in[1],
-           in[2], in[3], records, count, work.chunk);
+           records, count, work.chunk);
   return records;
 }
 
-/// in: means, conics, colours, opacities, ids, offsets, the picture, its gradient -> [P,9], as kernels/splat.cl says.
+/// in: splats, colours, ids, offsets, slots, the picture, its gradient -> [P,12], as kernels/splat.cl says.
 struct SplatGrad final : Op {
   explicit SplatGrad(const Picture& of) : picture(of) {}
   const char* name() const override { return "splat_blend_grad"; }
@@ -36,11 +39,11 @@ struct SplatGrad final : Op {
     const char* const what = variant.kernel.c_str();
     const int64_t tiles = picture.tiles();
     if (variant.where == "cpu")
-      launch(kernel(variant), what, range1(tiles), records_of(variant, in), in[4], in[5], in[6], in[7], out,
+      launch(kernel(variant), what, range1(tiles), records_of(variant, in), in[2], in[3], in[4], in[5], in[6], out,
              picture.height, picture.width);
     else
       launch(kernel(variant), what, variant.where == "gpu" ? range1(tiles * 256, 256) : range1(tiles, 1), in[0], in[1],
-             in[2], in[3], in[4], in[5], in[6], in[7], out, picture.height, picture.width);
+             in[2], in[3], in[4], in[5], in[6], out, picture.height, picture.width);
   }
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
     no_gradient("splat_blend", "it is once differentiable");
@@ -48,6 +51,7 @@ struct SplatGrad final : Op {
   Picture picture;
 };
 
+/// in: splats, colours, the probe, ids, offsets, slots, first -> [4,H,W].
 struct SplatBlend final : Op {
   explicit SplatBlend(const Picture& of) : picture(of) {}
   const char* name() const override { return "splat_blend"; }
@@ -62,47 +66,72 @@ void SplatBlend::run(const Tensors& in, Tensor& out) const {
   const char* const what = variant.kernel.c_str();
   const int64_t tiles = picture.tiles();
   if (variant.where == "cpu")
-    launch(kernel(variant), what, range1(tiles), records_of(variant, in), in[4], in[5], out, picture.height,
+    launch(kernel(variant), what, range1(tiles), records_of(variant, in), in[3], in[4], out, picture.height,
            picture.width);
   else
     launch(kernel(variant), what,
            variant.where == "gpu" ? range1(tiles * 256, 256) : range1(picture.height * picture.width, 64), in[0], in[1],
-           in[2], in[3], in[4], in[5], out, picture.height, picture.width);
+           in[3], in[4], out, picture.height, picture.width);
 }
 
 Tensors SplatBlend::vjp(const Tensors& in, const Tensor& out, const Tensor& g) const {
-  Tensors all = in;
-  all.insert(all.end(), {out, g});
-  const Tensor pairs = make(std::make_shared<SplatGrad>(picture), {in[4].dim(0), 9}, all);
-  const int64_t count = in[0].dim(0);
-  const Tensor sums = count > 0 ? scatter_add_rows(pairs, in[4], count) : zeros({0, 9});
-  return {slice(sums, 1, 0, 2),
-          slice(sums, 1, 2, 5),
-          slice(sums, 1, 5, 8),
-          reshape(slice(sums, 1, 8, 9), {count}),
-          Tensor(),
-          Tensor()};
+  const Tensor pairs =
+      make(std::make_shared<SplatGrad>(picture), {in[3].dim(0), 12}, {in[0], in[1], in[3], in[4], in[5], out, g});
+  const Tensor sums = segment_sum(pairs, in[6]);
+  return {slice(sums, 1, 0, 7), slice(sums, 1, 7, 10), slice(sums, 1, 10, 12), Tensor(), Tensor(), Tensor(), Tensor()};
+}
+
+/// Three channels at a time: what a pixel is made of is found anew for each.
+Tensor blend_three(const Splats& splats, const Tensor& colours, const SplatTiles& tiles) {
+  const Tensor probe = splats.probe ? splats.probe : zeros({splats.seen.dim(0), 2});
+  return make(std::make_shared<SplatBlend>(Picture{tiles.height, tiles.width}), {4, tiles.height, tiles.width},
+              {splats.seen, colours, probe, tiles.ids, tiles.offsets, tiles.slots, tiles.first});
+}
+
+void check_tiles(const Splats& splats, const SplatTiles& tiles) {
+  const Picture picture{tiles.height, tiles.width};
+  match("splat_blend", {{"seen", splats.seen, "G V"},
+                        {"colours", splats.colours, "G C"},
+                        {"ids", tiles.ids, "P"},
+                        {"slots", tiles.slots, "P"},
+                        {"offsets", tiles.offsets, "T"}});
+  if (splats.seen.dim(1) != 7 || splats.colours.dim(1) < 1)
+    throw Error(Fault::internal, text("[splat_blend] seen ", to_string(splats.seen.shape()), ", colours ",
+                                      to_string(splats.colours.shape()), ": want [G,7] and [G,1] or more"));
+  const auto integers = [](const Tensor& x) { return x.dtype() == DType::i32; };
+  if (picture.height < 0 || picture.width < 0 || tiles.offsets.dim(0) != picture.tiles() + 1 ||
+      tiles.first.numel() != splats.seen.dim(0) + 1 || !integers(tiles.ids) || !integers(tiles.offsets) ||
+      !integers(tiles.slots) || !integers(tiles.first))
+    throw Error(Fault::internal,
+                text("[splat_blend] ids ", name_of(tiles.ids.dtype()), ", offsets ", to_string(tiles.offsets.shape()),
+                     " ", name_of(tiles.offsets.dtype()), ", first ", to_string(tiles.first.shape()), " for ",
+                     picture.height, " x ", picture.width, " pixels: want int32, offsets [", picture.tiles() + 1,
+                     "] for tiles of 16 x 16, and first [", splats.seen.dim(0) + 1, "]"));
 }
 
 }  // namespace
 
 Blended splat_blend(const Splats& splats, const SplatTiles& tiles) {
-  const Picture picture{tiles.height, tiles.width};
-  match("splat_blend", {{"means", splats.means, "G 2"},
-                        {"conics", splats.conics, "G 3"},
-                        {"colours", splats.colours, "G 3"},
-                        {"opacities", splats.opacities, "G"},
-                        {"ids", tiles.ids, "P"},
-                        {"offsets", tiles.offsets, "T"}});
-  if (picture.height < 0 || picture.width < 0 || tiles.offsets.dim(0) != picture.tiles() + 1 ||
-      tiles.ids.dtype() != DType::i32 || tiles.offsets.dtype() != DType::i32)
-    throw Error(Fault::internal,
-                text("[splat_blend] ids ", name_of(tiles.ids.dtype()), ", offsets ", to_string(tiles.offsets.shape()),
-                     " ", name_of(tiles.offsets.dtype()), " for ", picture.height, " x ", picture.width,
-                     " pixels: want int32, and offsets [", picture.tiles() + 1, "] for tiles of 16 x 16"));
-  const Tensor planes = make(std::make_shared<SplatBlend>(picture), {4, picture.height, picture.width},
-                             {splats.means, splats.conics, splats.colours, splats.opacities, tiles.ids, tiles.offsets});
-  return {permute(slice(planes, 0, 0, 3), {1, 2, 0}), reshape(slice(planes, 0, 3, 4), {picture.height, picture.width})};
+  check_tiles(splats, tiles);
+  const int64_t channels = splats.colours.dim(1);
+  Tensors parts;
+  Tensor transmittance;
+  for (int64_t c = 0; c < channels; c += 3) {
+    const int64_t here = std::min<int64_t>(3, channels - c);
+    const Tensor some = slice(splats.colours, 1, c, c + here);
+    const Tensor planes = blend_three(splats, here == 3 ? some : pad(some, 1, 0, 3 - here), tiles);
+    parts.push_back(slice(planes, 0, 0, here));
+    if (!transmittance) transmittance = reshape(slice(planes, 0, 3, 4), {tiles.height, tiles.width});
+  }
+  return {permute(parts.size() == 1 ? parts.front() : concat(parts, 0), {1, 2, 0}), transmittance};
+}
+
+SplatTiles splat_lists(const Tensor& ids, const Tensor& offsets, const SplatExtent& extent) {
+  const int bits = std::max(1, static_cast<int>(std::bit_width(static_cast<uint64_t>(extent.gaussians))));
+  const Sorted by_gaussian = sort(ids, bits);
+  return {
+      ids,           offsets,     sort(by_gaussian.order).order, segment_offsets(by_gaussian.keys, extent.gaussians),
+      extent.height, extent.width};
 }
 
 }  // namespace cloam

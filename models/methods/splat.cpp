@@ -1,0 +1,346 @@
+// Gaussian splatting, composed of projection, tiles, blending and a growth strategy.
+#include "models/methods/splat.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <random>
+
+#include "models/splat/initial_gaussians.h"
+#include "models/train/optimiser.h"
+#include "models/train/tensors.h"
+#include "runtime/device.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+enum Stream : uint32_t { kOrder = 0, kBackground = 1 };
+
+/// One row of the parameters: name, shape after G, and where a file keeps it.
+struct Part {
+  const char* name;
+  std::vector<int64_t> after;
+  std::vector<float> Gaussians::*values;
+};
+const std::vector<Part>& parts() {
+  static const std::vector<Part> all = {
+      {"means", {3}, &Gaussians::means},         {"scales", {3}, &Gaussians::scales},
+      {"rotations", {4}, &Gaussians::rotations}, {"opacities", {}, &Gaussians::opacities},
+      {"sh_first", {3}, &Gaussians::sh_first},   {"sh_rest", {15, 3}, &Gaussians::sh_rest}};
+  return all;
+}
+
+Shape shape_of(const Part& part, int64_t count) {
+  Shape shape = {count};
+  for (const int64_t size : part.after) shape.push_back(size);
+  return shape;
+}
+
+Eigen::Matrix<double, 3, 4> camera_from_world(const Eigen::Matrix4d& world_from_camera) {
+  const Eigen::Matrix3d turned = world_from_camera.block<3, 3>(0, 0).transpose();
+  Eigen::Matrix<double, 3, 4> view;
+  view << turned, -turned * world_from_camera.block<3, 1>(0, 3);
+  return view;
+}
+
+Tensor rows_of(const Eigen::Matrix<double, 3, 4>& view) {
+  std::vector<float> values;
+  for (int row = 0; row < 3; row++)
+    for (int column = 0; column < 4; column++) values.push_back(static_cast<float>(view(row, column)));
+  return from_host(values, {3, 4});
+}
+
+/// [C,H,W] of [H,W,C] bytes.
+Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int width) {
+  const size_t plane = static_cast<size_t>(height) * static_cast<size_t>(width);
+  std::vector<uint8_t> out(plane * static_cast<size_t>(channels));
+  for (size_t i = 0; i < plane; i++)
+    for (size_t c = 0; c < static_cast<size_t>(channels); c++)
+      out[c * plane + i] = pixels[i * static_cast<size_t>(channels) + c];
+  return from_host(out, {channels, height, width});
+}
+
+}  // namespace
+
+void Splat::configure(Config& c) {
+  c.bind("initial", config_.initial, "where gaussians begin: auto | points | lidar | random");
+  c.bind("initial.random", config_.initial_random, "how many, where they begin anywhere");
+  c.bind("background", config_.background, "auto | black | white | random");
+  c.bind("antialiased", config_.antialiased, "opacities shrink by what the pixel's blur widens (Mip-Splatting)");
+  c.bind("near", config_.near, "nearest distance that is drawn, of the cameras' radius");
+  c.bind("sh.degree", config_.sh_degree, "degree of the colours' spherical harmonics, 0 to 3");
+  c.bind("sh.every", config_.sh_every, "steps before the next degree is used (at most a tenth of all)");
+  c.bind("weight.ssim", config_.ssim, "of 1 - SSIM; the rest is the absolute difference's");
+  c.bind("train.rate_means", config_.rate_means, "learning rate, times the cameras' radius");
+  c.bind("train.final_means", config_.final_means, "factor on it at the last step");
+  c.bind("train.rate_first", config_.rate_first, "of colours");
+  c.bind("train.rate_rest", config_.rate_rest, "of what in colours depends on the direction");
+  c.bind("train.rate_opacities", config_.rate_opacities, "of opacities");
+  c.bind("train.rate_scales", config_.rate_scales, "of deviations");
+  c.bind("train.rate_rotations", config_.rate_rotations, "of rotations");
+  c.bind("exposure", config_.exposure, "learn a gain and an offset of each image's channels; their means stay 1 and 0");
+  c.bind("train.rate_exposure", config_.rate_exposure, "of these");
+  c.bind("growth.strategy", config_.growth.strategy, "densify (the paper) | mcmc");
+  c.bind("growth.from", config_.growth.from, "first step that changes the number of gaussians");
+  c.bind("growth.every", config_.growth.every, "steps between such changes");
+  c.bind("growth.most", config_.growth.most, "gaussians, at most");
+  c.bind("growth.gradient", config_.growth.gradient, "densify: gradient of means that asks for more");
+  c.bind("growth.small", config_.growth.small, "densify: deviation, of the cameras' radius, above which one is split");
+  c.bind("growth.large", config_.growth.large, "densify: deviation, of the radius, above which one is removed");
+  c.bind("growth.faint", config_.growth.faint, "opacity below which a gaussian goes");
+  c.bind("growth.reset_every", config_.growth.reset_every, "densify: steps between resets of the opacities");
+  c.bind("growth.noise", config_.growth.noise, "mcmc: noise on means, times their rate");
+  c.bind("growth.weight_opacity", config_.growth.weight_opacity, "mcmc: weight of the mean opacity");
+  c.bind("growth.weight_scale", config_.growth.weight_scale, "mcmc: weight of the mean deviation");
+}
+
+void Splat::build(const Scenes& scenes, uint64_t seed) {
+  if (scenes.size() != 1) throw Error(Fault::usage, text("splat learns one capture, not ", scenes.size()));
+  const Scene& scene = scenes.front();
+  if (config_.sh_degree < 0 || config_.sh_degree > kSphericalBands)
+    throw Error(Fault::usage, text("setting sh.degree: ", config_.sh_degree, ", want 0 to ", kSphericalBands));
+  seed_ = seed;
+  extent_ = camera_radius(scene);
+  up_ = scene.up;
+  metric_ = scene.metric;
+  has_alpha_ = scene.has_alpha;
+  frames_ = static_cast<int64_t>(frames_of(scene, Split::train).size());
+  growth_ = make_growth(config_.growth, extent_);
+  put(initial_gaussians(scene, {config_.initial, config_.initial_random, seed}));
+  if (config_.exposure)
+    params_["exposure"] = parameter(std::vector<float>(static_cast<size_t>(6 * frames_), 0), {frames_, 6});
+}
+
+void Splat::put(const Gaussians& gaussians) {
+  const auto count = static_cast<int64_t>(gaussians.count());
+  for (const Part& part : parts()) params_[part.name] = parameter(gaussians.*part.values, shape_of(part, count));
+  gradient_sums_ = zeros({count});
+  views_ = zeros({count});
+}
+
+void Splat::fit_to(const TensorMap& parameters) {
+  const auto found = parameters.find("opacities");
+  if (found == parameters.end() || found->second.shape.size() != 1) return;
+  for (const Part& part : parts())
+    params_[part.name] =
+        parameter(std::vector<float>(static_cast<size_t>(numel(shape_of(part, found->second.shape[0])))),
+                  shape_of(part, found->second.shape[0]));
+  gradient_sums_ = zeros({found->second.shape[0]});
+  views_ = zeros({found->second.shape[0]});
+}
+
+std::optional<Gaussians> Splat::gaussians() const {
+  Gaussians out;
+  for (const Part& part : parts()) out.*part.values = params_.at(part.name).to_host();
+  out.up = up_;
+  out.metric = metric_;
+  return out;
+}
+
+void Splat::load_data(std::vector<TrainingData> data) {
+  const Pixels& pixels = data.front().pixels;
+  for (const FramePixels& f : pixels.frames) {
+    Photograph one;
+    one.rgba = planar(f.rgba, 4, f.height, f.width);
+    if (!f.mask.empty()) one.mask = from_host(f.mask, {f.height, f.width});
+    one.camera = pixels.cameras[static_cast<size_t>(f.camera)];
+    one.world_from_camera = data.front().scene.frames[f.frame].world_from_camera;
+    image_bytes_ += f.rgba.size() + f.mask.size();
+    most_pixels_ = std::max<uint64_t>(most_pixels_, f.rgba.size() / 4);
+    photographs_.push_back(std::move(one));
+  }
+  if (photographs_.empty()) throw Error(Fault::data, "no training image is left");
+}
+
+MemoryPlan Splat::memory() const {
+  constexpr uint64_t kNumbers = 59;       // of a gaussian
+  constexpr uint64_t kWorkNumbers = 170;  // gradients by op, projections, colours
+  constexpr uint64_t kPairsEach = 10, kPairBytes = 80, kPixelBytes = 160;
+  const auto most = static_cast<uint64_t>(std::max<int64_t>(count(), config_.growth.most));
+  MemoryPlan plan;
+  plan.parameters = most * kNumbers * 4;
+  plan.optimiser = 2 * plan.parameters;
+  plan.images = image_bytes_;
+  plan.work = most * (kWorkNumbers * 4 + kPairsEach * kPairBytes) + most_pixels_ * kPixelBytes;
+  return plan;
+}
+
+std::vector<LearningRate> Splat::learning_rates(const Progress& progress) const {
+  const float means =
+      config_.rate_means * static_cast<float>(extent_) * std::pow(config_.final_means, progress.fraction());
+  return {{"means", means},
+          {"scales", config_.rate_scales},
+          {"rotations", config_.rate_rotations},
+          {"opacities", config_.rate_opacities},
+          {"sh_first", config_.rate_first},
+          {"sh_rest", config_.rate_rest},
+          {"exposure", config_.rate_exposure}};
+}
+
+Cloud Splat::cloud() const {
+  return {params_.at("means"), params_.at("scales"), params_.at("rotations"), params_.at("opacities")};
+}
+
+Splat::Rendered Splat::draw(const Camera& camera, const Eigen::Matrix4d& world_from_camera, const Ask& ask) const {
+  SplatCamera lens;
+  lens.fx = static_cast<float>(camera.fx), lens.fy = static_cast<float>(camera.fy);
+  lens.cx = static_cast<float>(camera.cx), lens.cy = static_cast<float>(camera.cy);
+  lens.height = camera.height, lens.width = camera.width;
+  lens.near = config_.near * static_cast<float>(extent_);
+  lens.antialiased = config_.antialiased;
+  const Eigen::Vector3f eye = world_from_camera.block<3, 1>(0, 3).cast<float>();
+  Rendered out;
+  out.seen = splat_project(cloud(), rows_of(camera_from_world(world_from_camera)), lens);
+  const Tensor rgb = splat_colours({params_.at("sh_first"), params_.at("sh_rest"), ask.degree}, params_.at("means"),
+                                   from_host(std::vector<float>{eye.x(), eye.y(), eye.z()}, {3}));
+  eval_for_gradient({out.seen});
+  out.tiles = splat_tiles(out.seen, camera.height, camera.width);
+  const Tensor colours = ask.depth ? concat({rgb, slice(out.seen, 1, 6, 7)}, 1) : rgb;
+  const Blended blended = splat_blend({out.seen, colours, ask.probe}, out.tiles);
+  out.planes = permute(blended.image, {2, 0, 1});
+  out.transmittance = blended.transmittance;
+  return out;
+}
+
+/// A degree more each time; in a short training the last one shall still be learned for most of it.
+int Splat::degree_at(const Progress& progress) const {
+  int64_t every = config_.sh_every;
+  if (progress.horizon > 0) every = std::min(every, std::max<int64_t>(1, progress.horizon / 10));
+  return static_cast<int>(std::min<int64_t>(config_.sh_degree, progress.step / std::max<int64_t>(1, every)));
+}
+
+/// Every image once before any comes again.
+size_t Splat::photograph_for(const Progress& progress) const {
+  const auto count = static_cast<int64_t>(photographs_.size()), place = progress.step - 1;
+  const std::vector<float> keys =
+      random_uniform({count}, {seed_, static_cast<uint32_t>(place / count), kOrder}).to_host();
+  std::vector<size_t> order(static_cast<size_t>(count));
+  std::iota(order.begin(), order.end(), size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) { return keys[a] < keys[b]; });
+  return order[static_cast<size_t>(place % count)];
+}
+
+/// [3,1,1]
+Tensor Splat::background_for(const Progress& progress) const {
+  if (config_.background == "random")
+    return random_uniform({3, 1, 1}, {seed_, static_cast<uint32_t>(progress.step), kBackground});
+  return full({3, 1, 1}, config_.background == "white" || (config_.background == "auto" && has_alpha_) ? 1.f : 0.f);
+}
+
+Tensor Splat::exposed(const Tensor& planes, size_t photograph) const {
+  if (!config_.exposure) return planes;
+  const Tensor& all = params_.at("exposure");
+  const auto row = static_cast<int64_t>(photograph);
+  const Tensor own = slice(all, 0, row, row + 1) - mean(all, {{0}, true});
+  return planes * exp(reshape(slice(own, 1, 0, 3), {3, 1, 1})) + reshape(slice(own, 1, 3, 6), {3, 1, 1});
+}
+
+Tensor Splat::loss(const Progress& progress) {
+  const size_t which = photograph_for(progress);
+  const Photograph& photograph = photographs_[which];
+  degree_ = degree_at(progress);
+  last_ = draw(photograph.camera, photograph.world_from_camera, {degree_, false, {}});
+  const Tensor background = background_for(progress);
+  const Tensor drawn = exposed(last_.planes + unsqueeze(last_.transmittance, 0) * background, which);
+  const Tensor rgba = cast(photograph.rgba, DType::f32) / 255.f;
+  Tensor truth = slice(rgba, 0, 0, 3), picture = drawn;
+  if (has_alpha_) {
+    const Tensor alpha = slice(rgba, 0, 3, 4);
+    truth = truth * alpha + background * (1.f - alpha);
+  }
+  if (photograph.mask) {
+    const Tensor used = unsqueeze(cast(photograph.mask, DType::f32) / 255.f, 0);
+    truth = truth * used;
+    picture = picture * used;
+  }
+  error_ = mean(square(picture - truth));
+  Tensor loss = (1.f - config_.ssim) * mean(abs(picture - truth));
+  const Tensor penalty = growth_->penalty(cloud());
+  return penalty ? loss + penalty : loss;
+}
+
+Gradients Splat::gradients(const Progress& progress, const Tensors& wanted) {
+  Gradients out;
+  out.loss = loss(progress);
+  Tensors all = wanted;
+  all.push_back(last_.seen);
+  out.of_parameters = grad_where_reached(out.loss, all);
+  mean_gradient_ = out.of_parameters.back() ? stop_gradient(out.of_parameters.back()) : Tensor();
+  out.of_parameters.pop_back();
+  observe(progress);
+  return out;
+}
+
+/// Sums for the growth: |d loss / d mean|, in units of half the picture, of the gaussians that some tile lists.
+void Splat::observe(const Progress&) {
+  const int64_t count = last_.seen.dim(0);
+  const Tensor listed =
+      cast(slice(last_.tiles.first, 0, 1, count + 1) > slice(last_.tiles.first, 0, 0, count), DType::f32);
+  if (!mean_gradient_) mean_gradient_ = zeros({count, 7});
+  const Tensor half = from_host(
+      std::vector<float>{0.5f * static_cast<float>(last_.tiles.width), 0.5f * static_cast<float>(last_.tiles.height)},
+      {1, 2});
+  const Tensor length = sqrt(sum(square(slice(mean_gradient_, 1, 0, 2) * half), {{1}}));
+  gradient_sums_ = gradient_sums_ + length;
+  views_ = views_ + listed;
+}
+
+Tensors Splat::observed() const { return {error_, gradient_sums_, views_}; }
+
+RowMoves Splat::grow(const Progress& progress) {
+  const Tensor shift = growth_->shift(cloud(), progress, rate_of("means", learning_rates(progress)).rate);
+  if (shift) assign({{params_.at("means"), params_.at("means") + shift}});
+  if (!growth_->due(progress)) return {};
+  Gaussians all = *gaussians();
+  GrowthStatistics statistics;
+  const std::vector<float> sums = gradient_sums_.to_host(), views = views_.to_host();
+  for (size_t i = 0; i < sums.size(); i++) statistics.gradients.push_back(sums[i] / std::max(1.f, views[i]));
+  const GrowthMoves moves = growth_->grow(all, statistics, progress);
+  if (all.count() == 0)
+    throw Error(Fault::diverged, text("no gaussian is left after step ", progress.step,
+                                      "\n  fix: --set growth.faint=0.001, or lower rates; are the poses right?"));
+  put(all);
+  last_ = {};
+  RowMoves out;
+  for (const Part& part : parts()) out.push_back({part.name, moves.source});
+  if (moves.opacities_reset)
+    for (RowMove& move : out)
+      if (move.name == "opacities") std::fill(move.source.begin(), move.source.end(), -1);
+  return out;
+}
+
+std::map<std::string, double> Splat::metrics() const {
+  std::map<std::string, double> out = {{"gaussians", static_cast<double>(count())}};
+  if (error_ && error_.evaluated()) out["psnr"] = -10 * std::log10(static_cast<double>(error_.item()) + 1e-12);
+  return out;
+}
+
+Picture Splat::render(const View& view) {
+  const Rendered drawn = draw(view.camera, view.world_from_camera, {config_.sh_degree, true, {}});
+  const float back = config_.background == "white" || (config_.background == "auto" && has_alpha_) ? 1.f : 0.f;
+  const std::vector<float> planes = drawn.planes.to_host(), through = drawn.transmittance.to_host();
+  const std::vector<float> directions = pixel_directions(view.camera);
+  Picture out;
+  out.width = view.camera.width;
+  out.height = view.camera.height;
+  const size_t pixels = through.size();
+  for (size_t i = 0; i < pixels; i++) {
+    for (size_t c = 0; c < 3; c++) out.rgb.push_back(std::clamp(planes[c * pixels + i] + back * through[i], 0.f, 1.f));
+    const float opacity = 1 - through[i], *d = &directions[3 * i];
+    out.opacity.push_back(opacity);
+    const float along = std::sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);  // of a distance of 1 ahead
+    out.depth.push_back(opacity > 1e-3f ? planes[3 * pixels + i] / opacity * along : 0.f);
+  }
+  return out;
+}
+
+TensorMap Splat::state() const { return {{"gradient_sums", named(gradient_sums_)}, {"views", named(views_)}}; }
+
+void Splat::restore(const TensorMap& state) {
+  gradient_sums_ = tensor_from(state, "gradient_sums", {count()});
+  views_ = tensor_from(state, "views", {count()});
+}
+
+}  // namespace cloam

@@ -1,0 +1,91 @@
+// 3D Gaussian Splatting (Kerbl et al. 2023, doi 10.1145/3592433): gaussians in space, projected, sorted and blended.
+// Growth as in the paper or as Markov chain Monte Carlo (Kheradmand et al. 2024): models/splat/growth.h.
+#pragma once
+#include <memory>
+
+#include "models/splat/growth.h"
+#include "models/train/method.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+
+struct SplatConfig {
+  std::string initial = "auto";     // auto | points | lidar | random
+  int initial_random = 20000;       // gaussians
+  std::string background = "auto";  // auto | black | white | random
+  bool antialiased = false;
+  float near = 0.01f;  // of the scene's extent
+  int sh_degree = 3;
+  int sh_every = 1000;         // steps between degrees, at most
+  float ssim = 0.2f;           // weight; 1 - ssim is that of the absolute difference
+  float rate_means = 1.6e-4f;  // times the extent
+  float final_means = 0.01f;   // factor reached at the horizon
+  float rate_first = 2.5e-3f, rate_rest = 1.25e-4f, rate_opacities = 0.05f, rate_scales = 5e-3f, rate_rotations = 1e-3f;
+  bool exposure = false;  // a gain and an offset for each channel of each training image, their means 1 and 0
+  float rate_exposure = 1e-3f;
+  GrowthOptions growth;
+};
+
+class Splat final : public Method {
+ public:
+  const char* name() const override { return "splat"; }
+  void configure(Config& config) override;
+  void build(const Scenes& scenes, uint64_t seed) override;
+  void load_data(std::vector<TrainingData> data) override;
+  MemoryPlan memory() const override;
+  Params& parameters() override { return params_; }
+  std::vector<LearningRate> learning_rates(const Progress& progress) const override;
+  AdamSettings adam() const override { return {0.9f, 0.999f, 1e-15f}; }
+  Tensor loss(const Progress& progress) override;
+  Gradients gradients(const Progress& progress, const Tensors& wanted) override;
+  Tensors observed() const override;
+  RowMoves grow(const Progress& progress) override;
+  std::map<std::string, double> metrics() const override;
+  Picture render(const View& view) override;
+  std::optional<Gaussians> gaussians() const override;
+  void fit_to(const TensorMap& parameters) override;
+  TensorMap state() const override;
+  void restore(const TensorMap& state) override;
+
+ private:
+  struct Photograph {
+    Tensor rgba, mask;  // u8 [4,H,W], [H,W] (empty: all used)
+    Camera camera;
+    Eigen::Matrix4d world_from_camera;
+  };
+  struct Rendered {
+    Tensor seen, planes, transmittance;  // [G,7], [C,H,W], [H,W]
+    SplatTiles tiles;
+  };
+  struct Ask {
+    int degree = 3;
+    bool depth = false;  // a fourth channel
+    Tensor probe = {};
+  };
+  void put(const Gaussians& gaussians);
+  Cloud cloud() const;
+  int64_t count() const { return params_.at("opacities").dim(0); }
+  Rendered draw(const Camera& camera, const Eigen::Matrix4d& world_from_camera, const Ask& ask) const;
+  int degree_at(const Progress& progress) const;
+  size_t photograph_for(const Progress& progress) const;
+  Tensor background_for(const Progress& progress) const;
+  Tensor exposed(const Tensor& planes, size_t photograph) const;
+  void observe(const Progress& progress);
+
+  SplatConfig config_;
+  uint64_t seed_ = 0;
+  double extent_ = 1;
+  Eigen::Vector3d up_ = Eigen::Vector3d::UnitZ();
+  bool has_alpha_ = false, metric_ = false;
+  Params params_;
+  std::unique_ptr<Growth> growth_;
+  std::vector<Photograph> photographs_;
+  uint64_t image_bytes_ = 0, most_pixels_ = 0;
+  int64_t frames_ = 0;  // that train, of the scene
+  int degree_ = 0;      // reached
+  Rendered last_;       // of this step
+  Tensor mean_gradient_, error_;
+  Tensor gradient_sums_, views_;  // [G] since the last growth
+};
+
+}  // namespace cloam
