@@ -14,6 +14,7 @@ Workloads op_workloads() {
   add_field_workloads(all);
   add_sort_workloads(all);
   add_splat_workloads(all);
+  add_ssim_workloads(all);
   add_volume_workloads(all);
   add_row_workloads(all);
   return all;

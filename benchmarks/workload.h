@@ -26,6 +26,7 @@ void add_stream_workloads(Workloads& all);  // Adam, bias + ReLU, many small ops
 void add_field_workloads(Workloads& all);   // tri-planes, hash grid
 void add_sort_workloads(Workloads& all);
 void add_splat_workloads(Workloads& all);
+void add_ssim_workloads(Workloads& all);
 void add_volume_workloads(Workloads& all);  // marching, compositing, occupancy
 void add_row_workloads(Workloads& all);  // op rows that name a benchmark size
 

@@ -8,6 +8,7 @@
 #include "models/metrics/psnr.h"
 #include "models/metrics/ssim.h"
 #include "runtime/error.h"
+#include "runtime/ops.h"
 
 using namespace cloam;
 
@@ -129,6 +130,47 @@ TEST_CASE("ssim: outside the mask nothing matters") {
   CHECK(masked_ssim(a, b, mask, shape) == masked_ssim(a, changed, mask, shape));
   CHECK(masked_ssim(a, a, mask, shape) == doctest::Approx(1.0));
   CHECK(masked_ssim(a, b, std::vector<uint8_t>(256, 1), shape) == doctest::Approx(ssim(a, b, shape)));
+}
+
+/// [H,W,C] as the op takes pictures.
+Tensor planes(const Values& image, const ImageShape& shape) {
+  const Shape interleaved{shape.height, shape.width, shape.channels};
+  return permute(from_host(image, interleaved), {2, 0, 1});
+}
+
+/// A smooth picture and one that is like it; a direction from each value of the first to the second's, all
+/// exact in float32.
+struct Pictures {
+  explicit Pictures(const ImageShape& shape) {
+    std::mt19937 random(5);
+    for (int i = 0; i < shape.height * shape.width * shape.channels; ++i) {
+      const double smooth = 0.5 + 0.4 * std::sin(i * 0.011) * std::cos(i / shape.width * 0.05);
+      const auto grain = [&] { return static_cast<double>(random() % 256) - 128; };
+      a.push_back(static_cast<float>((std::round(smooth * 4096) + grain()) / 4096));
+      b.push_back(static_cast<float>((std::round(smooth * 4096) + 2 * grain()) / 4096));
+      direction.push_back(b.back() < a.back() ? -1.F : 1.F);
+    }
+  }
+  Values moved(float step) const {
+    Values result = a;
+    for (size_t i = 0; i < a.size(); ++i) result[i] += step * direction[i];
+    return result;
+  }
+  Values a, b, direction;
+};
+
+TEST_CASE("ssim: what training minimises is the metric, and its gradient the metric's slope") {
+  const ImageShape shape{359, 640, 3};
+  const Pictures of(shape);
+  const float step = 1.F / 4096;
+  const double slope = (ssim(of.moved(step), of.b, shape) - ssim(of.moved(-step), of.b, shape)) / (2 * double{step});
+
+  const Tensor x = parameter(planes(of.a, shape).to_host(), {3, 359, 640});
+  const Tensor similar = likeness(x, planes(of.b, shape)).ssim;
+  const Tensor along = sum(grad(similar, {x})[0] * planes(of.direction, shape));
+  eval({similar, along});
+  CHECK(similar.item() == doctest::Approx(ssim(of.a, of.b, shape)).epsilon(1e-6));
+  CHECK(along.item() == doctest::Approx(slope).epsilon(1e-3));
 }
 
 TEST_CASE("metrics: sizes that disagree are data errors") {
