@@ -256,7 +256,8 @@ Tensor Splat::loss(const Progress& progress) {
     picture = picture * used;
   }
   error_ = mean(square(picture - truth));
-  Tensor loss = (1.f - config_.ssim) * mean(abs(picture - truth));
+  const Likeness alike = likeness(picture, truth);
+  const Tensor loss = (1.f - config_.ssim) * alike.l1 + config_.ssim * (1.f - alike.ssim);
   const Tensor penalty = growth_->penalty(cloud());
   return penalty ? loss + penalty : loss;
 }
