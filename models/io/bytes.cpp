@@ -8,7 +8,7 @@
 
 namespace cloam {
 
-std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint64_t largest) {
+std::uint64_t file_bytes(const std::filesystem::path& path) {
   std::error_code error;
   // A pipe or device has no size and may never end.
   if (!std::filesystem::is_regular_file(path, error)) {
@@ -16,6 +16,11 @@ std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint
   }
   const std::uint64_t size = std::filesystem::file_size(path, error);
   if (error) throw Error(Fault::data, text(path.string(), ": its size cannot be read: ", error.message()));
+  return size;
+}
+
+std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint64_t largest) {
+  const std::uint64_t size = file_bytes(path);
   if (size > largest) {
     throw Error(Fault::data, text(path.string(), ": holds ", size, " bytes, the most that is read is ", largest));
   }

@@ -12,6 +12,9 @@
 
 namespace cloam {
 
+/// The size of a regular file in bytes. Fault::data if there is none.
+std::uint64_t file_bytes(const std::filesystem::path& path);
+
 /// The bytes of a regular file. Fault::data if it cannot be read or holds more than `largest` bytes.
 std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint64_t largest);
 

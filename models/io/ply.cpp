@@ -4,8 +4,13 @@
 #include <algorithm>
 #include <charconv>
 #include <cstring>
+#include <fstream>
+#include <istream>
+#include <numeric>
 #include <set>
+#include <streambuf>
 
+#include "models/io/bytes.h"
 #include "models/io/commit.h"
 #include "models/io/safetensors_header.h"  // printable
 #include "runtime/error.h"
@@ -13,11 +18,13 @@
 namespace cloam {
 namespace {
 
-constexpr std::size_t kLongestHeader = 1 << 16;
+constexpr std::size_t kLongestHeader = 1 << 16, kLongestLine = 1 << 16;
+constexpr std::size_t kBlock = 1 << 20;  // bytes that are read or written at once
 
 struct NumberType {
   const char *name, *other_name;
   std::size_t bytes;
+  float white;
   float (*read)(const std::uint8_t*);
 };
 
@@ -29,10 +36,14 @@ float read_as(const std::uint8_t* bytes) {
 }
 
 constexpr NumberType kTypes[] = {
-    {"char", "int8", 1, read_as<std::int8_t>},    {"uchar", "uint8", 1, read_as<std::uint8_t>},
-    {"short", "int16", 2, read_as<std::int16_t>}, {"ushort", "uint16", 2, read_as<std::uint16_t>},
-    {"int", "int32", 4, read_as<std::int32_t>},   {"uint", "uint32", 4, read_as<std::uint32_t>},
-    {"float", "float32", 4, read_as<float>},      {"double", "float64", 8, read_as<double>},
+    {"char", "int8", 1, 127, read_as<std::int8_t>},
+    {"uchar", "uint8", 1, 255, read_as<std::uint8_t>},
+    {"short", "int16", 2, 32767, read_as<std::int16_t>},
+    {"ushort", "uint16", 2, 65535, read_as<std::uint16_t>},
+    {"int", "int32", 4, 2147483648.f, read_as<std::int32_t>},
+    {"uint", "uint32", 4, 4294967296.f, read_as<std::uint32_t>},
+    {"float", "float32", 4, 1, read_as<float>},
+    {"double", "float64", 8, 1, read_as<double>},
 };
 
 // Words of one line, without the carriage return that Windows leaves.
@@ -46,47 +57,82 @@ std::vector<std::string_view> words_of(std::string_view line) {
   }
 }
 
+std::string trimmed(std::string_view words) {
+  const std::size_t begin = std::min(words.find_first_not_of(" \t\r\n"), words.size());
+  return std::string(words.substr(begin, words.find_last_not_of(" \t\r\n") + 1 - begin));
+}
+
+// Bytes in memory as a stream, without a copy.
+struct SpanBuffer : std::streambuf {
+  explicit SpanBuffer(std::span<const std::uint8_t> bytes) {
+    char* begin = const_cast<char*>(reinterpret_cast<const char*>(bytes.data()));
+    setg(begin, begin, begin + bytes.size());
+  }
+};
+
+std::string listed(const std::vector<std::string>& names) {
+  std::string all;
+  for (const std::string& name : names) all += (all.empty() ? "" : ", ") + printable(name);
+  return all.substr(0, 200);
+}
+
+[[noreturn]] void no_property(const std::string& file, std::string_view name, const std::vector<std::string>& names) {
+  throw Error(Fault::data, text(file, ": its vertices have no property ", name, "; they have ", listed(names)));
+}
+
 class Parser {
  public:
-  Parser(std::span<const std::uint8_t> bytes, const std::string& name)
-      : rest_(reinterpret_cast<const char*>(bytes.data()), bytes.size()) {
-    vertices_.file = name;
+  Parser(std::streambuf& bytes, std::uint64_t size, const std::string& name) : bytes_(bytes), rest_(size) {
+    header_.file = name;
   }
 
-  PlyVertices parse() {
+  void parse(const std::function<PlyRow(const PlyHeader&)>& begin) {
     read_header();
+    check_size();
+    const PlyRow take = begin(header_);
     if (ascii_) {
-      read_ascii();
+      read_ascii(take);
     } else {
-      read_binary();
+      read_binary(take);
     }
-    return std::move(vertices_);
   }
 
  private:
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(vertices_.file, ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(header_.file, ": ", why)); }
 
-  std::string_view next_line(std::size_t longest) {
-    const std::size_t end = rest_.substr(0, longest).find('\n');
-    if (end == std::string_view::npos) fail(text("the .ply header has no end within ", kLongestHeader, " bytes"));
-    const std::string_view line = rest_.substr(0, end);
-    rest_.remove_prefix(end + 1);
-    return line;
+  // Up to the end of the line or of the file; nothing where the line is longer.
+  std::optional<std::string> line(std::size_t longest) {
+    std::string found;
+    for (; rest_ > 0 && found.size() < longest; --rest_) {
+      const int next = bytes_.sbumpc();
+      if (next == std::char_traits<char>::eof()) fail("cannot be read to its end");
+      found += static_cast<char>(next);
+      if (found.back() == '\n') {
+        --rest_;
+        return found;
+      }
+    }
+    return rest_ > 0 ? std::nullopt : std::optional(found);
   }
 
   void read_header() {
-    if (!rest_.starts_with("ply\n") && !rest_.starts_with("ply\r\n")) fail("is no .ply: its first line is not 'ply'");
-    const std::size_t size = rest_.size();
-    next_line(kLongestHeader);
-    while (true) {
-      const std::size_t used = size - rest_.size();
-      const auto words = words_of(next_line(kLongestHeader - std::min(used, kLongestHeader)));
-      if (words.empty() || words[0] == "comment" || words[0] == "obj_info") continue;
+    std::size_t left = kLongestHeader;
+    for (bool first = true;; first = false) {
+      const std::string found = line(left).value_or("");
+      if (first && found != "ply\n" && found != "ply\r\n") fail("is no .ply: its first line is not 'ply'");
+      if (!found.ends_with('\n')) fail(text("the .ply header has no end within ", kLongestHeader, " bytes"));
+      left -= found.size();
+      const auto words = words_of(std::string_view(found).substr(0, found.size() - 1));
+      if (first || words.empty() || words[0] == "obj_info") continue;
       if (words[0] == "end_header") break;
-      read_header_line(words);
+      if (words[0] == "comment") {
+        header_.comments.push_back(trimmed(std::string_view(found).substr(found.find("comment") + 7)));
+      } else {
+        read_header_line(words);
+      }
     }
     if (!has_format_) fail("the .ply header has no line 'format'");
-    if (elements_ == 0 || columns_.empty()) fail("the .ply header has no element 'vertex' with properties");
+    if (elements_ == 0 || types_.empty()) fail("the .ply header has no element 'vertex' with properties");
   }
 
   void read_header_line(const std::vector<std::string_view>& words) {
@@ -107,7 +153,7 @@ class Parser {
 
   void read_element(const std::vector<std::string_view>& words) {
     if (words[1] != "vertex") fail(text("its first element is ", printable(words[1]), ", want vertex"));
-    const auto [end, error] = std::from_chars(words[2].data(), words[2].data() + words[2].size(), count_);
+    const auto [end, error] = std::from_chars(words[2].data(), words[2].data() + words[2].size(), header_.count);
     if (error != std::errc() || end != words[2].data() + words[2].size()) {
       fail(text("the number of vertices is ", printable(words[2])));
     }
@@ -121,46 +167,57 @@ class Parser {
       fail(text("a vertex has a property of type ", printable(words[1]), ", want numbers"));
     }
     if (!names_.insert(std::string(words[2])).second) fail(text("two properties ", printable(words[2])));
-    vertices_.columns.push_back({std::string(words[2]), {}});
-    columns_.push_back(&*type);
+    header_.properties.push_back({std::string(words[2]), type->white});
+    types_.push_back(&*type);
   }
 
-  // Of a count that the bytes after the header can hold: only then is memory asked for.
-  void reserve(std::size_t least_bytes_a_vertex) {
-    if (count_ > rest_.size() / least_bytes_a_vertex) {
-      fail(text("ends too early: ", count_, " vertices of at least ", least_bytes_a_vertex, " bytes are promised, ",
-                rest_.size(), " bytes follow the header"));
+  std::size_t bytes_a_vertex() const {
+    return std::accumulate(types_.begin(), types_.end(), std::size_t{0},
+                           [](std::size_t sum, const NumberType* type) { return sum + type->bytes; });
+  }
+
+  // The count must be one that the bytes after the header can hold: only then is memory asked for.
+  void check_size() const {
+    // In ascii, digits and spaces; the last line may have no end.
+    const std::size_t least = ascii_ ? 2 * types_.size() - 1 : bytes_a_vertex();
+    if (header_.count > rest_ / least) {
+      fail(text("ends too early: ", header_.count, " vertices of at least ", least, " bytes are promised, ", rest_,
+                " bytes follow the header"));
     }
-    for (PlyColumn& column : vertices_.columns) column.values.resize(count_);
   }
 
-  void read_binary() {
-    std::size_t stride = 0;
-    for (const NumberType* type : columns_) stride += type->bytes;
-    reserve(stride);
-    const auto* bytes = reinterpret_cast<const std::uint8_t*>(rest_.data());
-    for (std::size_t row = 0; row < count_; ++row) {
-      for (std::size_t i = 0; i < columns_.size(); ++i) {
-        vertices_.columns[i].values[row] = columns_[i]->read(bytes);
-        bytes += columns_[i]->bytes;
+  void read_binary(const PlyRow& take) {
+    const std::size_t stride = bytes_a_vertex(), rows = std::max<std::size_t>(1, kBlock / stride);
+    std::vector<char> block(std::min<std::uint64_t>(rows, header_.count) * stride);
+    std::vector<float> values(types_.size());
+    for (std::uint64_t done = 0; done < header_.count;) {
+      const std::size_t count = std::min<std::uint64_t>(rows, header_.count - done);
+      const auto size = static_cast<std::streamsize>(count * stride);
+      if (bytes_.sgetn(block.data(), size) != size) fail("cannot be read to its end");
+      const auto* bytes = reinterpret_cast<const std::uint8_t*>(block.data());
+      for (std::size_t row = 0; row < count; ++row) {
+        for (std::size_t i = 0; i < types_.size(); bytes += types_[i++]->bytes) values[i] = types_[i]->read(bytes);
+        take(values);
       }
+      done += count;
     }
   }
 
-  void read_ascii() {
-    reserve(2 * columns_.size() - 1);  // digits and spaces; the last line may have no end
-    for (std::size_t row = 0; row < count_; ++row) {
-      const std::size_t end = std::min(rest_.find('\n'), rest_.size());
-      const auto words = words_of(rest_.substr(0, end));
-      rest_.remove_prefix(std::min(end + 1, rest_.size()));
-      if (words.size() != columns_.size()) {
-        fail(text("vertex ", row, " has ", words.size(), " numbers, want ", columns_.size()));
+  void read_ascii(const PlyRow& take) {
+    std::vector<float> values(types_.size());
+    for (std::uint64_t row = 0; row < header_.count; ++row) {
+      const std::optional<std::string> found = line(kLongestLine);
+      if (!found) fail(text("vertex ", row, " has a line of over ", kLongestLine, " bytes"));
+      const auto words = words_of(std::string_view(*found).substr(0, found->find('\n')));
+      if (words.size() != types_.size()) {
+        fail(text("vertex ", row, " has ", words.size(), " numbers, want ", types_.size()));
       }
-      for (std::size_t i = 0; i < words.size(); ++i) vertices_.columns[i].values[row] = number(words[i], row);
+      for (std::size_t i = 0; i < words.size(); ++i) values[i] = number(words[i], row);
+      take(values);
     }
   }
 
-  float number(std::string_view word, std::size_t row) const {
+  float number(std::string_view word, std::uint64_t row) const {
     double value = 0;  // 1e99 is a number, if none that a float holds
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
     if (error != std::errc() || end != word.data() + word.size()) {
@@ -169,15 +226,30 @@ class Parser {
     return static_cast<float>(value);
   }
 
-  std::string_view rest_;
-  PlyVertices vertices_;
-  std::vector<const NumberType*> columns_;
+  std::streambuf& bytes_;
+  std::uint64_t rest_;  // bytes of the file that were not yet read
+  PlyHeader header_;
+  std::vector<const NumberType*> types_;
   std::set<std::string> names_;
-  std::size_t count_ = 0, elements_ = 0;
+  std::size_t elements_ = 0;
   bool ascii_ = false, has_format_ = false;
 };
 
 }  // namespace
+
+std::optional<std::size_t> PlyHeader::find(std::string_view name) const {
+  for (std::size_t i = 0; i < properties.size(); ++i) {
+    if (properties[i].name == name) return i;
+  }
+  return {};
+}
+
+std::size_t PlyHeader::index(std::string_view name) const {
+  if (const auto found = find(name)) return *found;
+  std::vector<std::string> names;
+  for (const PlyProperty& property : properties) names.push_back(property.name);
+  no_property(file, name, names);
+}
 
 const PlyColumn* PlyVertices::find(std::string_view name) const {
   const auto found = std::find_if(columns.begin(), columns.end(), [&](const PlyColumn& c) { return c.name == name; });
@@ -186,28 +258,64 @@ const PlyColumn* PlyVertices::find(std::string_view name) const {
 
 const std::vector<float>& PlyVertices::column(std::string_view name) const {
   if (const PlyColumn* found = find(name)) return found->values;
-  std::string names;
-  for (const PlyColumn& c : columns) names += (names.empty() ? "" : ", ") + printable(c.name);
-  throw Error(Fault::data, text(file, ": its vertices have no property ", name, "; they have ", names.substr(0, 200)));
+  std::vector<std::string> names;
+  for (const PlyColumn& column : columns) names.push_back(column.name);
+  no_property(file, name, names);
+}
+
+void read_ply(const std::filesystem::path& path, const std::function<PlyRow(const PlyHeader&)>& begin) {
+  const std::uint64_t size = file_bytes(path);
+  std::filebuf file;
+  if (!file.open(path, std::ios::in | std::ios::binary)) {
+    throw Error(Fault::data, text(path.string(), ": cannot be opened: may the user read it?"));
+  }
+  Parser(file, size, path.string()).parse(begin);
 }
 
 PlyVertices parse_ply(std::span<const std::uint8_t> bytes, const std::string& name) {
-  return Parser(bytes, name).parse();
+  PlyVertices vertices{name, {}};
+  SpanBuffer buffer(bytes);
+  Parser(buffer, bytes.size(), name).parse([&](const PlyHeader& header) -> PlyRow {
+    for (const PlyProperty& property : header.properties) vertices.columns.push_back({property.name, {}});
+    for (PlyColumn& column : vertices.columns) column.values.reserve(header.count);
+    return [&](std::span<const float> values) {
+      for (std::size_t i = 0; i < values.size(); ++i) vertices.columns[i].values.push_back(values[i]);
+    };
+  });
+  return vertices;
+}
+
+void write_ply_rows(const std::filesystem::path& path, const PlyHeader& header,
+                    const std::function<void(std::size_t, std::span<float>)>& fill) {
+  std::string start = "ply\nformat binary_little_endian 1.0\n";
+  for (const std::string& comment : header.comments) start += "comment " + comment + "\n";
+  start += text("element vertex ", header.count, "\n");
+  for (const PlyProperty& property : header.properties) start += "property float " + property.name + "\n";
+  start += "end_header\n";
+  const std::size_t width = header.properties.size();
+  const std::size_t rows = std::max<std::size_t>(1, kBlock / sizeof(float) / std::max<std::size_t>(1, width));
+  commit_file(path, [&](const std::filesystem::path& temp) {
+    std::ofstream file(temp, std::ios::binary);
+    file << start;
+    std::vector<float> block;
+    for (std::size_t done = 0; done < header.count && file; done += rows) {
+      const std::size_t count = std::min<std::size_t>(rows, header.count - done);
+      block.resize(count * width);
+      for (std::size_t row = 0; row < count; ++row) fill(done + row, std::span(block).subspan(row * width, width));
+      file.write(reinterpret_cast<const char*>(block.data()), static_cast<std::streamsize>(4 * block.size()));
+    }
+    file.close();
+    if (!file) throw Error(Fault::write, text("cannot write ", path.string(), ": is the disk full?"));
+  });
 }
 
 void write_ply_vertices(const std::filesystem::path& path, const std::vector<PlyColumn>& columns) {
-  const std::size_t rows = columns.empty() ? 0 : columns.front().values.size();
-  std::string content = text("ply\nformat binary_little_endian 1.0\nelement vertex ", rows, "\n");
-  for (const PlyColumn& column : columns) content += "property float " + column.name + "\n";
-  content += "end_header\n";
-  for (std::size_t row = 0; row < rows; ++row) {
-    for (const PlyColumn& column : columns) {
-      char bytes[sizeof(float)];
-      std::memcpy(bytes, &column.values[row], sizeof bytes);
-      content.append(bytes, sizeof bytes);
-    }
-  }
-  commit_text(path, content);
+  PlyHeader header;
+  for (const PlyColumn& column : columns) header.properties.push_back({column.name});
+  header.count = columns.empty() ? 0 : columns.front().values.size();
+  write_ply_rows(path, header, [&](std::size_t row, std::span<float> values) {
+    for (std::size_t i = 0; i < columns.size(); ++i) values[i] = columns[i].values[row];
+  });
 }
 
 }  // namespace cloam

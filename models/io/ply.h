@@ -3,12 +3,43 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace cloam {
+
+struct PlyProperty {
+  std::string name;  // "x"
+  float white = 1;   // what stands for all of a colour: 255 of uchar, 65535 of ushort, 1 of float
+};
+
+struct PlyHeader {
+  std::string file;                     // for errors
+  std::vector<std::string> comments;    // without the word comment
+  std::vector<PlyProperty> properties;  // of the vertices
+  std::uint64_t count = 0;              // of the vertices
+
+  std::optional<std::size_t> find(std::string_view name) const;
+  /// Fault::data that lists the properties that are there.
+  std::size_t index(std::string_view name) const;
+};
+
+/// Takes the values of one vertex, in the order of the properties.
+using PlyRow = std::function<void(std::span<const float> values)>;
+
+/// Reads vertex after vertex, never the whole file at once. `begin` sees the header, when the count is known to fit the
+/// file's size, and returns what takes the vertices. They must be the first element, and without lists; elements after
+/// them are ignored. Fault::data for what is no .ply, for one in big-endian order and for one that is cut short.
+void read_ply(const std::filesystem::path& path, const std::function<PlyRow(const PlyHeader& header)>& begin);
+
+/// Binary little-endian, all properties float; `fill` gives the values of one vertex. Replaces `path` in one step.
+/// Fault::write.
+void write_ply_rows(const std::filesystem::path& path, const PlyHeader& header,
+                    const std::function<void(std::size_t row, std::span<float> values)>& fill);
 
 struct PlyColumn {
   std::string name;           // "x"
@@ -24,11 +55,10 @@ struct PlyVertices {
   const std::vector<float>& column(std::string_view name) const;
 };
 
-/// Binary little-endian, each column a float property. Replaces `path` in one step. Fault::write.
+/// As write_ply_rows.
 void write_ply_vertices(const std::filesystem::path& path, const std::vector<PlyColumn>& columns);
 
-/// `name` (a file) stands at the head of errors. Vertices must be the first element, and without lists; elements after
-/// them are ignored. Fault::data for what is no .ply, for one in big-endian order and for one that is cut short.
+/// As read_ply, of bytes in memory; `name` (a file) stands at the head of errors.
 PlyVertices parse_ply(std::span<const std::uint8_t> bytes, const std::string& name);
 
 }  // namespace cloam
