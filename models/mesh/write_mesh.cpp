@@ -1,25 +1,18 @@
-// glTF 2.0 specification, Khronos Group, 2021: sections 3.6 (buffers), 3.7 (meshes), 4.4 (the GLB container).
+// glTF 2.0 specification, Khronos Group, 2021: section 3.7 (meshes).
 #include "models/mesh/write_mesh.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstring>
 #include <limits>
-#include <span>
 
 #include "models/io/commit.h"
+#include "models/io/glb.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-// Numbers of the specification.
-constexpr int kFloat = 5126, kUnsignedInt = 5125;
-constexpr int kVertices = 34962, kIndices = 34963;
-constexpr std::uint32_t kMagic = 0x46546C67, kJsonChunk = 0x4E4F534A, kBinChunk = 0x004E4942;  // "glTF" "JSON" "BIN"
 
 void check(const std::filesystem::path& path, const Mesh& mesh) {
   if (mesh.triangle_count() == 0) throw Error(Fault::data, text(path.string(), ": a mesh without triangles"));
@@ -40,55 +33,19 @@ std::vector<float> gltf_axes(const std::vector<float>& values) {
   return turned;
 }
 
-/// The inverse of the sRGB curve (IEC 61966-2-1): COLOR_0 is linear.
-float linear(float srgb) {
-  const float value = std::clamp(srgb, 0.f, 1.f);
-  return value <= 0.04045f ? value / 12.92f : std::pow((value + 0.055f) / 1.055f, 2.4f);
-}
-
-struct Bounds {
-  std::array<float, 3> least, most;
-};
-
-Bounds bounds_of(const std::vector<float>& positions) {
-  constexpr float kFar = std::numeric_limits<float>::max();
-  Bounds bounds{{kFar, kFar, kFar}, {-kFar, -kFar, -kFar}};
-  for (std::size_t i = 0; i < positions.size(); ++i) {
-    bounds.least[i % 3] = std::min(bounds.least[i % 3], positions[i]);
-    bounds.most[i % 3] = std::max(bounds.most[i % 3], positions[i]);
-  }
-  return bounds;
-}
-
 template <class Value>
 void append(std::string& bytes, const Value* values, std::size_t count) {
   bytes.append(reinterpret_cast<const char*>(values), count * sizeof(Value));
 }
 
-/// The one buffer of the file, and the views into it.
-struct Buffer {
-  std::string bytes;
-  Json views = Json::array();
-
-  template <class Value>
-  void add(const std::vector<Value>& values, int target) {
-    const std::size_t length = values.size() * sizeof(Value);
-    views.push_back({{"buffer", 0}, {"byteOffset", bytes.size()}, {"byteLength", length}, {"target", target}});
-    append(bytes, values.data(), values.size());
-  }
-};
-
-Json accessor(int view, int type, std::size_t count, const char* shape) {
-  return {{"bufferView", view}, {"componentType", type}, {"count", count}, {"type", shape}};
-}
-
-Json document(const Mesh& mesh, const MeshLabel& label, const Buffer& buffer, const Bounds& bounds) {
-  const std::size_t vertices = mesh.vertex_count();
-  Json positions = accessor(0, kFloat, vertices, "VEC3");
-  positions["min"] = bounds.least;
-  positions["max"] = bounds.most;
+Json document(const Mesh& mesh, const MeshLabel& label, GlbBuffer& buffer) {
+  std::vector<float> colours(mesh.colours.size());
+  std::transform(mesh.colours.begin(), mesh.colours.end(), colours.begin(), linear_colour);
+  const Json attributes = {{"POSITION", buffer.add_positions(gltf_axes(mesh.positions))},
+                           {"NORMAL", buffer.add_vertices(gltf_axes(mesh.normals), "VEC3")},
+                           {"COLOR_0", buffer.add_vertices(colours, "VEC3")}};
   const Json primitive = {
-      {"attributes", {{"POSITION", 0}, {"NORMAL", 1}, {"COLOR_0", 2}}}, {"indices", 3}, {"material", 0}, {"mode", 4}};
+      {"attributes", attributes}, {"indices", buffer.add_indices(mesh.triangles)}, {"material", 0}, {"mode", 4}};
   const Json surface = {{"baseColorFactor", {1, 1, 1, 1}}, {"metallicFactor", 0}, {"roughnessFactor", 1}};
   return {
       {"asset", {{"version", "2.0"}, {"generator", "cloam"}, {"extras", label.extras}}},
@@ -97,41 +54,16 @@ Json document(const Mesh& mesh, const MeshLabel& label, const Buffer& buffer, co
       {"scenes", {{{"nodes", {0}}}}},
       {"nodes", {{{"name", label.name}, {"mesh", 0}}}},
       {"meshes", {{{"name", label.name}, {"primitives", {primitive}}}}},
-      {"materials", {{{"pbrMetallicRoughness", surface}, {"extensions", {{"KHR_materials_unlit", Json::object()}}}}}},
-      {"accessors",
-       {positions, accessor(1, kFloat, vertices, "VEC3"), accessor(2, kFloat, vertices, "VEC3"),
-        accessor(3, kUnsignedInt, mesh.triangles.size(), "SCALAR")}},
-      {"bufferViews", buffer.views},
-      {"buffers", {{{"byteLength", buffer.bytes.size()}}}}};
-}
-
-std::string chunk(std::uint32_t type, std::string content, char filler) {
-  content.resize((content.size() + 3) / 4 * 4, filler);
-  const std::uint32_t head[] = {static_cast<std::uint32_t>(content.size()), type};
-  std::string bytes;
-  append(bytes, head, 2);
-  return bytes + content;
+      {"materials", {{{"pbrMetallicRoughness", surface}, {"extensions", {{"KHR_materials_unlit", Json::object()}}}}}}};
 }
 
 }  // namespace
 
 void write_glb(const std::filesystem::path& path, const Mesh& mesh, const MeshLabel& label) {
   check(path, mesh);
-  const std::vector<float> positions = gltf_axes(mesh.positions);
-  std::vector<float> colours(mesh.colours.size());
-  std::transform(mesh.colours.begin(), mesh.colours.end(), colours.begin(), linear);
-  Buffer buffer;
-  buffer.add(positions, kVertices);
-  buffer.add(gltf_axes(mesh.normals), kVertices);
-  buffer.add(colours, kVertices);
-  buffer.add(mesh.triangles, kIndices);
-  const Json json = document(mesh, label, buffer, bounds_of(positions));
-  const std::string content = chunk(kJsonChunk, json.dump(-1, ' ', false, Json::error_handler_t::replace), ' ') +
-                              chunk(kBinChunk, std::move(buffer.bytes), '\0');
-  const std::uint32_t head[] = {kMagic, 2, static_cast<std::uint32_t>(12 + content.size())};
-  std::string file;
-  append(file, head, 3);
-  commit_text(path, file + content);
+  GlbBuffer buffer;
+  const Json json = document(mesh, label, buffer);
+  buffer.write(path, json);
 }
 
 void write_ply(const std::filesystem::path& path, const Mesh& mesh, const MeshLabel& label) {
