@@ -38,20 +38,6 @@ Shape shape_of(const Part& part, int64_t count) {
   return shape;
 }
 
-Eigen::Matrix<double, 3, 4> camera_from_world(const Eigen::Matrix4d& world_from_camera) {
-  const Eigen::Matrix3d turned = world_from_camera.block<3, 3>(0, 0).transpose();
-  Eigen::Matrix<double, 3, 4> view;
-  view << turned, -turned * world_from_camera.block<3, 1>(0, 3);
-  return view;
-}
-
-Tensor rows_of(const Eigen::Matrix<double, 3, 4>& view) {
-  std::vector<float> values;
-  for (int row = 0; row < 3; row++)
-    for (int column = 0; column < 4; column++) values.push_back(static_cast<float>(view(row, column)));
-  return from_host(values, {3, 4});
-}
-
 /// [C,H,W] of [H,W,C] bytes.
 Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int width) {
   const size_t plane = static_cast<size_t>(height) * static_cast<size_t>(width);
@@ -179,29 +165,14 @@ std::vector<LearningRate> Splat::learning_rates(const Progress& progress) const 
           {"exposure", config_.rate_exposure}};
 }
 
-Cloud Splat::cloud() const {
-  return {params_.at("means"), params_.at("scales"), params_.at("rotations"), params_.at("opacities")};
+SplatModel Splat::model(int degree) const {
+  return {{params_.at("means"), params_.at("scales"), params_.at("rotations"), params_.at("opacities")},
+          {params_.at("sh_first"), params_.at("sh_rest"), degree}};
 }
 
-Splat::Rendered Splat::draw(const Camera& camera, const Eigen::Matrix4d& world_from_camera, const Ask& ask) const {
-  SplatCamera lens;
-  lens.fx = static_cast<float>(camera.fx), lens.fy = static_cast<float>(camera.fy);
-  lens.cx = static_cast<float>(camera.cx), lens.cy = static_cast<float>(camera.cy);
-  lens.height = camera.height, lens.width = camera.width;
-  lens.near = config_.near * static_cast<float>(extent_);
-  lens.antialiased = config_.antialiased;
-  const Eigen::Vector3f eye = world_from_camera.block<3, 1>(0, 3).cast<float>();
-  Rendered out;
-  out.seen = splat_project(cloud(), rows_of(camera_from_world(world_from_camera)), lens);
-  const Tensor rgb = splat_colours({params_.at("sh_first"), params_.at("sh_rest"), ask.degree}, params_.at("means"),
-                                   from_host(std::vector<float>{eye.x(), eye.y(), eye.z()}, {3}));
-  eval_for_gradient({out.seen});
-  out.tiles = splat_tiles(out.seen, camera.height, camera.width);
-  const Tensor colours = ask.depth ? concat({rgb, slice(out.seen, 1, 6, 7)}, 1) : rgb;
-  const Blended blended = splat_blend({out.seen, colours, ask.probe}, out.tiles);
-  out.planes = permute(blended.image, {2, 0, 1});
-  out.transmittance = blended.transmittance;
-  return out;
+Drawn Splat::seen_by(const Camera& camera, const Eigen::Matrix4d& world_from_camera, int degree, bool depth) const {
+  const float near = config_.near * static_cast<float>(extent_);
+  return draw(model(degree), camera, view_matrix(world_from_camera), {near, config_.antialiased, depth});
 }
 
 /// A degree more each time; in a short training the last one shall still be learned for most of it.
@@ -241,7 +212,7 @@ Tensor Splat::loss(const Progress& progress) {
   const size_t which = photograph_for(progress);
   const Photograph& photograph = photographs_[which];
   degree_ = degree_at(progress);
-  last_ = draw(photograph.camera, photograph.world_from_camera, {degree_, false, {}});
+  last_ = seen_by(photograph.camera, photograph.world_from_camera, degree_, false);
   const Tensor background = background_for(progress);
   const Tensor drawn = exposed(last_.planes + unsqueeze(last_.transmittance, 0) * background, which);
   const Tensor rgba = cast(photograph.rgba, DType::f32) / 255.f;
@@ -258,7 +229,7 @@ Tensor Splat::loss(const Progress& progress) {
   error_ = mean(square(picture - truth));
   const Likeness alike = likeness(picture, truth);
   const Tensor loss = (1.f - config_.ssim) * alike.l1 + config_.ssim * (1.f - alike.ssim);
-  const Tensor penalty = growth_->penalty(cloud());
+  const Tensor penalty = growth_->penalty(model(degree_).cloud);
   return penalty ? loss + penalty : loss;
 }
 
@@ -291,7 +262,7 @@ void Splat::observe(const Progress&) {
 Tensors Splat::observed() const { return {error_, gradient_sums_, views_}; }
 
 RowMoves Splat::grow(const Progress& progress) {
-  const Tensor shift = growth_->shift(cloud(), progress, rate_of("means", learning_rates(progress)).rate);
+  const Tensor shift = growth_->shift(model(degree_).cloud, progress, rate_of("means", learning_rates(progress)).rate);
   if (shift) assign({{params_.at("means"), params_.at("means") + shift}});
   if (!growth_->due(progress)) return {};
   Gaussians all = *gaussians();
@@ -319,7 +290,7 @@ std::map<std::string, double> Splat::metrics() const {
 }
 
 Picture Splat::render(const View& view) {
-  const Rendered drawn = draw(view.camera, view.world_from_camera, {config_.sh_degree, true, {}});
+  const Drawn drawn = seen_by(view.camera, view.world_from_camera, config_.sh_degree, true);
   const float back = config_.background == "white" || (config_.background == "auto" && has_alpha_) ? 1.f : 0.f;
   const std::vector<float> planes = drawn.planes.to_host(), through = drawn.transmittance.to_host();
   const std::vector<float> directions = pixel_directions(view.camera);

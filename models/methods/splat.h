@@ -3,6 +3,7 @@
 #pragma once
 #include <memory>
 
+#include "models/splat/draw.h"
 #include "models/splat/growth.h"
 #include "models/train/method.h"
 #include "runtime/ops.h"
@@ -53,19 +54,10 @@ class Splat final : public Method {
     Camera camera;
     Eigen::Matrix4d world_from_camera;
   };
-  struct Rendered {
-    Tensor seen, planes, transmittance;  // [G,7], [C,H,W], [H,W]
-    SplatTiles tiles;
-  };
-  struct Ask {
-    int degree = 3;
-    bool depth = false;  // a fourth channel
-    Tensor probe = {};
-  };
   void put(const Gaussians& gaussians);
-  Cloud cloud() const;
+  SplatModel model(int degree) const;
   int64_t count() const { return params_.at("opacities").dim(0); }
-  Rendered draw(const Camera& camera, const Eigen::Matrix4d& world_from_camera, const Ask& ask) const;
+  Drawn seen_by(const Camera& camera, const Eigen::Matrix4d& world_from_camera, int degree, bool depth) const;
   int degree_at(const Progress& progress) const;
   size_t photograph_for(const Progress& progress) const;
   Tensor background_for(const Progress& progress) const;
@@ -83,7 +75,7 @@ class Splat final : public Method {
   uint64_t image_bytes_ = 0, most_pixels_ = 0;
   int64_t frames_ = 0;  // that train, of the scene
   int degree_ = 0;      // reached
-  Rendered last_;       // of this step
+  Drawn last_;          // of this step
   Tensor mean_gradient_, error_;
   Tensor gradient_sums_, views_;  // [G] since the last growth
 };

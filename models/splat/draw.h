@@ -1,0 +1,39 @@
+// Gaussians on the device, and what a camera sees of them.
+#pragma once
+#include <Eigen/Core>
+
+#include "models/scene/camera.h"
+#include "models/splat/gaussians.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+
+struct SplatModel {
+  Cloud cloud;
+  Harmonics harmonics;
+};
+
+/// As leaves that gradients reach.
+SplatModel splat_model(const Gaussians& gaussians);
+
+/// The rows [3,4] of camera_from_world.
+Tensor view_matrix(const Eigen::Matrix4d& world_from_camera);
+
+struct DrawOptions {
+  float near = 0.2f;         // scene units
+  bool antialiased = false;  // see SplatCamera
+  bool depth = false;        // a fourth channel: the sum of weights times z, scene units
+  Tensor probe = {};         // see Splats
+};
+struct Drawn {
+  Tensor seen;  // [G,7] of splat_project
+  SplatTiles tiles;
+  Tensor planes;         // [C,H,W]: red, green, blue, on black; depth
+  Tensor transmittance;  // [H,W]
+};
+
+/// A pinhole's picture (Kerbl et al. 2023); differentiable in the model and in `view`, of view_matrix. The projection
+/// is evaluated at once: which tiles the gaussians reach depends on it.
+Drawn draw(const SplatModel& model, const Camera& camera, const Tensor& view, const DrawOptions& options);
+
+}  // namespace cloam
