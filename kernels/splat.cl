@@ -1,19 +1,20 @@
 // Front-to-back blending of 2D Gaussians (Kerbl et al. 2023, 3D Gaussian Splatting, section 4). A tile is 16 x 16
 // pixels; tile t blends the gaussians ids[offsets[t]] ... ids[offsets[t + 1] - 1] in this order. At a pixel's centre
 //   power = -1/2 (a dx^2 + c dy^2) - b dx dy,   alpha = min(0.99, opacity exp(power)),   w = T alpha,   T' = T (1 - alpha);
-// passed over where power > 0 or alpha < 1/255; the pixel is done before T' would fall below 1e-4.
+// passed over where alpha < 1/255 (power, which rounding may bring above 0, counts as 0 there); the pixel is done before T' would fall below 1e-4.
 // out [4,H,W]: red, green, blue, T. splats [G,7]: mean x, y in pixels, a, b, c of the inverse covariance, opacity, depth
 // (which is not read).
 //
 // The gradient: with u_i = g . colour_i and B_i what is blended behind i (all of g . out less what lies up to i),
-// d loss / d alpha_i = T_i u_i - B_i / (1 - alpha_i). It goes to [P,12], a row a pair of tile and gaussian: the splat's 7,
-// colour 3, and the sums over pixels of |d loss / d x| and |d loss / d y| (Ye et al. 2024, AbsGS). Pair k fills row
+// d loss / d alpha_i = T_i u_i - B_i / (1 - alpha_i). It goes to [P,16], a row a pair of tile and gaussian: the splat's 7,
+// colour 3, the sums over pixels of |d loss / d x| and |d loss / d y| (Ye et al. 2024, AbsGS), 4 zeros. Pair k fills row
 // slots[k], such that rows of one gaussian are neighbours; they are summed afterwards, in a fixed order.
 //: variant blend_pixels reference forward
 //: variant gradient_tiles reference gradient
 //: variant blend_groups gpu forward
 //: variant gradient_groups gpu gradient
 #define TILE 16
+#define PAIR 16
 #define LEAST_ALPHA (1.0f / 255.0f)
 #define LEAST_THROUGH 1e-4f
 
@@ -28,9 +29,8 @@ inline Splat splat_of(int id, __global const float* splats, __global const float
 
 // exp(power) at a pixel, 0 where the gaussian is passed over.
 inline float falloff(Splat s, float dx, float dy) {
-  const float power = -0.5f * (s.a * dx * dx + s.c * dy * dy) - s.b * dx * dy;
-  const float e = m_exp(power);
-  return power > 0.0f || fmin(0.99f, s.opacity * e) < LEAST_ALPHA ? 0.0f : e;
+  const float e = m_exp(fmin(-0.5f * (s.a * dx * dx + s.c * dy * dy) - s.b * dx * dy, 0.0f));
+  return fmin(0.99f, s.opacity * e) < LEAST_ALPHA ? 0.0f : e;
 }
 
 // version 1: a work-item a pixel.
@@ -67,7 +67,7 @@ __kernel void gradient_tiles(__global const float* restrict splats, __global con
   if (tile >= across * ((height + TILE - 1) / TILE)) return;
   const int begin = offsets[tile], end = offsets[tile + 1];
   for (int k = begin; k < end; k++)
-    for (int v = 0; v < 12; v++) pairs[12 * (size_t)slots[k] + v] = 0.0f;
+    for (int v = 0; v < PAIR; v++) pairs[PAIR * (size_t)slots[k] + v] = 0.0f;
   for (int p = 0; p < TILE * TILE; p++) {
     const int x = tile % across * TILE + p % TILE, y = tile / across * TILE + p / TILE, i = y * width + x;
     if (x >= width || y >= height) continue;
@@ -84,7 +84,7 @@ __kernel void gradient_tiles(__global const float* restrict splats, __global con
         behind -= w * u;
         const float d_power = full > 0.99f ? 0.0f : full * (through * u - behind / (1.0f - alpha));
         const float by_x = d_power * (s.a * dx + s.b * dy), by_y = d_power * (s.c * dy + s.b * dx);
-        __global float* to = pairs + 12 * (size_t)slots[k];
+        __global float* to = pairs + PAIR * (size_t)slots[k];
         to[0] -= by_x;
         to[1] -= by_y;
         to[2] -= d_power * 0.5f * dx * dx;
@@ -145,7 +145,7 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void blend_groups(
 // these over FEW pixels each, and a lane a number joins the parts.
 #define FEW 8
 #define PARTS (LANES / FEW)
-#define NUMBERS 12
+#define NUMBERS 12  // of PAIR
 
 __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void gradient_groups(
     __global const float* restrict means, __global const float* restrict conics, __global const float* restrict colours,
@@ -204,13 +204,15 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void gradient_groups
     }
     UNROLL for (int v = 0; v < NUMBERS; v++) parts[v][lane] = sums[v];
     barrier(CLK_LOCAL_MEM_FENCE);
+    if (lane < (PAIR - NUMBERS) * count)
+      pairs[PAIR * (size_t)slots[from + lane / (PAIR - NUMBERS)] + NUMBERS + lane % (PAIR - NUMBERS)] = 0.0f;
     if (lane < NUMBERS * count) {
       const int which = lane / NUMBERS, number = lane % NUMBERS;
       float total = 0.0f;
       for (int p = 0; p < PARTS; p++) total += parts[number][which * PARTS + p];
       const float opacity = batch[which].opacity;
       if (number == 5) total = opacity > 0.0f ? total / opacity : 0.0f;
-      pairs[NUMBERS * (size_t)slots[from + which] + number] = total;
+      pairs[PAIR * (size_t)slots[from + which] + number] = total;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
   }

@@ -7,9 +7,12 @@
 #define LEAST_ALPHA (1.0f / 255.0f)
 #define LEAST_THROUGH 1e-4f
 
-// A gaussian as a cache line: x, y, -a/2, -b, -c/2, opacity, colour, how far up and down and to the sides alpha is 1/255
-// or more. At dy the power is highest where its slope along x is 0, there -1/2 dy^2 det / a.
+// A gaussian as a cache line: x, y, then -a/2, -b, -c/2 times log2 e (powers are of 2), opacity, colour, how far up and
+// down and to the sides alpha is 1/255 or more. At dy the power is highest where its slope along x is 0, there
+// -1/2 dy^2 det / a.
 #define RECORD 16
+#define PAIR 16
+#define LOG2_E 1.44269504089f
 
 __kernel FAT void splat_records(__global const float* restrict splats, __global const float* restrict colours,
                                 __global float* restrict records, int count, int chunk) {
@@ -21,9 +24,9 @@ __kernel FAT void splat_records(__global const float* restrict splats, __global 
     const int bounded = a > 0.0f && determinant > 1e-6f * a * c;
     to[0] = s[0];
     to[1] = s[1];
-    to[2] = -0.5f * a;
-    to[3] = -b;
-    to[4] = -0.5f * c;
+    to[2] = -0.5f * LOG2_E * a;
+    to[3] = -LOG2_E * b;
+    to[4] = -0.5f * LOG2_E * c;
     to[5] = s[5];
     to[6] = colours[3 * i];
     to[7] = colours[3 * i + 1];
@@ -33,18 +36,21 @@ __kernel FAT void splat_records(__global const float* restrict splats, __global 
   }
 }
 
-// exp for x <= 0, 2 ulp; below -87 about 1e-38.
-inline float16 exp_below(float16 x) {
-  const float16 c = fmax(x, (float16)(-87.0f)), t = c * 1.44269504089f + 12582912.0f, r = t - 12582912.0f;
-  const float16 f = (c - r * 0.693359375f) + r * 2.12194440e-4f;
-  float16 p = f * 1.9875691500e-4f + 1.3981999507e-3f;
-  p = p * f + 8.3334519073e-3f;
-  p = p * f + 4.1665795894e-2f;
-  p = p * f + 1.6666665459e-1f;
-  p = p * f + 5.0000001201e-1f;
-  p = p * f * f + f + 1.0f;
-  return p * as_float16((as_int16(t) - (0x4b400000 - 127)) << 23);
+// 2^x for x <= 0; below -125 about 2e-38.
+INLINE float16 exp2_below(float16 x) {
+  const float16 c = fmax(x, (float16)(-125.0f)), t = c + 12582912.0f;
+  return m_exp2_parts16(t, c - (t - 12582912.0f));
 }
+
+// The sums over the lanes of 16 vectors, in four rounds that halve the lanes of each.
+INLINE float16 halves(float16 a, float16 b) { return (float16)(a.lo, b.lo) + (float16)(a.hi, b.hi); }
+INLINE float16 quarters(float16 a, float16 b) {
+  return (float16)(a.s012389ab, b.s012389ab) + (float16)(a.s4567cdef, b.s4567cdef);
+}
+INLINE float16 eighths(float16 a, float16 b) {
+  return (float16)(a.s014589cd, b.s014589cd) + (float16)(a.s2367abef, b.s2367abef);
+}
+INLINE float16 lanes(float16 a, float16 b) { return (float16)(a.even, b.even) + (float16)(a.odd, b.odd); }
 
 inline float16 centres(int left) {
   return (float16)(0.5f, 1.5f, 2.5f, 3.5f, 4.5f, 5.5f, 6.5f, 7.5f, 8.5f, 9.5f, 10.5f, 11.5f, 12.5f, 13.5f, 14.5f, 15.5f) + (float)left;
@@ -94,9 +100,9 @@ __kernel FAT void blend_rows(__global const float* restrict records, __global co
     const float16 dx = s[0] - px, along = s[2] * dx * dx, slope = s[3] * dx;
     for (int y = reached.x; y < reached.y; y++) {
       const float dy = s[1] - ((float)(top + y) + 0.5f);
-      const float16 power = along + (slope * dy + s[4] * dy * dy), t = through[y];
-      const float16 alpha = fmin(s[5] * exp_below(power), (float16)(0.99f)), w = t * alpha, next = t - w;
-      const int16 seen = (power <= 0.0f) & (alpha >= LEAST_ALPHA), blended = seen & (next >= LEAST_THROUGH);
+      const float16 power = fmin(along + (slope * dy + s[4] * dy * dy), (float16)(0.0f)), t = through[y];
+      const float16 alpha = fmin(s[5] * exp2_below(power), (float16)(0.99f)), w = t * alpha, next = t - w;
+      const int16 seen = alpha >= LEAST_ALPHA, blended = seen & (next >= LEAST_THROUGH);
       const float16 weight = select((float16)(0.0f), w, blended);
       through[y] = select(select(t, -fabs(t), seen), next, blended);
       red[y] += weight * s[6];
@@ -146,9 +152,9 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
     float16 far_x = q0, far_y = q0;                                                    // of |q slope of the power|
     for (int y = reached.x; y < reached.y; y++) {
       const float dy = s[1] - ((float)(top + y) + 0.5f);
-      const float16 power = along + (slope * dy + s[4] * dy * dy), t = through[y];
-      const float16 full = s[5] * exp_below(power), alpha = fmin(full, (float16)(0.99f)), w = t * alpha, next = t - w;
-      const int16 seen = (power <= 0.0f) & (alpha >= LEAST_ALPHA), blended = seen & (next >= LEAST_THROUGH);
+      const float16 power = fmin(along + (slope * dy + s[4] * dy * dy), (float16)(0.0f)), t = through[y];
+      const float16 full = s[5] * exp2_below(power), alpha = fmin(full, (float16)(0.99f)), w = t * alpha, next = t - w;
+      const int16 seen = alpha >= LEAST_ALPHA, blended = seen & (next >= LEAST_THROUGH);
       const float16 weight = select((float16)(0.0f), w, blended);
       const float16 u = gr[y] * s[6] + gg[y] * s[7] + gb[y] * s[8], rest = behind[y] - weight * u;
       const float16 q = select((float16)(0.0f), full * (t * u - rest / (1.0f - alpha)), blended & (full <= 0.99f));
@@ -157,26 +163,21 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
       q0 += q;
       q1 += q * dy;
       q2 += q * (dy * dy);
+#if PROBE
       far_x += fabs(q * (2.0f * s[2] * dx + s[3] * dy));
       far_y += fabs(q * (2.0f * s[4] * dy + slope));
+#endif
       red += weight * gr[y];
       green += weight * gg[y];
       blue += weight * gb[y];
     }
-    const float qx = sum16(q0 * dx), qy = sum16(q1);
-    __global float* to = pairs + 12 * (size_t)slots[k];
-    to[0] = 2.0f * s[2] * qx + s[3] * qy;
-    to[1] = 2.0f * s[4] * qy + s[3] * qx;
-    to[2] = -0.5f * sum16(q0 * dx * dx);
-    to[3] = -sum16(q1 * dx);
-    to[4] = -0.5f * sum16(q2);
-    to[5] = s[5] > 0.0f ? sum16(q0) / s[5] : 0.0f;
-    to[6] = 0.0f;
-    to[7] = sum16(red);
-    to[8] = sum16(green);
-    to[9] = sum16(blue);
-    to[10] = sum16(far_x);
-    to[11] = sum16(far_y);
+    const float16 x = q0 * dx, none = (float16)(0.0f), natural = (float16)(1.0f / LOG2_E);
+    const float16 by_x = (2.0f * s[2] * x + s[3] * q1) * natural, by_y = (2.0f * s[4] * q1 + s[3] * x) * natural;
+    const float16 opacity = q0 * (s[5] > 0.0f ? 1.0f / s[5] : 0.0f);
+    const float16 conic = quarters(halves(by_x, by_y), halves(-0.5f * x * dx, -q1 * dx));
+    const float16 others = quarters(halves(-0.5f * q2, opacity), halves(none, red));
+    const float16 colours = quarters(halves(green, blue), halves(far_x * natural, far_y * natural));
+    store16(lanes(eighths(conic, others), eighths(colours, none)), pairs + PAIR * (size_t)slots[k]);
     if ((k & 15) == 15 && open) open = any_open(through);
   }
 }

@@ -29,9 +29,9 @@ Tensor records_of(const Variant& variant, const Tensors& in) {
   return records;
 }
 
-/// in: splats, colours, ids, offsets, slots, the picture, its gradient -> [P,12], as kernels/splat.cl says.
+/// in: splats, colours, ids, offsets, slots, the picture, its gradient -> [P,16], as kernels/splat.cl says.
 struct SplatGrad final : Op {
-  explicit SplatGrad(const Picture& of) : picture(of) {}
+  SplatGrad(const Picture& of, bool probed) : picture(of), with_probe(probed) {}
   const char* name() const override { return "splat_blend_grad"; }
   void run(const Tensors& in, Tensor& out) const override {
     if (out.numel() == 0) return;
@@ -39,8 +39,8 @@ struct SplatGrad final : Op {
     const char* const what = variant.kernel.c_str();
     const int64_t tiles = picture.tiles();
     if (variant.where == "cpu")
-      launch(kernel(variant), what, range1(tiles), records_of(variant, in), in[2], in[3], in[4], in[5], in[6], out,
-             picture.height, picture.width);
+      launch(kernel(variant, {{"PROBE", with_probe ? 1 : 0}}), what, range1(tiles), records_of(variant, in), in[2],
+             in[3], in[4], in[5], in[6], out, picture.height, picture.width);
     else
       launch(kernel(variant), what, variant.where == "gpu" ? range1(tiles * 256, 256) : range1(tiles, 1), in[0], in[1],
              in[2], in[3], in[4], in[5], in[6], out, picture.height, picture.width);
@@ -49,6 +49,7 @@ struct SplatGrad final : Op {
     no_gradient("splat_blend", "it is once differentiable");
   }
   Picture picture;
+  bool with_probe;
 };
 
 /// in: splats, colours, the probe, ids, offsets, slots, first -> [4,H,W].
@@ -75,8 +76,8 @@ void SplatBlend::run(const Tensors& in, Tensor& out) const {
 }
 
 Tensors SplatBlend::vjp(const Tensors& in, const Tensor& out, const Tensor& g) const {
-  const Tensor pairs =
-      make(std::make_shared<SplatGrad>(picture), {in[3].dim(0), 12}, {in[0], in[1], in[3], in[4], in[5], out, g});
+  const Tensor pairs = make(std::make_shared<SplatGrad>(picture, in[2].tracked()), {in[3].dim(0), 16},
+                            {in[0], in[1], in[3], in[4], in[5], out, g});
   const Tensor sums = segment_sum(pairs, in[6]);
   return {slice(sums, 1, 0, 7), slice(sums, 1, 7, 10), slice(sums, 1, 10, 12), Tensor(), Tensor(), Tensor(), Tensor()};
 }
