@@ -2,7 +2,7 @@
 // ROWS rows of a tile of up to TILE vectors: the window's means down the columns, of which a row read counts in up to ROWS,
 // go to local memory, and the means along rows are taken from there. The last vector of a row that is no whole number of
 // them begins earlier instead, over columns that the one before has done, so nothing is cut off. maps [rows][3][W].
-//: variant ssim_rows cpu wide ROWS=4 TILE=20
+//: variant ssim_rows cpu wide ROWS=4 TILE=40
 #define REACH 5
 #define TAPS (2 * REACH + 1)
 #define PITCH (16 * (TILE + 3))  // a vector beside the tile at both sides, one of zeros behind a last one that is cut
@@ -46,6 +46,9 @@ INLINE void clear_outside(__local float* lines, int count, Piece piece, int W) {
   }
 }
 
+// As vload16(0, from), of which PoCL may make eight loads.
+INLINE float16 load16(__global const float* from) { return *(__global const float16_anywhere*)from; }
+
 // The window's mean along a line.
 INLINE float16 across(__local const float* at) {
   float16 sum = WINDOW[0] * vload16(0, at - REACH);
@@ -60,7 +63,7 @@ INLINE void compare_down(__global const float* x, __global const float* y, int r
   UNROLL for (int i = 0; i < ROWS + TAPS - 1; i++) {
     const int from = row - REACH + i;
     if (from >= 0 && from < H) {
-      const float16 a = vload16(0, x + from * W), b = vload16(0, y + from * W), u = a + b, v = a - b;
+      const float16 a = load16(x + from * W), b = load16(y + from * W), u = a + b, v = a - b;
       add_row(mean_u, i, u);
       add_row(mean_v, i, v);
       add_row(square_u, i, u * u);
@@ -112,7 +115,7 @@ __kernel FAT void ssim_rows(__global const float* restrict x, __global const flo
         const size_t row = plane + piece.row + k, at = row * W + column;
         const int16 counts = LANE_NUMBERS >= 16 * vector - column;
         const float16 value = compare_across(lines + 4 * k * PITCH + column + shift, maps + 3 * row * W + column, W, keep);
-        apart += select((float16)(0.0f), fabs(vload16(0, x + at) - vload16(0, y + at)), counts);
+        apart += select((float16)(0.0f), fabs(load16(x + at) - load16(y + at)), counts);
         unlike += select((float16)(0.0f), value, counts);
       }
   }
@@ -127,9 +130,9 @@ INLINE void slopes_down(__global const float* maps, int row, int H, int W, __loc
   UNROLL for (int i = 0; i < ROWS + TAPS - 1; i++) {
     const int from = row - REACH + i;
     if (from >= 0 && from < H) {
-      add_row(slope, i, vload16(0, maps + 3 * from * W));
-      add_row(slope_u, i, vload16(0, maps + (3 * from + 1) * W));
-      add_row(slope_v, i, vload16(0, maps + (3 * from + 2) * W));
+      add_row(slope, i, load16(maps + 3 * from * W));
+      add_row(slope_u, i, load16(maps + (3 * from + 1) * W));
+      add_row(slope_v, i, load16(maps + (3 * from + 2) * W));
     }
   }
   UNROLL for (int k = 0; k < ROWS; k++) {
@@ -159,7 +162,7 @@ __kernel FAT void ssim_rows_grad(__global const float* restrict x, __global cons
         const int column = column_of(vector, W);
         const size_t at = (plane + piece.row + k) * W + column;
         __local const float* from = lines + 3 * k * PITCH + column + shift;
-        const float16 a = vload16(0, x + at), b = vload16(0, y + at), v = a - b;
+        const float16 a = load16(x + at), b = load16(y + at), v = a - b;
         const float16 sign_of_v = select(select((float16)(0.0f), (float16)(-1.0f), v < 0.0f), (float16)(1.0f), v > 0.0f);
         const float16 slope = across(from) + (a + b) * across(from + PITCH) + v * across(from + 2 * PITCH);
         store16(apart * sign_of_v + unlike * slope, dx + at);

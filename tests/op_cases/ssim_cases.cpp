@@ -56,7 +56,7 @@ void add_ssim_cases(OpCases& rows) {
   rows.push_back(comparing("smaller than the window", {2, 5, 3}, 0, 1));
   rows.push_back(comparing("a vector", {1, 9, 16}, 0, 1));
   rows.push_back(comparing("cut vectors", {2, 17, 33}, 0, 1));
-  rows.push_back(comparing("several tiles", {1, 7, 365}, 0, 1));
+  rows.push_back(comparing("several tiles", {1, 7, 661}, 0, 1));
   OpCase flat = comparing("bright and flat", {1, 13, 50}, 0.9, 0.95);
   flat.gradient_tolerance = 3e-4;  // variances of 1e-4 out of squares of 1
   rows.push_back(flat);
