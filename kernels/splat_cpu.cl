@@ -56,17 +56,18 @@ inline float16 centres(int left) {
   return (float16)(0.5f, 1.5f, 2.5f, 3.5f, 4.5f, 5.5f, 6.5f, 7.5f, 8.5f, 9.5f, 10.5f, 11.5f, 12.5f, 13.5f, 14.5f, 15.5f) + (float)left;
 }
 
-// The rows [s0, s1) of a tile that a gaussian reaches: none where it lies to the side.
-inline int2 rows_reached(__global const float* s, int left, int top, int rows) {
+// Those of the rows [s0, s1) of a tile that a gaussian reaches: none where it lies to the side.
+inline int2 rows_reached(__global const float* s, int left, int top, int2 rows) {
   const float middle = s[0] - (float)(left + TILE / 2), above = s[1] - s[9] - (float)top, below = s[1] + s[9] - (float)top;
   if (fabs(middle) > s[10] + (float)(TILE / 2) || s[9] < 0.0f) return (int2)(0, 0);
-  return (int2)((int)clamp(above, 0.0f, (float)TILE), min(rows, (int)clamp(below + 1.0f, 0.0f, (float)TILE)));
+  return (int2)(max(rows.x, (int)clamp(above, 0.0f, (float)TILE)), min(rows.y, (int)clamp(below + 1.0f, 0.0f, (float)TILE)));
 }
 
-inline int any_open(const float16* through) {
-  float16 most = through[0];
-  UNROLL for (int y = 1; y < TILE; y++) most = fmax(most, through[y]);
-  return any(most > 0.0f);
+// The rows [s0, s1) less those at either end where every pixel is done.
+inline int2 open_rows(int2 rows, const float16* through) {
+  while (rows.x < rows.y && !any(through[rows.x] > 0.0f)) rows.x++;
+  while (rows.x < rows.y && !any(through[rows.y - 1] > 0.0f)) rows.y--;
+  return rows;
 }
 
 // Gaussians lie anywhere: a record that no cache holds would be waited for longer than its pixels take.
@@ -93,10 +94,11 @@ __kernel FAT void blend_rows(__global const float* restrict records, __global co
     red[y] = green[y] = blue[y] = (float16)(0.0f);
   }
   const int begin = offsets[tile], end = offsets[tile + 1];
+  int2 open = (int2)(0, rows);
   for (int k = begin; k < end; k++) {
     ask_ahead(records, ids, k, end);
     __global const float* s = records + RECORD * (size_t)ids[k];
-    const int2 reached = rows_reached(s, left, top, rows);
+    const int2 reached = rows_reached(s, left, top, open);
     const float16 dx = s[0] - px, along = s[2] * dx * dx, slope = s[3] * dx;
     for (int y = reached.x; y < reached.y; y++) {
       const float dy = s[1] - ((float)(top + y) + 0.5f);
@@ -109,7 +111,10 @@ __kernel FAT void blend_rows(__global const float* restrict records, __global co
       green[y] += weight * s[7];
       blue[y] += weight * s[8];
     }
-    if ((k & 15) == 15 && !any_open(through)) break;
+    if ((k & 15) == 15) {
+      open = open_rows(open, through);
+      if (open.x == open.y) break;
+    }
   }
   for (int y = 0; y < rows; y++) {
     __global float* to = out + (size_t)(top + y) * width + left;
@@ -142,11 +147,11 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
                 load_row(g + at + 3 * (size_t)plane, width - left) * load_row(out + at + 3 * (size_t)plane, width - left);
   }
   const int begin = offsets[tile], end = offsets[tile + 1];
-  int open = 1;
+  int2 open = (int2)(0, rows);
   for (int k = begin; k < end; k++) {
     ask_ahead(records, ids, k, end);
     __global const float* s = records + RECORD * (size_t)ids[k];
-    const int2 reached = open ? rows_reached(s, left, top, rows) : (int2)(0, 0);
+    const int2 reached = rows_reached(s, left, top, open);
     const float16 dx = s[0] - px, along = s[2] * dx * dx, slope = s[3] * dx;
     float16 q0 = (float16)(0.0f), q1 = q0, q2 = q0, red = q0, green = q0, blue = q0;  // sums of q, q dy, q dy^2, w g
     float16 far_x = q0, far_y = q0;                                                    // of |q slope of the power|
@@ -178,6 +183,6 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
     const float16 others = quarters(halves(-0.5f * q2, opacity), halves(none, red));
     const float16 colours = quarters(halves(green, blue), halves(far_x * natural, far_y * natural));
     store16(lanes(eighths(conic, others), eighths(colours, none)), pairs + PAIR * (size_t)slots[k]);
-    if ((k & 15) == 15 && open) open = any_open(through);
+    if ((k & 15) == 15) open = open_rows(open, through);
   }
 }
