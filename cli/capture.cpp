@@ -19,6 +19,8 @@ const char* lens_name(const Camera& camera) {
     case CameraModel::fisheye:
       return "fisheye";
   }
+    case CameraModel::fov:
+      return "FOV lens";
   return "";
 }
 

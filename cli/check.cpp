@@ -6,6 +6,7 @@
 #include "cli/capture.h"
 #include "cli/commands.h"
 #include "models/data/check_log.h"
+#include "models/data/colmap.h"
 #include "models/data/read_scene.h"
 #include "runtime/error.h"
 
@@ -81,6 +82,17 @@ std::string log_text(const LogReport& log) {
 }
 
 int run_command(const CheckRequest& request, const Common& common) {
+constexpr double kPoorFit = 4;  // pixels; what COLMAP finds itself is below 2, as a rule
+
+nlohmann::ordered_json colmap_json(const ColmapFit& fit) {
+  return {{"points", fit.points}, {"observations", fit.observations}, {"mean_error_pixels", fit.mean_error}};
+}
+
+std::string colmap_text(const ColmapFit& fit) {
+  return fmt::format("model: {} points, found {} times in images, {:.2f} pixels from where the poses put them\n",
+                     fit.points, fit.observations, fit.mean_error);
+}
+
   Reading how;
   how.downscale = request.downscale;
   how.holdout = request.holdout;
@@ -95,6 +107,14 @@ int run_command(const CheckRequest& request, const Common& common) {
   warnings.insert(warnings.end(), log.warnings.begin(), log.warnings.end());
   for (const std::string& warning : warnings) warn(warning);
   const uint64_t bytes = image_bytes(scene, Split::train, how.downscale);
+  const bool colmap = scene.format == "COLMAP";
+  ColmapFit fit;
+  if (colmap) fit = check_colmap(scene.root);
+  if (fit.mean_error > kPoorFit)
+    warnings.push_back(
+        fmt::format("the model's points lie {:.1f} pixels from where they were found in the images: are "
+                    "cameras, images and points of one model?",
+                    fit.mean_error));
   if (common.json) {
     nlohmann::ordered_json json = {{"schema_version", 1},
                                    {"format", scene.format},
@@ -109,12 +129,14 @@ int run_command(const CheckRequest& request, const Common& common) {
     if (scene.is_log) json["log"] = log_json(log);
     put(json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
     return 0;
+    if (colmap) json["model"] = colmap_json(fit);
   }
   std::string out;
   for (const std::string& line : describe(scene, how)) out += line + "\n";
   if (scene.is_log) out += log_text(log);
   put(out + "training images in memory: " + words_for_bytes(bytes) + "\n");
   say(common, "ok. next: cloam train nerf " + quoted(request.data));
+  if (colmap) out += colmap_text(fit);
   return 0;
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <map>
 
+#include "models/data/colmap.h"
 #include "models/data/kitti.h"
 #include "models/data/pandaset.h"
 #include "models/data/paths.h"
@@ -20,6 +21,7 @@ namespace fs = std::filesystem;
 constexpr SceneReader kReaders[] = {
     {"transforms.json", "transforms.json (nerfstudio, instant-ngp), transforms_train.json (NeRF-synthetic)",
      is_transforms_json, read_transforms_json},
+    {"COLMAP", "sparse/0/cameras.bin, images.bin (or .txt) beside images/ (COLMAP)", is_colmap, read_colmap},
     {"PandaSet", "camera/*_camera/poses.json, lidar/poses.json (PandaSet)", is_pandaset, read_pandaset},
     {"rig", "rig.json (a car of your own: docs/formats.md)", is_rig, read_rig},
     {"KITTI", "image_02/data, velodyne_points/data, oxts/data in a drive's folder (KITTI raw)", is_kitti, read_kitti},
@@ -67,8 +69,8 @@ std::string advice(const std::vector<fs::path>& content) {
     std::error_code error;
     if (fs::is_directory(path, error) && reader_of(path)) return "give the folder inside it: " + path.string();
   }
-  return "give the folder that holds these files; photos alone need camera poses first (COLMAP, then a "
-         "transforms.json)";
+  return "give the folder that holds these files; photos alone need camera poses first: cloam process "
+         "PHOTOS -o DATA";
 }
 
 [[noreturn]] void unknown(const fs::path& path, const std::string& found, const std::string& fix) {

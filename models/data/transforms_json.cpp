@@ -9,6 +9,7 @@
 
 #include "models/data/json.h"
 #include "models/data/paths.h"
+#include "models/data/photos.h"
 #include "models/data/poses.h"
 #include "models/io/image.h"
 #include "runtime/error.h"
@@ -19,7 +20,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kLongestSide = 1 << 17;
-constexpr std::size_t kMostNamed = 5;
 
 // A number of the frame, else of the file.
 struct Settings {
@@ -126,13 +126,7 @@ class Reader {
   }
 
   Scene finish() {
-    report_missing();
-    if (scene_.frames.empty()) {
-      throw Error(Fault::data,
-                  text(scene_.root.string(), ": no usable frame: ", scene_.frames_listed, " listed, ", missing_.size(),
-                       " without an image", missing_.empty() ? "" : " (first: " + missing_.front() + ")"));
-    }
-    scene_.has_alpha = first_image_has_alpha();
+    finish_photos(scene_, missing_, options_);
     return std::move(scene_);
   }
 
@@ -159,26 +153,6 @@ class Reader {
     }
     frame.camera = find_or_add(scene_.cameras, read_camera_json(source.file, json, scene_.root / frame.image, where));
     scene_.frames.push_back(std::move(frame));
-  }
-
-  bool first_image_has_alpha() const {
-    for (const Frame& frame : scene_.frames) {
-      try {
-        return read_image_size(resolve_inside(scene_.root, frame.image)).channels % 2 == 0;
-      } catch (const Error&) {
-        if (!options_.skip_bad) throw;
-      }
-    }
-    return false;
-  }
-
-  void report_missing() {
-    if (missing_.empty()) return;
-    std::string names;
-    for (std::size_t i = 0; i < std::min(missing_.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing_[i];
-    scene_.warnings.push_back(text(missing_.size(), " of ", scene_.frames_listed,
-                                   " listed images are missing and skipped: ", names,
-                                   missing_.size() > kMostNamed ? ", ..." : ""));
   }
 
   ReadOptions options_;

@@ -1,9 +1,10 @@
-// Projection and its inverse for the three lens models; the inverse is Newton's method in double precision.
+// Projection and its inverse for each lens; the inverse is Newton's method in double precision, or a closed form.
 #include "models/scene/camera.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "runtime/error.h"
@@ -19,29 +20,42 @@ struct Distorted {
   Eigen::Matrix2d jacobian;
 };
 
-// The OpenCV lens at normalised (x, y) and its derivative.
-// docs.opencv.org, "Camera Calibration and 3D Reconstruction": x' = x g(r2) + 2 p1 x y + p2 (r2 + 2 x^2), y' alike.
+// The distortion of a point of the lens's plane, and its derivative.
+// docs.opencv.org, "Camera Calibration and 3D Reconstruction": x' = x g(r2) + 2 p1 x y + p2 (r2 + 2 x^2) + s1 r2, y'
+// alike.
 Distorted distort(const Camera& camera, const Eigen::Vector2d& at) {
   const double x = at.x(), y = at.y(), r2 = at.squaredNorm();
   const auto& k = camera.k;
-  const double gain = 1 + r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])));
-  const double slope = k[0] + r2 * (2 * k[1] + r2 * (3 * k[2] + r2 * 4 * k[3]));  // d gain / d r2
+  const auto& d = camera.denominator;
+  const auto& s = camera.prism;
+  const double over = 1 + r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])));
+  const double over_slope = k[0] + r2 * (2 * k[1] + r2 * (3 * k[2] + r2 * 4 * k[3]));  // d over / d r2
+  const double under = 1 + r2 * (d[0] + r2 * (d[1] + r2 * d[2]));
+  const double under_slope = d[0] + r2 * (2 * d[1] + r2 * 3 * d[2]);
+  const double gain = over / under, slope = (over_slope - gain * under_slope) / under;
   const double p1 = camera.p1, p2 = camera.p2;
   Distorted result;
-  result.value = {x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y};
+  result.value = {x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + s[0] * r2,
+                  y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + s[1] * r2};
   const double mixed = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y;
-  result.jacobian << gain + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x, mixed, mixed,
-      gain + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x;
+  result.jacobian << gain + 2 * x * x * slope + 2 * p1 * y + (6 * p2 + 2 * s[0]) * x, mixed + 2 * s[0] * y,
+      mixed + 2 * s[1] * x, gain + 2 * y * y * slope + (6 * p1 + 2 * s[1]) * y + 2 * p2 * x;
   return result;
 }
 
-// Keeps the best point seen: outside the fitted circle the polynomial may fold back and Newton may run away.
-Eigen::Vector2d undistort(const Camera& camera, const Eigen::Vector2d& wanted) {
-  Eigen::Vector2d at = wanted, best = wanted;
+Eigen::Vector2d within(const Eigen::Vector2d& at, double farthest) {
+  const double radius = at.norm();
+  return radius > farthest ? Eigen::Vector2d(at * (farthest / radius)) : at;
+}
+
+// The point no further than `farthest` that distort() takes to `wanted`. Keeps the best point seen: outside the fitted
+// circle the polynomial may fold back and Newton may run away.
+Eigen::Vector2d undistort(const Camera& camera, const Eigen::Vector2d& wanted, double farthest) {
+  Eigen::Vector2d at = within(wanted, farthest), best = at;
   double best_error = (distort(camera, at).value - wanted).norm();
   for (int step = 0; step < kNewtonSteps && best_error > kConverged; ++step) {
     const Distorted now = distort(camera, at);
-    at -= now.jacobian.inverse() * (now.value - wanted);
+    at = within(at - now.jacobian.inverse() * (now.value - wanted), farthest);
     const double error = (distort(camera, at).value - wanted).norm();
     if (!std::isfinite(error)) break;
     if (error >= best_error) continue;
@@ -51,53 +65,70 @@ Eigen::Vector2d undistort(const Camera& camera, const Eigen::Vector2d& wanted) {
   return best;
 }
 
-double fisheye_radius(const Camera& camera, double angle) {
-  const double a2 = angle * angle;
-  const auto& k = camera.k;
-  return angle * (1 + a2 * (k[0] + a2 * (k[1] + a2 * (k[2] + a2 * k[3]))));
-}
-
-double fisheye_slope(const Camera& camera, double angle) {
-  const double a2 = angle * angle;
-  const auto& k = camera.k;
-  return 1 + a2 * (3 * k[0] + a2 * (5 * k[1] + a2 * (7 * k[2] + a2 * 9 * k[3])));
-}
-
-// The angle from the optical axis, within [0, pi], whose image lies at `radius`.
-double fisheye_angle(const Camera& camera, double radius) {
-  double angle = std::clamp(radius, 0.0, std::numbers::pi), best = angle;
-  double best_error = std::abs(fisheye_radius(camera, angle) - radius);
-  for (int step = 0; step < kNewtonSteps && best_error > kConverged; ++step) {
-    angle -= (fisheye_radius(camera, angle) - radius) / fisheye_slope(camera, angle);
-    if (!std::isfinite(angle)) break;
-    angle = std::clamp(angle, 0.0, std::numbers::pi);
-    const double error = std::abs(fisheye_radius(camera, angle) - radius);
-    if (error >= best_error) continue;
-    best = angle;
-    best_error = error;
-  }
-  return best;
-}
-
-Eigen::Vector3d fisheye_direction(const Camera& camera, const Eigen::Vector2d& at) {
+// The unit vector at `angle` from the axis, towards `at`.
+Eigen::Vector3d at_angle(double angle, const Eigen::Vector2d& at) {
   const double radius = at.norm();
   if (radius == 0) return Eigen::Vector3d::UnitZ();
-  const double angle = fisheye_angle(camera, radius), side = std::sin(angle) / radius;
+  const double side = std::sin(angle) / radius;
   return {side * at.x(), side * at.y(), std::cos(angle)};
 }
 
-Eigen::Vector2d fisheye_point(const Camera& camera, const Eigen::Vector3d& point) {
+double angle_of(const Eigen::Vector3d& point) { return std::atan2(point.head<2>().norm(), point.z()); }
+
+// The point at `radius` from the axis, towards (x, y) of `point`.
+Eigen::Vector2d at_radius(double radius, const Eigen::Vector3d& point) {
   const double side = point.head<2>().norm();
   if (side == 0) return Eigen::Vector2d::Zero();
-  return point.head<2>() / side * fisheye_radius(camera, std::atan2(side, point.z()));
+  return point.head<2>() / side * radius;
+}
+
+double fov_scale(const Camera& camera) { return 2 * std::tan(camera.k[0] / 2); }
+
+Eigen::Vector3d fov_direction(const Camera& camera, const Eigen::Vector2d& at) {
+  const double turn = std::min(at.norm() * camera.k[0], std::numbers::pi);
+  return at_angle(std::atan2(std::sin(turn), fov_scale(camera) * std::cos(turn)), at);
+}
+
+// atan2 goes on where tan(angle) ends, at a right angle to the axis.
+Eigen::Vector2d fov_point(const Camera& camera, const Eigen::Vector3d& point) {
+  const double turn = std::atan2(fov_scale(camera) * point.head<2>().norm(), point.z());
+  return at_radius(turn / camera.k[0], point);
+}
+
+Eigen::Vector3d fisheye_direction(const Camera& camera, const Eigen::Vector2d& at) {
+  const Eigen::Vector2d straight = undistort(camera, at, std::numbers::pi);
+  return at_angle(straight.norm(), straight);
+}
+
+Eigen::Vector2d lens_point(const Camera& camera, const Eigen::Vector3d& point) {
+  switch (camera.model) {
+    case CameraModel::pinhole:
+      return point.hnormalized();
+    case CameraModel::opencv:
+      return distort(camera, point.hnormalized()).value;
+    case CameraModel::fisheye:
+      return distort(camera, at_radius(angle_of(point), point)).value;
+    case CameraModel::fov:
+      return fov_point(camera, point);
+  }
+  throw Error(Fault::internal, "[project] no such camera model");
 }
 
 }  // namespace
 
 Eigen::Vector3d direction(const Camera& camera, const Eigen::Vector2d& point) {
   const Eigen::Vector2d at{(point.x() - camera.cx) / camera.fx, (point.y() - camera.cy) / camera.fy};
-  if (camera.model == CameraModel::fisheye) return fisheye_direction(camera, at);
-  return (camera.model == CameraModel::opencv ? undistort(camera, at) : at).homogeneous();
+  switch (camera.model) {
+    case CameraModel::pinhole:
+      return at.homogeneous();
+    case CameraModel::opencv:
+      return undistort(camera, at, std::numeric_limits<double>::infinity()).homogeneous();
+    case CameraModel::fisheye:
+      return fisheye_direction(camera, at);
+    case CameraModel::fov:
+      return fov_direction(camera, at);
+  }
+  throw Error(Fault::internal, "[direction] no such camera model");
 }
 
 std::vector<float> pixel_directions(const Camera& camera) {
@@ -113,13 +144,7 @@ std::vector<float> pixel_directions(const Camera& camera) {
 }
 
 Eigen::Vector2d project(const Camera& camera, const Eigen::Vector3d& point_in_camera) {
-  Eigen::Vector2d at;
-  if (camera.model == CameraModel::fisheye) {
-    at = fisheye_point(camera, point_in_camera);
-  } else {
-    at = point_in_camera.hnormalized();
-    if (camera.model == CameraModel::opencv) at = distort(camera, at).value;
-  }
+  const Eigen::Vector2d at = lens_point(camera, point_in_camera);
   return {camera.fx * at.x() + camera.cx, camera.fy * at.y() + camera.cy};
 }
 

@@ -20,12 +20,6 @@ constexpr double kTurntableView = kPi * 30 / 180, kTurntableHeight = kPi * 18 / 
 Vector3d position(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
 Vector3d forward(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
 
-Vector3d mean_up(const Scene& scene) {
-  Vector3d up = Vector3d::Zero();
-  for (const Frame& frame : scene.frames) up -= frame.world_from_camera.block<3, 1>(0, 1);
-  // Cameras that look from all sides have no common up: then the source's axis holds.
-  return up.norm() > 0.1 * static_cast<double>(scene.frames.size()) ? up.normalized() : scene.up.normalized();
-}
 
 Eigen::Matrix4d looking_at(const Vector3d& eye, const Vector3d& target, const Vector3d& up) {
   const Vector3d z = (target - eye).normalized();

@@ -48,6 +48,12 @@ std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time
   return between(before.world_from_box, next->world_from_box, share);
 }
 
+Eigen::Vector3d mean_up(const Scene& scene) {
+  Eigen::Vector3d up = Eigen::Vector3d::Zero();
+  for (const Frame& frame : scene.frames) up -= frame.world_from_camera.block<3, 1>(0, 1);
+  return up.norm() > 0.1 * static_cast<double>(scene.frames.size()) ? up.normalized() : scene.up.normalized();
+}
+
 int find_or_add(std::vector<Camera>& cameras, const Camera& camera) {
   const auto found = std::find(cameras.begin(), cameras.end(), camera);
   if (found != cameras.end()) return static_cast<int>(found - cameras.begin());

@@ -102,4 +102,7 @@ std::vector<std::size_t> frames_of(const Scene& scene, Split split);
 /// The index of an equal camera, added if it is new.
 int find_or_add(std::vector<Camera>& cameras, const Camera& camera);
 
+/// The mean of the cameras' up (-y), of length 1; scene.up where they look from all sides and so have none in common.
+Eigen::Vector3d mean_up(const Scene& scene);
+
 }  // namespace cloam

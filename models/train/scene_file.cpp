@@ -9,14 +9,15 @@ namespace cloam {
 namespace {
 
 constexpr int kSchema = 2;
-const char* const kModels[] = {"pinhole", "opencv", "fisheye"};
+const char* const kModels[] = {"pinhole", "opencv", "fisheye", "fov"};
 
 Json to_json(const Camera& c) {
   return {{"width", c.width}, {"height", c.height},
           {"fx", c.fx},       {"fy", c.fy},
           {"cx", c.cx},       {"cy", c.cy},
           {"k", c.k},         {"p1", c.p1},
-          {"p2", c.p2},       {"model", kModels[static_cast<int>(c.model)]}};
+          {"p2", c.p2},       {"denominator", c.denominator},
+          {"prism", c.prism}, {"model", kModels[static_cast<int>(c.model)]}};
 }
 
 Json to_json(const Eigen::Matrix4d& m) {
@@ -98,6 +99,13 @@ double element(const Json& list, std::size_t index, std::size_t size, const std:
   return list[index].get<double>();
 }
 
+// Absent in files written before lenses had them: zeros.
+template <std::size_t size>
+void read_numbers(const Json& json, const char* key, std::array<double, size>& numbers, const std::string& where) {
+  if (!json.contains(key)) return;
+  for (std::size_t i = 0; i < size; ++i) numbers[i] = element(array(json, key, where), i, size, text(where, ", ", key));
+}
+
 Camera camera_from(const Json& json, const std::string& where) {
   Camera c;
   c.width = whole(json, "width", 1, 1 << 16, where);
@@ -106,11 +114,13 @@ Camera camera_from(const Json& json, const std::string& where) {
   c.fy = number(json, "fy", where);
   c.cx = number(json, "cx", where);
   c.cy = number(json, "cy", where);
-  for (std::size_t i = 0; i < 4; ++i) c.k[i] = element(array(json, "k", where), i, 4, where + ", k");
+  read_numbers(json, "k", c.k, where);
   c.p1 = number(json, "p1", where);
   c.p2 = number(json, "p2", where);
+  read_numbers(json, "denominator", c.denominator, where);
+  read_numbers(json, "prism", c.prism, where);
   const std::string model = string(json, "model", where);
-  for (int i = 0; i < 3; ++i)
+  for (std::size_t i = 0; i < std::size(kModels); ++i)
     if (model == kModels[i]) c.model = static_cast<CameraModel>(i);
   return c;
 }

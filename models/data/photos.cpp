@@ -1,0 +1,73 @@
+// See photos.h.
+#include "models/data/photos.h"
+
+#include <algorithm>
+
+#include "models/data/paths.h"
+#include "models/io/image.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kMostNamed = 5;
+
+std::string warning_of(const std::vector<std::string>& missing, std::size_t listed) {
+  std::string names;
+  for (std::size_t i = 0; i < std::min(missing.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing[i];
+  return text(missing.size(), " of ", listed, " listed images are missing and skipped: ", names,
+              missing.size() > kMostNamed ? ", ..." : "");
+}
+
+bool first_image_has_alpha(const Scene& scene, const ReadOptions& options) {
+  for (const Frame& frame : scene.frames) {
+    try {
+      return read_image_size(resolve_inside(scene.root, frame.image)).channels % 2 == 0;
+    } catch (const Error&) {
+      if (!options.skip_bad) throw;
+    }
+  }
+  return false;
+}
+
+void add_masks(Scene& scene) {
+  std::error_code error;
+  if (!fs::is_directory(scene.root / "masks", error)) return;
+  std::vector<std::string> without;
+  for (Frame& frame : scene.frames) {
+    if (!frame.mask) frame.mask = find_mask(scene.root, frame.image);
+    if (!frame.mask) without.push_back(frame.image);
+  }
+  if (without.empty()) return;
+  const std::string name = fs::path(without.front()).filename().string();
+  scene.warnings.push_back(text(without.size(), " of ", scene.frames.size(),
+                                " images have no mask in masks/: ", without.front(), " would have masks/", name,
+                                ".png or masks/", fs::path(name).replace_extension(".png").string()));
+}
+
+}  // namespace
+
+std::optional<std::string> find_mask(const fs::path& root, const std::string& image) {
+  fs::path name = image;
+  if (*name.begin() == "images") name = name.lexically_relative("images");
+  const fs::path mask = "masks" / name;
+  for (const fs::path& candidate : {fs::path(mask.string() + ".png"), fs::path(mask).replace_extension(".png"), mask}) {
+    if (is_file(resolve_inside(root, candidate.generic_string()))) return candidate.generic_string();
+  }
+  return std::nullopt;
+}
+
+void finish_photos(Scene& scene, const std::vector<std::string>& missing, const ReadOptions& options) {
+  if (!missing.empty()) scene.warnings.push_back(warning_of(missing, scene.frames_listed));
+  if (scene.frames.empty()) {
+    throw Error(Fault::data,
+                text(scene.root.string(), ": no usable frame: ", scene.frames_listed, " listed, ", missing.size(),
+                     " without an image", missing.empty() ? "" : " (first: " + missing.front() + ")"));
+  }
+  add_masks(scene);
+  scene.has_alpha = first_image_has_alpha(scene, options);
+}
+
+}  // namespace cloam
