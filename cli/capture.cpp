@@ -1,6 +1,7 @@
 // See capture.h.
 #include "cli/capture.h"
 
+#include <algorithm>
 #include <future>
 
 #include "cli/common.h"
@@ -18,9 +19,9 @@ const char* lens_name(const Camera& camera) {
       return "OPENCV distortion";
     case CameraModel::fisheye:
       return "fisheye";
-  }
     case CameraModel::fov:
       return "FOV lens";
+  }
   return "";
 }
 
@@ -59,7 +60,7 @@ void check_memory(const Captures& captures, const Reading& how, uint64_t budget)
 }
 
 void read_images(Capture& capture, const Reading& how) {
-  const LoadOptions options{how.downscale, how.skip_bad};
+  const LoadOptions options{how.downscale, how.skip_bad, how.masks};
   auto test = std::async(std::launch::async, [&] { return load_images(capture.scene, Split::test, options); });
   capture.train = load_images(capture.scene, Split::train, options);
   capture.test = test.get();
@@ -71,10 +72,19 @@ void read_images(Capture& capture, const Reading& how) {
   }
 }
 
+// Their black pixels become clear, so that methods learn an empty background.
+void expect_masks(Scene& scene) {
+  const bool any =
+      std::any_of(scene.frames.begin(), scene.frames.end(), [](const Frame& f) { return f.mask.has_value(); });
+  scene.has_alpha |= any;
+  if (!any) scene.warnings.push_back("--masks transparent: the capture has no masks");
+}
+
 }  // namespace
 
 Scene read_split_scene(const std::filesystem::path& data, const Reading& how) {
   Scene scene = read_scene(data, {how.skip_bad});
+  if (how.masks == MaskMeaning::transparent) expect_masks(scene);
   if (how.holdout > 0) apply_holdout(scene, how.holdout);
   if (!how.protocol.name.empty()) apply_protocol(scene, how.protocol);
   if (!how.image.empty()) apply_image(scene, how.image);
@@ -113,8 +123,12 @@ std::vector<std::string> describe(const Scene& scene, const Reading& how) {
   if (scene.has_alpha) images += ", transparent where empty";
   std::size_t masks = 0;
   for (const Frame& frame : scene.frames) masks += frame.mask.has_value();
-  if (masks > 0) images += text(", ", masks, " masks");
-  return {images, split_text(scene, how), camera_text(scene), text("format ", scene.format)};
+  if (masks > 0)
+    images +=
+        text(", ", masks, " masks ", how.masks == MaskMeaning::ignore ? "(black is ignored)" : "(black is empty)");
+  std::string format = text("format ", scene.format);
+  if (scene.cloud.count() > 0) format += text(", ", scene.cloud.count(), " points");
+  return {images, split_text(scene, how), camera_text(scene), format};
 }
 
 }  // namespace cloam

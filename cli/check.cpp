@@ -26,22 +26,23 @@ struct CheckRequest {
   std::string data;
   int downscale = 1, holdout = 0;
   bool skip_bad = false;
+  std::string masks = "ignore";
 };
 
 /// One image in memory at a time. Returns what is odd, each kind of remark once.
 std::vector<std::string> check_images(const Scene& scene, const Reading& how) {
   std::vector<std::string> warnings;
   Scene single = scene;
-  int resized = 0;
+  int odd = 0;  // in size or orientation
   for (const Frame& frame : scene.frames) {
     single.frames = {frame};
-    const Pixels pixels = load_images(single, frame.split, {how.downscale, how.skip_bad});
+    const Pixels pixels = load_images(single, frame.split, {how.downscale, how.skip_bad, how.masks});
     if (pixels.frames.empty())
       warnings.insert(warnings.end(), pixels.warnings.begin(), pixels.warnings.end());
-    else if (!pixels.warnings.empty() && resized++ == 0)
+    else if (!pixels.warnings.empty() && odd++ == 0)
       warnings.push_back(pixels.warnings.front());
   }
-  if (resized > 1) warnings.push_back(text("... and ", resized - 1, " more images of another size"));
+  if (odd > 1) warnings.push_back(text("... and so with ", odd - 1, " more images"));
   return warnings;
 }
 
@@ -81,7 +82,6 @@ std::string log_text(const LogReport& log) {
   return out;
 }
 
-int run_command(const CheckRequest& request, const Common& common) {
 constexpr double kPoorFit = 4;  // pixels; what COLMAP finds itself is below 2, as a rule
 
 nlohmann::ordered_json colmap_json(const ColmapFit& fit) {
@@ -93,10 +93,12 @@ std::string colmap_text(const ColmapFit& fit) {
                      fit.points, fit.observations, fit.mean_error);
 }
 
+int run_command(const CheckRequest& request, const Common& common) {
   Reading how;
   how.downscale = request.downscale;
   how.holdout = request.holdout;
   how.skip_bad = request.skip_bad;
+  how.masks = mask_meaning(request.masks);
   const Scene scene = read_split_scene(request.data, how);
   std::vector<std::string> warnings = scene.warnings;
   for (const auto& more : {check_images(scene, how), check_scene(scene)}) {
@@ -105,8 +107,6 @@ std::string colmap_text(const ColmapFit& fit) {
   LogReport log;
   if (scene.is_log) log = check_log(scene, how.skip_bad);
   warnings.insert(warnings.end(), log.warnings.begin(), log.warnings.end());
-  for (const std::string& warning : warnings) warn(warning);
-  const uint64_t bytes = image_bytes(scene, Split::train, how.downscale);
   const bool colmap = scene.format == "COLMAP";
   ColmapFit fit;
   if (colmap) fit = check_colmap(scene.root);
@@ -115,6 +115,8 @@ std::string colmap_text(const ColmapFit& fit) {
         fmt::format("the model's points lie {:.1f} pixels from where they were found in the images: are "
                     "cameras, images and points of one model?",
                     fit.mean_error));
+  for (const std::string& warning : warnings) warn(warning);
+  const uint64_t bytes = image_bytes(scene, Split::train, how.downscale);
   if (common.json) {
     nlohmann::ordered_json json = {{"schema_version", 1},
                                    {"format", scene.format},
@@ -127,16 +129,16 @@ std::string colmap_text(const ColmapFit& fit) {
                                    {"image_bytes", bytes},
                                    {"warnings", warnings}};
     if (scene.is_log) json["log"] = log_json(log);
+    if (colmap) json["model"] = colmap_json(fit);
     put(json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
     return 0;
-    if (colmap) json["model"] = colmap_json(fit);
   }
   std::string out;
   for (const std::string& line : describe(scene, how)) out += line + "\n";
   if (scene.is_log) out += log_text(log);
+  if (colmap) out += colmap_text(fit);
   put(out + "training images in memory: " + words_for_bytes(bytes) + "\n");
   say(common, "ok. next: cloam train nerf " + quoted(request.data));
-  if (colmap) out += colmap_text(fit);
   return 0;
 }
 
@@ -149,6 +151,7 @@ Command add_check(CLI::App& program) {
   parser->add_option("DATA", request->data, "Folder of the capture")->required();
   parser->add_option("--downscale", request->downscale, "As in train")->check(CLI::Range(1, 256));
   parser->add_option("--holdout", request->holdout, "As in train")->check(CLI::Range(2, 1 << 20));
+  parser->add_option("--masks", request->masks, "As in train")->check(CLI::IsMember({"ignore", "transparent"}));
   parser->add_flag("--skip-bad", request->skip_bad, "Warn of damaged images instead of stopping");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};

@@ -118,7 +118,7 @@ std::optional<double> figure(const Report& eval, const char* key) {
 
 bool same_reading(const Reading& a, const Reading& b) {
   return a.downscale == b.downscale && a.holdout == b.holdout && a.protocol.name == b.protocol.name &&
-         a.protocol.sparse_every == b.protocol.sparse_every && a.image == b.image;
+         a.protocol.sparse_every == b.protocol.sparse_every && a.image == b.image && a.masks == b.masks;
 }
 
 bool same_but_for_seed(const Compared& a, const Compared& b) {

@@ -26,7 +26,10 @@ Pixels all_images(const Scene& scene, const LoadOptions& options) {
   return all;
 }
 
-LoadOptions options_of(const RestoredRun& run) { return {run.record.reading.downscale, run.record.reading.skip_bad}; }
+LoadOptions options_of(const RestoredRun& run) {
+  const Reading& how = run.record.reading;
+  return {how.downscale, how.skip_bad, how.masks};
+}
 
 void warn_of_training_photos(const Photos& photos) {
   std::size_t count = 0;

@@ -308,6 +308,11 @@ int run_train(TrainRequest request, const Common& common) {
   Captures captures;
   if (!job.source) captures = read_captures(job.data, job.record.reading, memory_budget());
   const std::vector<DataNow> now = data_now(job, captures);
+  parser
+      .add_option("--masks", r.masks,
+                  "What black in masks means: ignore (the default) or transparent: empty background")
+      ->check(CLI::IsMember({"ignore", "transparent"}))
+      ->group(group);
   check_data_unchanged(job, request, now, view);
   job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);
   if (job.source) job.method->prior()->load(*job.source);

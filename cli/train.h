@@ -21,7 +21,7 @@ struct TrainRequest {
   std::string time_budget;  // as typed
   std::optional<int64_t> seed, save_every;
   std::optional<int> downscale, holdout, sparse_every;
-  std::string protocol, image;
+  std::string protocol, image, masks;
   int64_t stop_after = 0;
   bool skip_bad = false, resume = false, overwrite = false, dry_run = false;
   std::vector<std::string> settings;  // key=value

@@ -12,8 +12,9 @@ namespace cloam {
 namespace {
 
 constexpr int kMaskThreshold = 128;
+constexpr double kSameAspect = 0.01;
 
-// Black means ignore (nerfstudio). Used pixels of the result stand for used pixels alone.
+// Used pixels of the result stand for used pixels alone.
 std::vector<std::uint8_t> as_mask(const Image& image, int factor) {
   const int width = image.width / factor, height = image.height / factor;
   std::vector<std::uint8_t> mask(std::size_t(width) * height, 255);
@@ -26,6 +27,34 @@ std::vector<std::uint8_t> as_mask(const Image& image, int factor) {
   return mask;
 }
 
+Image without_background(const Image& image, const Image& mask) {
+  Image result{image.width, image.height, 4, as_rgba(image)};
+  for (std::size_t i = 0; i < result.pixels.size() / 4; ++i) {
+    if (mask.pixels[i * mask.channels] < kMaskThreshold) result.pixels[4 * i + 3] = 0;
+  }
+  return result;
+}
+
+bool has_aspect(const Camera& camera, int width, int height) {
+  return std::abs(double(width) * camera.height / (double(height) * camera.width) - 1) <= kSameAspect;
+}
+
+// Poses belong to the pixels as stored, unless the size says otherwise: COLMAP ignores EXIF, phones do not.
+bool must_turn(const Camera& camera, const Image& image) {
+  const bool on_its_side = image.orientation >= 5;
+  return on_its_side && !has_aspect(camera, image.width, image.height) && has_aspect(camera, image.height, image.width);
+}
+
+// What befell several images, told once.
+struct Remark {
+  int images = 0;
+  std::string first;
+
+  void add(const std::string& image) {
+    if (images++ == 0) first = image;
+  }
+};
+
 class Loader {
  public:
   Loader(const Scene& scene, const LoadOptions& options) : scene_(scene), options_(options) {}
@@ -34,9 +63,15 @@ class Loader {
     const Frame& frame = scene_.frames[index];
     FramePixels result;
     result.frame = index;
-    const Image full = read_image(resolve_inside(scene_.root, frame.image));
+    Image full = read_image(resolve_inside(scene_.root, frame.image));
+    const int turn = turn_of(frame, full);
+    full = upright(full, turn);
     const Camera camera = fitted(scene_.cameras[frame.camera], frame, full);
-    if (frame.mask) result.mask = read_mask(frame, full);
+    if (frame.mask) {
+      const Image mask = read_mask(frame, full, turn);
+      if (options_.masks == MaskMeaning::ignore) result.mask = as_mask(mask, options_.downscale);
+      if (options_.masks == MaskMeaning::transparent) full = without_background(full, mask);
+    }
     const Image image = downscale(full, options_.downscale);
     result.width = image.width;
     result.height = image.height;
@@ -50,28 +85,45 @@ class Loader {
   void warn(const std::string& warning) { pixels_.warnings.push_back(warning); }
 
   Pixels finish() {
-    if (resized_ > 0) {
-      warn(text(resized_, " images differ in size from what the data set says (", first_resized_,
+    if (resized_.images > 0) {
+      warn(text(resized_.images, " images differ in size from what the data set says (", resized_.first,
                 "); their intrinsics are scaled"));
+    }
+    if (turned_.images > 0) {
+      warn(text(turned_.images, " images (", turned_.first,
+                ", ...) are turned as their EXIF orientation says: the data set lists the turned size"));
+    }
+    if (left_.images > 0) {
+      warn(text(left_.images, " images (", left_.first,
+                ", ...) have an EXIF orientation that is not followed: nothing says that the poses are of the turned ",
+                "ones, and COLMAP's are not"));
     }
     return std::move(pixels_);
   }
 
  private:
+  /// The EXIF orientation to follow; 1: as stored.
+  int turn_of(const Frame& frame, const Image& image) {
+    const bool turn = must_turn(scene_.cameras[frame.camera], image);
+    if (turn) turned_.add(frame.image);
+    if (!turn && image.orientation != 1) left_.add(frame.image);
+    return turn ? image.orientation : 1;
+  }
+
   Camera fitted(const Camera& camera, const Frame& frame, const Image& image) {
     if (camera.width == image.width && camera.height == image.height) return camera;
     const std::string sizes = text(frame.image, ": ", image.width, "x", image.height, " pixels, listed as ",
                                    camera.width, "x", camera.height);
-    const double stretch = double(image.width) * camera.height / (double(image.height) * camera.width);
-    if (std::abs(stretch - 1) > 0.01)
+    if (!has_aspect(camera, image.width, image.height))
       throw Error(Fault::data, text(sizes, ": another aspect ratio, so another camera"));
-    if (resized_++ == 0) first_resized_ = sizes;
+    resized_.add(sizes);
     return resized(camera, image.width, image.height);
   }
 
-  std::vector<std::uint8_t> read_mask(const Frame& frame, const Image& image) const {
-    const Image mask = read_image(resolve_inside(scene_.root, *frame.mask));
-    if (mask.width == image.width && mask.height == image.height) return as_mask(mask, options_.downscale);
+  Image read_mask(const Frame& frame, const Image& image, int turn) const {
+    Image mask = read_image(resolve_inside(scene_.root, *frame.mask));
+    if (mask.width != image.width || mask.height != image.height) mask = upright(mask, turn);  // drawn as stored
+    if (mask.width == image.width && mask.height == image.height) return mask;
     throw Error(Fault::data, text(*frame.mask, ": the mask has ", mask.width, "x", mask.height, " pixels, its image ",
                                   frame.image, " has ", image.width, "x", image.height));
   }
@@ -79,8 +131,7 @@ class Loader {
   const Scene& scene_;
   LoadOptions options_;
   Pixels pixels_;
-  int resized_ = 0;
-  std::string first_resized_;
+  Remark resized_, turned_, left_;
 };
 
 }  // namespace

@@ -199,12 +199,34 @@ ImageSize read_image_size(const std::filesystem::path& path) {
 Image read_image(const std::filesystem::path& path) {
   Decoder decoder = open(path, 4);
   Image image{decoder.spec.width, decoder.spec.height, decoder.spec.nchannels, {}};
+  const int orientation = decoder.spec.get_int_attribute("Orientation", 1);
+  image.orientation = orientation >= 1 && orientation <= 8 ? orientation : 1;
   if (decoder.format == "openexr") {
     image.pixels = straight_8_bit(path, decode<float>(path, decoder, OIIO::TypeDesc::FLOAT), image.channels);
   } else {
     image.pixels = decode<std::uint8_t>(path, decoder, OIIO::TypeDesc::UINT8);
   }
   return image;
+}
+
+// Where the pixel (row, column) of the result lies: JEITA CP-3451, tag 274. 5 to 8 change rows and columns.
+Image upright(const Image& image, int orientation) {
+  if (orientation <= 1) return image;
+  const bool swap = orientation >= 5;
+  const bool from_bottom = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
+  const bool from_right = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+  Image result{swap ? image.height : image.width, swap ? image.width : image.height, image.channels, {}};
+  result.pixels.reserve(image.pixels.size());
+  for (int row = 0; row < result.height; ++row) {
+    for (int column = 0; column < result.width; ++column) {
+      const int down = swap ? column : row, across = swap ? row : column;
+      const std::size_t from_row = from_bottom ? image.height - 1 - down : down;
+      const std::size_t from_column = from_right ? image.width - 1 - across : across;
+      const auto pixel = image.pixels.begin() + (from_row * image.width + from_column) * image.channels;
+      result.pixels.insert(result.pixels.end(), pixel, pixel + image.channels);
+    }
+  }
+  return result;
 }
 
 std::vector<std::uint8_t> as_rgba(const Image& image) {

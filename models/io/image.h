@@ -1,6 +1,6 @@
 // Images in and out. Input is PNG, JPEG or EXR as the file's CONTENT says, always 8 bit in memory; output is PNG, JPEG
-// or an EXR with named float layers. No colour transform is applied anywhere, and EXIF orientation is ignored: poses
-// belong to the pixels as stored, and the programs that made them ignored the tag too.
+// or an EXR with named float layers. No colour transform is applied anywhere. Pixels are as stored; whether to follow
+// EXIF's orientation is for whoever knows what the poses belong to.
 #pragma once
 #include <cstdint>
 #include <filesystem>
@@ -16,6 +16,7 @@ struct Image {
   int height = 0;
   int channels = 0;
   std::vector<std::uint8_t> pixels;
+  int orientation = 1;  // EXIF's, from 1 to 8; 1: the stored top left is the top left
 };
 
 struct ImageSize {
@@ -34,6 +35,9 @@ ImageSize read_image_size(const std::filesystem::path& path);
 /// with more than 4 channels, or with more than 2^29 values (2^27 in an EXR). Deeper pixels are rounded to 8 bit after
 /// clamping to [0, 1].
 Image read_image(const std::filesystem::path& path);
+
+/// The image as it is to be looked at if its EXIF orientation is this one (1 to 8): mirrored, turned, or both.
+Image upright(const Image& image, int orientation);
 
 /// [height, width, 4]; grey images have three equal colours, and 255 is the alpha of those without.
 std::vector<std::uint8_t> as_rgba(const Image& image);

@@ -13,12 +13,15 @@
 
 namespace cloam {
 
+/// What black pixels of masks mean: they take no part in training and figures, or they are empty background.
+enum class MaskMeaning { ignore, transparent };
+
 enum class Split { train, test, unused };  // unused: a protocol leaves it out
 
 struct Frame {
   std::string name;                 // the image path as listed; unique in a sound capture
   std::string image;                // an existing file, relative to the root
-  std::optional<std::string> mask;  // relative to the root; black pixels are ignored
+  std::optional<std::string> mask;  // relative to the root; what black means is MaskMeaning
   std::optional<double> timestamp;  // seconds
   // Right-handed; camera axes x right, y down, z forward; a rotation and a position in scene units.
   Eigen::Matrix4d world_from_camera = Eigen::Matrix4d::Identity();
@@ -99,10 +102,10 @@ std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time
 /// The indices of the frames of one split, in order.
 std::vector<std::size_t> frames_of(const Scene& scene, Split split);
 
-/// The index of an equal camera, added if it is new.
-int find_or_add(std::vector<Camera>& cameras, const Camera& camera);
-
 /// The mean of the cameras' up (-y), of length 1; scene.up where they look from all sides and so have none in common.
 Eigen::Vector3d mean_up(const Scene& scene);
+
+/// The index of an equal camera, added if it is new.
+int find_or_add(std::vector<Camera>& cameras, const Camera& camera);
 
 }  // namespace cloam

@@ -42,6 +42,7 @@ Json to_json(const Reading& reading) {
                {"skip_bad", reading.skip_bad},
                {"protocol", reading.protocol.name},
                {"sparse_every", reading.protocol.sparse_every}};
+  if (reading.masks != MaskMeaning::ignore) json["masks"] = to_string(reading.masks);
   if (!reading.image.empty()) json["image"] = reading.image;
   return json;
 }
@@ -53,6 +54,7 @@ Reading reading_from(const Json& json, const std::string& where) {
   reading.skip_bad = flag(json, "skip_bad", false, where);
   reading.protocol.name = string(json, "protocol", where);
   reading.protocol.sparse_every = static_cast<int>(std::clamp<int64_t>(whole(json, "sparse_every", where), 0, 1 << 30));
+  reading.masks = mask_meaning(optional_string(json, "masks", where).value_or(""));
   reading.image = optional_string(json, "image", where).value_or("");
   return reading;
 }
@@ -100,6 +102,12 @@ std::string toml_value(const ConfigValue& value) {
 }
 
 }  // namespace
+
+MaskMeaning mask_meaning(const std::string& word) {
+  return word == "transparent" ? MaskMeaning::transparent : MaskMeaning::ignore;
+}
+
+std::string to_string(MaskMeaning meaning) { return meaning == MaskMeaning::transparent ? "transparent" : "ignore"; }
 
 bool is_run(const fs::path& folder) {
   std::error_code error;

@@ -31,11 +31,16 @@ struct RunData {
   std::string fingerprint;  // of captures
 };
 
+/// "ignore", "transparent"; anything else is ignore.
+MaskMeaning mask_meaning(const std::string& word);
+std::string to_string(MaskMeaning meaning);
+
 /// How all captures of a run are read and split.
 struct Reading {
   int downscale = 1;
   int holdout = 0;  // 0: the split of the source
   bool skip_bad = false;
+  MaskMeaning masks = MaskMeaning::ignore;
   Protocol protocol = {};  // no name: none
   std::string image = {};  // "front_camera/05": that one alone; empty: all that the split gives
 };
