@@ -13,6 +13,7 @@ Command add_export(CLI::App& program);
 Command add_generate(CLI::App& program);
 Command add_edit(CLI::App& program);
 Command add_simulate(CLI::App& program);
+Command add_process(CLI::App& program);
 Command add_check(CLI::App& program);
 Command add_demo(CLI::App& program);
 Command add_synth(CLI::App& program);

@@ -17,6 +17,7 @@ constexpr char kIntroduction[] =
 
   cloam demo                                     ten minutes: from streets that it makes itself to new cars in them
   cloam info                                     which devices there are, and which one would run
+  cloam process PHOTOS -o DATA                   find the camera poses of photos (with COLMAP)
   cloam check DATA                               is this folder a capture that can be trained?
   cloam train nerf DATA -o runs/my               learn the scene (Ctrl-C saves; --resume goes on)
   cloam train nerf DATA -o runs/my --time-budget 5m
@@ -33,7 +34,8 @@ constexpr char kIntroduction[] =
   cloam selftest --quick                         does this device compute right?
   cloam bench                                    how fast is it here?
 
-DATA is a folder with transforms.json (instant-ngp, nerfstudio) or transforms_train.json (NeRF-synthetic).
+DATA is what process makes, or any capture with a sparse model of COLMAP's; a folder with transforms.json (instant-ngp,
+nerfstudio) or transforms_train.json (NeRF-synthetic); a driving log.
 "cloam COMMAND --help" shows examples and options.
 )";
 

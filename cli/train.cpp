@@ -1,15 +1,12 @@
 // cloam train: options, the run folder's life, signals.
 #include "cli/train.h"
 
-#include <unistd.h>
-
 #include <algorithm>
-#include <atomic>
-#include <csignal>
 #include <cstdlib>
 
 #include "cli/commands.h"
 #include "cli/progress.h"
+#include "cli/stop_signal.h"
 #include "cli/train_job.h"
 #include "cli/train_prior.h"
 #include "models/io/checkpoint.h"
@@ -40,35 +37,6 @@ Examples:
   cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
 
 constexpr double kPreviewUntil = 0.9;  // share of a time budget
-
-std::atomic<int> stop_signal{0};
-
-extern "C" void ask_to_stop(int signal) {
-  if (stop_signal.load() != 0) _exit(128 + signal);
-  stop_signal.store(signal);
-}
-
-/// SIGINT and SIGTERM finish the step and save, as long as this lives; a second one ends the program at once.
-class StopOnSignal {
- public:
-  StopOnSignal() {
-    stop_signal.store(0);
-    struct sigaction action {};
-    action.sa_handler = ask_to_stop;
-    sigaction(SIGINT, &action, &old_interrupt_);
-    sigaction(SIGTERM, &action, &old_terminate_);
-  }
-  ~StopOnSignal() {
-    sigaction(SIGINT, &old_interrupt_, nullptr);
-    sigaction(SIGTERM, &old_terminate_, nullptr);
-  }
-  StopOnSignal(const StopOnSignal&) = delete;
-  StopOnSignal& operator=(const StopOnSignal&) = delete;
-
- private:
-  struct sigaction old_interrupt_ {};
-  struct sigaction old_terminate_ {};
-};
 
 /// The photo that the preview is compared with: the first that is held out, else the first.
 struct PreviewFrame {
@@ -308,11 +276,6 @@ int run_train(TrainRequest request, const Common& common) {
   Captures captures;
   if (!job.source) captures = read_captures(job.data, job.record.reading, memory_budget());
   const std::vector<DataNow> now = data_now(job, captures);
-  parser
-      .add_option("--masks", r.masks,
-                  "What black in masks means: ignore (the default) or transparent: empty background")
-      ->check(CLI::IsMember({"ignore", "transparent"}))
-      ->group(group);
   check_data_unchanged(job, request, now, view);
   job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);
   if (job.source) job.method->prior()->load(*job.source);
@@ -345,6 +308,11 @@ void add_data_options(CLI::App& parser, TrainRequest& r) {
       ->check(CLI::Range(2, 1 << 20))
       ->group(group);
   parser.add_flag("--skip-bad", r.skip_bad, "Drop damaged images with a warning")->group(group);
+  parser
+      .add_option("--masks", r.masks,
+                  "What black in masks means: ignore (the default) or transparent: empty background")
+      ->check(CLI::IsMember({"ignore", "transparent"}))
+      ->group(group);
   parser.add_option("--protocol", r.protocol, "Of driving logs: sparse, novel or rotate360 choose the training images")
       ->check(CLI::IsMember(protocol_names()))
       ->group(group);
