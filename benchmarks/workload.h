@@ -28,7 +28,7 @@ void add_sort_workloads(Workloads& all);
 void add_splat_workloads(Workloads& all);
 void add_ssim_workloads(Workloads& all);
 void add_volume_workloads(Workloads& all);  // marching, compositing, occupancy
-void add_row_workloads(Workloads& all);  // op rows that name a benchmark size
+void add_row_workloads(Workloads& all);     // op rows that name a benchmark size
 
 /// Every workload that the runtime alone can run.
 Workloads op_workloads();

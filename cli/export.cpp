@@ -1,9 +1,10 @@
-// cloam export: actors of a trained street as meshes, or as turntables.
+// cloam export: actors of a trained street as meshes or turntables, and gaussians as files of splats.
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "cli/actors.h"
 #include "cli/commands.h"
+#include "cli/export_splats.h"
 #include "models/data/paths.h"
 #include "models/io/gif.h"
 #include "models/mesh/asset_mesh.h"
@@ -17,18 +18,20 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kFramesPerSecond = 12;
-constexpr char kExamples[] = R"(Write actors of a trained street as files that other programs open.
+constexpr char kExamples[] =
+    R"(Write what was learned as files that other programs open: actors of a street, or gaussians.
 
 Examples:
   cloam export runs/street --format glb --actor 3f2a -o car.glb           a mesh with colours, in glTF's axes
   cloam export runs/street --format glb -o cars                           all actors, a file each
   cloam export runs/street --format turntable --actor 1:3f2a -o turn      pictures all around, and a GIF
   cloam export runs/street --format ply --actor 3f2a -o car.ply --resolution 256
+  cloam export runs/garden -o garden.ply                                  gaussians; also .splat, .spz and .glb
 
 An actor is [LOG:]ID: the beginning (or any part) of an id that no other has; LOG is the number or name of its log.)";
 
 struct ExportRequest {
-  std::string run, format = "glb", actor, out;
+  std::string run, format, actor, out;
   int resolution = 128, frames = 36, size = 256;
 };
 
@@ -125,18 +128,12 @@ void tell(const Scenes& scenes, const std::vector<Exported>& done, const Common&
   if (common.json) put(json.dump() + "\n");
 }
 
-int run_command(const ExportRequest& request, const Common& common) {
-  const std::vector<std::string> formats = {"glb", "ply", "turntable"};
-  if (std::find(formats.begin(), formats.end(), request.format) == formats.end()) {
-    const std::string near = nearest_name(request.format, formats);
-    throw Error(Fault::usage, text("--format ", request.format, ": want one of glb, ply, turntable",
-                                   near.empty() ? "" : "; did you mean " + near + "?"));
-  }
-  read_record(request.run);  // a wrong folder is told before a missing device
-  open_device(common);
-  const RestoredRun run = restore_run(request.run);
-  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+int export_actors(const RestoredRun& run, ExportRequest request, const Common& common) {
   street_of(run);
+  if (request.format.empty()) request.format = "glb";
+  if (request.format == "splat" || request.format == "spz")
+    throw Error(Fault::usage,
+                text("--format ", request.format, ": this run has actors, no gaussians; want glb, ply or turntable"));
   if (request.actor.empty()) {
     tell(run.scenes, export_all(run, request, common), common);
     return 0;
@@ -144,6 +141,25 @@ int run_command(const ExportRequest& request, const Common& common) {
   const AssetName name = find_actor(run.scenes, log_names(run.record), request.actor);
   tell(run.scenes, {export_one(run, request, name, request.out)}, common);
   return 0;
+}
+
+int run_command(const ExportRequest& request, const Common& common) {
+  const std::vector<std::string> formats = {"glb", "ply", "turntable", "splat", "spz"};
+  if (!request.format.empty() && std::find(formats.begin(), formats.end(), request.format) == formats.end()) {
+    const std::string near = nearest_name(request.format, formats);
+    throw Error(Fault::usage, text("--format ", request.format, ": want one of glb, ply, turntable, splat, spz",
+                                   near.empty() ? "" : "; did you mean " + near + "?"));
+  }
+  read_record(request.run);  // a wrong folder is told before a missing device
+  open_device(common);
+  const RestoredRun run = restore_run(request.run);
+  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  const std::optional<Gaussians> gaussians = run.method->gaussians();
+  if (!gaussians) return export_actors(run, request, common);
+  if (!request.actor.empty()) throw Error(Fault::usage, "--actor: this run has gaussians and no actors");
+  if (request.format == "turntable")
+    throw Error(Fault::usage, "--format turntable: of gaussians, cloam render RUN --path orbit makes one");
+  return export_splats(run, *gaussians, {request.format, request.out}, common);
 }
 
 }  // namespace
@@ -154,7 +170,9 @@ Command add_export(CLI::App& program) {
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->run, "Run folder")->required();
   parser->add_option("-o,--out", request->out, "File; a folder for turntables and for all actors")->required();
-  parser->add_option("--format", request->format, "glb (mesh), ply (mesh) or turntable (PNG and GIF)");
+  parser->add_option("--format", request->format,
+                     "Actors: glb (mesh, the default), ply (mesh) or turntable (PNG and GIF); gaussians: ply, splat, "
+                     "spz, glb (by the file's name)");
   parser->add_option("--actor", request->actor, "[LOG:]ID (all actors)");
   parser->add_option("--resolution", request->resolution, "Cells along the longest side of a mesh (128)")
       ->check(CLI::Range(8, 512));

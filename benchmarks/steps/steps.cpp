@@ -5,11 +5,13 @@ namespace cloam {
 
 void add_nerf_steps(Workloads& all);
 void add_network_steps(Workloads& all);
+void add_splat_steps(Workloads& all);
 
 Workloads step_workloads() {
   Workloads all;
   add_nerf_steps(all);
   add_network_steps(all);
+  add_splat_steps(all);
   return all;
 }
 

@@ -7,6 +7,7 @@
 #include <numeric>
 #include <random>
 
+#include "models/render/undistort.h"
 #include "models/splat/initial_gaussians.h"
 #include "models/train/optimiser.h"
 #include "models/train/tensors.h"
@@ -126,7 +127,7 @@ std::optional<Gaussians> Splat::gaussians() const {
 }
 
 void Splat::load_data(std::vector<TrainingData> data) {
-  const Pixels& pixels = data.front().pixels;
+  const Pixels pixels = undistorted(data.front().pixels);
   for (const FramePixels& f : pixels.frames) {
     Photograph one;
     one.rgba = planar(f.rgba, 4, f.height, f.width);
@@ -290,13 +291,14 @@ std::map<std::string, double> Splat::metrics() const {
 }
 
 Picture Splat::render(const View& view) {
-  const Drawn drawn = seen_by(view.camera, view.world_from_camera, config_.sh_degree, true);
+  const Camera pinhole = pinhole_around(view.camera);
+  const Drawn drawn = seen_by(pinhole, view.world_from_camera, config_.sh_degree, true);
   const float back = config_.background == "white" || (config_.background == "auto" && has_alpha_) ? 1.f : 0.f;
   const std::vector<float> planes = drawn.planes.to_host(), through = drawn.transmittance.to_host();
-  const std::vector<float> directions = pixel_directions(view.camera);
+  const std::vector<float> directions = pixel_directions(pinhole);
   Picture out;
-  out.width = view.camera.width;
-  out.height = view.camera.height;
+  out.width = pinhole.width;
+  out.height = pinhole.height;
   const size_t pixels = through.size();
   for (size_t i = 0; i < pixels; i++) {
     for (size_t c = 0; c < 3; c++) out.rgb.push_back(std::clamp(planes[c * pixels + i] + back * through[i], 0.f, 1.f));
@@ -305,7 +307,7 @@ Picture Splat::render(const View& view) {
     const float along = std::sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);  // of a distance of 1 ahead
     out.depth.push_back(opacity > 1e-3f ? planes[3 * pixels + i] / opacity * along : 0.f);
   }
-  return out;
+  return resample(out, pixel_map(view.camera, pinhole));
 }
 
 TensorMap Splat::state() const { return {{"gradient_sums", named(gradient_sums_)}, {"views", named(views_)}}; }

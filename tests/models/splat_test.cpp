@@ -1,0 +1,126 @@
+// Training of gaussians on a small scene made for the test.
+#include <doctest/doctest.h>
+
+#include "models/data/read_scene.h"
+#include "models/data/synthetic_scene.h"
+#include "models/io/checkpoint.h"
+#include "models/methods/registry.h"
+#include "models/metrics/psnr.h"
+#include "models/train/trainer.h"
+#include "runtime/error.h"
+#include "tests/models/folder.h"
+
+using namespace cloam;
+
+namespace {
+
+using Settings = std::vector<std::pair<std::string, std::string>>;
+
+struct Capture {
+  Folder folder;
+  Scene scene;
+  Capture() {
+    write_synthetic_scene(folder.path / "data", {16, 3, 40, 3});
+    scene = read_scene(folder.path / "data");
+  }
+};
+
+std::unique_ptr<Method> built(const Scene& scene, const Settings& settings) {
+  auto method = make_method("splat");
+  Config config;
+  method->configure(config);
+  for (const auto& [key, value] : settings) config.set(key, value, "test");
+  method->build({scene}, 7);
+  method->load_data({{scene, load_images(scene, Split::train)}});
+  return method;
+}
+
+std::vector<float> on_white(const FramePixels& frame) {
+  std::vector<float> out;
+  for (size_t i = 0; i < frame.rgba.size(); i += 4) {
+    const float alpha = static_cast<float>(frame.rgba[i + 3]) / 255.f;
+    for (size_t c = 0; c < 3; c++) out.push_back(static_cast<float>(frame.rgba[i + c]) / 255.f * alpha + 1.f - alpha);
+  }
+  return out;
+}
+
+double test_psnr(Method& method, const Scene& scene) {
+  const Pixels test = load_images(scene, Split::test);
+  double sum = 0;
+  for (const FramePixels& frame : test.frames)
+    sum +=
+        psnr(method.render(view_of(scene.frames[frame.frame], test.cameras[static_cast<size_t>(frame.camera)], 0)).rgb,
+             on_white(frame));
+  return sum / static_cast<double>(test.frames.size());
+}
+
+/// Test PSNR after so many steps.
+double trained(const Capture& capture, const Settings& settings, int64_t steps) {
+  const auto method = built(capture.scene, settings);
+  TrainOptions options;
+  options.steps = steps;
+  train({*method, capture.folder.path / "ckpt", {}, nullptr, nullptr}, options, {});
+  return test_psnr(*method, capture.scene);
+}
+
+double mean_colour(const Scene& scene) {
+  std::vector<std::vector<float>> pixels[2];
+  for (const FramePixels& frame : load_images(scene, Split::train).frames) pixels[0].push_back(on_white(frame));
+  for (const FramePixels& frame : load_images(scene, Split::test).frames) pixels[1].push_back(on_white(frame));
+  const std::vector<std::span<const float>> train(pixels[0].begin(), pixels[0].end());
+  const std::vector<std::span<const float>> test(pixels[1].begin(), pixels[1].end());
+  return mean_colour_psnr(train, test, 3);
+}
+
+SafetensorsFile newest(const std::filesystem::path& folder) { return load_latest_checkpoint(folder).file; }
+
+}  // namespace
+
+TEST_CASE("splat: growth from few gaussians is worth its while, with either strategy") {
+  const Capture capture;
+  const Settings few = {{"initial", "random"}, {"initial.random", "150"}};
+  const auto with = [&](Settings more) {
+    more.insert(more.end(), few.begin(), few.end());
+    return trained(capture, more, 600);
+  };
+  const double still = with({{"growth.from", "100000"}});
+  const double densified = with({{"growth.from", "60"}, {"growth.every", "30"}});
+  const double mcmc =
+      with({{"growth.strategy", "mcmc"}, {"growth.from", "60"}, {"growth.every", "10"}, {"growth.most", "1500"}});
+  const double guess = mean_colour(capture.scene);
+  MESSAGE("PSNR: mean colour ", guess, ", 150 gaussians ", still, ", densified ", densified, ", mcmc ", mcmc);
+  CHECK(still > guess + 3);
+  CHECK(densified > still + 1.5);
+  CHECK(mcmc > still + 1.5);
+}
+
+TEST_CASE("splat: a resumed training gives the same bytes, growth and all") {
+  const Capture capture;
+  const Settings settings = {{"initial", "random"},
+                             {"initial.random", "200"},
+                             {"growth.from", "20"},
+                             {"growth.every", "20"},
+                             {"exposure", "true"}};
+  const auto run = [&](const std::filesystem::path& folder, int64_t stop_after, const SafetensorsFile* resume) {
+    const auto method = built(capture.scene, settings);
+    TrainOptions options;
+    options.steps = 120;
+    options.stop_after = stop_after;
+    train({*method, folder, {}, resume, nullptr}, options, {});
+    return newest(folder);
+  };
+  const SafetensorsFile whole = run(capture.folder.path / "a", 0, nullptr);
+  const SafetensorsFile half = run(capture.folder.path / "b", 50, nullptr);
+  CHECK(half.tensors.at("param.opacities").shape[0] > 200);
+  const SafetensorsFile resumed = run(capture.folder.path / "b", 0, &half);
+  CHECK(resumed.tensors.at("param.opacities").shape[0] > half.tensors.at("param.opacities").shape[0]);
+  CHECK(resumed == whole);
+}
+
+TEST_CASE("splat: settings that cannot be are told") {
+  const Capture capture;
+  CHECK_THROWS_AS(built(capture.scene, {{"initial", "points"}}), Error);  // the capture has none
+  CHECK_THROWS_AS(built(capture.scene, {{"initial", "nowhere"}}), Error);
+  CHECK_THROWS_AS(built(capture.scene, {{"growth.strategy", "none"}}), Error);
+  CHECK_THROWS_AS(built(capture.scene, {{"sh.degree", "4"}}), Error);
+}
