@@ -10,6 +10,7 @@ Command add_compare(CLI::App& program);
 Command add_distance(CLI::App& program);
 Command add_render(CLI::App& program);
 Command add_export(CLI::App& program);
+Command add_convert(CLI::App& program);
 Command add_generate(CLI::App& program);
 Command add_edit(CLI::App& program);
 Command add_simulate(CLI::App& program);

@@ -29,6 +29,7 @@ constexpr char kIntroduction[] =
   cloam edit runs/street --list                  the actors of a street; --actor moves, turns, removes, swaps them
   cloam simulate runs/edited -o logs/edited      the edited street as a log: images, LiDAR and boxes
   cloam export runs/street --actor ID -o car.glb an actor as a mesh
+  cloam convert scene.ply scene.spz              Gaussian splats from one file format to another
   cloam train diffusion runs/street -o runs/new  learn what such actors are like ...
   cloam generate runs/new -n 8 -o cars           ... and make new ones: pictures and meshes
   cloam selftest --quick                         does this device compute right?

@@ -12,8 +12,9 @@ namespace cloam {
 SplatFile read_spz(const std::filesystem::path& path);
 
 /// Rounded as Niantic's library does: opacity, colours and deviations to a byte, harmonics of degree 1 to 5 bits and of
-/// degrees 2 and 3 to 4 bits; positions to 2^-16 or what the farthest one leaves of 24 bits. version: 2 or 3 (rotations
-/// to a third of a degree instead of one). Fault::usage for other versions, Fault::data for a position beyond 2^23.
+/// degrees 2 and 3 to 4 bits; positions to 2^-16 or what the farthest one leaves of 24 bits. Rotations
+/// are kept to a quarter of a degree in version 3, in version 2 to 13 degrees where w is near 0 and else to one.
+/// Fault::usage for other versions, Fault::data for a position beyond 2^23.
 void write_spz(const std::filesystem::path& path, const Gaussians& gaussians, int version = 3);
 
 }  // namespace cloam

@@ -1,0 +1,97 @@
+// cloam convert: files of gaussians from one format to another, read again after writing.
+#include <fmt/format.h>
+
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "cli/commands.h"
+#include "models/splat/files/formats.h"
+#include "models/splat/files/spz.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr char kExamples[] =
+    R"(Convert files of Gaussian splats; the extensions say the formats: .ply, .splat, .spz, .glb.
+
+Examples:
+  cloam convert scene.ply scene.spz
+  cloam convert scene.spz scene.glb
+  cloam convert points.ply scene.ply --up z       # a cloud of coloured points becomes round gaussians
+  cloam convert scene.ply scene.spz --spz-version 2
+
+What was written is read again; the largest error of each quantity is printed.)";
+
+struct ConvertRequest {
+  std::string in, out, up;
+  int spz_version = 3;
+};
+
+const std::map<std::string, Eigen::Vector3d> kAxes = {{"x", {1, 0, 0}},   {"y", {0, 1, 0}},   {"z", {0, 0, 1}},
+                                                      {"-x", {-1, 0, 0}}, {"-y", {0, -1, 0}}, {"-z", {0, 0, -1}}};
+
+Eigen::Vector3d axis_named(const std::string& name) {
+  const auto found = kAxes.find(name);
+  if (found == kAxes.end()) throw Error(Fault::usage, "--up " + name + ": want one of x, y, z, -x, -y, -z");
+  return found->second;
+}
+
+void write(const ConvertRequest& request, const Gaussians& gaussians) {
+  const bool is_spz = std::string(splat_format(request.out).extension) == ".spz";
+  if (is_spz && request.spz_version != 3) {
+    write_spz(request.out, gaussians, request.spz_version);
+  } else {
+    write_gaussians(request.out, gaussians);
+  }
+}
+
+std::string lines_of(const SplatErrors& errors) {
+  return fmt::format(
+      "largest errors: positions {:.3g}, deviations {:.3g} %, rotations {:.3g} degrees, opacities {:.3g}, colours "
+      "{:.3g}, coefficients of degrees 1 to 3 {:.3g}\n",
+      errors.position, 100 * errors.scale, errors.rotation, errors.opacity, errors.colour, errors.harmonics);
+}
+
+int run_command(const ConvertRequest& request, const Common& common) {
+  splat_format(request.out);  // an unknown name is told before anything is read
+  SplatFile file = read_gaussians(request.in);
+  Gaussians& gaussians = file.gaussians;
+  for (const std::string& warning : file.warnings) warn(warning);
+  if (!request.up.empty()) gaussians.up = axis_named(request.up);
+  write(request, gaussians);
+  const SplatErrors errors = reread_errors(request.out, gaussians);
+  if (common.json) {
+    const nlohmann::ordered_json json = {{"schema_version", 1},
+                                         {"path", request.out},
+                                         {"gaussians", gaussians.count()},
+                                         {"up", {gaussians.up.x(), gaussians.up.y(), gaussians.up.z()}},
+                                         {"position_error", errors.position},
+                                         {"deviation_error", errors.scale},
+                                         {"rotation_error_degrees", errors.rotation},
+                                         {"opacity_error", errors.opacity},
+                                         {"colour_error", errors.colour},
+                                         {"harmonics_error", errors.harmonics},
+                                         {"warnings", file.warnings}};
+    put(json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+  } else {
+    put(text(request.out, ": ", gaussians.count(), " gaussians\n", lines_of(errors)));
+  }
+  return 0;
+}
+
+}  // namespace
+
+Command add_convert(CLI::App& program) {
+  CLI::App* parser = program.add_subcommand("convert", kExamples);
+  const auto request = std::make_shared<ConvertRequest>();
+  const auto common = std::make_shared<Common>();
+  parser->add_option("IN", request->in, "File to read: .ply, .splat, .spz or .glb")->required();
+  parser->add_option("OUT", request->out, "File to write: .ply, .splat, .spz or .glb")->required();
+  parser->add_option("--up", request->up, "The axis of IN that points up: x, y, z, -x, -y, -z (what IN says; -y)");
+  parser->add_option("--spz-version", request->spz_version, "2 for old readers (3)")->check(CLI::Range(2, 3));
+  add_common(*parser, *common);
+  return {parser, [=] { return run_command(*request, *common); }};
+}
+
+}  // namespace cloam
