@@ -13,7 +13,7 @@ namespace cloam {
 
 struct GrowthOptions {
   std::string strategy = "densify";  // densify | mcmc
-  int from = 500, every = 100;       // steps
+  int from = 500, every = 100;       // steps: none changes before or at the first
   int most = 1000000;                // gaussians
   float gradient = 2e-4f;            // densify: |d loss / d mean| in units of half the picture that asks for more
   float small = 0.01f;               // densify: of the scene's extent; larger gaussians are split, others doubled

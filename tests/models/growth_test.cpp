@@ -50,8 +50,10 @@ TEST_CASE("growth: the paper's rules, gaussian by gaussian") {
     CHECK(g.sh_first[3 * half] == doctest::Approx(0.3));
   }
   CHECK(!moves.opacities_reset);
-  CHECK(!growth->due({499, 30000, 5}));
-  CHECK(growth->due({500, 30000, 5}));
+  CHECK(opacity(g, 0) == doctest::Approx(0.5));
+  for (const size_t doubled : {1, 3}) CHECK(1 - std::pow(1 - opacity(g, doubled), 2) == doctest::Approx(0.5));
+  CHECK(!growth->due({500, 30000, 5}));
+  CHECK(growth->due({600, 30000, 5}));
   CHECK(!growth->due({15100, 30000, 5}));
   CHECK(!growth->due({1100, 2000, 5}));  // the second half of a short training
 }
