@@ -104,6 +104,8 @@ std::string ProgressView::line() const {
   out += formatted("  loss %.5f", undrawn_.loss());
   const auto psnr = last_.metrics.find("psnr");
   if (psnr != last_.metrics.end()) out += formatted("  psnr %.1f", psnr->second);
+  const auto gaussians = last_.metrics.find("gaussians");
+  if (gaussians != last_.metrics.end()) out += formatted("  %.1f k gaussians", 1e-3 * gaussians->second);
   if (each > 0) out += each < 1 ? formatted("  %.1f it/s", 1 / each) : formatted("  %.1f s/it", each);
   out += "  mem " + words_for_bytes(device_stats().live_bytes);
   if (last_.seconds_left) {

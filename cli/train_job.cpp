@@ -206,8 +206,7 @@ MemoryPlan memory_plan(const TrainJob& job, const Captures& captures) {
 void check_memory(const MemoryPlan& plan, const TrainJob& job, const Captures& captures) {
   if (plan.total() <= memory_budget()) return;
   const uint64_t model = plan.total() - plan.images;
-  std::string fix =
-      text("fix: ", words_for_bytes(model), " are the model's: fewer of its --set batch.* or field.* fit");
+  std::string fix = text("fix: ", words_for_bytes(model), " are the model's: ", plan.smaller);
   for (int factor = job.record.reading.downscale + 1; factor <= 64 && model < memory_budget(); ++factor) {
     const uint64_t images = training_bytes(captures, factor);
     if (model + images > memory_budget()) continue;

@@ -52,7 +52,8 @@ Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int 
 }  // namespace
 
 void Splat::configure(Config& c) {
-  c.bind("initial", config_.initial, "where gaussians begin: auto | points | lidar | random");
+  c.bind("initial", config_.initial,
+         "where gaussians begin: auto | points | lidar | random | a file of points or splats");
   c.bind("initial.random", config_.initial_random, "how many, where they begin anywhere");
   c.bind("background", config_.background, "auto | black | white | random");
   c.bind("antialiased", config_.antialiased, "opacities shrink by what the pixel's blur widens (Mip-Splatting)");
@@ -95,7 +96,10 @@ void Splat::build(const Scenes& scenes, uint64_t seed) {
   has_alpha_ = scene.has_alpha;
   frames_ = static_cast<int64_t>(frames_of(scene, Split::train).size());
   growth_ = make_growth(config_.growth, extent_);
-  put(initial_gaussians(scene, {config_.initial, config_.initial_random, seed}));
+  // A capture that comes from a run folder has no files: the gaussians come with the checkpoint.
+  const bool restored = scene.root.empty();
+  put(restored ? Gaussians{{0, 0, 0}, {0, 0, 0}, {1, 0, 0, 0}, {0}, {0, 0, 0}, std::vector<float>(45)}
+               : initial_gaussians(scene, {config_.initial, config_.initial_random, seed}));
   if (config_.exposure)
     params_["exposure"] = parameter(std::vector<float>(static_cast<size_t>(6 * frames_), 0), {frames_, 6});
 }
@@ -142,15 +146,16 @@ void Splat::load_data(std::vector<TrainingData> data) {
 }
 
 MemoryPlan Splat::memory() const {
-  constexpr uint64_t kNumbers = 59;       // of a gaussian
-  constexpr uint64_t kWorkNumbers = 170;  // gradients by op, projections, colours
-  constexpr uint64_t kPairsEach = 10, kPairBytes = 80, kPixelBytes = 160;
+  constexpr uint64_t kNumbers = 4 * 59;                         // bytes of a gaussian's parameters
+  constexpr uint64_t kWork = 4 * 170 + 10 * 100, kPixel = 160;  // gradients, projections, ten pairs with tiles
   const auto most = static_cast<uint64_t>(std::max<int64_t>(count(), config_.growth.most));
   MemoryPlan plan;
-  plan.parameters = most * kNumbers * 4;
+  plan.parameters = most * kNumbers;
   plan.optimiser = 2 * plan.parameters;
   plan.images = image_bytes_;
-  plan.work = most * (kWorkNumbers * 4 + kPairsEach * kPairBytes) + most_pixels_ * kPixelBytes;
+  plan.work = most * kWork + most_pixels_ * kPixel;
+  const uint64_t others = plan.images + most_pixels_ * kPixel, budget = memory_budget();
+  if (budget > others) plan.smaller = text("--set growth.most=", (budget - others) / (3 * kNumbers + kWork), " fits");
   return plan;
 }
 

@@ -7,6 +7,7 @@
 
 #include "models/data/load_sweep.h"
 #include "models/scene/orbit.h"
+#include "models/splat/files/formats.h"
 #include "models/splat/initialise.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -100,11 +101,13 @@ double camera_radius(const Scene& scene) {
 }
 
 Gaussians initial_gaussians(const Scene& scene, const InitialOptions& options) {
+  if (std::filesystem::path(options.kind).has_extension()) return read_gaussians(options.kind).gaussians;
   const bool automatic = options.kind == "auto";
   const bool points = options.kind == "points" || (automatic && scene.cloud.count() > 0);
   const bool lidar = options.kind == "lidar" || (automatic && !points && !scene.sweeps.empty());
   if (!automatic && !points && !lidar && options.kind != "random")
-    throw Error(Fault::usage, text("setting initial: \"", options.kind, "\", want auto, points, lidar or random"));
+    throw Error(Fault::usage,
+                text("setting initial: \"", options.kind, "\", want auto, points, lidar, random or a file"));
   const PointCloud cloud = points ? scene.cloud : lidar ? lidar_points(scene, options) : random_points(scene, options);
   if (cloud.count() == 0)
     throw Error(Fault::data, text("initial=", options.kind, ": the capture has no ", points ? "points" : "LiDAR sweeps",

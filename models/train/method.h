@@ -40,7 +40,8 @@ struct TrainingData {
 };
 
 struct MemoryPlan {
-  uint64_t parameters = 0, optimiser = 0, images = 0, work = 0;  // bytes
+  uint64_t parameters = 0, optimiser = 0, images = 0, work = 0;       // bytes
+  std::string smaller = "fewer of its --set batch.* or field.* fit";  // what the user can do about the model's part
   uint64_t total() const { return parameters + optimiser + images + work; }
 };
 
