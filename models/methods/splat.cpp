@@ -1,11 +1,9 @@
 // Gaussian splatting, composed of projection, tiles, blending and a growth strategy.
 #include "models/methods/splat.h"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <random>
 
 #include "models/render/undistort.h"
 #include "models/splat/initial_gaussians.h"
@@ -247,12 +245,12 @@ Gradients Splat::gradients(const Progress& progress, const Tensors& wanted) {
   out.of_parameters = grad_where_reached(out.loss, all);
   mean_gradient_ = out.of_parameters.back() ? stop_gradient(out.of_parameters.back()) : Tensor();
   out.of_parameters.pop_back();
-  observe(progress);
+  observe();
   return out;
 }
 
 /// Sums for the growth: |d loss / d mean|, in units of half the picture, of the gaussians that some tile lists.
-void Splat::observe(const Progress&) {
+void Splat::observe() {
   const int64_t count = last_.seen.dim(0);
   const Tensor listed =
       cast(slice(last_.tiles.first, 0, 1, count + 1) > slice(last_.tiles.first, 0, 0, count), DType::f32);

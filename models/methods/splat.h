@@ -62,7 +62,7 @@ class Splat final : public Method {
   size_t photograph_for(const Progress& progress) const;
   Tensor background_for(const Progress& progress) const;
   Tensor exposed(const Tensor& planes, size_t photograph) const;
-  void observe(const Progress& progress);
+  void observe();
 
   SplatConfig config_;
   uint64_t seed_ = 0;
