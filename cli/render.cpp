@@ -1,4 +1,4 @@
-// cloam render: views of the capture, an orbit, or cameras from a file.
+// cloam render: views of the capture, a path, or cameras from a file.
 #include "cli/render.h"
 
 #include <algorithm>
@@ -6,6 +6,7 @@
 
 #include "cli/capture.h"
 #include "cli/commands.h"
+#include "cli/render_film.h"
 #include "cli/render_views.h"
 #include "models/data/paths.h"
 #include "models/io/commit.h"
@@ -25,7 +26,8 @@ constexpr char kExamples[] = R"(Render views of a trained scene.
 
 Examples:
   cloam render runs/fox -o pictures                          the held-out views
-  cloam render runs/fox -o orbit --path orbit --frames 60    a turntable, with an animated GIF
+  cloam render runs/fox -o orbit --path orbit --frames 60    a turntable, with a GIF and an MP4
+  cloam render runs/fox -o walk --path interpolated --frames 200    through the cameras, likewise
   cloam render runs/fox -o all --split all --exr             colour, depth and opacity as EXR layers
   cloam render runs/fox -o one --camera cam.json
   cloam render runs/street -o wide --log 003 --time +0.75 --camera-name left_camera --size 1280x720
@@ -116,9 +118,20 @@ int render_lidar_alone(const RestoredRun& run, const RenderRequest& request, con
   return 0;
 }
 
+/// The path's pictures as a GIF and a film. Returns in words what was made; of no pictures nothing.
+std::string write_moving(const std::vector<Image>& images, const RenderRequest& request, const Common& common) {
+  if (images.empty()) return "";
+  const fs::path gif = fs::path(request.out) / (request.path + ".gif");
+  write_gif(gif, images, kFramesPerSecond);
+  const bool film = write_film(request.out, request.path, images.size(), kFramesPerSecond, common);
+  return ", " + gif.string() + (film ? " and " + request.path + ".mp4" : "");
+}
+
 void check_request(const RenderRequest& request) {
   check_word("--split", request.split, {"test", "train", "all"});
-  if (!request.path.empty()) check_word("--path", request.path, {"orbit"});
+  if (!request.path.empty()) check_word("--path", request.path, {"orbit", "interpolated"});
+  if (!request.path.empty() && !request.camera.empty())
+    throw Error(Fault::usage, "--path and --camera: give one of them");
   if (request.step && !request.time.empty()) throw Error(Fault::usage, "--step and --time: give one of them");
   if (request.lidar && (!request.camera.empty() || !request.path.empty() || !request.time.empty()))
     throw Error(Fault::usage, "--lidar renders recorded sweeps: choose them with --split, --step and --log");
@@ -140,13 +153,12 @@ int run_render(const RenderRequest& request, const Common& common) {
   if (views.empty()) throw Error(Fault::data, "there is no view to render in the split " + request.split);
   const std::vector<Image> images = render_all(run, views, request, common);
   if (request.masks) write_actor_names(run, request);
-  const fs::path gif = fs::path(request.out) / "orbit.gif";
-  if (!images.empty()) write_gif(gif, images, kFramesPerSecond);
+  const std::string moving = write_moving(images, request, common);
   if (common.json) {
     const nlohmann::ordered_json json = {{"schema_version", 1}, {"images", views.size()}, {"folder", request.out}};
     put(json.dump() + "\n");
   }
-  say(common, text(views.size(), " pictures in ", request.out, images.empty() ? "" : ", turntable " + gif.string()));
+  say(common, text(views.size(), " pictures in ", request.out, moving));
   return 0;
 }
 
@@ -157,7 +169,8 @@ Command add_render(CLI::App& program) {
   parser->add_option("RUN", request->run, "Run folder")->required();
   parser->add_option("-o,--out", request->out, "Folder for the pictures")->required();
   parser->add_option("--split", request->split, "test (held-out views), train or all");
-  parser->add_option("--path", request->path, "orbit: a circle around what the cameras look at");
+  parser->add_option("--path", request->path,
+                     "orbit: a circle around what the cameras look at; interpolated: through the cameras, by name");
   parser->add_option("--frames", request->frames, "Pictures of the path (60)")->check(CLI::Range(1, 10000));
   parser->add_option("--log", request->log, "Of a run of several logs: the number (from 0) or name of one");
   parser->add_option("--camera-name", request->camera_name, "Of a log: the views of one camera, as front_camera");

@@ -17,7 +17,7 @@ struct RenderRequest {
   bool masks = false, lidar = false;
 };
 
-/// Writes one picture a view into request.out, and a GIF of an orbit. Errors as the program's faults.
+/// Writes one picture a view into request.out, and a GIF and a film of a path. Errors as the program's faults.
 int run_render(const RenderRequest& request, const Common& common);
 
 }  // namespace cloam

@@ -8,6 +8,7 @@
 
 #include "cli/capture.h"
 #include "models/data/paths.h"
+#include "models/scene/camera_path.h"
 #include "models/scene/orbit.h"
 #include "models/train/camera_file.h"
 #include "models/train/pictures.h"
@@ -118,6 +119,19 @@ std::vector<NamedView> orbit_views(const Scene& scene, int index, const Restored
   return views;
 }
 
+/// Through the cameras of photos, or of one camera of a log.
+std::vector<NamedView> interpolated_views(const Scene& scene, int index, const RestoredRun& run,
+                                          const RenderRequest& request) {
+  const std::string sensor = request.camera_name.empty() ? front_sensor(scene) : request.camera_name;
+  const std::vector<Frame> stops = frames_in_order(scene, sensor);
+  const Camera camera = at_size(camera_of(scene, stops.front()), run, request);
+  std::vector<NamedView> views;
+  for (const CameraMoment& moment : interpolated_path(stops, request.frames))
+    views.push_back(
+        {fmt::format("interpolated_{:04}", views.size()), {camera, moment.world_from_camera, index, moment.time}});
+  return views;
+}
+
 std::vector<std::string> log_names(const RestoredRun& run) {
   std::vector<std::string> names;
   for (std::size_t i = 0; i < run.scenes.size(); ++i) names.push_back(log_name(run, static_cast<int>(i)));
@@ -166,7 +180,9 @@ std::vector<NamedView> views_of(const RestoredRun& run, const RenderRequest& req
                                              : read_split_scene(request.data, run.record.reading);
     if (!request.camera_name.empty()) check_camera_name(scene, request.camera_name);
     std::vector<NamedView> more;
-    if (!request.path.empty())
+    if (request.path == "interpolated")
+      more = interpolated_views(scene, index, run, request);
+    else if (!request.path.empty())
       more = orbit_views(scene, index, run, request);
     else if (!request.time.empty())
       more = {view_at_time(scene, index, run, request)};

@@ -14,8 +14,8 @@ struct NamedView {
 };
 
 /// Of the run's captures (all, or --log), or of --data: the images of the split, or those of one step; a camera at any
-/// time between its images; an orbit; cameras from a file. Needs no images: the geometry is in the run folder.
-/// Fault::usage for names that the run does not have, and for times outside a camera's images.
+/// time between its images; an orbit, or a path through the cameras; cameras from a file. Needs no images: the geometry
+/// is in the run folder. Fault::usage for names that the run does not have, and for times outside a camera's images.
 std::vector<NamedView> views_of(const RestoredRun& run, const RenderRequest& request);
 
 /// The numbers of the scenes that --log asks for: one, or all.

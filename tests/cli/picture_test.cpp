@@ -149,6 +149,69 @@ TEST_CASE("an orbit is rendered as pictures and as a GIF") {
   CHECK(std::count(gif.begin(), gif.end(), '\x2c') >= 3);  // an image descriptor a frame
 }
 
+TEST_CASE("a path through the cameras shows what they see, in order") {
+  const fs::path all = scratch() / "stops", out = scratch() / "walk";
+  REQUIRE(cloam_with({"render", trained().string(), "-o", all.string(), "--split", "all"}).code == 0);
+  REQUIRE(
+      cloam_with({"render", trained().string(), "-o", out.string(), "--path", "interpolated", "--frames", "19"}).code ==
+      0);
+  CHECK(content_of(out / "interpolated.gif").starts_with("GIF89a"));
+  const auto apart = [&](const std::string& frame, const std::string& view) {
+    const Image a = read_image(out / (frame + ".png")), b = read_image(all / (view + ".png"));
+    REQUIRE(a.pixels.size() == b.pixels.size());
+    int most = 0;
+    for (std::size_t i = 0; i < a.pixels.size(); ++i) most = std::max(most, std::abs(a.pixels[i] - b.pixels[i]));
+    return most;
+  };
+  CHECK(apart("interpolated_0000", "test_r_0") <= 1);  // ten cameras, a picture between each two
+  CHECK(apart("interpolated_0004", "train_r_0") <= 1);
+  CHECK(apart("interpolated_0018", "train_r_7") <= 1);
+  CHECK(apart("interpolated_0003", "train_r_0") > 1);
+  CHECK(cloam_with({"render", trained().string(), "-o", out.string(), "--path", "orbit", "--camera", "x"}).code == 2);
+}
+
+TEST_CASE("a path becomes a film where ffmpeg is installed, and nothing fails where it is not or does") {
+  const fs::path out = scratch() / "100 % films", bin = scratch() / "bin", calls = scratch() / "ffmpeg-calls";
+  fs::create_directories(bin);
+  const auto render = [&](const Words& environment) {
+    const Outcome outcome =
+        cloam_with({"render", trained().string(), "-o", out.string(), "--path", "orbit", "--frames", "2"}, environment);
+    CHECK_MESSAGE(outcome.code == 0, outcome.err);
+    CHECK(fs::exists(out / "orbit_0001.png"));
+    CHECK(fs::exists(out / "orbit.gif"));
+    return outcome.err;
+  };
+  const std::string path = "PATH=" + bin.string();
+  CHECK(contains(render({path}), "ffmpeg is not in PATH (apt-get install ffmpeg)"));
+  write_text(bin / "ffmpeg", R"sh(#!/bin/sh
+echo "$@" > "$CALLS"
+[ -z "$FAIL" ] || { echo "Unknown encoder" >&2; exit 8; }
+for film; do :; done
+echo film > "$film"
+)sh");
+  fs::permissions(bin / "ffmpeg", fs::perms::owner_all);
+  const std::string failed = render({path, "CALLS=" + calls.string(), "FAIL=1"});
+  CHECK(contains(failed, "warning: "));
+  CHECK(contains(failed, "ended with code 8; it said:\n    Unknown encoder"));
+  CHECK_FALSE(fs::exists(out / "orbit.mp4"));
+  CHECK(contains(render({path, "CALLS=" + calls.string()}), "orbit.gif and orbit.mp4"));
+  CHECK(content_of(out / "orbit.mp4") == "film\n");
+  CHECK(contains(content_of(calls), "100 %% films/orbit_%04d.png -frames:v 2"));
+  CHECK(std::distance(fs::directory_iterator(out), fs::directory_iterator()) == 4);  // no temporary file stayed
+}
+
+TEST_CASE("a film by ffmpeg itself") {
+  if (!fs::exists("/usr/bin/ffmpeg")) {
+    MESSAGE("skipped: no ffmpeg");
+    return;
+  }
+  const fs::path out = scratch() / "100% film: one";
+  REQUIRE(cloam_with(
+              {"render", trained().string(), "-o", out.string(), "--path", "orbit", "--frames", "3", "--size", "25x31"})
+              .code == 0);
+  CHECK(content_of(out / "orbit.mp4").substr(4, 4) == "ftyp");
+}
+
 TEST_CASE("a camera file gives the view, and a damaged one is exit 3") {
   const auto source = json_of(small_scene() / "transforms_test.json");
   nlohmann::json camera = {{"w", 20}, {"h", 10}, {"camera_angle_x", 0.7}};

@@ -1,0 +1,72 @@
+// See render_film.h.
+#include "cli/render_film.h"
+
+#include <cstdlib>
+#include <deque>
+
+#include "cli/child_program.h"
+#include "models/io/commit.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kLastWords = 4;  // lines of ffmpeg's that a warning shows
+
+// Left alone, ffmpeg converts to BT.601 and does not say so, and players take large films for BT.709.
+constexpr char kFilter[] = "crop=trunc(iw/2)*2:trunc(ih/2)*2:0:0,scale=out_color_matrix=bt709,format=yuv420p";
+
+/// For ffmpeg, which reads % as the beginning of a number's place.
+std::string without_places(const std::string& path) {
+  std::string out;
+  for (const char letter : path) out += letter == '%' ? "%%" : std::string(1, letter);
+  return out;
+}
+
+/// Paths begin with a slash: ffmpeg takes what stands before a colon for a protocol.
+void encode(const fs::path& ffmpeg, const std::vector<std::string>& input, const fs::path& film) {
+  std::vector<std::string> words = {"-nostdin", "-hide_banner", "-loglevel", "error", "-y"};
+  words.insert(words.end(), input.begin(), input.end());
+  for (const char* word : {"-vf", kFilter, "-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc",
+                           "iec61966-2-1", "-movflags", "+faststart"})
+    words.push_back(word);
+  words.push_back(film.string());
+  std::deque<std::string> last;
+  const int code = run_child({ffmpeg, words}, [&](const std::string& line) {
+    last.push_back(line);
+    if (last.size() > kLastWords) last.pop_front();
+  });
+  if (code == 0) return;
+  std::string said;
+  for (const std::string& line : last) said += "\n    " + line;
+  throw Error(Fault::write, text(ffmpeg.string(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
+                                 said.empty() ? "; it said nothing" : "; it said:", said));
+}
+
+}  // namespace
+
+bool write_film(const fs::path& folder, const std::string& name, std::size_t count, int frames_per_second,
+                const Common& common) {
+  const fs::path ffmpeg = find_program("ffmpeg"), film = folder / (name + ".mp4");
+  if (ffmpeg.empty()) {
+    say(common, text("no ", film.string(), ": ffmpeg is not in PATH (apt-get install ffmpeg)"));
+    return false;
+  }
+  const std::string pictures = without_places(fs::absolute(folder / name).string()) + "_%04d.png";
+  try {
+    commit_file(fs::absolute(film), [&](const fs::path& temp) {
+      encode(ffmpeg,
+             {"-f", "image2", "-pattern_type", "sequence", "-framerate", std::to_string(frames_per_second),
+              "-start_number", "0", "-i", pictures, "-frames:v", std::to_string(count)},
+             temp);
+    });
+  } catch (const Error& error) {
+    warn(text("no ", film.string(), ": ", error.what()));
+    return false;
+  }
+  return true;
+}
+
+}  // namespace cloam
