@@ -73,6 +73,7 @@ void Splat::configure(Config& c) {
   c.bind("growth.every", config_.growth.every, "steps between such changes");
   c.bind("growth.most", config_.growth.most, "gaussians, at most");
   c.bind("growth.gradient", config_.growth.gradient, "densify: gradient of means that asks for more");
+  c.bind("growth.absolute", config_.growth.absolute, "densify: sums of absolute gradients, pixel by pixel (AbsGS)");
   c.bind("growth.small", config_.growth.small, "densify: deviation, of the cameras' radius, above which one is split");
   c.bind("growth.large", config_.growth.large, "densify: deviation, of the radius, above which one is removed");
   c.bind("growth.faint", config_.growth.faint, "opacity below which a gaussian goes");
@@ -174,10 +175,7 @@ SplatModel Splat::model(int degree) const {
           {params_.at("sh_first"), params_.at("sh_rest"), degree}};
 }
 
-Drawn Splat::seen_by(const Camera& camera, const Eigen::Matrix4d& world_from_camera, int degree, bool depth) const {
-  const float near = config_.near * static_cast<float>(extent_);
-  return draw(model(degree), camera, view_matrix(world_from_camera), {near, config_.antialiased, depth});
-}
+DrawOptions Splat::draw_options() const { return {config_.near * static_cast<float>(extent_), config_.antialiased}; }
 
 /// A degree more each time; in a short training the last one shall still be learned for most of it.
 int Splat::degree_at(const Progress& progress) const {
@@ -216,7 +214,11 @@ Tensor Splat::loss(const Progress& progress) {
   const size_t which = photograph_for(progress);
   const Photograph& photograph = photographs_[which];
   degree_ = degree_at(progress);
-  last_ = seen_by(photograph.camera, photograph.world_from_camera, degree_, false);
+  DrawOptions options = draw_options();
+  probe_ = config_.growth.absolute ? parameter(std::vector<float>(static_cast<size_t>(2 * count())), {count(), 2})
+                                   : Tensor();
+  options.probe = probe_;
+  last_ = draw(model(degree_), photograph.camera, view_matrix(photograph.world_from_camera), options);
   const Tensor background = background_for(progress);
   const Tensor drawn = exposed(last_.planes + unsqueeze(last_.transmittance, 0) * background, which);
   const Tensor rgba = cast(photograph.rgba, DType::f32) / 255.f;
@@ -241,7 +243,7 @@ Gradients Splat::gradients(const Progress& progress, const Tensors& wanted) {
   Gradients out;
   out.loss = loss(progress);
   Tensors all = wanted;
-  all.push_back(last_.seen);
+  all.push_back(probe_ ? probe_ : last_.seen);
   out.of_parameters = grad_where_reached(out.loss, all);
   mean_gradient_ = out.of_parameters.back() ? stop_gradient(out.of_parameters.back()) : Tensor();
   out.of_parameters.pop_back();
@@ -254,7 +256,7 @@ void Splat::observe() {
   const int64_t count = last_.seen.dim(0);
   const Tensor listed =
       cast(slice(last_.tiles.first, 0, 1, count + 1) > slice(last_.tiles.first, 0, 0, count), DType::f32);
-  if (!mean_gradient_) mean_gradient_ = zeros({count, 7});
+  if (!mean_gradient_) mean_gradient_ = zeros({count, 2});
   const Tensor half = from_host(
       std::vector<float>{0.5f * static_cast<float>(last_.tiles.width), 0.5f * static_cast<float>(last_.tiles.height)},
       {1, 2});
@@ -295,7 +297,9 @@ std::map<std::string, double> Splat::metrics() const {
 
 Picture Splat::render(const View& view) {
   const Camera pinhole = pinhole_around(view.camera);
-  const Drawn drawn = seen_by(pinhole, view.world_from_camera, config_.sh_degree, true);
+  DrawOptions options = draw_options();
+  options.depth = true;
+  const Drawn drawn = draw(model(config_.sh_degree), pinhole, view_matrix(view.world_from_camera), options);
   const float back = config_.background == "white" || (config_.background == "auto" && has_alpha_) ? 1.f : 0.f;
   const std::vector<float> planes = drawn.planes.to_host(), through = drawn.transmittance.to_host();
   const std::vector<float> directions = pixel_directions(pinhole);

@@ -57,7 +57,7 @@ class Splat final : public Method {
   void put(const Gaussians& gaussians);
   SplatModel model(int degree) const;
   int64_t count() const { return params_.at("opacities").dim(0); }
-  Drawn seen_by(const Camera& camera, const Eigen::Matrix4d& world_from_camera, int degree, bool depth) const;
+  DrawOptions draw_options() const;
   int degree_at(const Progress& progress) const;
   size_t photograph_for(const Progress& progress) const;
   Tensor background_for(const Progress& progress) const;
@@ -76,7 +76,7 @@ class Splat final : public Method {
   int64_t frames_ = 0;  // that train, of the scene
   int degree_ = 0;      // reached
   Drawn last_;          // of this step
-  Tensor mean_gradient_, error_;
+  Tensor probe_, mean_gradient_, error_;
   Tensor gradient_sums_, views_;  // [G] since the last growth
 };
 

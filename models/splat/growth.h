@@ -16,11 +16,12 @@ struct GrowthOptions {
   int from = 500, every = 100;       // steps: none changes before or at the first
   int most = 1000000;                // gaussians
   float gradient = 2e-4f;            // densify: |d loss / d mean| in units of half the picture that asks for more
-  float small = 0.01f;               // densify: of the scene's extent; larger gaussians are split, others doubled
-  float large = 0.1f;                // densify: of the extent; larger ones go after the first reset
-  float faint = 0.005f;              // opacity below which a gaussian goes (mcmc: moves)
-  int reset_every = 3000;            // densify: steps between resets of opacities
-  float noise = 5e5f;                // mcmc: times the rate of means
+  bool absolute = false;   // densify: absolute values pixel by pixel (Ye et al. 2024, AbsGS); 8e-4 is usual then
+  float small = 0.01f;     // densify: of the scene's extent; larger gaussians are split, others doubled
+  float large = 0.1f;      // densify: of the extent; larger ones go after the first reset
+  float faint = 0.005f;    // opacity below which a gaussian goes (mcmc: moves)
+  int reset_every = 3000;  // densify: steps between resets of opacities
+  float noise = 5e5f;      // mcmc: times the rate of means
   float weight_opacity = 0.01f, weight_scale = 0.01f;  // mcmc
 };
 

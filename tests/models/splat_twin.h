@@ -19,6 +19,7 @@ struct TwinView {
   Camera camera;
   Eigen::Matrix<double, 3, 4> camera_from_world;
   double near = 0.2, blur = 0.3;
+  std::vector<Eigen::Vector2d> shifts = {};  // of each gaussian's mean in the picture, pixels; empty: none
 };
 
 struct TwinSplat {
@@ -85,9 +86,11 @@ inline bool twin_project(const Eigen::Matrix<double, 59, 1>& row, const TwinView
 /// the rasteriser stores them.
 inline std::vector<double> twin_render(const TwinRows& rows, const TwinView& view) {
   std::vector<TwinSplat> all;
-  for (const auto& row : rows) {
+  for (size_t i = 0; i < rows.size(); i++) {
     TwinSplat one;
-    if (twin_project(row, view, one)) all.push_back(one);
+    if (!twin_project(rows[i], view, one)) continue;
+    if (!view.shifts.empty()) one.mean += view.shifts[i];
+    all.push_back(one);
   }
   std::stable_sort(all.begin(), all.end(), [](const TwinSplat& a, const TwinSplat& b) {
     return static_cast<float>(a.depth) < static_cast<float>(b.depth);
