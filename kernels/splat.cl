@@ -106,8 +106,7 @@ __kernel void gradient_tiles(__global const float* restrict splats, __global con
 #define LANES (TILE * TILE)
 
 __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void blend_groups(
-    __global const float* restrict means, __global const float* restrict conics, __global const float* restrict colours,
-    __global const float* restrict opacities, __global const int* restrict ids, __global const int* restrict offsets,
+    __global const float* restrict splats, __global const float* restrict colours, __global const int* restrict ids, __global const int* restrict offsets,
     __global float* restrict out, int height, int width) {
   __local Splat batch[LANES];
   const int across = (width + TILE - 1) / TILE, tile = get_group_id(0), lane = get_local_id(0), plane = height * width;
@@ -148,8 +147,7 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void blend_groups(
 #define NUMBERS 12  // of PAIR
 
 __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void gradient_groups(
-    __global const float* restrict means, __global const float* restrict conics, __global const float* restrict colours,
-    __global const float* restrict opacities, __global const int* restrict ids, __global const int* restrict offsets,
+    __global const float* restrict splats, __global const float* restrict colours, __global const int* restrict ids, __global const int* restrict offsets,
     __global const int* restrict slots, __global const float* restrict out, __global const float* restrict g,
     __global float* restrict pairs, int height, int width) {
   __local Splat batch[FEW];

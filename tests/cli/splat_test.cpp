@@ -54,14 +54,14 @@ TEST_CASE("splat: exported in every format, read again, and drawn like the model
     CHECK(psnr.is_null() == (std::string(format) == "ply"));
   }
   // Training goes on from any such file.
-  const Outcome again = cloam_with(
-      training(scratch() / "from-file", {"--steps", "2", "--set", "initial=" + (scratch() / "scene.ply").string()}));
+  const Outcome again = cloam_with(training(
+      scratch() / "splats-from-file", {"--steps", "2", "--set", "initial=" + (scratch() / "scene.ply").string()}));
   CHECK_MESSAGE(again.code == 0, again.err);
-  CHECK(cloam_with({"eval", (scratch() / "from-file").string()}).code == 0);
+  CHECK(cloam_with({"eval", (scratch() / "splats-from-file").string()}).code == 0);
 }
 
 TEST_CASE("splat: stopped and resumed ends in the bytes of one that was left alone") {
-  const fs::path run = scratch() / "stopped";
+  const fs::path run = scratch() / "splats-stopped";
   REQUIRE(cloam_with(training(run, {"--steps", "150", "--stop-after", "45"})).code == 0);
   const Outcome resumed = cloam_with({"train", "--resume", run.string()});
   REQUIRE_MESSAGE(resumed.code == 0, resumed.err);
@@ -69,7 +69,7 @@ TEST_CASE("splat: stopped and resumed ends in the bytes of one that was left alo
 }
 
 TEST_CASE("splat: what does not fit or cannot be is told before anything is done") {
-  const fs::path run = scratch() / "never";
+  const fs::path run = scratch() / "splats-never";
   const Outcome large = cloam_with(training(run, {"--max-memory", "300M", "--set", "growth.most=2000000"}));
   CHECK(large.code == 5);
   CHECK_MESSAGE(contains(large.err, "growth.most="), large.err);
