@@ -20,7 +20,6 @@ constexpr double kTurntableView = kPi * 30 / 180, kTurntableHeight = kPi * 18 / 
 Vector3d position(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
 Vector3d forward(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
 
-
 Eigen::Matrix4d looking_at(const Vector3d& eye, const Vector3d& target, const Vector3d& up) {
   const Vector3d z = (target - eye).normalized();
   const Vector3d x = z.cross(up).normalized();

@@ -2,8 +2,8 @@
 #include <bit>
 
 #include "runtime/ops.h"
-#include "runtime/ops/share.h"
 #include "runtime/ops/segments.h"
+#include "runtime/ops/share.h"
 
 namespace cloam {
 namespace {
