@@ -1,5 +1,6 @@
 // 3D Gaussians as a camera sees them: projection, colours, and the tiles that they reach.
 #include <bit>
+#include <limits>
 
 #include "runtime/cl.h"
 #include "runtime/ops.h"
@@ -95,6 +96,17 @@ int32_t value_at(const Tensor& values, int64_t place) {
   return value;
 }
 
+/// Their running sums are of 32 bits.
+void check_pairs(const Tensor& counts, int64_t tiles) {
+  constexpr int64_t kMost = std::numeric_limits<int32_t>::max();
+  if (counts.numel() * tiles <= kMost) return;
+  const float pairs = sum(cast(counts, DType::f32)).item();
+  if (pairs >= 0.999f * static_cast<float>(kMost))
+    throw Error(Fault::usage,
+                text("[splat_tiles] ", counts.numel(), " gaussians reach ", pairs, " times into ", tiles,
+                     " tiles, want fewer than 2^31\n  fix: fewer or smaller gaussians, a smaller picture"));
+}
+
 Tensor running_starts(const Tensor& counts) {
   const Tensor starts = empty(counts.shape(), DType::i32);
   scan_rows(counts, starts, 1, {.exclusive = true});
@@ -135,6 +147,7 @@ SplatTiles splat_tiles(const Tensor& seen, int64_t height, int64_t width) {
   const auto [range, chunk] = chunks(count, 256);
   const Tensor counts = empty({count}, DType::i32);
   launch(kernel("splat_tiles", "count_tiles"), "count_tiles", range, splats, counts, count, across, down, chunk);
+  check_pairs(counts, across * down);
   const auto starts_of = [&](const Tensor& of) { return running_starts(dense(pad(of, 0, 0, 1))); };
   const Tensor first = starts_of(counts), starts = starts_of(gather_rows(counts, order));
   const int64_t pairs = value_at(starts, count);
