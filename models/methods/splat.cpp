@@ -279,6 +279,7 @@ RowMoves Splat::grow(const Progress& progress) {
   if (all.count() == 0)
     throw Error(Fault::diverged, text("no gaussian is left after step ", progress.step,
                                       "\n  fix: --set growth.faint=0.001, or lower rates; are the poses right?"));
+  if (!moves.any()) return {};
   put(all);
   last_ = {};
   RowMoves out;

@@ -111,6 +111,9 @@ TEST_CASE("growth: Markov chain Monte Carlo moves the faint to the opaque") {
   Gaussians grown = row_of(std::vector<double>(40, 0.1), std::vector<double>(40, 0.5));
   make_growth(options, 10.0)->grow(grown, {}, kGrowthStep);
   CHECK(grown.count() == 42);  // 5 % more
+  options.most = 40;
+  Gaussians enough = row_of(std::vector<double>(40, 0.1), std::vector<double>(40, 0.5));
+  CHECK(!make_growth(options, 10.0)->grow(enough, {}, kGrowthStep).any());
   CHECK_THROWS_AS(make_growth({.strategy = "mcm"}, 1.0), Error);
 }
 

@@ -117,6 +117,18 @@ TEST_CASE("splat: a resumed training gives the same bytes, growth and all") {
   CHECK(resumed == whole);
 }
 
+TEST_CASE("splat: a growth with nothing to do changes nothing") {
+  const Capture capture;
+  CHECK(trained(capture,
+                {{"initial", "random"},
+                 {"initial.random", "150"},
+                 {"growth.strategy", "mcmc"},
+                 {"growth.from", "5"},
+                 {"growth.every", "5"},
+                 {"growth.most", "150"}},
+                20) > mean_colour(capture.scene));
+}
+
 TEST_CASE("splat: settings that cannot be are told") {
   const Capture capture;
   CHECK_THROWS_AS(built(capture.scene, {{"initial", "points"}}), Error);  // the capture has none
