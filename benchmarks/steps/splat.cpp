@@ -1,6 +1,5 @@
-// Gaussian splatting: a large capture forward and backward, and whole training steps on photographs. Both need test
-// data
-// ($CLOAM_TEST_DATA); without it there are no such workloads.
+// Gaussian splatting: a large capture forward and backward, and whole training steps on photographs. Without test data
+// ($CLOAM_TEST_DATA) there are no such workloads.
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
