@@ -59,8 +59,21 @@ void write_actor_names(const RestoredRun& run, const RenderRequest& request) {
   }
 }
 
+/// What the pictures are called that make a film together, as NAME_0000; none where each stands for itself.
+std::string film_name(const std::vector<NamedView>& views, const RenderRequest& request) {
+  if (!request.path.empty()) return request.path;
+  const auto other_size = [&](const NamedView& v) {
+    return v.view.camera.width != views.front().view.camera.width ||
+           v.view.camera.height != views.front().view.camera.height;
+  };
+  if (request.camera.empty() || views.size() < 2 || std::any_of(views.begin(), views.end(), other_size)) return "";
+  return kCameraFileViews;
+}
+
+/// Those of a film are returned.
 std::vector<Image> render_all(const RestoredRun& run, const std::vector<NamedView>& views, const RenderRequest& request,
                               const Common& common) {
+  const bool film = !film_name(views, request).empty();
   std::vector<Image> images;
   std::size_t done = 0;
   for (const auto& [name, view] : views) {
@@ -69,7 +82,7 @@ std::vector<Image> render_all(const RestoredRun& run, const std::vector<NamedVie
     write_png(fs::path(request.out) / (name + ".png"), image);
     if (request.exr) write_picture_exr(fs::path(request.out) / (name + ".exr"), picture);
     if (request.masks) write_mask(fs::path(request.out) / (name + "_actor.png"), picture);
-    if (!request.path.empty()) images.push_back(image);
+    if (film) images.push_back(image);
     say(common, text("render ", ++done, "/", views.size(), "  ", name));
   }
   return images;
@@ -118,13 +131,14 @@ int render_lidar_alone(const RestoredRun& run, const RenderRequest& request, con
   return 0;
 }
 
-/// The path's pictures as a GIF and a film. Returns in words what was made; of no pictures nothing.
-std::string write_moving(const std::vector<Image>& images, const RenderRequest& request, const Common& common) {
+/// A path's pictures as a GIF and a film. Returns in words what was made; of no pictures nothing.
+std::string write_moving(const std::vector<Image>& images, const std::string& name, const fs::path& folder,
+                         const Common& common) {
   if (images.empty()) return "";
-  const fs::path gif = fs::path(request.out) / (request.path + ".gif");
+  const fs::path gif = folder / (name + ".gif");
   write_gif(gif, images, kFramesPerSecond);
-  const bool film = write_film(request.out, request.path, images.size(), kFramesPerSecond, common);
-  return ", " + gif.string() + (film ? " and " + request.path + ".mp4" : "");
+  const bool film = write_film(folder, name, images.size(), kFramesPerSecond, common);
+  return ", " + gif.string() + (film ? " and " + name + ".mp4" : "");
 }
 
 void check_request(const RenderRequest& request) {
@@ -153,7 +167,7 @@ int run_render(const RenderRequest& request, const Common& common) {
   if (views.empty()) throw Error(Fault::data, "there is no view to render in the split " + request.split);
   const std::vector<Image> images = render_all(run, views, request, common);
   if (request.masks) write_actor_names(run, request);
-  const std::string moving = write_moving(images, request, common);
+  const std::string moving = write_moving(images, film_name(views, request), request.out, common);
   if (common.json) {
     const nlohmann::ordered_json json = {{"schema_version", 1}, {"images", views.size()}, {"folder", request.out}};
     put(json.dump() + "\n");
@@ -183,7 +197,8 @@ Command add_render(CLI::App& program) {
   parser->add_flag("--lidar", request->lidar, "LiDAR sweeps along the recorded rays as PLY, no pictures");
   parser->add_flag("--exr", request->exr, "Also EXR: R G B A, depth.Z (along the ray), opacity.A");
   parser->add_option("--data", request->data, "Views of another capture in the same coordinates");
-  parser->add_option("--camera", request->camera, "JSON with one camera or a list (as transforms.json)");
+  parser->add_option("--camera", request->camera,
+                     "JSON with one camera or a list (as transforms.json); of a list a GIF and an MP4 too");
   add_common(*parser, *common);
   return {parser, [=] { return run_render(*request, *common); }};
 }

@@ -143,7 +143,7 @@ std::vector<NamedView> file_views(const RestoredRun& run, const RenderRequest& r
   std::vector<NamedView> views;
   for (View view : read_camera_file(request.camera, log_names(run), log)) {
     if (!request.size.empty()) view.camera = at_size(view.camera, run, request);
-    views.push_back({fmt::format("camera_{:04}", views.size()), view});
+    views.push_back({fmt::format("{}_{:04}", kCameraFileViews, views.size()), view});
   }
   return views;
 }

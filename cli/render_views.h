@@ -13,6 +13,9 @@ struct NamedView {
   View view;
 };
 
+/// Views of a camera file are named after this: camera_0000 and on.
+constexpr char kCameraFileViews[] = "camera";
+
 /// Of the run's captures (all, or --log), or of --data: the images of the split, or those of one step; a camera at any
 /// time between its images; an orbit, or a path through the cameras; cameras from a file. Needs no images: the geometry
 /// is in the run folder. Fault::usage for names that the run does not have, and for times outside a camera's images.

@@ -222,6 +222,17 @@ TEST_CASE("a camera file gives the view, and a damaged one is exit 3") {
               .code == 0);
   CHECK(read_image(out / "camera_0000.png").width == 20);
   CHECK(read_image(out / "camera_0000.png").height == 10);
+  CHECK_FALSE(fs::exists(out / "camera.gif"));  // one picture is no film
+  camera["frames"] = nlohmann::json::array();
+  for (const auto& frame : source.at("frames"))
+    camera["frames"].push_back({{"transform_matrix", frame.at("transform_matrix")}});
+  write_text(scratch() / "path.json", camera.dump());
+  REQUIRE(cloam_with({"render", trained().string(), "-o", out.string(), "--camera", (scratch() / "path.json").string()})
+              .code == 0);
+  const std::string gif = content_of(out / "camera.gif");
+  CHECK(std::count(gif.begin(), gif.end(), '\x2c') >= 2);
+  CHECK(read_image(out / "camera_0001.png").width == 20);
+  camera.erase("frames");
   camera.erase("transform_matrix");
   write_text(scratch() / "cam.json", camera.dump());
   CHECK(cloam_with({"render", trained().string(), "-o", out.string(), "--camera", (scratch() / "cam.json").string()})
