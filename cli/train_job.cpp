@@ -198,9 +198,13 @@ uint64_t training_bytes(const Captures& captures, int downscale) {
 }
 
 MemoryPlan memory_plan(const TrainJob& job, const Captures& captures) {
-  MemoryPlan plan = job.method->memory();
-  if (plan.images == 0) plan.images = training_bytes(captures, job.record.reading.downscale);
-  return plan;
+  PhotoSizes photos;
+  for (const Capture& capture : captures)
+    for (const FramePixels& frame : capture.train.frames) {
+      photos.bytes += frame.rgba.size() + frame.mask.size();
+      photos.largest = std::max<uint64_t>(photos.largest, frame.rgba.size() / 4);
+    }
+  return job.method->memory(photos);
 }
 
 void check_memory(const MemoryPlan& plan, const TrainJob& job, const Captures& captures) {

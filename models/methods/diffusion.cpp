@@ -177,7 +177,7 @@ std::vector<std::string> Diffusion::warnings() const {
                " of its steps (data.least_steps)")};
 }
 
-MemoryPlan Diffusion::memory() const {
+MemoryPlan Diffusion::memory(const PhotoSizes&) const {
   MemoryPlan plan;
   uint64_t weights = 0;
   for (const auto& [name, p] : params_) weights += static_cast<uint64_t>(p.numel()) * 4;

@@ -204,12 +204,11 @@ void GenAssets::load_data(std::vector<TrainingData> data) {
   denoise_image();
 }
 
-MemoryPlan GenAssets::memory() const {
+MemoryPlan GenAssets::memory(const PhotoSizes& photos) const {
   MemoryPlan plan;
   for (const auto& [name, p] : params_) plan.parameters += static_cast<uint64_t>(p.numel()) * 4;
   plan.optimiser = 2 * plan.parameters;
-  for (const Log& log : logs_)
-    if (log.data) plan.images += log.data->bytes();
+  plan.images = photos.bytes;
   const int64_t rays = int64_t{config_.patches} * config_.patch_side * config_.patch_side + config_.lidar_rays;
   const int64_t a_sample = 4 * (6 * 3 * int64_t{config_.field.plane_channels} + 12 * int64_t{config_.field.width});
   const int64_t a_pixel = 4 * config_.image.width * (6 + 4 * int64_t{config_.image.blocks});

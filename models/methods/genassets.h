@@ -52,7 +52,7 @@ class GenAssets final : public Method, public Street {
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
   void load_data(std::vector<TrainingData> data) override;
-  MemoryPlan memory() const override;
+  MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }
   std::vector<LearningRate> learning_rates(const Progress& progress) const override;
   Tensor loss(const Progress& progress) override;

@@ -82,15 +82,14 @@ void Nerf::build(const Scenes& scenes, uint64_t seed) {
 }
 
 void Nerf::load_data(std::vector<TrainingData> data) {
-  image_bytes_ = RayBank::bytes(data.front().pixels);
   bank_ = std::make_unique<RayBank>(data.front().scene, data.front().pixels, frame_, range_);
 }
 
-MemoryPlan Nerf::memory() const {
+MemoryPlan Nerf::memory(const PhotoSizes& photos) const {
   MemoryPlan plan;
   for (const auto& [name, p] : params_) plan.parameters += static_cast<uint64_t>(p.numel()) * 4;
   plan.optimiser = 2 * plan.parameters;
-  plan.images = image_bytes_;
+  plan.images = photos.bytes + 12 * photos.largest;  // and directions
   const int64_t samples = marching()
                               ? config_.batch_samples
                               : int64_t{config_.batch_rays} * (2 * config_.coarse_samples + config_.fine_samples);

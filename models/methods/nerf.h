@@ -35,7 +35,7 @@ class Nerf final : public Method {
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
   void load_data(std::vector<TrainingData> data) override;
-  MemoryPlan memory() const override;
+  MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }
   std::vector<LearningRate> learning_rates(const Progress& progress) const override;
   AdamSettings adam() const override;
@@ -72,7 +72,7 @@ class Nerf final : public Method {
   SceneFrame frame_;
   RayRange range_;
   bool has_alpha_ = false;
-  uint64_t seed_ = 0, image_bytes_ = 0;
+  uint64_t seed_ = 0;
   Params params_;
   std::unique_ptr<Field> field_, coarse_;
   std::unique_ptr<OccupancyGrid> occupancy_;

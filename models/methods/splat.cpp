@@ -15,6 +15,7 @@
 namespace cloam {
 namespace {
 
+constexpr float kFinalExposure = 0.1f;  // factor on the rate
 enum Stream : uint32_t { kOrder = 0, kBackground = 1 };
 
 /// One row of the parameters: name, shape after G, and where a file keeps it.
@@ -67,7 +68,7 @@ void Splat::configure(Config& c) {
   c.bind("train.rate_scales", config_.rate_scales, "of deviations");
   c.bind("train.rate_rotations", config_.rate_rotations, "of rotations");
   c.bind("exposure", config_.exposure, "learn a gain and an offset of each image's channels; their means stay 1 and 0");
-  c.bind("train.rate_exposure", config_.rate_exposure, "of these");
+  c.bind("train.rate_exposure", config_.rate_exposure, "of these; at the last step a tenth");
   c.bind("growth.strategy", config_.growth.strategy, "densify (the paper) | mcmc");
   c.bind("growth.from", config_.growth.from, "first step that changes the number of gaussians");
   c.bind("growth.every", config_.growth.every, "steps between such changes");
@@ -89,16 +90,18 @@ void Splat::build(const Scenes& scenes, uint64_t seed) {
   if (config_.sh_degree < 0 || config_.sh_degree > kSphericalBands)
     throw Error(Fault::usage, text("setting sh.degree: ", config_.sh_degree, ", want 0 to ", kSphericalBands));
   seed_ = seed;
-  extent_ = camera_radius(scene);
+  cameras_ = camera_region(scene);
   up_ = scene.up;
   metric_ = scene.metric;
   has_alpha_ = scene.has_alpha;
   frames_ = static_cast<int64_t>(frames_of(scene, Split::train).size());
-  growth_ = make_growth(config_.growth, extent_);
+  growth_ = make_growth(config_.growth, cameras_);
   // A capture that comes from a run folder has no files: the gaussians come with the checkpoint.
   const bool restored = scene.root.empty();
-  put(restored ? Gaussians{{0, 0, 0}, {0, 0, 0}, {1, 0, 0, 0}, {0}, {0, 0, 0}, std::vector<float>(45)}
-               : initial_gaussians(scene, {config_.initial, config_.initial_random, seed}));
+  InitialGaussians first = {{{0, 0, 0}, {0, 0, 0}, {1, 0, 0, 0}, {0}, {0, 0, 0}, std::vector<float>(45)}};
+  if (!restored) first = initial_gaussians(scene, {config_.initial, config_.initial_random, seed});
+  put(first.gaussians);
+  grey_ = first.grey;
   if (config_.exposure)
     params_["exposure"] = parameter(std::vector<float>(static_cast<size_t>(6 * frames_), 0), {frames_, 6});
 }
@@ -137,37 +140,45 @@ void Splat::load_data(std::vector<TrainingData> data) {
     if (!f.mask.empty()) one.mask = from_host(f.mask, {f.height, f.width});
     one.camera = pixels.cameras[static_cast<size_t>(f.camera)];
     one.world_from_camera = data.front().scene.frames[f.frame].world_from_camera;
-    image_bytes_ += f.rgba.size() + f.mask.size();
-    most_pixels_ = std::max<uint64_t>(most_pixels_, f.rgba.size() / 4);
     photographs_.push_back(std::move(one));
   }
   if (photographs_.empty()) throw Error(Fault::data, "no training image is left");
+  if (grey_) take_colours(pixels);
 }
 
-MemoryPlan Splat::memory() const {
+void Splat::take_colours(const Pixels& pixels) {
+  std::vector<PosedPhoto> photos;
+  for (size_t i = 0; i < photographs_.size(); i++)
+    photos.push_back({pixels.frames[i], photographs_[i].camera, photographs_[i].world_from_camera});
+  Gaussians coloured = *gaussians();
+  colour_from(photos, coloured);
+  put(coloured);
+}
+
+MemoryPlan Splat::memory(const PhotoSizes& photos) const {
   constexpr uint64_t kNumbers = 4 * 59;                         // bytes of a gaussian's parameters
   constexpr uint64_t kWork = 4 * 170 + 10 * 100, kPixel = 160;  // gradients, projections, ten pairs with tiles
   const auto most = static_cast<uint64_t>(std::max<int64_t>(count(), config_.growth.most));
   MemoryPlan plan;
   plan.parameters = most * kNumbers;
   plan.optimiser = 2 * plan.parameters;
-  plan.images = image_bytes_;
-  plan.work = most * kWork + most_pixels_ * kPixel;
-  const uint64_t others = plan.images + most_pixels_ * kPixel, budget = memory_budget();
+  plan.images = photos.bytes;
+  plan.work = most * kWork + photos.largest * kPixel;
+  const uint64_t others = plan.images + photos.largest * kPixel, budget = memory_budget();
   if (budget > others) plan.smaller = text("--set growth.most=", (budget - others) / (3 * kNumbers + kWork), " fits");
   return plan;
 }
 
 std::vector<LearningRate> Splat::learning_rates(const Progress& progress) const {
   const float means =
-      config_.rate_means * static_cast<float>(extent_) * std::pow(config_.final_means, progress.fraction());
+      config_.rate_means * static_cast<float>(cameras_.radius) * std::pow(config_.final_means, progress.fraction());
   return {{"means", means},
           {"scales", config_.rate_scales},
           {"rotations", config_.rate_rotations},
           {"opacities", config_.rate_opacities},
           {"sh_first", config_.rate_first},
           {"sh_rest", config_.rate_rest},
-          {"exposure", config_.rate_exposure}};
+          {"exposure", config_.rate_exposure * std::pow(kFinalExposure, progress.fraction())}};
 }
 
 SplatModel Splat::model(int degree) const {
@@ -175,7 +186,9 @@ SplatModel Splat::model(int degree) const {
           {params_.at("sh_first"), params_.at("sh_rest"), degree}};
 }
 
-DrawOptions Splat::draw_options() const { return {config_.near * static_cast<float>(extent_), config_.antialiased}; }
+DrawOptions Splat::draw_options() const {
+  return {config_.near * static_cast<float>(cameras_.radius), config_.antialiased};
+}
 
 /// A degree more each time; in a short training the last one shall still be learned for most of it.
 int Splat::degree_at(const Progress& progress) const {

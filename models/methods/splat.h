@@ -23,7 +23,7 @@ struct SplatConfig {
   float final_means = 0.01f;   // factor reached at the horizon
   float rate_first = 2.5e-3f, rate_rest = 1.25e-4f, rate_opacities = 0.05f, rate_scales = 5e-3f, rate_rotations = 1e-3f;
   bool exposure = false;  // a gain and an offset for each channel of each training image, their means 1 and 0
-  float rate_exposure = 1e-3f;
+  float rate_exposure = 0.01f;  // falls to a tenth
   GrowthOptions growth;
 };
 
@@ -33,7 +33,7 @@ class Splat final : public Method {
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
   void load_data(std::vector<TrainingData> data) override;
-  MemoryPlan memory() const override;
+  MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }
   std::vector<LearningRate> learning_rates(const Progress& progress) const override;
   AdamSettings adam() const override { return {0.9f, 0.999f, 1e-15f}; }
@@ -44,6 +44,7 @@ class Splat final : public Method {
   std::map<std::string, double> metrics() const override;
   Picture render(const View& view) override;
   std::optional<Gaussians> gaussians() const override;
+  int64_t grows_until(const Progress& progress) const override { return growth_->until(progress); }
   void fit_to(const TensorMap& parameters) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
@@ -55,6 +56,7 @@ class Splat final : public Method {
     Eigen::Matrix4d world_from_camera;
   };
   void put(const Gaussians& gaussians);
+  void take_colours(const Pixels& pixels);
   SplatModel model(int degree) const;
   int64_t count() const { return params_.at("opacities").dim(0); }
   DrawOptions draw_options() const;
@@ -66,13 +68,13 @@ class Splat final : public Method {
 
   SplatConfig config_;
   uint64_t seed_ = 0;
-  double extent_ = 1;
+  CameraRegion cameras_;
+  bool grey_ = false;  // begun without colours: the photos have them
   Eigen::Vector3d up_ = Eigen::Vector3d::UnitZ();
   bool has_alpha_ = false, metric_ = false;
   Params params_;
   std::unique_ptr<Growth> growth_;
   std::vector<Photograph> photographs_;
-  uint64_t image_bytes_ = 0, most_pixels_ = 0;
   int64_t frames_ = 0;  // that train, of the scene
   int degree_ = 0;      // reached
   Drawn last_;          // of this step

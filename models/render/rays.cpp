@@ -85,14 +85,6 @@ RayBank::RayBank(const Scene& scene, const Pixels& pixels, const SceneFrame& fra
   frames_ = from_host(frames, {frame_count_, 3});
 }
 
-uint64_t RayBank::bytes(const Pixels& pixels) {
-  uint64_t total = 0;
-  for (const FramePixels& f : pixels.frames) total += f.rgba.size() + f.mask.size();
-  for (const Camera& c : pixels.cameras)
-    total += 12ull * static_cast<uint64_t>(c.width) * static_cast<uint64_t>(c.height);
-  return total;
-}
-
 RayBatch RayBank::sample(int64_t count, const RandomKey& key) const {
   const Tensor frame = random_below({count}, frame_count_, key);
   const Tensor place = random_uniform({count}, {key.seed, key.step, key.stream + 1});

@@ -26,7 +26,6 @@ class RayBank {
   RayBank(const Scene& scene, const Pixels& pixels, const SceneFrame& frame, const RayRange& range);
   /// `count` pixels at random: a frame, then a pixel in it. streams key.stream and the one after it.
   RayBatch sample(int64_t count, const RandomKey& key) const;
-  static uint64_t bytes(const Pixels& pixels);
 
  private:
   SceneFrame frame_;

@@ -192,13 +192,6 @@ void StreetData::add_returns(RayList& rays, const StreetSpace& space, HostRandom
   }
 }
 
-uint64_t StreetData::bytes() const {
-  uint64_t total = 0;
-  for (const FramePixels& photo : pixels_.frames) total += photo.rgba.size();
-  for (const LoadedSweep& sweep : sweeps_) total += 21 * sweep.points.size();
-  return total;
-}
-
 std::vector<StreetSpace::Seen> StreetData::seen() const {
   std::vector<StreetSpace::Seen> out;
   for (const LoadedSweep& sweep : sweeps_) out.push_back({*sweep.sweep, sweep.points});

@@ -57,7 +57,6 @@ class StreetData {
   void add_returns(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count) const;
   bool has_lidar() const { return !sweeps_.empty(); }
   size_t images() const { return pixels_.frames.size(); }
-  uint64_t bytes() const;
   std::vector<StreetSpace::Seen> seen() const;
 
  private:

@@ -16,7 +16,7 @@ constexpr float kResetOpacity = 0.01f;
 constexpr int kMostShared = 51;       // copies of one gaussian: the binomials stay exact
 constexpr double kMcmcGrowth = 0.05;  // of the gaussians, a time
 // The papers' last steps, of 30,000, and their shares of shorter horizons.
-constexpr int kDensifyUntil = 15000, kMcmcUntil = 25000;
+constexpr int64_t kDensifyUntil = 15000, kMcmcUntil = 25000;
 constexpr double kDensifyShare = 0.5, kMcmcShare = 0.83;
 enum Stream : uint32_t { kSplitStream = 40, kRelocateStream = 41, kNoiseStream = 42 };
 
@@ -29,11 +29,14 @@ float opacity_of_two(float of_one) {
   return static_cast<float>(logit(std::max(1e-6, 1 - std::sqrt(1 - std::min(sigmoid(double{of_one}), 1 - 1e-6)))));
 }
 
-/// Up to `until`, or that share of the horizon if it comes first.
-bool in_schedule(const GrowthOptions& options, const Progress& progress, int until, double share) {
-  const auto last = static_cast<int64_t>(share * static_cast<double>(progress.horizon));
-  return progress.step > options.from && progress.step <= until && (progress.horizon == 0 || progress.step <= last) &&
-         progress.step % options.every == 0;
+bool in_schedule(const GrowthOptions& options, const Progress& progress, int64_t until) {
+  return progress.step > options.from && progress.step <= until && progress.step % options.every == 0;
+}
+
+/// `most`, or that share of the horizon if it comes first.
+int64_t last_step(const Progress& progress, int64_t most, double share) {
+  if (progress.horizon == 0) return most;
+  return std::min(most, static_cast<int64_t>(share * static_cast<double>(progress.horizon)));
 }
 
 /// Row `from` of every array at the end of `to`.
@@ -68,10 +71,9 @@ Eigen::Matrix3d rotation(const Gaussians& g, size_t row) {
 
 class Densify final : public Growth {
  public:
-  Densify(const GrowthOptions& options, double extent) : options_(options), extent_(extent) {}
-  bool due(const Progress& progress) const override {
-    return in_schedule(options_, progress, kDensifyUntil, kDensifyShare);
-  }
+  Densify(const GrowthOptions& options, const CameraRegion& cameras) : options_(options), cameras_(cameras) {}
+  bool due(const Progress& progress) const override { return in_schedule(options_, progress, until(progress)); }
+  int64_t until(const Progress& progress) const override { return last_step(progress, kDensifyUntil, kDensifyShare); }
 
   GrowthMoves grow(Gaussians& g, const GrowthStatistics& statistics, const Progress& progress) override {
     const float limit = limit_for(statistics, g.count());
@@ -79,7 +81,8 @@ class Densify final : public Growth {
     GrowthMoves moves;
     std::vector<size_t> doubled;
     for (size_t i = 0; i < g.count(); i++) {
-      const bool wanted = statistics.gradients[i] >= limit, split = wanted && largest(g, i) > options_.small * extent_;
+      const bool wanted = statistics.gradients[i] >= limit,
+                 split = wanted && largest(g, i) > options_.small * cameras_.radius;
       if (gone(g, i, progress)) continue;
       if (wanted) doubled.push_back(i);
       if (split) continue;
@@ -99,7 +102,9 @@ class Densify final : public Growth {
  private:
   bool gone(const Gaussians& g, size_t i, const Progress& progress) const {
     if (sigmoid(double{g.opacities[i]}) < double{options_.faint}) return true;
-    return progress.step > options_.reset_every && largest(g, i) > options_.large * extent_;
+    const Eigen::Vector3d place(double{g.means[3 * i]}, double{g.means[3 * i + 1]}, double{g.means[3 * i + 2]});
+    const double unit = std::max(cameras_.radius, (place - cameras_.middle).norm());
+    return progress.step > options_.reset_every && largest(g, i) > options_.large * unit;
   }
 
   /// The gradient from which on there is room for one more each.
@@ -121,7 +126,7 @@ class Densify final : public Growth {
                                          .to_host();
     for (size_t k = 0; k < doubled.size(); k++) {
       const size_t i = doubled[k];
-      if (largest(g, i) <= options_.small * extent_) {
+      if (largest(g, i) <= options_.small * cameras_.radius) {
         append(out, g, i);
         out.opacities.back() = opacity_of_two(g.opacities[i]);
         continue;
@@ -143,13 +148,14 @@ class Densify final : public Growth {
   }
 
   GrowthOptions options_;
-  double extent_;
+  CameraRegion cameras_;
 };
 
 class Mcmc final : public Growth {
  public:
   explicit Mcmc(const GrowthOptions& options) : options_(options) {}
-  bool due(const Progress& progress) const override { return in_schedule(options_, progress, kMcmcUntil, kMcmcShare); }
+  bool due(const Progress& progress) const override { return in_schedule(options_, progress, until(progress)); }
+  int64_t until(const Progress& progress) const override { return last_step(progress, kMcmcUntil, kMcmcShare); }
 
   /// Faint gaussians become copies of others, chosen by opacity; then a few more are added the same way.
   GrowthMoves grow(Gaussians& g, const GrowthStatistics&, const Progress& progress) override {
@@ -265,8 +271,8 @@ Shared shared_among(double opacity, int count) {
   return out;
 }
 
-std::unique_ptr<Growth> make_growth(const GrowthOptions& options, double extent) {
-  if (options.strategy == "densify") return std::make_unique<Densify>(options, extent);
+std::unique_ptr<Growth> make_growth(const GrowthOptions& options, const CameraRegion& cameras) {
+  if (options.strategy == "densify") return std::make_unique<Densify>(options, cameras);
   if (options.strategy == "mcmc") return std::make_unique<Mcmc>(options);
   throw Error(Fault::usage, text("setting growth.strategy: \"", options.strategy, "\", want densify or mcmc"));
 }

@@ -4,6 +4,8 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <optional>
 
 #include "models/data/load_sweep.h"
 #include "models/scene/orbit.h"
@@ -17,9 +19,12 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr uint8_t kGrey = 128;
+constexpr uint8_t kGrey = 128, kOpaque = 128;
 constexpr std::size_t kMostCameras = 64;  // that are asked whether they see a point
 constexpr int kAttempts = 40;
+constexpr double kStill = 1, kBoxMargin = 0.1;          // metres
+constexpr double kLowestSky = -0.05, kSkyRadius = 1.5;  // sine of the elevation; of the furthest point's distance
+constexpr double kGoldenAngle = 2.399963229728653;
 enum Stream : uint32_t { kRandomStream = 50, kLidarStream = 51 };
 
 Vector3d position(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
@@ -32,12 +37,23 @@ std::vector<const Frame*> training_frames(const Scene& scene) {
   return some;
 }
 
-bool sees(const Scene& scene, const Frame& frame, const Vector3d& point) {
-  const Vector3d at = frame.world_from_camera.block<3, 3>(0, 0).transpose() * (point - position(frame));
-  if (at.z() <= 0) return false;
-  const Camera& camera = scene.cameras[static_cast<std::size_t>(frame.camera)];
+/// Where a camera shows a point.
+std::optional<Eigen::Vector2d> pixel_of(const Camera& camera, const Eigen::Matrix4d& world_from_camera,
+                                        const Vector3d& point) {
+  const Vector3d at = world_from_camera.block<3, 3>(0, 0).transpose() * (point - world_from_camera.block<3, 1>(0, 3));
+  if (at.z() <= 0) return std::nullopt;
   const Eigen::Vector2d pixel = project(camera, at);
-  return pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < camera.width && pixel.y() < camera.height;
+  if (pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < camera.width && pixel.y() < camera.height) return pixel;
+  return std::nullopt;
+}
+
+bool sees(const Scene& scene, const Frame& frame, const Vector3d& point) {
+  return pixel_of(scene.cameras[static_cast<std::size_t>(frame.camera)], frame.world_from_camera, point).has_value();
+}
+
+void add(PointCloud& cloud, const Vector3d& point) {
+  for (int k = 0; k < 3; k++) cloud.positions.push_back(static_cast<float>(point[k]));
+  cloud.colours.insert(cloud.colours.end(), 3, kGrey);
 }
 
 /// Points of a cube around what the cameras look at that at least half as many of them see as see its middle.
@@ -61,8 +77,7 @@ PointCloud random_points(const Scene& scene, const InitialOptions& options) {
       const Vector3d point =
           middle + half * Vector3d(2 * double{u[i]} - 1, 2 * double{u[i + 1]} - 1, 2 * double{u[i + 2]} - 1);
       if (seen_by(point) < wanted) continue;
-      for (int k = 0; k < 3; k++) out.positions.push_back(static_cast<float>(point[k]));
-      out.colours.insert(out.colours.end(), 3, kGrey);
+      add(out, point);
     }
   }
   if (out.count() == 0)
@@ -70,38 +85,97 @@ PointCloud random_points(const Scene& scene, const InitialOptions& options) {
   return out;
 }
 
+/// The actors that go somewhere in the log.
+std::vector<const Actor*> movers(const Scene& scene) {
+  std::vector<const Actor*> out;
+  for (const Actor& actor : scene.actors) {
+    const auto place = [](const ActorBox& box) -> Vector3d { return box.world_from_box.block<3, 1>(0, 3); };
+    if (!actor.boxes.empty() && (place(actor.boxes.back()) - place(actor.boxes.front())).norm() > kStill)
+      out.push_back(&actor);
+  }
+  return out;
+}
+
+bool is_in(const Actor& actor, const Vector3d& point, double time) {
+  const auto pose = world_from_box_at(actor, time);
+  if (!pose) return false;
+  const Vector3d at = pose->block<3, 3>(0, 0).transpose() * (point - pose->block<3, 1>(0, 3));
+  return (at.cwiseAbs() - actor.size / 2).maxCoeff() < kBoxMargin;
+}
+
+/// What training cameras see of a dome (Fibonacci's lattice) around them, from a little below the horizon on.
+void add_sky(PointCloud& cloud, const Scene& scene, std::size_t count) {
+  const CameraRegion cameras = camera_region(scene);
+  const std::vector<const Frame*> frames = training_frames(scene);
+  double radius = 0;
+  for (std::size_t i = 0; i < cloud.count(); i++)
+    radius = std::max(
+        radius, (Eigen::Map<const Eigen::Vector3f>(&cloud.positions[3 * i]).cast<double>() - cameras.middle).norm());
+  const Eigen::Matrix3d world_from_dome = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), scene.up).matrix();
+  for (std::size_t k = 0; k < count; k++) {
+    const double height = kLowestSky + (1 - kLowestSky) * (static_cast<double>(k) + 0.5) / static_cast<double>(count);
+    const double across = std::sqrt(1 - height * height), turn = static_cast<double>(k) * kGoldenAngle;
+    const Vector3d point =
+        cameras.middle +
+        kSkyRadius * radius * (world_from_dome * Vector3d(across * std::cos(turn), across * std::sin(turn), height));
+    if (std::any_of(frames.begin(), frames.end(), [&](const Frame* f) { return sees(scene, *f, point); }))
+      add(cloud, point);
+  }
+}
+
 PointCloud lidar_points(const Scene& scene, const InitialOptions& options) {
-  std::vector<float> all;
+  const std::vector<const Actor*> moving = movers(scene);
+  std::vector<Vector3d> still;
   for (const Sweep& sweep : scene.sweeps) {
     if (sweep.split != Split::train) continue;
     const LidarPoints points = load_sweep(scene, sweep);
-    all.insert(all.end(), points.positions.begin(), points.positions.end());
+    for (std::size_t i = 0; i < points.size(); i++) {
+      const Vector3d point = Eigen::Map<const Eigen::Vector3f>(&points.positions[3 * i]).cast<double>();
+      const double time = sweep.timestamp + double{points.times[i]};
+      if (std::none_of(moving.begin(), moving.end(), [&](const Actor* a) { return is_in(*a, point, time); }))
+        still.push_back(point);
+    }
   }
-  const std::size_t count = all.size() / 3, kept = std::min(count, static_cast<std::size_t>(options.random));
+  const std::size_t kept = std::min(still.size(), static_cast<std::size_t>(options.random));
   PointCloud out;
-  const double step = kept > 0 ? static_cast<double>(count) / static_cast<double>(kept) : 1;
-  for (std::size_t k = 0; k < kept; k++) {
-    const auto from =
-        all.begin() + static_cast<std::ptrdiff_t>(3 * static_cast<std::size_t>(static_cast<double>(k) * step));
-    out.positions.insert(out.positions.end(), from, from + 3);
-    out.colours.insert(out.colours.end(), 3, kGrey);
-  }
+  for (std::size_t k = 0; k < kept; k++) add(out, still[k * still.size() / kept]);
+  if (kept > 0) add_sky(out, scene, kept / 10);
   return out;
 }
 
 }  // namespace
 
-double camera_radius(const Scene& scene) {
-  Vector3d middle = Vector3d::Zero();
+CameraRegion camera_region(const Scene& scene) {
+  CameraRegion out;
   const std::vector<std::size_t> frames = frames_of(scene, Split::train);
-  for (const std::size_t i : frames) middle += position(scene.frames[i]) / static_cast<double>(frames.size());
-  double radius = 0;
-  for (const std::size_t i : frames) radius = std::max(radius, (position(scene.frames[i]) - middle).norm());
-  return radius > 1e-6 ? 1.1 * radius : 1;
+  for (const std::size_t i : frames) out.middle += position(scene.frames[i]) / static_cast<double>(frames.size());
+  double farthest = 0;
+  for (const std::size_t i : frames) farthest = std::max(farthest, (position(scene.frames[i]) - out.middle).norm());
+  if (farthest > 1e-6) out.radius = 1.1 * farthest;
+  return out;
 }
 
-Gaussians initial_gaussians(const Scene& scene, const InitialOptions& options) {
-  if (std::filesystem::path(options.kind).has_extension()) return read_gaussians(options.kind).gaussians;
+void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians) {
+  for (std::size_t i = 0; i < gaussians.count(); i++) {
+    const Vector3d mean = Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>();
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const PosedPhoto& photo : photos) {
+      const double distance = (mean - photo.world_from_camera.block<3, 1>(0, 3)).norm();
+      const auto pixel = distance < nearest ? pixel_of(photo.camera, photo.world_from_camera, mean) : std::nullopt;
+      if (!pixel) continue;
+      const FramePixels& seen = photo.pixels;
+      const std::size_t at = static_cast<std::size_t>(pixel->y()) * static_cast<std::size_t>(seen.width) +
+                             static_cast<std::size_t>(pixel->x());
+      if (seen.rgba[4 * at + 3] < kOpaque || (!seen.mask.empty() && seen.mask[at] == 0)) continue;
+      nearest = distance;
+      for (std::size_t c = 0; c < 3; c++)
+        gaussians.sh_first[3 * i + c] = static_cast<float>((seen.rgba[4 * at + c] / 255.0 - 0.5) / kSphericalFirst);
+    }
+  }
+}
+
+InitialGaussians initial_gaussians(const Scene& scene, const InitialOptions& options) {
+  if (std::filesystem::path(options.kind).has_extension()) return {read_gaussians(options.kind).gaussians, false};
   const bool automatic = options.kind == "auto";
   const bool points = options.kind == "points" || (automatic && scene.cloud.count() > 0);
   const bool lidar = options.kind == "lidar" || (automatic && !points && !scene.sweeps.empty());
@@ -112,7 +186,7 @@ Gaussians initial_gaussians(const Scene& scene, const InitialOptions& options) {
   if (cloud.count() == 0)
     throw Error(Fault::data, text("initial=", options.kind, ": the capture has no ", points ? "points" : "LiDAR sweeps",
                                   "\n  fix: --set initial=random"));
-  return gaussians_from_points(cloud);
+  return {gaussians_from_points(cloud), !points};
 }
 
 }  // namespace cloam

@@ -2,8 +2,8 @@
 #pragma once
 #include <string>
 
-#include "models/scene/scene.h"
-#include "models/splat/gaussians.h"
+#include "models/data/load_images.h"
+#include "models/splat/growth.h"
 
 namespace cloam {
 
@@ -13,12 +13,28 @@ struct InitialOptions {
   uint64_t seed = 0;
 };
 
-/// points: those that came with the capture; lidar: of the sweeps that train, grey; random: in the region that the
-/// cameras see in common; auto: the first of these that there is; a file's as they are. Fault::usage for an unknown
-/// kind, Fault::data for points or sweeps that the capture does not have.
-Gaussians initial_gaussians(const Scene& scene, const InitialOptions& options);
+struct InitialGaussians {
+  Gaussians gaussians;
+  bool grey = false;  // nobody knows their colours yet: ask the photos
+};
 
-/// 3DGS's extent: 1.1 times the largest distance of a camera from their middle; 1 for cameras in one place.
-double camera_radius(const Scene& scene);
+/// points: those that came with the capture; lidar: of the sweeps that train, without those in the boxes of actors that
+/// move, and a tenth more on a dome for the sky, grey; random: in the region that the cameras see in common, grey;
+/// auto: the first of these that there is; a file's as they are. Fault::usage for an unknown kind, Fault::data for
+/// points or sweeps that the capture does not have.
+InitialGaussians initial_gaussians(const Scene& scene, const InitialOptions& options);
+
+/// A photo that trains, through a pinhole.
+struct PosedPhoto {
+  const FramePixels& pixels;
+  const Camera& camera;
+  Eigen::Matrix4d world_from_camera;
+};
+
+/// Each gaussian takes the colour of its pixel in the nearest photo that shows its mean; grey where none does.
+void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians);
+
+/// Of the photos that train; a radius of 1 for cameras in one place.
+CameraRegion camera_region(const Scene& scene);
 
 }  // namespace cloam

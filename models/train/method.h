@@ -39,6 +39,11 @@ struct TrainingData {
   Pixels pixels;  // of the training split
 };
 
+/// The photos that train, at the size they are used at.
+struct PhotoSizes {
+  uint64_t bytes = 0, largest = 0;  // of all, as 8-bit RGBA and masks; pixels of one
+};
+
 struct MemoryPlan {
   uint64_t parameters = 0, optimiser = 0, images = 0, work = 0;       // bytes
   std::string smaller = "fewer of its --set batch.* or field.* fit";  // what the user can do about the model's part
@@ -71,7 +76,8 @@ class Method {
   virtual void build(const Scenes& scenes, uint64_t seed) = 0;
   /// One entry a scene, in the order of build.
   virtual void load_data(std::vector<TrainingData> data) = 0;
-  virtual MemoryPlan memory() const = 0;
+  /// What training will take; asked before and after load_data.
+  virtual MemoryPlan memory(const PhotoSizes& photos) const = 0;
   virtual Params& parameters() = 0;
   virtual std::vector<LearningRate> learning_rates(const Progress& progress) const = 0;
   virtual AdamSettings adam() const { return {}; }
@@ -85,6 +91,8 @@ class Method {
   virtual void after_step(const Progress&) {}
   /// After each step: parameters whose rows it made more, fewer or others, so that the optimiser's state follows.
   virtual RowMoves grow(const Progress&) { return {}; }
+  /// The last step after which there may be more parameters, of a training that stands like this; 0: there never are.
+  virtual int64_t grows_until(const Progress&) const { return 0; }
   /// Named figures of the last step for the progress line.
   virtual std::map<std::string, double> metrics() const { return {}; }
   virtual Picture render(const View& view) = 0;

@@ -9,6 +9,7 @@
 
 #include "models/io/checkpoint.h"
 #include "models/train/optimiser.h"
+#include "models/train/step_pace.h"
 #include "models/train/tensors.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
@@ -20,7 +21,9 @@ namespace {
 
 constexpr char kParameter[] = "param.", kOptimiser[] = "adam.", kState[] = "state.";
 constexpr double kTimingShare =
-    0.25;  // of the budget is run before its horizon is chosen (schedules hold still till then)
+    0.25;                           // of a budget passes before its horizon is chosen (schedules hold still till then)
+constexpr double kCaution = 0.86;   // of what is left then: a little early is better than a decay cut short
+constexpr int64_t kFirstSteps = 3;  // compile kernels: they tell nothing of the others
 
 void add_prefixed(TensorMap& to, const TensorMap& from, const std::string& prefix) {
   for (const auto& [name, tensor] : from) to[prefix + name] = tensor;
@@ -43,6 +46,7 @@ class Loop {
   void choose_horizon();
   bool finished();
   void save();
+  std::optional<double> seconds_to(int64_t step, const Progress& progress) const;
   std::optional<double> seconds_left() const;
   double since_process_start() const { return options_.seconds_before + seconds(); }
   double saving_seconds() const;
@@ -58,9 +62,9 @@ class Loop {
   Progress progress_;
   Clock::time_point start_ = Clock::now();
   TrainResult result_;
-  double step_seconds_ = 0, timed_from_ = 0;
-  int64_t timed_from_step_ = 0, saved_step_ = -1;
-  double save_cost_ = 0;
+  StepPace pace_;  // saving and telling included
+  double step_seconds_ = 0, save_cost_ = 0;
+  int64_t saved_step_ = -1;
 };
 
 void Loop::begin() {
@@ -75,27 +79,27 @@ void Loop::begin() {
   if (progress_.horizon == 0 && !by_time) progress_.horizon = options_.steps.value_or(options_.default_steps);
 }
 
-/// Measured on the last part of the timing share: the first steps compile kernels and march through a full grid.
+/// The largest whose steps are made in time.
 void Loop::choose_horizon() {
-  if (progress_.horizon > 0) return;
   const double budget = *options_.time_budget_seconds, now = since_process_start();
-  if (timed_from_ == 0 && now >= budget * kTimingShare * 0.6 && progress_.step >= 3) {
-    timed_from_ = now;
-    timed_from_step_ = progress_.step;
-  }
-  const int64_t timed = progress_.step - timed_from_step_;
-  if (timed_from_ == 0 || timed < 1 || now < budget * kTimingShare) return;
-  // Steps get slower as scenes get sharper, and a little early is better than a decay cut short.
-  const double left = 0.86 * (budget - now) - saving_seconds();
-  progress_.horizon =
-      progress_.step +
-      std::max<int64_t>(1, static_cast<int64_t>(left / ((now - timed_from_) / static_cast<double>(timed))));
+  if (progress_.horizon > 0 || now < budget * kTimingShare) return;
+  const double left = kCaution * (budget - now) - saving_seconds();
+  const auto fits = [&](int64_t steps) {
+    Progress then = progress_;
+    then.horizon = progress_.step + steps;
+    return seconds_to(then.horizon, then).value_or(left + 1) <= left;
+  };
+  if (!seconds_to(progress_.step + 1, progress_)) return;
+  int64_t few = 1, many = 2;
+  while (fits(many)) few = many, many *= 2;
+  while (many - few > 1) (fits((few + many) / 2) ? few : many) = (few + many) / 2;
+  progress_.horizon = progress_.step + few;
 }
 
 /// Reading back, checksums and fsync go at some 100 MB/s; measured once a save has been made.
 double Loop::saving_seconds() const {
   if (save_cost_ > 0) return 1.5 * save_cost_;
-  return 0.5 + 3e-8 * static_cast<double>(run_.method.memory().parameters);
+  return 0.5 + 3e-8 * static_cast<double>(run_.method.memory({}).parameters);
 }
 
 void Loop::one_step() {
@@ -149,23 +153,25 @@ void Loop::save() {
   listener_.checkpoint(progress_.step, result_.checkpoint);
 }
 
+/// From here to a step of a training that stands like this.
+std::optional<double> Loop::seconds_to(int64_t step, const Progress& progress) const {
+  return pace_.seconds_for(step - progress.step, run_.method.grows_until(progress) - progress.step);
+}
+
 std::optional<double> Loop::seconds_left() const {
   if (progress_.horizon == 0) return *options_.time_budget_seconds - since_process_start();
-  const int64_t done = progress_.step - timed_from_step_;
-  if (done < 5) return std::nullopt;
   const int64_t last = options_.stop_after > 0 ? std::min(options_.stop_after, progress_.horizon) : progress_.horizon;
-  return (since_process_start() - timed_from_) / static_cast<double>(done) * static_cast<double>(last - progress_.step);
+  return seconds_to(last, progress_);
 }
 
 TrainResult Loop::train() {
   begin();
-  const int64_t warm = progress_.step + 3;  // the steps that compile kernels would spoil the estimate
-  while (!finished()) {
+  const int64_t warm = progress_.step + kFirstSteps;
+  for (double before = seconds(), now = before; !finished(); before = now) {
     one_step();
-    if (progress_.horizon == 0)
-      choose_horizon();
-    else if (timed_from_ == 0 && progress_.step >= warm)
-      timed_from_ = since_process_start(), timed_from_step_ = progress_.step;
+    now = seconds();
+    if (progress_.step > warm) pace_.add(now - before);
+    choose_horizon();
     listener_.step({progress_, result_.loss, seconds(), step_seconds_, seconds_left(), run_.method.metrics()});
     if (options_.save_every > 0 && progress_.step % options_.save_every == 0) save();
   }

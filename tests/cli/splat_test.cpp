@@ -68,11 +68,31 @@ TEST_CASE("splat: stopped and resumed ends in the bytes of one that was left alo
   CHECK(content_of(run / "ckpt" / "000150.safetensors") == content_of(trained() / "ckpt" / "000150.safetensors"));
 }
 
+TEST_CASE("splat: killed between two growths and resumed ends in the same bytes; a damaged checkpoint is passed over") {
+  const fs::path run = scratch() / "splats-killed";
+  Process process(training(run, {"--steps", "150", "--save-every", "10"}));
+  REQUIRE(wait_for(run / "ckpt" / "000030.safetensors", process));
+  process.signal(SIGKILL);
+  CHECK(process.wait().code == -SIGKILL);
+  fs::path newest;
+  for (const auto& entry : fs::directory_iterator(run / "ckpt"))
+    if (entry.path().extension() == ".safetensors") newest = std::max(newest, entry.path());
+  fs::resize_file(newest, fs::file_size(newest) - 5);
+  const Outcome resumed = cloam_with({"train", "--resume", run.string()});
+  REQUIRE_MESSAGE(resumed.code == 0, resumed.err);
+  CHECK_MESSAGE(contains(resumed.err, newest.filename().string()), resumed.err);
+  CHECK(content_of(run / "ckpt" / "000150.safetensors") == content_of(trained() / "ckpt" / "000150.safetensors"));
+}
+
 TEST_CASE("splat: what does not fit or cannot be is told before anything is done") {
   const fs::path run = scratch() / "splats-never";
   const Outcome large = cloam_with(training(run, {"--max-memory", "300M", "--set", "growth.most=2000000"}));
   CHECK(large.code == 5);
-  CHECK_MESSAGE(contains(large.err, "growth.most="), large.err);
+  const std::string advice = "growth.most=";
+  const size_t at = large.err.find(advice);
+  REQUIRE_MESSAGE(at != std::string::npos, large.err);
+  const std::string most = std::to_string(std::stoll(large.err.substr(at + advice.size())));
+  CHECK(cloam_with(training(run, {"--max-memory", "300M", "--dry-run", "--set", advice + most})).code == 0);
   const struct {
     const char *setting, *hint;
   } rows[] = {{"initial=points", "initial=random"},

@@ -30,12 +30,13 @@ Gaussians row_of(const std::vector<double>& deviations, const std::vector<double
 double opacity(const Gaussians& g, size_t i) { return 1 / (1 + std::exp(-double{g.opacities[i]})); }
 
 constexpr Progress kGrowthStep{600, 30000, 5};
+const CameraRegion kCameras{Eigen::Vector3d::Zero(), 10};
 
 }  // namespace
 
 TEST_CASE("growth: the paper's rules, gaussian by gaussian") {
   GrowthOptions options;
-  const auto growth = make_growth(options, 10.0);  // 0.1 and more is large
+  const auto growth = make_growth(options, kCameras);  // 0.1 and more is large
   Gaussians g = row_of({0.05, 0.05, 0.5, 0.5, 0.05}, {0.5, 0.5, 0.5, 0.5, 0.001});
   const GrowthMoves moves = growth->grow(g, {{0.f, 1e-3f, 0.f, 1e-3f, 1e-3f}}, kGrowthStep);
   // 0 and 2 stay, 1 is doubled, 3 becomes two smaller ones, 4 is too faint to live.
@@ -62,16 +63,24 @@ TEST_CASE("growth: no more gaussians than allowed, those with the largest gradie
   GrowthOptions options;
   options.most = 5;
   Gaussians g = row_of({0.05, 0.05, 0.05, 0.05}, {0.5, 0.5, 0.5, 0.5});
-  const GrowthMoves moves = make_growth(options, 10.0)->grow(g, {{1e-3f, 5e-3f, 2e-3f, 3e-3f}}, kGrowthStep);
+  const GrowthMoves moves = make_growth(options, kCameras)->grow(g, {{1e-3f, 5e-3f, 2e-3f, 3e-3f}}, kGrowthStep);
   CHECK(g.count() == 5);
   CHECK(g.means[3 * 4] == 1.f);
   CHECK(moves.source.back() == -1);
 }
 
+TEST_CASE("growth: after a reset what is large goes, unless it is far away") {
+  GrowthOptions options;
+  Gaussians g = row_of({1.5, 0.05, 1.5}, {0.5, 0.5, 0.5});
+  g.means[3 * 2] = 20;  // twice the cameras' radius from their middle
+  CHECK(make_growth(options, kCameras)->grow(g, {{0.f, 0.f, 0.f}}, {3100, 30000, 5}).source ==
+        std::vector<int32_t>{1, 2});
+}
+
 TEST_CASE("growth: opacities begin again") {
   GrowthOptions options;
   Gaussians g = row_of({0.05, 0.05}, {0.5, 0.007});
-  CHECK(make_growth(options, 10.0)->grow(g, {{0.f, 0.f}}, {3000, 30000, 5}).opacities_reset);
+  CHECK(make_growth(options, kCameras)->grow(g, {{0.f, 0.f}}, {3000, 30000, 5}).opacities_reset);
   CHECK(opacity(g, 0) == doctest::Approx(0.01));
   CHECK(opacity(g, 1) == doctest::Approx(0.007));
 }
@@ -98,7 +107,7 @@ TEST_CASE("growth: Markov chain Monte Carlo moves the faint to the opaque") {
   options.strategy = "mcmc";
   options.most = 3;
   Gaussians g = row_of({0.1, 0.1, 0.1}, {0.9, 0.001, 0.0012});
-  const GrowthMoves moves = make_growth(options, 10.0)->grow(g, {}, kGrowthStep);
+  const GrowthMoves moves = make_growth(options, kCameras)->grow(g, {}, kGrowthStep);
   REQUIRE(g.count() == 3);
   const Shared shared = shared_among(0.9, 3);
   for (size_t i = 0; i < 3; i++) {
@@ -109,12 +118,12 @@ TEST_CASE("growth: Markov chain Monte Carlo moves the faint to the opaque") {
   CHECK(moves.source == std::vector<int32_t>{-1, -1, -1});
   options.most = 100;
   Gaussians grown = row_of(std::vector<double>(40, 0.1), std::vector<double>(40, 0.5));
-  make_growth(options, 10.0)->grow(grown, {}, kGrowthStep);
+  make_growth(options, kCameras)->grow(grown, {}, kGrowthStep);
   CHECK(grown.count() == 42);  // 5 % more
   options.most = 40;
   Gaussians enough = row_of(std::vector<double>(40, 0.1), std::vector<double>(40, 0.5));
-  CHECK(!make_growth(options, 10.0)->grow(enough, {}, kGrowthStep).any());
-  CHECK_THROWS_AS(make_growth({.strategy = "mcm"}, 1.0), Error);
+  CHECK(!make_growth(options, kCameras)->grow(enough, {}, kGrowthStep).any());
+  CHECK_THROWS_AS(make_growth({.strategy = "mcm"}, kCameras), Error);
 }
 
 TEST_CASE("growth: moments of the optimiser move with their rows, new ones begin at zero") {

@@ -117,6 +117,55 @@ TEST_CASE("splat: a resumed training gives the same bytes, growth and all") {
   CHECK(resumed == whole);
 }
 
+TEST_CASE("splat: what exposures differ in stays out of the model") {
+  const Capture capture;
+  Scene scene = capture.scene;
+  scene.has_alpha = false;
+  const auto on_black = [](FramePixels& frame, double light) {
+    for (size_t i = 0; i < frame.rgba.size(); i += 4) {
+      for (size_t c = 0; c < 3; c++)
+        frame.rgba[i + c] = static_cast<uint8_t>(frame.rgba[i + c] * (frame.rgba[i + 3] / 255.0) * light);
+      frame.rgba[i + 3] = 255;
+    }
+  };
+  double gain = 0;  // of the dark photos less that of the others, learned
+  const auto psnr_with = [&](const char* exposure) {
+    auto method = make_method("splat");
+    Config config;
+    method->configure(config);
+    for (const auto& [key, value] : Settings{{"initial", "random"}, {"initial.random", "400"}, {"exposure", exposure}})
+      config.set(key, value, "test");
+    method->build({scene}, 7);
+    Pixels photos = load_images(scene, Split::train);
+    // Half of them at half the light: what the model shows is their mean, as logarithms.
+    for (size_t i = 0; i < photos.frames.size(); i++) on_black(photos.frames[i], i % 2 == 0 ? 0.5 : 1);
+    method->load_data({{scene, photos}});
+    TrainOptions options;
+    options.steps = 500;
+    train({*method, capture.folder.path / exposure, {}, nullptr, nullptr}, options, {});
+    if (method->parameters().contains("exposure")) {
+      const std::vector<float> learned = method->parameters().at("exposure").to_host();
+      for (size_t i = 0; i < learned.size(); i++)
+        if (i % 6 < 3) gain += (i / 6 % 2 == 0 ? 1 : -1) * double{learned[i]} / static_cast<double>(learned.size() / 4);
+    }
+    Pixels test = load_images(scene, Split::test);
+    double sum = 0;
+    for (FramePixels& frame : test.frames) {
+      on_black(frame, std::sqrt(0.5));
+      std::vector<float> truth;
+      for (size_t i = 0; i < frame.rgba.size(); i++)
+        if (i % 4 < 3) truth.push_back(static_cast<float>(frame.rgba[i]) / 255.f);
+      const Camera& camera = test.cameras[static_cast<size_t>(frame.camera)];
+      sum += psnr(method->render(view_of(scene.frames[frame.frame], camera, 0)).rgb, truth);
+    }
+    return sum / static_cast<double>(test.frames.size());
+  };
+  const double without = psnr_with("false"), with = psnr_with("true");
+  MESSAGE("PSNR: ", without, ", with exposures ", with, "; gain ", gain, " of ", -std::log(2));
+  CHECK(with > without + 0.7);
+  CHECK(gain < -0.5 * std::log(2));  // the offset takes a part
+}
+
 TEST_CASE("splat: a growth with nothing to do changes nothing") {
   const Capture capture;
   CHECK(trained(capture,

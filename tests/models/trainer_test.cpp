@@ -28,7 +28,7 @@ class TwoScenes final : public Method {
     for (const char* plane : {"plane.0", "plane.1"}) (void)scope.constant(plane, {2, 2}, 0.f);
   }
   void load_data(std::vector<TrainingData>) override {}
-  MemoryPlan memory() const override { return {}; }
+  MemoryPlan memory(const PhotoSizes&) const override { return {}; }
   Params& parameters() override { return params_; }
   std::vector<LearningRate> learning_rates(const Progress&) const override {
     return {{"network", 0.1f, false, frozen_}, {"plane", 0.1f, true}};
