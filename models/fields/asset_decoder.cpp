@@ -1,6 +1,7 @@
 // The asset decoder.
 #include "models/fields/asset_decoder.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "runtime/error.h"
@@ -8,17 +9,34 @@
 
 namespace cloam {
 
+namespace {
+
+constexpr int64_t kFinest = 4;  // texels a side of a place
+
+int64_t fine_of(const AssetDecoderOptions& o) { return std::min(kFinest, int64_t{1} << (o.widths.size() - 1)); }
+
+/// [N, C f f, H, W] -> [N, C, f H, f W]: each place becomes f x f (Shi et al. 2016, sub-pixel convolution).
+Tensor spread(const Tensor& x, int64_t f) {
+  const int64_t n = x.dim(0), c = x.dim(1) / (f * f), h = x.dim(2), w = x.dim(3);
+  return reshape(permute(reshape(x, {n, c, f, f, h, w}), {0, 1, 4, 2, 5, 3}), {n, c, f * h, f * w});
+}
+
+}  // namespace
+
 AssetDecoder::AssetDecoder(const Scope& scope, const AssetDecoderOptions& o)
     : options_(o),
       class_table_(scope.uniform("class", {o.classes, o.class_channels}, std::sqrt(3.f))),  // variance 1
+      class_places_(scope.constant("class_places", {o.classes, o.class_channels * o.side * o.side}, 0.f)),
       enter_(scope / "enter", {o.latent_channels + o.class_channels, o.middle}),
       middle1_(scope / "middle.block0", {o.middle, o.middle, o.groups}),
       attention_(scope / "middle.attention", {o.middle, o.groups}),
       middle2_(scope / "middle.block1", {o.middle, o.middle, o.groups}),
       last_norm_(scope / "last_norm", o.widths.back(), o.groups),
       leave_(scope / "leave", {o.widths.back(), o.plane_channels}),
-      place_(scope / "past.place", {o.latent_channels, o.plane_channels, 1}),
-      whole_(scope / "past.whole", {o.latent_channels, o.plane_channels, 1}) {
+      place_(scope / "past.place",
+             {o.latent_channels + o.class_channels, o.plane_channels * fine_of(o) * fine_of(o), 1}),
+      whole_(scope / "past.whole", {o.latent_channels, o.plane_channels, 1}),
+      fine_(fine_of(o)) {
   int64_t width = o.middle;
   for (size_t i = 0; i < o.widths.size(); i++) {
     const Scope here = scope / ("stage" + std::to_string(i));
@@ -36,13 +54,14 @@ Tensor AssetDecoder::operator()(const Tensor& latent, const Tensor& class_id) co
   if (d["C"] != options_.latent_channels)
     throw Error(Fault::internal, text("[asset_decoder] latent is ", to_string(latent.shape()), ", want [N, ",
                                       options_.latent_channels, ", H, W]"));
-  const Tensor of_class = reshape(embedding(class_table_, class_id), {d["N"], options_.class_channels, 1, 1});
-  const Tensor tiled = broadcast_to(of_class, {d["N"], options_.class_channels, d["H"], d["W"]});
-  Tensor h = middle1_(enter_(concat({latent, tiled}, 1)));
+  const int64_t of = options_.class_channels;
+  const Tensor of_class = reshape(embedding(class_table_, class_id), {d["N"], of, 1, 1}),
+               of_place = reshape(embedding(class_places_, class_id), {d["N"], of, d["H"], d["W"]});
+  Tensor h = middle1_(enter_(concat({latent, of_class + of_place}, 1)));
   h = middle2_(attention_(h));
   for (const Stage& stage : stages_) h = stage.block(stage.after_doubling ? stage.after_doubling->on_doubled(h) : h);
   const Tensor planes = leave_(last_norm_.then_silu(h));
-  const Tensor past = place_(latent) + whole_(mean(latent, {{2, 3}, true}));
+  const Tensor past = spread(place_(concat({latent, of_place}, 1)), fine_) + whole_(mean(latent, {{2, 3}, true}));
   return planes + resize_bilinear(past, planes.dim(2), planes.dim(3));
 }
 

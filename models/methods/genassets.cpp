@@ -128,6 +128,7 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
   if (config_.decoder) {
     AssetDecoderOptions o;
     o.latent_channels = config_.code_channels;
+    o.side = config_.code_side;
     o.classes = kAssetClassCount;
     o.middle = config_.decoder_middle;
     o.widths = whole_numbers("decoder.widths", config_.decoder_widths);

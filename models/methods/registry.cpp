@@ -99,6 +99,7 @@ const std::vector<Preset>& presets() {
         {"steps.actor", "0.1"},
         {"actors.symmetric", "true"},
         {"weight.adversarial", "0"},
+        {"weight.kl", "1e-3"},
         {"batch.lidar_rays", "512"},
         {"train.rate_codes", "0.02"},
         {"train.rate_decoder", "1e-3"},

@@ -274,9 +274,10 @@ TEST_CASE("the asset decoder has 4.9 M parameters, 5.9 M with convolutions after
   AssetDecoderOptions options;
   options.up_convolutions = true;
   const AssetDecoder larger(Scope{with_convolutions, "decoder", 1}, options);
-  const int64_t past = 2 * (32 + 1) * 36;  // the ways past the decoder, which the paper does not have
-  CHECK(count(params) == 4941284 + 8 * 32 + past);
-  CHECK(count(with_convolutions) == 5863460 + 8 * 32 + past);
+  // What the paper does not have: the ways past the decoder, and what a class has place by place.
+  const int64_t past = (32 + 1) * 36 + (32 + 32 + 1) * 36 * 16, places = 8 * 32 * 64;
+  CHECK(count(params) == 4941284 + 8 * 32 + past + places);
+  CHECK(count(with_convolutions) == 5863460 + 8 * 32 + past + places);
   const Tensor planes = decoder(noise({1, 32, 8, 8}, 1), from_host(std::vector<int32_t>{3}, {1}));
   CHECK(planes.shape() == Shape{1, 36, 128, 128});
   CHECK(std::isfinite(sum(planes).item()));
@@ -324,7 +325,7 @@ TEST_CASE("gradients reach every parameter of the U-Net, and the latent") {
 TEST_CASE("gradients reach every parameter of the asset decoder, and the latent") {
   Params params;
   AssetDecoderOptions options;
-  options.middle = 32, options.widths = {32, 16, 16}, options.groups = 4;
+  options.side = 4, options.middle = 32, options.widths = {32, 16, 16}, options.groups = 4;
   const AssetDecoder decoder(Scope{params, "", 1}, options);
   Params all = params;
   all["latent"] = parameter(noise({2, 32, 4, 4}, 1).to_host(), {2, 32, 4, 4});
