@@ -487,8 +487,16 @@ TensorMap GenAssets::state() const {
 
 void GenAssets::adopt_networks(const TensorMap& parameters) {
   std::vector<std::pair<Tensor, Tensor>> updates;
-  for (const auto& [name, p] : params_)
-    if (name.starts_with("networks.")) updates.push_back({p, tensor_from(parameters, name, p.shape())});
+  for (const auto& [name, p] : params_) {
+    if (!name.starts_with("networks.")) continue;
+    const auto theirs = parameters.find(name);
+    const std::vector<int64_t> wanted(p.shape().begin(), p.shape().end());
+    if (theirs != parameters.end() && theirs->second.shape != wanted)
+      throw Error(Fault::usage, text("--networks: its ", name, " is not ", to_string(p.shape()),
+                                     ", as these settings want it: leave code.side, code.channels, decoder.* and all "
+                                     "that sizes networks as its run has them"));
+    updates.push_back({p, tensor_from(parameters, name, p.shape())});
+  }
   assign(updates);
   frozen_ = true;
 }
