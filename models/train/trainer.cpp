@@ -81,8 +81,9 @@ void Loop::begin() {
 
 /// The largest whose steps are made in time.
 void Loop::choose_horizon() {
+  if (progress_.horizon > 0) return;
   const double budget = *options_.time_budget_seconds, now = since_process_start();
-  if (progress_.horizon > 0 || now < budget * kTimingShare) return;
+  if (now < budget * kTimingShare) return;
   const double left = kCaution * (budget - now) - saving_seconds();
   const auto fits = [&](int64_t steps) {
     Progress then = progress_;
