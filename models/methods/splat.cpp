@@ -76,7 +76,8 @@ void Splat::configure(Config& c) {
   c.bind("growth.gradient", config_.growth.gradient, "densify: gradient of means that asks for more");
   c.bind("growth.absolute", config_.growth.absolute, "densify: sums of absolute gradients, pixel by pixel (AbsGS)");
   c.bind("growth.small", config_.growth.small, "densify: deviation, of the cameras' radius, above which one is split");
-  c.bind("growth.large", config_.growth.large, "densify: deviation, of the radius, above which one is removed");
+  c.bind("growth.large", config_.growth.large,
+         "densify: deviation, of the radius or of how far away it is, above which one is removed");
   c.bind("growth.faint", config_.growth.faint, "opacity below which a gaussian goes");
   c.bind("growth.reset_every", config_.growth.reset_every, "densify: steps between resets of the opacities");
   c.bind("growth.noise", config_.growth.noise, "mcmc: noise on means, times their rate");

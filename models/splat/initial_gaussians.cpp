@@ -25,7 +25,7 @@ constexpr int kAttempts = 40;
 constexpr double kStill = 1, kBoxMargin = 0.1;          // metres
 constexpr double kLowestSky = -0.05, kSkyRadius = 1.5;  // sine of the elevation; of the furthest point's distance
 constexpr double kGoldenAngle = 2.399963229728653;
-enum Stream : uint32_t { kRandomStream = 50, kLidarStream = 51 };
+constexpr uint32_t kRandomStream = 50;
 
 Vector3d position(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
 
