@@ -25,14 +25,18 @@ struct Capture {
   }
 };
 
-std::unique_ptr<Method> built(const Scene& scene, const Settings& settings) {
+std::unique_ptr<Method> built(const Scene& scene, const Settings& settings, Pixels photos) {
   auto method = make_method("splat");
   Config config;
   method->configure(config);
   for (const auto& [key, value] : settings) config.set(key, value, "test");
   method->build({scene}, 7);
-  method->load_data({{scene, load_images(scene, Split::train)}});
+  method->load_data({{scene, std::move(photos)}});
   return method;
+}
+
+std::unique_ptr<Method> built(const Scene& scene, const Settings& settings) {
+  return built(scene, settings, load_images(scene, Split::train));
 }
 
 std::vector<float> on_white(const FramePixels& frame) {
@@ -130,16 +134,11 @@ TEST_CASE("splat: what exposures differ in stays out of the model") {
   };
   double gain = 0;  // of the dark photos less that of the others, learned
   const auto psnr_with = [&](const char* exposure) {
-    auto method = make_method("splat");
-    Config config;
-    method->configure(config);
-    for (const auto& [key, value] : Settings{{"initial", "random"}, {"initial.random", "400"}, {"exposure", exposure}})
-      config.set(key, value, "test");
-    method->build({scene}, 7);
     Pixels photos = load_images(scene, Split::train);
     // Half of them at half the light: what the model shows is their mean, as logarithms.
     for (size_t i = 0; i < photos.frames.size(); i++) on_black(photos.frames[i], i % 2 == 0 ? 0.5 : 1);
-    method->load_data({{scene, photos}});
+    const auto method =
+        built(scene, {{"initial", "random"}, {"initial.random", "400"}, {"exposure", exposure}}, std::move(photos));
     TrainOptions options;
     options.steps = 500;
     train({*method, capture.folder.path / exposure, {}, nullptr, nullptr}, options, {});
