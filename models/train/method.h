@@ -76,7 +76,7 @@ class Method {
   virtual void build(const Scenes& scenes, uint64_t seed) = 0;
   /// One entry a scene, in the order of build.
   virtual void load_data(std::vector<TrainingData> data) = 0;
-  /// What training will take; asked before and after load_data.
+  /// What training will take. Asked before load_data for all of it, later for the parameters alone (photos: none).
   virtual MemoryPlan memory(const PhotoSizes& photos) const = 0;
   virtual Params& parameters() = 0;
   virtual std::vector<LearningRate> learning_rates(const Progress& progress) const = 0;
@@ -102,7 +102,7 @@ class Method {
   /// prior loads its assets in the place of load_data. Null: it learns from captures.
   virtual AssetPrior* prior() { return nullptr; }
   /// After build: takes the networks among the parameters of another run and leaves them frozen from here on, whatever
-  /// the data. Fault::usage for methods whose networks belong to one scene.
+  /// the data. Fault::usage for methods whose networks belong to one scene, and for networks of other sizes.
   virtual void adopt_networks(const TensorMap& parameters);
   /// After adopt_networks and before load_data: codes that are learned from here on are held to what a diffusion of
   /// codes knows. The denoiser is called as long as this lives. Fault::usage for methods without such codes.
