@@ -22,7 +22,7 @@ struct SplatConfig {
   float rate_means = 1.6e-4f;  // times the extent
   float final_means = 0.01f;   // factor reached at the horizon
   float rate_first = 2.5e-3f, rate_rest = 1.25e-4f, rate_opacities = 0.05f, rate_scales = 5e-3f, rate_rotations = 1e-3f;
-  bool exposure = false;  // a gain and an offset for each channel of each training image, their means 1 and 0
+  bool exposure = false;        // a gain and an offset for each channel of each training image, their means 1 and 0
   float rate_exposure = 0.01f;  // falls to a tenth
   GrowthOptions growth;
 };
