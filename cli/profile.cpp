@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "runtime/device.h"
 #include "runtime/limits.h"
 #include "runtime/profile.h"
 
@@ -35,6 +36,14 @@ void tell_kernels(const Profile& profile, const DeviceLimits& limits) {
   }
 }
 
+void tell_work(const Profile& profile, const DeviceLimits& limits) {
+  double flops = 0;
+  for (const KernelCost& cost : profile.kernels) flops += cost.flops;
+  const double gflop = flops * 1e-9, rate = gflop / std::max(profile.device_seconds, 1e-12);
+  std::fprintf(stderr, "work      %.1f GFLOP: %.0f GFLOP/s, %.0f %% of the device's peak; %s of buffers at most\n",
+               gflop, rate, 100 * rate / limits.gflops, words_for_bytes(device_stats().peak_bytes).c_str());
+}
+
 void tell_step(const StepCost& step) {
   if (step.steps <= 0 || step.ms <= 0) return;
   std::fprintf(stderr, "a step    %.2f ms (mean of %lld): device idle %.1f %%, host waits %.1f %%\n", step.ms,
@@ -64,6 +73,7 @@ void end_profile() {
                limits.gflops, limits.copy_gbps, limits.in_place_gbps, limits.copy_l3_gbps, limits.copy_l2_gbps);
   std::fprintf(stderr, "all       %.2f s: device %.2f s, host waits %.2f s, compiling %.2f s\n", profile.seconds,
                profile.device_seconds, profile.wait_seconds, profile.build_seconds);
+  tell_work(profile, limits);
   tell_step(profile.step);
 }
 
