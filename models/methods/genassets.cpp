@@ -20,6 +20,7 @@ constexpr float kCube = 1.1f;                          // a box's cube over its 
 constexpr float kShadowSlack = 0.3f;  // metres behind the background at which ground still counts as seen
 constexpr float kBright = 4;          // shadows begin as sigmoid(kBright)
 constexpr float kLeastTransmittance = 1e-3f;
+constexpr int64_t kSamples = 40;     // of a street's ray, as a rule
 constexpr int64_t kHeights = 9;      // at which a log's texels have something in common
 constexpr float kCommonSteps = 100;  // before codes of their own come up, if the networks are another run's
 constexpr double kWorst = 0.05;      // share of LiDAR rays that are left out
@@ -210,11 +211,13 @@ MemoryPlan GenAssets::memory(const PhotoSizes& photos) const {
   for (const auto& [name, p] : params_) plan.parameters += static_cast<uint64_t>(p.numel()) * 4;
   plan.optimiser = 2 * plan.parameters;
   plan.images = photos.bytes;
-  const int64_t rays = int64_t{config_.patches} * config_.patch_side * config_.patch_side + config_.lidar_rays;
-  const int64_t a_sample = 4 * (6 * 3 * int64_t{config_.field.plane_channels} + 12 * int64_t{config_.field.width});
+  const int64_t window = int64_t{config_.tile_side} + 2 * kHalo, patch = config_.patch_side;
+  const int64_t cells = config_.whole_images ? window * window : config_.patches * patch * patch,
+                rays = config_.whole_images ? config_.tile_rays : cells + config_.lidar_rays;
+  const int64_t a_sample = 4 * (6 * 3 * int64_t{config_.field.plane_channels} + 18 * int64_t{config_.field.width});
   const int64_t a_pixel = 4 * config_.image.width * (6 + 4 * int64_t{config_.image.blocks});
-  plan.work =
-      plan.parameters + static_cast<uint64_t>(rays * (40 * a_sample + image_->scale() * image_->scale() * a_pixel));
+  plan.work = plan.parameters +
+              static_cast<uint64_t>(rays * kSamples * a_sample + cells * image_->scale() * image_->scale() * a_pixel);
   return plan;
 }
 

@@ -17,6 +17,8 @@ namespace cloam {
 
 /// Of codes at the start: parameters hold what is added to it.
 constexpr float kCodeLogVariance = -6;
+/// Whole images: cells around a window that its pixels depend on, as far as it matters.
+constexpr int64_t kHalo = 8;
 
 struct GenAssetsConfig {
   StreetFieldOptions field;

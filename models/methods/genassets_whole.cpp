@@ -9,7 +9,6 @@
 namespace cloam {
 namespace {
 
-constexpr int64_t kHalo = 8;      // cells around a window that its pixels depend on, as far as it matters
 constexpr int64_t kMultiple = 4;  // of cells a window: the discriminator halves pixels four times
 
 /// Sums of gradients over tiles. Each is evaluated at once, so that a tile's graph is gone before the next.
