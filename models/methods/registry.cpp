@@ -44,8 +44,8 @@ const Variant kVariants[] = {
      {{"weight.perceptual", "0"}}},
     {"genassets-small",
      "genassets-small-nodecoder",
-     "the same with actors' planes learned directly",
-     {{"decoder.use", "false"}}},
+     "each actor's planes learned directly: nothing is known of assets, nor that they are symmetric",
+     {{"decoder.use", "false"}, {"actors.symmetric", "false"}}},
 };
 
 std::vector<Preset> with_variants(std::vector<Preset> rows) {
@@ -99,7 +99,6 @@ const std::vector<Preset>& presets() {
         {"steps.actor", "0.1"},
         {"actors.symmetric", "true"},
         {"weight.adversarial", "0"},
-        {"weight.kl", "1e-3"},
         {"batch.lidar_rays", "512"},
         {"train.rate_codes", "0.02"},
         {"train.rate_decoder", "1e-3"},

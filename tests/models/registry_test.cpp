@@ -28,7 +28,7 @@ TEST_CASE("ablations differ from genassets-small in what they leave out alone") 
   const std::map<std::string, std::map<std::string, std::string>> ablations = {
       {"nokl", {{"weight.kl", "0"}, {"code.variational", "false"}}},
       {"noperceptual", {{"weight.perceptual", "0"}}},
-      {"nodecoder", {{"decoder.use", "false"}}}};
+      {"nodecoder", {{"decoder.use", "false"}, {"actors.symmetric", "false"}}}};
   for (const auto& [name, differences] : ablations) {
     CAPTURE(name);
     auto expected = base;
