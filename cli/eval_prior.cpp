@@ -23,7 +23,8 @@ namespace cloam {
 namespace {
 
 constexpr int kAllCodes = 1000000;
-constexpr int kSamples = 96, kLeastTraining = 20, kPairs = 8;
+constexpr int kSamples = 192;  // fewer make all Frechet distances large, and alike
+constexpr int kLeastTraining = 20, kPairs = 8;
 constexpr int kOfAClass[] = {48, 16};  // at most: training assets, which prototypes are made of, and samples
 constexpr int kViews = 4, kPixels = 64;
 
@@ -162,22 +163,30 @@ std::array<LabelledCodes, 2> looks_of_classes(AssetPrior& prior, Street& street,
   return both;
 }
 
-/// Of samples as they look: as a set like the training assets, beside random codes; of their class; dark at night.
+/// How far samples are, as they look, from some of the training assets; random codes, which know nothing, and the
+/// training assets in between, which are all that samples can be.
+void add_set_figures(AssetPrior& prior, Street& street, const FeatureNetwork& network, Json& figures) {
+  const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kAllCodes);
+  std::array<std::vector<NewAsset>, 2> training;
+  const std::size_t step = 1 + all.size() / (2 * kSamples);
+  for (std::size_t i = 0; i < all.size(); i += step) training[i / step % 2].push_back(all[i]);
+  const Eigen::MatrixXd truth = features_of(street, training[0], network);
+  const auto add = [&](const std::string& prefix, const std::vector<NewAsset>& assets) {
+    Json distances;
+    add_sets(distances, network.name, set_distances(features_of(street, assets, network), truth));
+    for (const auto& [key, value] : distances.items())
+      if (prefix.empty() || key != "set_images") figures[prefix + key] = value;
+  };
+  add("", assets_of(prior, CodeSource::sampled, kSamples));
+  add("baseline_random_", assets_of(prior, CodeSource::random, kSamples));
+  if (training[1].size() > 1) add("baseline_training_", training[1]);
+}
+
+/// Of samples as they look: as a set like the training assets; of their class; dark at night.
 void add_picture_figures(AssetPrior& prior, const RestoredRun& decoder, const FeatureNetwork& network, Json& figures) {
   Street& street = street_of(decoder);
   const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kAllCodes);
-  std::vector<NewAsset> training;
-  const std::size_t step = 1 + all.size() / kSamples;
-  for (std::size_t i = 0; i < all.size(); i += step) training.push_back(all[i]);
-  const Eigen::MatrixXd truth = features_of(street, training, network);
-  const auto distance = [&](CodeSource source) {
-    return set_distances(features_of(street, assets_of(prior, source, kSamples), network), truth);
-  };
-  add_sets(figures, network.name, distance(CodeSource::sampled));
-  Json random;
-  add_sets(random, network.name, distance(CodeSource::random));
-  for (const auto& [key, value] : random.items())
-    if (key != "set_images") figures["baseline_random_" + key] = value;
+  add_set_figures(prior, street, network, figures);
   figures["feature_network"] = network.name;
   const std::vector<int> classes = common_classes(labelled(all));
   if (classes.size() > 1) {
@@ -237,7 +246,12 @@ std::string prior_table(const nlohmann::ordered_json& f) {
          row("training assets for their class", "class_right_of_training") + row("by chance", "baseline_class_right") +
          row("Frechet distance to training", "frechet_feature_distance") + row("FID to training", "fid") +
          row("of random codes", "baseline_random_frechet_feature_distance") +
-         row("of random codes", "baseline_random_fid") + row("nights darker than days", "night_darker");
+         row("of random codes", "baseline_random_fid") +
+         row("of other training assets", "baseline_training_frechet_feature_distance") +
+         row("of other training assets", "baseline_training_fid") +
+         row("kernel distance to training", "kernel_feature_distance") + row("KID to training", "kid") +
+         row("of random codes", "baseline_random_kernel_feature_distance") +
+         row("of random codes", "baseline_random_kid") + row("nights darker than days", "night_darker");
 }
 
 }  // namespace cloam
