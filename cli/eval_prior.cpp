@@ -163,10 +163,10 @@ std::array<LabelledCodes, 2> looks_of_classes(AssetPrior& prior, Street& street,
   return both;
 }
 
-/// How far samples are, as they look, from some of the training assets; random codes, which know nothing, and the
+/// How far samples are, as they look, from some of all training assets; random codes, which know nothing, and the
 /// training assets in between, which are all that samples can be.
-void add_set_figures(AssetPrior& prior, Street& street, const FeatureNetwork& network, Json& figures) {
-  const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kAllCodes);
+void add_set_figures(AssetPrior& prior, Street& street, const FeatureNetwork& network, const std::vector<NewAsset>& all,
+                     Json& figures) {
   std::array<std::vector<NewAsset>, 2> training;
   const std::size_t step = 1 + all.size() / (2 * kSamples);
   for (std::size_t i = 0; i < all.size(); i += step) training[i / step % 2].push_back(all[i]);
@@ -186,7 +186,7 @@ void add_set_figures(AssetPrior& prior, Street& street, const FeatureNetwork& ne
 void add_picture_figures(AssetPrior& prior, const RestoredRun& decoder, const FeatureNetwork& network, Json& figures) {
   Street& street = street_of(decoder);
   const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kAllCodes);
-  add_set_figures(prior, street, network, figures);
+  add_set_figures(prior, street, network, all, figures);
   figures["feature_network"] = network.name;
   const std::vector<int> classes = common_classes(labelled(all));
   if (classes.size() > 1) {
