@@ -21,9 +21,10 @@ namespace {
 
 constexpr char kParameter[] = "param.", kOptimiser[] = "adam.", kState[] = "state.";
 constexpr double kTimingShare =
-    0.25;                           // of a budget passes before its horizon is chosen (schedules hold still till then)
-constexpr double kCaution = 0.86;   // of what is left then: a little early is better than a decay cut short
-constexpr int64_t kFirstSteps = 3;  // compile kernels: they tell nothing of the others
+    0.25;                         // of a budget passes before its horizon is chosen (schedules hold still till then)
+constexpr double kCaution = 0.9;  // of what is left then: a little early is better than a decay cut short
+constexpr int64_t kLeastPlanned = 8;  // steps between one choice and the next
+constexpr int64_t kFirstSteps = 3;    // compile kernels: they tell nothing of the others
 
 void add_prefixed(TensorMap& to, const TensorMap& from, const std::string& prefix) {
   for (const auto& [name, tensor] : from) to[prefix + name] = tensor;
@@ -62,7 +63,9 @@ class Loop {
   Progress progress_;
   Clock::time_point start_ = Clock::now();
   TrainResult result_;
-  StepPace pace_;  // saving and telling included
+  bool planning_ = false;  // the horizon follows from a time budget
+  int64_t next_plan_ = 0;  // step
+  StepPace pace_;          // saving and telling included
   double step_seconds_ = 0, save_cost_ = 0;
   int64_t saved_step_ = -1;
 };
@@ -76,12 +79,14 @@ void Loop::begin() {
     saved_step_ = progress_.step;
   }
   const bool by_time = options_.time_budget_seconds && !options_.steps;
+  planning_ = progress_.horizon == 0 && by_time;
   if (progress_.horizon == 0 && !by_time) progress_.horizon = options_.steps.value_or(options_.default_steps);
 }
 
-/// The largest whose steps are made in time.
+/// The largest whose steps are made in time. Steps get faster as scenes become solid: each time that half of what was
+/// planned is made, it is chosen again.
 void Loop::choose_horizon() {
-  if (progress_.horizon > 0) return;
+  if (!planning_ || progress_.step < next_plan_) return;
   const double budget = *options_.time_budget_seconds, now = since_process_start();
   if (now < budget * kTimingShare) return;
   const double left = kCaution * (budget - now) - saving_seconds();
@@ -95,6 +100,7 @@ void Loop::choose_horizon() {
   while (fits(many)) few = many, many *= 2;
   while (many - few > 1) (fits((few + many) / 2) ? few : many) = (few + many) / 2;
   progress_.horizon = progress_.step + few;
+  next_plan_ = progress_.step + std::max(few / 2, kLeastPlanned);
 }
 
 /// Reading back, checksums and fsync go at some 100 MB/s; measured once a save has been made.

@@ -12,7 +12,7 @@ namespace cloam {
 
 struct TrainOptions {
   std::optional<int64_t> steps;               // the horizon
-  std::optional<double> time_budget_seconds;  // from process start to the saved checkpoint; chooses the horizon once
+  std::optional<double> time_budget_seconds;  // from process start to the saved checkpoint; chooses the horizon
   double seconds_before = 0;                  // already passed since process start when train() is called
   int64_t stop_after = 0;                     // stop (and save) after this step; 0: run to the horizon
   int64_t save_every = 0;                     // 0: only the last step

@@ -3,7 +3,9 @@
 
 #include <doctest/doctest.h>
 
+#include <chrono>
 #include <filesystem>
+#include <thread>
 
 #include "models/io/checkpoint.h"
 #include "models/nn/params.h"
@@ -40,6 +42,7 @@ class TwoScenes final : public Method {
   }
   Tensor loss(const Progress& progress) override {
     const Tensor& plane = params_.at(progress.step % 2 == 0 ? "plane.0" : "plane.1");
+    if (progress.step <= slow_steps_) std::this_thread::sleep_for(std::chrono::milliseconds(4));
     return sum(square(params_.at("network") - 1.f)) + sum(square(plane - 1.f));
   }
   Gradients gradients(const Progress& progress, const Tensors& wanted) override {
@@ -53,6 +56,7 @@ class TwoScenes final : public Method {
   std::vector<float> values(const char* name) { return params_.at(name).to_host(); }
 
   size_t wanted_ = 0, reached_ = 0;
+  int64_t slow_steps_ = 0;
 
  private:
   Params params_;
@@ -104,6 +108,23 @@ TEST_CASE("adopted networks stay as they were, have no optimiser state and are s
   restored.build({}, 3);
   restore_method(restored, saved);
   CHECK(restored.values("network") == first.values("network"));
+}
+
+TEST_CASE("a time budget is planned again when steps have become faster") {
+  const Folder folder;
+  TwoScenes method;
+  method.build({}, 1);
+  method.slow_steps_ = 60;
+  TrainOptions options;
+  options.time_budget_seconds = 1;
+  int64_t first = 0;
+  TrainListener listener;
+  listener.step = [&](const StepReport& report) {
+    if (first == 0) first = report.progress.horizon;
+  };
+  const TrainResult result = train({method, folder.path, {}, nullptr, nullptr}, options, listener);
+  REQUIRE(first > 0);
+  CHECK(result.horizon > first);
 }
 
 TEST_CASE("rows that a gradient reaches decay towards zero, the others keep their values") {
