@@ -17,11 +17,12 @@ StreetField::StreetField(const Scope& scope, const StreetFieldOptions& o)
     : options_(o),
       distance_(scope / "distance", sizes(3 * int64_t{o.plane_channels}, o.distance_layers, o.width, o.features)),
       feature_(scope / "feature", sizes(int64_t{o.features} + 16, o.feature_layers, o.width, o.features)),
+      past_(scope / "past", 3 * int64_t{o.plane_channels}, o.features, 0.f),
       offset_(scope.constant("offset", {1}, o.distance)),
       sharpness_(scope.constant("sharpness", {1}, o.sharpness)) {}
 
 StreetField::Geometry StreetField::geometry(const Tensor& planes) const {
-  const Tensor both = distance_(planes);
+  const Tensor both = distance_(planes) + past_(planes);
   const int64_t samples = planes.dim(0);
   return {reshape(slice(both, 1, 0, 1), {samples}) + offset_, both};
 }

@@ -31,6 +31,7 @@ class StreetField {
  private:
   StreetFieldOptions options_;
   SmallMlp distance_, feature_;
+  Linear past_;  // texels to inner past the first network: a paint is learned by a line, long before units agree on it
   Tensor offset_, sharpness_;
 };
 

@@ -100,7 +100,6 @@ const std::vector<Preset>& presets() {
         {"actors.symmetric", "true"},
         {"weight.adversarial", "0"},
         {"batch.lidar_rays", "512"},
-        {"train.rate_codes", "0.02"},
         {"train.rate_decoder", "1e-3"},
         {"train.rate_field", "5e-3"},
         {"train.rate_image", "4e-3"},

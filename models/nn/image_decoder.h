@@ -1,6 +1,6 @@
 // From a map of features to an image (GenAssets, supplement A: f_rgb): residual blocks, with the map doubled on the
-// way. The first three features go past them to the image (as in GIRAFFE, Niemeyer and Geiger 2021), so that colours
-// learn at once and survive units that die.
+// way. Three features go past them to the image (as in GIRAFFE, Niemeyer and Geiger 2021), so that colours learn at
+// once and survive units that die: not the first, which of a street's field is the distance.
 #pragma once
 #include "models/nn/image_layers.h"
 

@@ -1,4 +1,5 @@
-// Image layers against plain loops in double; the U-Net and the asset decoder: sizes, names, gradients, learning.
+// Image layers against plain loops in double; the U-Net and the asset decoder: sizes, names, gradients, learning; the
+// way of colours through field and image decoder.
 #include <doctest/doctest.h>
 
 #include <algorithm>
@@ -8,6 +9,8 @@
 #include "models/diffusion/schedule.h"
 #include "models/diffusion/unet.h"
 #include "models/fields/asset_decoder.h"
+#include "models/fields/street_field.h"
+#include "models/nn/image_decoder.h"
 #include "models/train/optimiser.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -360,4 +363,36 @@ TEST_CASE("a small U-Net learns the velocities of two samples by heart") {
   }
   MESSAGE("loss ", loss_now, ", predicting the mean ", baseline);
   CHECK(loss_now < 0.1f * baseline);
+}
+
+TEST_CASE("image decoder: the image is as much larger as scale() says, whatever the blocks") {
+  for (const auto& [blocks, doublings] : {std::pair{6, 2}, {4, 1}, {3, 2}, {0, 1}, {5, 0}}) {
+    CAPTURE(blocks);
+    CAPTURE(doublings);
+    Params params;
+    const ImageDecoder decoder(Scope{params, "", 1},
+                               {.features = 4, .width = 4, .side = 3, .blocks = blocks, .doublings = doublings});
+    const Tensor image = decoder(zeros({1, 4, 5, 3}));
+    CHECK(image.shape() == Shape{1, 3, 5 * decoder.scale(), 3 * decoder.scale()});
+  }
+}
+
+TEST_CASE("a paint goes from texels to the image past all networks, and the distance does not") {
+  Params params;
+  const Scope root{params, "", 1};
+  const StreetField field(root / "field", {.plane_channels = 2, .width = 4, .features = 8});
+  const ImageDecoder decoder(root / "image", {.features = 8, .width = 4, .side = 3, .blocks = 1, .doublings = 0});
+  std::vector<std::pair<Tensor, Tensor>> updates;
+  for (const auto& [name, p] : params) updates.push_back({p, zeros(p.shape())});
+  assign(updates);
+  std::vector<float> past(6 * 8, 0.f);
+  past[0] = 5, past[1] = 2;  // of the first channel of the first plane, to the distance and to red
+  assign({{params.at("field.past.weight"), from_host(past, {6, 8})}});
+  const auto geometry = field.geometry(from_host(std::vector<float>{0.5f, 1, 1, 1, 1, 1}, {1, 6}));
+  CHECK(geometry.distance.item() == doctest::Approx(2.5));
+  const Tensor features = field.features(geometry.inner, zeros({1, 16}));
+  const std::vector<float> pixel = decoder(reshape(features, {1, 8, 1, 1})).to_host();
+  CHECK(pixel[0] == doctest::Approx(1 / (1 + std::exp(-1.0))));
+  CHECK(pixel[1] == doctest::Approx(0.5));
+  CHECK(pixel[2] == doctest::Approx(0.5));
 }
