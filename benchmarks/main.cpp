@@ -1,6 +1,6 @@
 // cloam-benchmarks: what `cloam bench` does with the workloads of the runtime; needs no library but OpenCL.
-#include <cstdio>
 #include <algorithm>
+#include <cstdio>
 #include <cstdlib>
 #include <string>
 

@@ -23,6 +23,7 @@ constexpr float kLeastTransmittance = 1e-3f;
 constexpr int64_t kSamples = 40;     // of a street's ray, as a rule
 constexpr int64_t kHeights = 9;      // at which a log's texels have something in common
 constexpr float kCommonSteps = 100;  // before codes of their own come up, if the networks are another run's
+constexpr float kQuiet = 0.1f;       // of the background's chance texels, if the networks are another run's
 constexpr double kWorst = 0.05;      // share of LiDAR rays that are left out
 
 void hold(PatchDiscriminator::Block& block) {
@@ -213,8 +214,10 @@ MemoryPlan GenAssets::memory(const PhotoSizes& photos) const {
   plan.images = photos.bytes;
   const int64_t window = int64_t{config_.tile_side} + 2 * kHalo, patch = config_.patch_side;
   const int64_t cells = config_.whole_images ? window * window : config_.patches * patch * patch,
-                rays = config_.whole_images ? config_.tile_rays : cells + config_.lidar_rays;
-  const int64_t a_sample = 4 * (6 * 3 * int64_t{config_.field.plane_channels} + 18 * int64_t{config_.field.width});
+                rays =
+                    config_.whole_images ? std::max(config_.tile_rays, config_.lidar_rays) : cells + config_.lidar_rays;
+  const int64_t texels = 3 * int64_t{config_.field.plane_channels};
+  const int64_t a_sample = 4 * (7 * texels + 18 * int64_t{config_.field.width} + config_.field.features);
   const int64_t a_pixel = 4 * config_.image.width * (6 + 4 * int64_t{config_.image.blocks});
   plan.work = plan.parameters +
               static_cast<uint64_t>(rays * kSamples * a_sample + cells * image_->scale() * image_->scale() * a_pixel);
@@ -330,7 +333,8 @@ GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, cons
   const StreetSamples& s = out.samples;
   Tensor harmonics = gather_rows(spherical_harmonics(at.directions), s.ray);
   if (s.owners.dim(0) > 0) harmonics = concat({harmonics, actor_views(s.actor_directions, how.blind)}, 0);
-  const StreetField::Geometry geometry = field_->geometry(features_at(log, s, decoded.planes, slots));
+  const Tensor texels = features_at(log, s, decoded.planes, slots);
+  const StreetField::Geometry geometry = field_->geometry(how.apart ? apart(texels, s) : texels);
   out.alpha = field_->opacity(geometry.distance);
   const int64_t wide = config_.field.features;
   const Tensor blended = street_blend({out.alpha, field_->features(geometry.inner, harmonics), s.t, s.rows, s.offsets,
@@ -381,6 +385,21 @@ Tensor GenAssets::features_at(const Log& log, const StreetSamples& s, const Tens
   return concat({background, sample_planes(planes, in_cube(s.actor_points), gather_rows(slots, s.owners))}, 0);
 }
 
+/// What samples read [S,C] by row, but gradients reach the background's on those rays alone that meet no actor.
+Tensor GenAssets::apart(const Tensor& texels, const StreetSamples& s) {
+  const std::vector<int32_t> offsets = s.offsets.to_host<int32_t>(), rows = s.rows.to_host<int32_t>();
+  const auto background = static_cast<int32_t>(s.points.dim(0));
+  std::vector<float> learns(rows.size(), 1.f);
+  for (size_t ray = 0; ray + 1 < offsets.size(); ++ray) {
+    const auto begin = rows.begin() + offsets[ray], end = rows.begin() + offsets[ray + 1];
+    if (std::none_of(begin, end, [&](int32_t row) { return row >= background; })) continue;
+    for (auto row = begin; row != end; ++row)
+      if (*row < background) learns[static_cast<size_t>(*row)] = 0;
+  }
+  const Tensor mask = from_host(learns, {texels.dim(0), 1});
+  return texels * mask + stop_gradient(texels) * (1.f - mask);
+}
+
 /// How much light is left on each ray's ground [R,3]: the product over the actors whose shadow may fall there.
 Tensor GenAssets::shadows_of(const Log& log, const Shaded& shaded, const Tensor& planes, const Tensor& slots) const {
   const StreetSamples& s = shaded.samples;
@@ -429,6 +448,12 @@ bool GenAssets::blind(const Progress& progress) const {
   return HostRandom(~seed_, static_cast<uint64_t>(progress.step)).uniform() < config_.view_drop;
 }
 
+/// Of one image the background could learn the actors' picture where it lies behind them: no other image says that it
+/// is wrong, and codes, which begin slowly, would have nothing left to explain.
+bool GenAssets::image_is_actors(const Log& log, const Progress& progress) const {
+  return frozen_ && log.data->images() == 1 && static_cast<float>(progress.step) <= 2 * kCommonSteps;
+}
+
 Tensor GenAssets::loss(const Progress& progress) {
   HostRandom random(seed_, static_cast<uint64_t>(progress.step));
   const Log& log = logs_[random.below(logs_.size())];
@@ -440,7 +465,8 @@ Tensor GenAssets::loss(const Progress& progress) {
   const int64_t all = rays.count();
   // A pass through the distance alone finds what lies behind surfaces; it pays once a quarter of the samples are dark.
   const bool skim = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
-  const Drawing how{{seed_, static_cast<uint32_t>(progress.step), 0}, true, skim, blind(progress)};
+  const Drawing how{
+      {seed_, static_cast<uint32_t>(progress.step), 0}, true, skim, blind(progress), image_is_actors(log, progress)};
   const Shaded seen = shade(street(log, rays), rays, how, true);
   const auto map = [&](const Tensor& x) {
     return permute(reshape(slice(x, 0, 0, camera_rays), {patches, side, side, x.dim(1)}), {0, 3, 1, 2});
@@ -500,6 +526,8 @@ void GenAssets::adopt_networks(const TensorMap& parameters) {
                                      "that sizes networks as its run has them"));
     updates.push_back({p, tensor_from(parameters, name, p.shape())});
   }
+  // Chance tells networks apart that are still to be learned; to these it would be specks where no camera looks.
+  for (const Log& log : logs_) updates.push_back({log.background, log.background * kQuiet});
   assign(updates);
   frozen_ = true;
 }

@@ -105,6 +105,7 @@ class GenAssets final : public Method, public Street {
     bool random = false;
     bool skim = true;    // leave out samples behind surfaces
     bool blind = false;  // actors are seen without a view direction
+    bool apart = false;  // where rays meet boxes, the background learns nothing
     RandomKey of(Stream stream) const { return {key.seed, key.step, stream}; }
   };
   struct Met {
@@ -146,6 +147,8 @@ class GenAssets final : public Method, public Street {
   bool blind(const Progress& progress) const;
   static Tensor actor_views(const Tensor& directions, bool blind);
   static Tensor heights(const Tensor& points);
+  static Tensor apart(const Tensor& texels, const StreetSamples& samples);
+  bool image_is_actors(const Log& log, const Progress& progress) const;
   Tensor features_at(const Log& log, const StreetSamples& samples, const Tensor& planes, const Tensor& slots) const;
   Shaded shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows,
                const Decoded* ready = nullptr) const;
