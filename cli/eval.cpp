@@ -153,6 +153,7 @@ void measure_rotations(const EvalRequest& request, std::size_t scenes, Evaluator
       if (degrees == kTurnStep) add_source(photos, evaluator);
       TurnedLog turned = turned_log(photos.scene, degrees);
       keep_image(turned, photos);
+      if (frames_of(turned.scene, Split::test).empty()) continue;
       if (!turned.has_truth && degrees == kTurnStep)
         warn(photos.name + ": it has no images of turned actors: renders alone, beside the images as they were");
       measure_turned(*run.method, photos, turned, evaluator, result.scenes[i]);

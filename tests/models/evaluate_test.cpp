@@ -178,6 +178,23 @@ TEST_CASE("actors turn counter-clockwise about their own z axes") {
   CHECK(turned.scene.frames[1].image == "camera/front_camera/1.png");
 }
 
+TEST_CASE("what a camera would see from inside of a turned actor is not measured") {
+  Scene log;
+  log.root = "nowhere";
+  GreyLog grey({0, 1}, {2});
+  log.frames = grey.scene.frames;
+  const Eigen::Vector3d camera = log.frames[0].world_from_camera.topRightCorner<3, 1>();
+  // A lorry of 10 m by 2 m, 3 m beside the camera.
+  log.actors = {{"a", "Truck", {2, 10, 4}, false, {{0, 0, at(camera.x() + 3, camera.y(), camera.z())}}}};
+  log.actors[0].boxes[0].timestamp = *log.frames[0].timestamp;
+  CHECK(turned_log(log, 180).scene.frames[0].split == Split::test);
+  CHECK(turned_log(log, 90).scene.frames[0].split == Split::unused);
+  log.actors[0].size.y() = 5.4;  // 0.3 m away from the camera when it is turned
+  CHECK(turned_log(log, 90).scene.frames[0].split == Split::test);
+  log.actors[0].size.y() = 5.6;
+  CHECK(turned_log(log, 90).scene.frames[0].split == Split::unused);
+}
+
 TEST_CASE("LiDAR errors are of the test sweeps, along rays from the LiDAR") {
   const Folder folder;
   Scene log;
