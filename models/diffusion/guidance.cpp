@@ -8,6 +8,8 @@
 namespace cloam {
 namespace {
 
+constexpr float kLeastGradient = 0.01f;  // of the largest row's: what is smaller moves less
+
 /// One value a channel, to stand before [N,C,H,W].
 Tensor by_channel(const std::vector<float>& values) {
   return from_host(values, {1, static_cast<int64_t>(values.size()), 1, 1});
@@ -46,10 +48,10 @@ Tensor distillation(const Schedule& schedule, const CleanEstimate& clean, const 
 
 Tensor guided_clean(const Tensor& clean, const Tensor& gradient, const Level& level, float strength) {
   const int64_t rows = clean.dim(0), numbers = clean.numel() / rows;
-  const Tensor largest = sqrt(max(mean(square(reshape(gradient, {rows, numbers})), {{1}})));
-  const Tensor scale =
-      (strength * static_cast<float>(level.sigma)) / maximum(largest, std::numeric_limits<float>::min());
-  return clean - gradient * scale;
+  const Tensor of_row = sqrt(mean(square(reshape(gradient, {rows, numbers})), {{1}}));
+  const Tensor least = maximum(max(of_row) * kLeastGradient, std::numeric_limits<float>::min());
+  const Tensor scale = (strength * static_cast<float>(level.sigma)) / maximum(of_row, least);
+  return clean - gradient * by_row(scale, clean);
 }
 
 }  // namespace cloam

@@ -22,7 +22,7 @@ CodeDenoising::CodeDenoising(const CodeDenoiser& denoiser, const CodePriorOption
       times_(sampling_times(denoiser.schedule.times(), options.steps)) {
   const auto channels = static_cast<int64_t>(denoiser_.mean.size());
   const Shape shape = {static_cast<int64_t>(rows_.rows.size()), channels, denoiser_.side, denoiser_.side};
-  noisy_ = random_normal(shape, {seed, kStart, kPriorNoise});
+  noisy_ = random_normal(shape, {seed, kStart, kPriorNoise}) * options.noise;
   eval({noisy_});
 }
 
@@ -69,12 +69,8 @@ void CodeDenoising::advance(int64_t step) {
   const Level from = level(static_cast<size_t>(step)), to = level(static_cast<size_t>(step) + 1);
   Tensor now = clean_;
   if (gradient_) {
-    Tensor gradient = gradient_;
-    if (options_.through_network) {
-      const Tensor noisy = parameter(noisy_.to_host(), noisy_.shape());
-      gradient = grad(clean(noisy, step), {noisy}, gradient_).front();
-    }
-    now = guided_clean(clean_, gradient, from, options_.guidance);
+    const Tensor noisy = parameter(noisy_.to_host(), noisy_.shape());
+    now = guided_clean(clean_, grad(clean(noisy, step), {noisy}, gradient_).front(), from, options_.guidance);
   }
   const DenoisingStep by = ddim_step(from, to, 0);
   noisy_ = stop_gradient(noisy_ * by.noisy + now * by.clean);

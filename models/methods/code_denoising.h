@@ -16,7 +16,9 @@ struct CodeRows {
   UnetCondition condition;  // of the rows
 };
 
-/// Each training step is a step of DDIM; the optimiser leaves the codes alone meanwhile.
+/// Each training step is a step of DDIM; the optimiser leaves the codes alone meanwhile. Gradients of the rendering go
+/// through the denoiser to x_t, so that what the image shows of an actor tells of all that the prior knows to go with
+/// it.
 class CodeDenoising {
  public:
   /// Fault::usage unless options.steps is 1 to the times of the schedule.

@@ -19,7 +19,8 @@ constexpr int64_t kMeasuring = 16;  // steps: a term of early times is hundreds 
 constexpr uint64_t kTimesSeed = 0x7072696f72;  // apart from the numbers that choose what a step sees
 
 void check(const CodePriorOptions& o) {
-  const std::pair<const char*, float> factors[] = {{"weight.prior", o.weight}, {"prior.guidance", o.guidance}};
+  const std::pair<const char*, float> factors[] = {
+      {"weight.prior", o.weight}, {"prior.guidance", o.guidance}, {"prior.noise", o.noise}};
   for (const auto& [setting, value] : factors)
     if (!(value >= 0 && std::isfinite(value)))
       throw Error(Fault::usage, text("setting ", setting, " is ", value, ", want 0 or more"));

@@ -12,8 +12,9 @@ namespace cloam {
 struct CodePriorOptions {
   float weight = 0.1f;  // of the term: the norm of its gradient by codes over that of all other terms together
   bool through_network = false;
-  int steps = 50;         // of denoising
-  float guidance = 0.5f;  // guidance.h: strength
+  int steps = 100;     // of denoising
+  float guidance = 1;  // guidance.h: strength
+  float noise = 0;     // deviation of what denoising begins with
 };
 
 // Streams of random numbers within a step, beside those of the method itself.
@@ -35,6 +36,7 @@ class CodePrior {
   ~CodePrior();
   /// The first steps of the training, from step 1 on, denoise these codes.
   void denoise(CodeRows rows);
+  bool denoises() const { return denoising_ != nullptr; }
 
   /// Before a step is rendered.
   void begin_step(const Progress& progress);

@@ -23,6 +23,7 @@ constexpr float kLeastTransmittance = 1e-3f;
 constexpr int64_t kSamples = 40;     // of a street's ray, as a rule
 constexpr int64_t kHeights = 9;      // at which a log's texels have something in common
 constexpr float kCommonSteps = 100;  // before codes of their own come up, if the networks are another run's
+constexpr float kRefining = 0.4f;    // of the codes' rate, once they have been denoised
 constexpr float kQuiet = 0.1f;       // of the background's chance texels, if the networks are another run's
 constexpr double kWorst = 0.05;      // share of LiDAR rays that are left out
 
@@ -76,9 +77,10 @@ void GenAssets::configure(Config& c) {
   c.bind("weight.stray", config_.weight_stray, "of matter along LiDAR rays that is not near their return");
   c.bind("weight.kl", config_.weight_kl, "of the codes' KL term, a mean over their numbers");
   c.bind("weight.prior", config_.prior.weight, "with a prior: share that its gradient by codes has of the others'");
-  c.bind("prior.through_network", config_.prior.through_network, "gradients go through the denoiser too");
+  c.bind("prior.through_network", config_.prior.through_network, "the term's gradients go through the denoiser too");
   c.bind("prior.steps", config_.prior.steps, "of denoising, which one image alone begins with; 0: none");
   c.bind("prior.guidance", config_.prior.guidance, "how far rendering moves a denoising step, in its noise levels");
+  c.bind("prior.noise", config_.prior.noise, "deviation of what denoising begins with; 0: what is usual, 1: a draw");
   c.bind("perceptual.weights", config_.perceptual_weights, "file with a pretrained network; empty: random features");
   c.bind("train.rate_codes", config_.rate_codes, "learning rate of codes");
   c.bind("train.rate_decoder", config_.rate_decoder, "learning rate of the asset decoder");
@@ -235,12 +237,14 @@ std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) co
   for (LearningRate& rate : rates) rate.frozen = frozen_;
   // With networks that know actors already: first what all actors of the log share, then each its own.
   const float alone = static_cast<float>(progress.step) / kCommonSteps - 1;
-  const float own = frozen_ ? std::clamp(alone, 0.01f, 1.f) : 1.f;
+  const bool denoised = prior_ && prior_->denoises();
+  const float own = denoised ? kRefining : frozen_ ? std::clamp(alone, 0.01f, 1.f) : 1.f;
   for (size_t i = 0; i < logs_.size(); ++i) {
     const std::string log = "log" + std::to_string(i);
     rates.push_back({log + ".background", config_.rate_background * now, true, false, config_.decay_background});
     rates.push_back({log + ".common.background", config_.rate_background * now});
     rates.push_back({log + ".common.code", config_.rate_codes * now});
+    rates.back().frozen = denoised;
     rates.push_back({log + ".codes", config_.rate_codes * now * own, true});
     rates.push_back({log + ".planes", config_.rate_background * now, true});
   }

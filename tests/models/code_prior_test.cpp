@@ -162,6 +162,7 @@ TEST_CASE(
   const auto denoised = [&](const char* guidance, const char* name) {
     const auto method = street(scene, {{{"prior.steps", "8"},
                                         {"prior.guidance", guidance},
+                                        {"prior.noise", "1"},
                                         {"code.variational", "false"},
                                         {"batch.lidar_rays", "0"}}});
     const std::vector<float> unseen = code_of(*method, 0);
@@ -177,6 +178,36 @@ TEST_CASE(
   }
   CHECK(distance(guided[1], free[1]) < 1e-4);
   CHECK(distance(guided[0], free[0]) > 0.3 * static_cast<double>(kPriorDeviation));
+}
+
+TEST_CASE("prior: without noise the hidden gets what is usual; what is seen tells of all that must go with it") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path);
+  CodeDenoiser one_number = gaussian();  // knows that all numbers of a code are equal
+  one_number.clean = [all = one_number.clean](const Tensor& noisy, const std::vector<int32_t>& times,
+                                              const UnetCondition& condition) {
+    return all(mean(noisy, {{1, 2, 3}, true}) + zeros(noisy.shape()), times, condition);
+  };
+  const auto method =
+      street(scene, {{{"prior.steps", "8"}, {"code.variational", "false"}, {"batch.lidar_rays", "0"}}}, one_number);
+  (void)train_to(*method, folder.path / "run", 8);
+  CHECK(from_mean(code_of(*method, 2)) < 1e-5);
+  const std::vector<float> seen = code_of(*method, 1);
+  CHECK(from_mean(seen) > 0.3 * static_cast<double>(kPriorDeviation));
+  CHECK(distance(seen, std::vector<float>(seen.size(), seen.front())) < 1e-5);
+}
+
+TEST_CASE("prior: denoised codes are refined, and what they have in common stands still") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path);
+  const auto method = street(scene, {{{"prior.steps", "4"}}});
+  const std::vector<float> common = method->parameters().at("log0.common.code").to_host();
+  (void)train_to(*method, folder.path / "run", 8, 4);
+  const std::vector<float> denoised = code_of(*method, 1);
+  const SafetensorsFile saved = load_latest_checkpoint(folder.path / "run").file;
+  (void)train_to(*method, folder.path / "run", 8, 0, &saved);
+  CHECK(distance(code_of(*method, 1), denoised) > 1e-4);
+  CHECK(distance(method->parameters().at("log0.common.code").to_host(), common) == 0);
 }
 
 TEST_CASE("prior: denoising is of runs on one image alone, and the optimiser leaves codes alone while it lasts") {
@@ -222,6 +253,7 @@ TEST_CASE("prior: what cannot be is an error that names it") {
   fails({{"code.side", "8"}}, "codes of 4x4x4, the settings say 4x8x8");
   fails({{"weight.prior", "-1"}}, "weight.prior");
   fails({{"prior.guidance", "nan"}}, "prior.guidance");
+  fails({{"prior.noise", "-1"}}, "prior.noise");
   fails({{"prior.steps", "1001"}}, "1001 denoising steps");
   CHECK_THROWS_WITH_AS(make_method("nerf")->adopt_prior(gaussian()), doctest::Contains("--prior: nerf"), Error);
 }

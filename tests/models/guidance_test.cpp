@@ -82,19 +82,21 @@ TEST_CASE("score distillation alone pulls to the mean") {
   for (size_t i = 0; i < now.size(); ++i) CHECK(std::abs(at(now, i) - kMean[i % 2]) < 0.2);
 }
 
-TEST_CASE("guidance moves the row that it reaches most by its strength, others in proportion, and none without it") {
-  const Tensor clean = from_host(std::vector<float>{1, 2, 3, 4, 5, 6}, {3, 2});
+TEST_CASE("guidance moves each row by its strength, but hardly one that it hardly reaches, and none without it") {
+  const Tensor clean = from_host(std::vector<float>{1, 2, 3, 4, 5, 6, 7, 8}, {4, 2});
   const Level level = {0.6, 0.8};
-  const std::vector<float> got =
-      guided_clean(clean, from_host(std::vector<float>{3e-6f, -4e-6f, 0, 0, 0, 1e-6f}, {3, 2}), level, 0.5f).to_host();
-  const double lambda = 0.5 * 0.8 / (5e-6 / std::sqrt(2));  // sigma / rms of the first row
-  CHECK(at(got, 0) == doctest::Approx(1 - lambda * 3e-6));
-  CHECK(at(got, 1) == doctest::Approx(2 + lambda * 4e-6));
+  const std::vector<float> by = {3e-6f, -4e-6f, 0, 0, 0, 1e-6f, 5e-9f, 0};
+  const std::vector<float> got = guided_clean(clean, from_host(by, {4, 2}), level, 0.5f).to_host();
+  const double far = 0.5 * 0.8 * std::sqrt(2);  // the length of a move of root mean square 0.5 sigma
+  CHECK(at(got, 0) == doctest::Approx(1 - far * 0.6));
+  CHECK(at(got, 1) == doctest::Approx(2 + far * 0.8));
   CHECK(got[2] == 3);
   CHECK(got[3] == 4);
   CHECK(got[4] == 5);
-  CHECK(at(got, 5) == doctest::Approx(6 - lambda * 1e-6));
-  CHECK(guided_clean(clean, zeros({3, 2}), level, 0.5f).to_host() == clean.to_host());
+  CHECK(at(got, 5) == doctest::Approx(6 - far));
+  CHECK(at(got, 6) == doctest::Approx(7 - far * 0.1));  // a thousandth of the first row's: a tenth of a hundredth
+  CHECK(got[7] == 8);
+  CHECK(guided_clean(clean, zeros({4, 2}), level, 0.5f).to_host() == clean.to_host());
 }
 
 TEST_CASE("denoising that a measurement guides ends nearer to the truth than without, and as the prior has the rest") {
