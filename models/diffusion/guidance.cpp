@@ -8,7 +8,7 @@
 namespace cloam {
 namespace {
 
-constexpr float kLeastGradient = 0.01f;  // of the largest row's: what is smaller moves less
+constexpr float kLeastGradient = 0.1f;  // of the largest row's: what is smaller moves less
 
 /// One value a channel, to stand before [N,C,H,W].
 Tensor by_channel(const std::vector<float>& values) {

@@ -38,7 +38,7 @@ Tensor distillation(const Schedule& schedule, const CleanEstimate& clean, const 
 /// Rendering-guided denoising (SSDNeRF with omega = 1/2): x^ - lambda sigma g, where g, of x^'s shape [N,...], is the
 /// gradient of a loss by x^, or by x_t where it was taken through the network. A loss may have any scale, so lambda is
 /// chosen here, a row at a time: each goes `strength` sigma far (root mean square), since few pixels say as well as
-/// many what an actor's paint is. Below a hundredth of the largest row's gradient rows go less far in proportion; rows
+/// many what an actor's paint is. Below a tenth of the largest row's gradient rows go less far in proportion; rows
 /// without one, and all of them where g is 0, stay as they are.
 Tensor guided_clean(const Tensor& clean, const Tensor& gradient, const Level& level, float strength);
 

@@ -452,10 +452,12 @@ bool GenAssets::blind(const Progress& progress) const {
   return HostRandom(~seed_, static_cast<uint64_t>(progress.step)).uniform() < config_.view_drop;
 }
 
-/// Of one image the background could learn the actors' picture where it lies behind them: no other image says that it
-/// is wrong, and codes, which begin slowly, would have nothing left to explain.
-bool GenAssets::image_is_actors(const Log& log, const Progress& progress) const {
-  return frozen_ && log.data->images() == 1 && static_cast<float>(progress.step) <= 2 * kCommonSteps;
+/// How a training step draws this log.
+GenAssets::Drawing GenAssets::drawing(const Log& log, const Progress& progress, bool skim) const {
+  // Of one image the background could learn the actors' picture where it lies behind them: no other image says that it
+  // is wrong, and codes, which begin slowly, would have nothing left to explain.
+  const bool apart = frozen_ && log.data->images() == 1 && static_cast<float>(progress.step) <= 2 * kCommonSteps;
+  return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skim, blind(progress), apart};
 }
 
 Tensor GenAssets::loss(const Progress& progress) {
@@ -469,9 +471,7 @@ Tensor GenAssets::loss(const Progress& progress) {
   const int64_t all = rays.count();
   // A pass through the distance alone finds what lies behind surfaces; it pays once a quarter of the samples are dark.
   const bool skim = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
-  const Drawing how{
-      {seed_, static_cast<uint32_t>(progress.step), 0}, true, skim, blind(progress), image_is_actors(log, progress)};
-  const Shaded seen = shade(street(log, rays), rays, how, true);
+  const Shaded seen = shade(street(log, rays), rays, drawing(log, progress, skim), true);
   const auto map = [&](const Tensor& x) {
     return permute(reshape(slice(x, 0, 0, camera_rays), {patches, side, side, x.dim(1)}), {0, 3, 1, 2});
   };

@@ -148,7 +148,7 @@ class GenAssets final : public Method, public Street {
   static Tensor actor_views(const Tensor& directions, bool blind);
   static Tensor heights(const Tensor& points);
   static Tensor apart(const Tensor& texels, const StreetSamples& samples);
-  bool image_is_actors(const Log& log, const Progress& progress) const;
+  Drawing drawing(const Log& log, const Progress& progress, bool skim) const;
   Tensor features_at(const Log& log, const StreetSamples& samples, const Tensor& planes, const Tensor& slots) const;
   Shaded shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows,
                const Decoded* ready = nullptr) const;

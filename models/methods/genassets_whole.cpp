@@ -166,8 +166,7 @@ Tensor GenAssets::window_loss(const Tensor& image, const Tensor& truth, float sh
 GenAssets::WholeImage GenAssets::whole_image(const Progress& progress) const {
   HostRandom random(seed_, static_cast<uint64_t>(progress.step));
   const Log& log = logs_[random.below(logs_.size())];
-  WholeImage image{
-      *this, log, {{seed_, static_cast<uint32_t>(progress.step), 0}, true, true, blind(progress)}, {}, {}, {}, {}, {}};
+  WholeImage image{*this, log, drawing(log, progress, true), {}, {}, {}, {}, {}};
   image.truth = log.data->add_image(image.rays, *log.space, random);
   image.returns.actors = image.rays.actors;
   if (log.data->has_lidar()) log.data->add_returns(image.returns, *log.space, random, config_.lidar_rays);

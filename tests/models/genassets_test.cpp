@@ -425,8 +425,8 @@ TEST_CASE("genassets: of one image the background learns nothing behind actors w
   Scene scene = toy_street(folder.path);
   scene.actors = {toy_actor("wide", {2, 40, 40}, 12, 0)};
   for (ActorBox& box : scene.actors[0].boxes) box.world_from_box = toy_pose(12, 0, 0);  // every ray meets it
-  const auto slope = [&](std::optional<size_t> only, int64_t step) {
-    const auto method = loaded(scene, {{"batch.lidar_rays", "0"}}, only);
+  const auto slope = [&](std::optional<size_t> only, int64_t step, const char* whole = "false") {
+    const auto method = loaded(scene, {{"batch.lidar_rays", "0"}, {"batch.whole_images", whole}}, only);
     TensorMap networks;
     for (const auto& [name, p] : method->parameters()) networks[name] = named(p);
     method->adopt_networks(networks);
@@ -435,7 +435,9 @@ TEST_CASE("genassets: of one image the background learns nothing behind actors w
     return std::abs(*std::max_element(g.begin(), g.end(), [](float a, float b) { return std::abs(a) < std::abs(b); }));
   };
   CHECK(slope(0, 1) == 0);
+  CHECK(slope(0, 1, "true") == 0);
   CHECK(slope(0, 300) > 0);
+  CHECK(slope(0, 300, "true") > 0);
   CHECK(slope({}, 1) > 0);
 }
 

@@ -85,7 +85,7 @@ TEST_CASE("score distillation alone pulls to the mean") {
 TEST_CASE("guidance moves each row by its strength, but hardly one that it hardly reaches, and none without it") {
   const Tensor clean = from_host(std::vector<float>{1, 2, 3, 4, 5, 6, 7, 8}, {4, 2});
   const Level level = {0.6, 0.8};
-  const std::vector<float> by = {3e-6f, -4e-6f, 0, 0, 0, 1e-6f, 5e-9f, 0};
+  const std::vector<float> by = {3e-6f, -4e-6f, 0, 0, 0, 1e-6f, 5e-8f, 0};
   const std::vector<float> got = guided_clean(clean, from_host(by, {4, 2}), level, 0.5f).to_host();
   const double far = 0.5 * 0.8 * std::sqrt(2);  // the length of a move of root mean square 0.5 sigma
   CHECK(at(got, 0) == doctest::Approx(1 - far * 0.6));
@@ -94,7 +94,7 @@ TEST_CASE("guidance moves each row by its strength, but hardly one that it hardl
   CHECK(got[3] == 4);
   CHECK(got[4] == 5);
   CHECK(at(got, 5) == doctest::Approx(6 - far));
-  CHECK(at(got, 6) == doctest::Approx(7 - far * 0.1));  // a thousandth of the first row's: a tenth of a hundredth
+  CHECK(at(got, 6) == doctest::Approx(7 - far * 0.1));  // a hundredth of the first row's: a tenth of a tenth
   CHECK(got[7] == 8);
   CHECK(guided_clean(clean, zeros({4, 2}), level, 0.5f).to_host() == clean.to_host());
 }
