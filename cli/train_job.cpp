@@ -89,7 +89,8 @@ Protocol protocol_of(const TrainRequest& request) {
   return {request.protocol, request.sparse_every.value_or(0)};
 }
 
-/// Method, preset and settings of the run whose networks are taken are those of the new one.
+/// Method, preset and settings of the run whose networks are taken are those of the new one, but for how a prior is
+/// used: that run had none to speak of.
 void take_networks(const TrainRequest& request, TrainJob& job) {
   const RunRecord other = read_record(request.networks);
   same("method", if_given(request.method), other.method);
@@ -97,7 +98,8 @@ void take_networks(const TrainRequest& request, TrainJob& job) {
   job.record.preset = other.preset;
   job.record.reading.downscale = other.reading.downscale;
   job.record.networks = RunData{request.networks, "", ""};
-  for (const auto& [key, value] : other.settings) job.config.set(key, value, "run " + request.networks);
+  for (const auto& [key, value] : other.settings)
+    if (!key.starts_with("prior.") && key != "weight.prior") job.config.set(key, value, "run " + request.networks);
 }
 
 void take_prior(const TrainRequest& request, TrainJob& job) {

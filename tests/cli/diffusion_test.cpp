@@ -311,6 +311,8 @@ TEST_CASE("a fit of one image with a prior is recorded, repeats, resumes while d
   const auto record = json_of(whole / "run.json");
   CHECK(record.at("reading").at("image") == "front_camera/01");
   CHECK(record.at("prior").at("relative") == "../fit_prior");
+  CHECK(record.at("settings").at("decoder.groups") == "4");  // of the networks' run
+  CHECK(record.at("settings").at("prior.guidance") == "1");  // not of that run, which had no prior
   CHECK(contains(record.at("prior").at("fingerprint"), "diffusion, step 60, "));
   const std::string want = content_of(whole / "ckpt" / "000006.safetensors");
   CHECK_FALSE(contains(want, "fit_prior"));
