@@ -23,7 +23,7 @@ constexpr float kLeastTransmittance = 1e-3f;
 constexpr int64_t kSamples = 40;     // of a street's ray, as a rule
 constexpr int64_t kHeights = 9;      // at which a log's texels have something in common
 constexpr float kCommonSteps = 100;  // before codes of their own come up, if the networks are another run's
-constexpr float kRefining = 0.4f;    // of the codes' rate, once they have been denoised
+constexpr float kRefining = 0.1f;    // of the codes' rate, once they have been denoised (SSDNeRF: 5e-3)
 constexpr float kQuiet = 0.1f;       // of the background's chance texels, if the networks are another run's
 constexpr double kWorst = 0.05;      // share of LiDAR rays that are left out
 
