@@ -140,6 +140,13 @@ void measure_turned(Method& method, const Photos& photos, const TurnedLog& turne
   result.masks_from_truth = masks.from_truth();
 }
 
+/// Fault::data where nothing was measured, because of `why`.
+void require_images(const EvalResult& result, const std::string& why) {
+  for (const SceneResult& scene : result.scenes)
+    if (!scene.images.empty()) return;
+  throw Error(Fault::data, "there is no photo to measure: " + why);
+}
+
 void measure_rotations(const EvalRequest& request, std::size_t scenes, Evaluator& evaluator, EvalResult& result) {
   result.scenes.resize(scenes);
   for (int degrees = kTurnStep; degrees < kTurn; degrees += kTurnStep) {
@@ -153,12 +160,13 @@ void measure_rotations(const EvalRequest& request, std::size_t scenes, Evaluator
       if (degrees == kTurnStep) add_source(photos, evaluator);
       TurnedLog turned = turned_log(photos.scene, degrees);
       keep_image(turned, photos);
-      if (frames_of(turned.scene, Split::test).empty()) continue;
       if (!turned.has_truth && degrees == kTurnStep)
         warn(photos.name + ": it has no images of turned actors: renders alone, beside the images as they were");
+      if (frames_of(turned.scene, Split::test).empty()) continue;
       measure_turned(*run.method, photos, turned, evaluator, result.scenes[i]);
     }
   }
+  require_images(result, "turned actors hold the camera at all angles");
   if (evaluator.rendered.rows() < 2 || evaluator.source.rows() < 2) return;
   result.sets = set_distances(evaluator.rendered, evaluator.source);
   warn_of_few_images(*result.sets);
@@ -170,10 +178,8 @@ void measure_photos(const EvalRequest& request, const RestoredRun& run, Evaluato
     const Photos photos = photos_of(run, request, i);
     measure_scene(*run.method, photos, scenes > 1, evaluator, result);
   }
-  for (const SceneResult& scene : result.scenes)
-    if (!scene.images.empty()) return;
-  throw Error(Fault::data, text("there is no photo to measure: the protocol ", result.protocol,
-                                " leaves none, such as novel without a ", kFrontLeftSensor));
+  require_images(result,
+                 text("the protocol ", result.protocol, " leaves none, such as novel without a ", kFrontLeftSensor));
 }
 
 EvalResult measure(const EvalRequest& request, const RestoredRun& run, Evaluator& evaluator) {

@@ -75,7 +75,7 @@ void add_figures(Report& json, const EvalResult& result, const std::vector<Image
 
 bool masks_from_truth(const EvalResult& result) {
   for (const SceneResult& scene : result.scenes)
-    if (!scene.masks_from_truth) return false;
+    if (!scene.masks_from_truth && !scene.images.empty()) return false;
   return true;
 }
 

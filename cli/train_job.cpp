@@ -90,7 +90,7 @@ Protocol protocol_of(const TrainRequest& request) {
 }
 
 /// Method, preset and settings of the run whose networks are taken are those of the new one, but for how a prior is
-/// used: that run had none to speak of.
+/// used, which is no property of networks.
 void take_networks(const TrainRequest& request, TrainJob& job) {
   const RunRecord other = read_record(request.networks);
   same("method", if_given(request.method), other.method);

@@ -1,13 +1,12 @@
 // See guidance.h.
 #include "models/diffusion/guidance.h"
 
-#include <limits>
-
 #include "runtime/ops.h"
 
 namespace cloam {
 namespace {
 
+constexpr float kNoGradient = 1e-30f;   // less than any loss has, and its inverse is finite
 constexpr float kLeastGradient = 0.1f;  // of the largest row's: what is smaller moves less
 
 /// One value a channel, to stand before [N,C,H,W].
@@ -49,7 +48,7 @@ Tensor distillation(const Schedule& schedule, const CleanEstimate& clean, const 
 Tensor guided_clean(const Tensor& clean, const Tensor& gradient, const Level& level, float strength) {
   const int64_t rows = clean.dim(0), numbers = clean.numel() / rows;
   const Tensor of_row = sqrt(mean(square(reshape(gradient, {rows, numbers})), {{1}}));
-  const Tensor least = maximum(max(of_row) * kLeastGradient, std::numeric_limits<float>::min());
+  const Tensor least = maximum(max(of_row) * kLeastGradient, kNoGradient);
   const Tensor scale = (strength * static_cast<float>(level.sigma)) / maximum(of_row, least);
   return clean - gradient * by_row(scale, clean);
 }

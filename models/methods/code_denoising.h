@@ -1,6 +1,6 @@
-// One image to actors: all codes of the actors in the image are denoised together, from noise to what the prior knows
-// of actors, while the rendering of their composite guides them. What hides behind another actor gets its share of the
-// guidance from the composite alone, that is, none.
+// One image to actors: all codes of the actors in the image are denoised together, from what is usual (or a draw) to
+// what the prior knows of actors, while the rendering of their composite guides them. What hides behind another actor
+// gets its share of the guidance from the composite alone, that is, none.
 #pragma once
 #include "models/diffusion/guidance.h"
 #include "models/io/safetensors.h"

@@ -235,7 +235,8 @@ std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) co
                                      {"networks.shadow", config_.rate_field * now},
                                      {"networks.discriminator", config_.rate_discriminator * now}};
   for (LearningRate& rate : rates) rate.frozen = frozen_;
-  // With networks that know actors already: first what all actors of the log share, then each its own.
+  // With networks that know actors already: first what all actors of the log share, then each its own. Denoised codes
+  // fit already, and what they share would move all by what the largest wants.
   const float alone = static_cast<float>(progress.step) / kCommonSteps - 1;
   const bool denoised = prior_ && prior_->denoises();
   const float own = denoised ? kRefining : frozen_ ? std::clamp(alone, 0.01f, 1.f) : 1.f;

@@ -208,6 +208,12 @@ TEST_CASE("prior: denoised codes are refined, and what they have in common stand
   (void)train_to(*method, folder.path / "run", 8, 0, &saved);
   CHECK(distance(code_of(*method, 1), denoised) > 1e-4);
   CHECK(distance(method->parameters().at("log0.common.code").to_host(), common) == 0);
+  const auto rate = [](const Method& of) {
+    for (const LearningRate& one : of.learning_rates({300, 1000, 1}))
+      if (one.prefix == "log0.codes") return static_cast<double>(one.rate);
+    return 0.0;
+  };
+  CHECK(rate(*method) == doctest::Approx(0.1 * rate(*street(scene, {{{"prior.steps", "0"}}}))));
 }
 
 TEST_CASE("prior: denoising is of runs on one image alone, and the optimiser leaves codes alone while it lasts") {
