@@ -2,10 +2,10 @@
 #include "models/data/turned_log.h"
 
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 
+#include "models/scene/actor_space.h"
 #include "models/scene/split.h"
 
 namespace cloam {
@@ -19,23 +19,6 @@ void turn_actors(Scene& scene, double degrees) {
     for (ActorBox& box : actor.boxes) box.world_from_box = (box.world_from_box * turn).eval();
 }
 
-namespace {
-
-constexpr double kRoom = 0.25;  // metres around boxes in which a camera counts as inside: they are tight
-
-/// Whether the frame's camera stands inside an actor, as none could.
-bool swallowed(const Scene& scene, const Frame& frame) {
-  const Eigen::Vector4d camera = frame.world_from_camera.col(3);
-  return std::any_of(scene.actors.begin(), scene.actors.end(), [&](const Actor& actor) {
-    const auto pose = world_from_box_at(actor, frame.timestamp.value_or(0));
-    if (!pose) return false;
-    const Eigen::Vector3d in_box = (pose->inverse() * camera).head<3>().cwiseAbs();
-    return ((actor.size / 2 - in_box).array() > -kRoom).all();
-  });
-}
-
-}  // namespace
-
 TurnedLog turned_log(const Scene& log, int degrees) {
   TurnedLog turned{log, degrees, false};
   turn_actors(turned.scene, degrees);
@@ -45,8 +28,9 @@ TurnedLog turned_log(const Scene& log, int degrees) {
   std::error_code error;
   turned.has_truth = fs::is_directory(log.root / folder, error);
   for (Frame& frame : turned.scene.frames) {
-    const bool measured = frame.sensor == front_sensor(log) && !swallowed(turned.scene, frame);
-    frame.split = measured ? Split::test : Split::unused;
+    const Eigen::Vector3d camera = frame.world_from_camera.topRightCorner<3, 1>();
+    const bool swallowed = ActorSpace(turned.scene, frame.timestamp.value_or(0)).holds(camera);
+    frame.split = frame.sensor == front_sensor(log) && !swallowed ? Split::test : Split::unused;
     if (turned.has_truth) frame.image = (folder / fs::path(frame.image).filename()).generic_string();
   }
   return turned;

@@ -109,23 +109,4 @@ void GenAssets::denoise_image() {
   prior_->denoise(std::move(codes));
 }
 
-Gradients GenAssets::gradients(const Progress& progress, const Tensors& wanted) {
-  if (prior_) prior_->begin_step(progress);
-  Gradients step = config_.whole_images ? gradients_in_tiles(progress, wanted) : Method::gradients(progress, wanted);
-  if (prior_) prior_->add(step, wanted, met_codes_, progress);
-  met_codes_ = {};
-  return step;
-}
-
-Tensors GenAssets::observed() const {
-  Tensors out = observed_;
-  const Tensors more = prior_ ? prior_->observed() : Tensors{};
-  out.insert(out.end(), more.begin(), more.end());
-  return out;
-}
-
-void GenAssets::after_step(const Progress& progress) {
-  if (prior_) prior_->end_step(progress);
-}
-
 }  // namespace cloam

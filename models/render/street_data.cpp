@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/render/actor_space.h"
+#include "models/scene/actor_space.h"
 #include "models/scene/camera.h"
 #include "runtime/error.h"
 

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <map>
 
-#include "models/render/actor_space.h"
+#include "models/scene/actor_space.h"
 #include "models/train/tensors.h"
 #include "runtime/error.h"
 

@@ -191,7 +191,7 @@ TEST_CASE("what a camera would see from inside of a turned actor is not measured
   CHECK(turned_log(log, 90).scene.frames[0].split == Split::unused);
   log.actors[0].size.y() = 5.4;  // 0.3 m away from the camera when it is turned
   CHECK(turned_log(log, 90).scene.frames[0].split == Split::test);
-  log.actors[0].size.y() = 5.6;
+  log.actors[0].size.y() = 5.8;
   CHECK(turned_log(log, 90).scene.frames[0].split == Split::unused);
 }
 

@@ -6,7 +6,7 @@
 
 namespace cloam {
 
-/// The boxes of actors, with room for their wheels and mirrors.
+/// The boxes of actors, with room for their wheels and mirrors: 0.2 m at their sides, 0.1 m above and below.
 class ActorSpace {
  public:
   /// Of all actors that have a box at `time`, but for those that `without` marks (by place in scene.actors; empty:

@@ -1,5 +1,5 @@
 // See actor_space.h.
-#include "models/render/actor_space.h"
+#include "models/scene/actor_space.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
