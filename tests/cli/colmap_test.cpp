@@ -8,6 +8,7 @@
 
 #include "models/io/image.h"
 #include "tests/cli/process.h"
+#include "tests/models/errors.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -104,8 +105,6 @@ struct Bench {
 
   fs::path root;
 };
-
-bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
 
 }  // namespace
 

@@ -9,7 +9,6 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
-#include <functional>
 #include <limits>
 #include <map>
 #include <random>
@@ -21,6 +20,7 @@
 #include "models/io/image.h"
 #include "models/train/scene_file.h"
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 #include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
@@ -108,18 +108,6 @@ void write_images(const Folder& folder) {
   write_image(folder.path / "images/a.png", 8, 6);
   write_image(folder.path / "images/left/b c.png", 4, 4);
 }
-
-std::string error_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    CHECK(error.fault() == Fault::data);
-    return error.what();
-  }
-  return "no error";
-}
-
-bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
 
 void check_small_scene(const Scene& scene) {
   CHECK(scene.format == "COLMAP");

@@ -13,6 +13,7 @@
 #include "models/io/gzip.h"
 #include "runtime/error.h"
 #include "tests/hostile_pickles.h"
+#include "tests/models/errors.h"
 #include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
@@ -25,16 +26,8 @@ std::span<const std::uint8_t> bytes_of(const std::string& content) {
 }
 
 std::string error_of(const std::string& pickle) {
-  try {
-    parse_data_frame(bytes_of(pickle), "x.pkl");
-  } catch (const Error& error) {
-    CHECK(error.fault() == Fault::data);
-    return error.what();
-  }
-  return "no error";
+  return cloam::error_of([&] { parse_data_frame(bytes_of(pickle), "x.pkl"); });
 }
-
-bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
 
 DataFrame small_frame() {
   DataFrame frame;

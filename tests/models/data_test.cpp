@@ -6,7 +6,6 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 
 #include "models/data/json.h"
 #include "models/data/load_images.h"
@@ -17,6 +16,7 @@
 #include "models/scene/camera.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -56,18 +56,6 @@ std::string frame(const std::string& image, const std::string& pose = kPose, con
 std::string capture(const std::string& frames, const std::string& more = R"("fl_x":10,"w":8,"h":6)") {
   return "{" + more + R"(,"frames":[)" + frames + "]}";
 }
-
-std::string error_of(const std::function<void()>& action, Fault fault = Fault::data) {
-  try {
-    action();
-  } catch (const Error& error) {
-    CHECK(error.fault() == fault);
-    return error.what();
-  }
-  return "no error";
-}
-
-bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
 
 fs::path data_folder() {
   const char* given = std::getenv("CLOAM_TEST_DATA");

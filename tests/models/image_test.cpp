@@ -7,11 +7,11 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 #include <limits>
 
 #include "models/io/bytes.h"
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 #include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
@@ -26,18 +26,6 @@ Bytes bytes_of(const fs::path& path) { return read_file(path, 1 << 30); }
 void put(const fs::path& path, const Bytes& bytes) {
   std::ofstream(path, std::ios::binary).write(reinterpret_cast<const char*>(bytes.data()), std::ssize(bytes));
 }
-
-std::string error_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    CHECK(error.fault() == Fault::data);
-    return error.what();
-  }
-  return "no error";
-}
-
-bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
 
 Image noise(int width, int height, int channels) {
   Image image{width, height, channels, Bytes(std::size_t(width) * height * channels)};

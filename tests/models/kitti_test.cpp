@@ -9,7 +9,6 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 #include <numbers>
 
 #include "models/data/check_log.h"
@@ -19,6 +18,7 @@
 #include "models/io/image.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 #include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
@@ -27,22 +27,6 @@ using namespace cloam;
 namespace {
 
 constexpr int kSteps = 3;
-
-bool holds(const std::string& all, const std::string& part) {
-  const bool found = all.find(part) != std::string::npos;
-  if (!found) MESSAGE("message: ", all);
-  return found;
-}
-
-std::string error_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    CHECK(error.fault() == Fault::data);
-    return error.what();
-  }
-  return "no error";
-}
 
 void write_text(const fs::path& path, const std::string& content) {
   fs::create_directories(path.parent_path());

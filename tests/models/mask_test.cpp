@@ -9,6 +9,7 @@
 #include "models/io/bytes.h"
 #include "models/io/image.h"
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 #include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
@@ -50,8 +51,6 @@ Image ramp(int width, int height) {
   }
   return image;
 }
-
-bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
 
 }  // namespace
 

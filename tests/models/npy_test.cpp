@@ -5,9 +5,9 @@
 
 #include <cmath>
 #include <cstring>
-#include <functional>
 
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 
 using namespace cloam;
 
@@ -39,16 +39,8 @@ std::string header(const std::string& type, const std::string& shape, bool fortr
 }
 
 std::string error_of(const Bytes& bytes) {
-  try {
-    parse_npy(bytes, "points.npy");
-  } catch (const Error& error) {
-    CHECK(error.fault() == Fault::data);
-    return error.what();
-  }
-  return "no error";
+  return cloam::error_of([&] { parse_npy(bytes, "points.npy"); });
 }
-
-bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
 
 }  // namespace
 

@@ -9,7 +9,6 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 
 #include "models/data/check_log.h"
 #include "models/data/data_frame.h"
@@ -18,6 +17,7 @@
 #include "models/data/write_pandaset.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 #include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
@@ -26,18 +26,6 @@ using namespace cloam;
 namespace {
 
 constexpr int kSteps = 3;
-
-bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
-
-std::string error_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    CHECK(error.fault() == Fault::data);
-    return error.what();
-  }
-  return "no error";
-}
 
 Eigen::Matrix4d pose_of(double angle, const Eigen::Vector3d& axis, const Eigen::Vector3d& position) {
   Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();

@@ -8,7 +8,6 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 
 #include "models/data/check_log.h"
 #include "models/data/json.h"
@@ -19,28 +18,13 @@
 #include "models/io/ply.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 #include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
 
 namespace {
-
-bool holds(const std::string& all, const std::string& part) {
-  const bool found = all.find(part) != std::string::npos;
-  if (!found) MESSAGE("message: ", all);
-  return found;
-}
-
-std::string error_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    CHECK(error.fault() == Fault::data);
-    return error.what();
-  }
-  return "no error";
-}
 
 void write_text(const fs::path& path, const std::string& content) {
   fs::create_directories(path.parent_path());

@@ -8,7 +8,6 @@
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
-#include <functional>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <random>
@@ -18,6 +17,7 @@
 #include "models/splat/files/spz.h"
 #include "models/splat/turn.h"
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 #include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
@@ -26,18 +26,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 namespace {
-
-bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
-
-std::string error_of(const std::function<void()>& action, Fault fault = Fault::data) {
-  try {
-    action();
-  } catch (const Error& error) {
-    CHECK(error.fault() == fault);
-    return error.what();
-  }
-  return "no error";
-}
 
 fs::path fixtures() {
   const char* given = std::getenv("CLOAM_TEST_DATA");

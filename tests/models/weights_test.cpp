@@ -5,11 +5,11 @@
 
 #include <cstring>
 #include <fstream>
-#include <functional>
 
 #include "models/io/gzip.h"
 #include "models/io/npz.h"
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 
 using namespace cloam;
 
@@ -83,18 +83,6 @@ Bytes zip(const std::vector<Member>& members) {
       add(all, 0, 2);
   return all;
 }
-
-std::string error_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    CHECK(error.fault() == Fault::data);
-    return error.what();
-  }
-  return "no error";
-}
-
-bool holds(const std::string& all, const std::string& part) { return all.find(part) != std::string::npos; }
 
 const std::vector<float> kValues = {1, 2, 3, 4, 5, 6};
 
