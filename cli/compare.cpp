@@ -26,6 +26,7 @@ constexpr char kExamples[] = R"(Put the evaluations of runs side by side; those 
 Examples:
   cloam compare runs/a runs/b
   cloam compare runs/*-seed? --protocol rotate360 --features squeezenet.npz
+  cloam compare runs/nerf-* runs/splat-* --across-data
   cloam compare runs/a runs/b --json
 
 Runs of the same data and settings that differ by their seeds are also averaged (mean +- standard deviation).)";
@@ -33,6 +34,7 @@ Runs of the same data and settings that differ by their seeds are also averaged 
 struct CompareRequest {
   std::vector<std::string> runs;
   std::string protocol, features;  // as eval takes them; empty: what RUN/eval holds
+  bool across_data = false;        // averages runs of different data, too
 };
 
 struct Column {
@@ -62,7 +64,7 @@ struct Compared {
   RunRecord record;
   Report eval;
 };
-using Group = std::vector<const Compared*>;  // runs that differ by their seeds alone
+using Group = std::vector<const Compared*>;  // runs that are averaged
 
 /// What RUN/eval holds, if it is what was asked for and the run has not gone on since.
 std::optional<Report> kept_eval(const CompareRequest& request, const RunPaths& run, int64_t step,
@@ -121,20 +123,26 @@ bool same_reading(const Reading& a, const Reading& b) {
          a.protocol.sparse_every == b.protocol.sparse_every && a.image == b.image && a.masks == b.masks;
 }
 
-bool same_but_for_seed(const Compared& a, const Compared& b) {
+bool same_data(const RunRecord& a, const RunRecord& b) {
+  const auto same = [](const RunData& x, const RunData& y) { return x.fingerprint == y.fingerprint; };
+  return std::equal(a.data.begin(), a.data.end(), b.data.begin(), b.data.end(), same);
+}
+
+/// What neither seeds nor data differ in.
+bool same_method(const Compared& a, const Compared& b) {
   const RunRecord &r = a.record, &s = b.record;
-  const auto same_data = [](const RunData& x, const RunData& y) { return x.fingerprint == y.fingerprint; };
   return r.method == s.method && r.preset == s.preset && r.settings == s.settings && r.steps == s.steps &&
-         same_reading(r.reading, s.reading) &&
-         std::equal(r.data.begin(), r.data.end(), s.data.begin(), s.data.end(), same_data) &&
-         word(a.eval, "protocol") == word(b.eval, "protocol") &&
+         same_reading(r.reading, s.reading) && word(a.eval, "protocol") == word(b.eval, "protocol") &&
          word(a.eval, "feature_network") == word(b.eval, "feature_network");
 }
 
-std::vector<Group> groups_of(const std::vector<Compared>& runs) {
+std::vector<Group> groups_of(const std::vector<Compared>& runs, bool across_data) {
   std::vector<Group> groups;
   for (const Compared& run : runs) {
-    const auto fits = [&](const Group& group) { return same_but_for_seed(*group.front(), run); };
+    const auto fits = [&](const Group& group) {
+      const Compared& first = *group.front();
+      return same_method(first, run) && (across_data || same_data(first.record, run.record));
+    };
     const auto group = std::find_if(groups.begin(), groups.end(), fits);
     group == groups.end() ? groups.push_back({&run}) : group->push_back(&run);
   }
@@ -163,7 +171,7 @@ int digits_of(double value) { return std::abs(value) < 1 ? 4 : 2; }
 
 std::string spelled(double value) { return fmt::format("{:.{}f}", value, digits_of(value)); }
 
-/// Guesses do not depend on the seed: they have no deviation.
+/// Of the same data guesses do not depend on the seed: they have no deviation.
 std::string spelled(const Mean& value) {
   const std::string mean = spelled(value.mean);
   return value.deviation == 0 ? mean : fmt::format("{} +- {:.{}f}", mean, value.deviation, digits_of(value.mean));
@@ -269,7 +277,7 @@ void warn_of_differences(const std::vector<Compared>& runs) {
 
 int run_command(const CompareRequest& request, const Common& common) {
   const std::vector<Compared> runs = read_runs(request, common);
-  const std::vector<Group> groups = groups_of(runs);
+  const std::vector<Group> groups = groups_of(runs, request.across_data);
   warn_of_differences(runs);
   if (common.json)
     put(report(runs, groups).dump(2, ' ', false, Report::error_handler_t::replace) + "\n");
@@ -291,6 +299,7 @@ Command add_compare(CLI::App& program) {
   parser->add_option("--protocol", request->protocol, "Evaluates by sparse, novel or rotate360 what is not yet")
       ->check(CLI::IsMember(protocol_names()));
   parser->add_option("--features", request->features, "Weights of a feature network, or random: feature distances too");
+  parser->add_flag("--across-data", request->across_data, "Averages runs of different data, too");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

@@ -141,6 +141,17 @@ TEST_CASE("compare puts runs side by side and averages over seeds alone") {
   CHECK(mean.at("psnr").at("mean") == doctest::Approx(21.5));
   CHECK(mean.at("psnr").at("deviation") == doctest::Approx(3 / std::sqrt(2)));
   CHECK_FALSE(mean.contains("masked_psnr"));
+  RunRecord elsewhere = record_with_seed(5);
+  elsewhere.data = {{"another", "street", {}}};
+  nlohmann::json best = figures;
+  best["psnr"] = 29;
+  Words all = {"compare", runs[0], runs[1], runs[2], measured_run("elsewhere", elsewhere, best), "--json"};
+  CHECK(nlohmann::json::parse(cloam_with(all).out).at("means").at(0).at("seeds") == std::vector<int>{1, 2});
+  all.push_back("--across-data");
+  const auto across = nlohmann::json::parse(cloam_with(all).out).at("means");
+  REQUIRE(across.size() == 1);
+  CHECK(across.at(0).at("seeds") == std::vector<int>{1, 2, 5});
+  CHECK(across.at(0).at("psnr").at("mean") == doctest::Approx(24));
   const Outcome table = cloam_with({"compare", runs[0], runs[1], runs[2]});
   CHECK(table.out.find("21.50 +- 2.12") != std::string::npos);
   CHECK(table.out.find("masked") == std::string::npos);
