@@ -179,8 +179,8 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
   const auto turned = cloam_with({"eval", run.string(), "--protocol", "rotate360", "--features", "random", "--json"});
   REQUIRE_MESSAGE(turned.code == 0, turned.err);
   const auto rotated = nlohmann::json::parse(turned.out);
-  // The camera drives off from the middle of the car, a metre a step: the turned car of 2 m x 4 m holds it (0.25 m of
-  // room included) below 1.77 m at the four odd angles, below 2.25 m at 90 and 270 degrees and below 1.25 m at 180.
+  // The camera drives off from the middle of the car, a metre a step: the turned car of 2 m x 4 m holds it (0.2 m of
+  // room included) below 1.70 m at the four odd angles, below 2.20 m at 90 and 270 degrees and below 1.20 m at 180.
   const int measured = 7 * 12 - (4 * 2 + 2 * 3 + 2);
   CHECK(rotated.at("images") == measured);
   CHECK(rotated.at("psnr").is_null());  // the log has no images of turned actors
