@@ -1,6 +1,12 @@
 // One axis of a tensor seen as [outer, from, inner] to [outer, to, inner], and the adjoint, which gathers: no two
 // work-items add into one place. A piece is a run of `inner` numbers on CPU devices, a number on GPU devices.
-// version 1. Half-pixel centres: place i of `to` lies at (i + 1/2) from / to - 1/2, exact in 32 bits for sizes up to 2^14.
+// Half-pixel centres: place i of `to` lies at (i + 1/2) from / to - 1/2, exact in 32 bits for sizes up to 2^14.
+// version 1
+//: variant resize reference any
+// version 2, of the last axis (inner = 1), where finding a place's tap costs more than its number: once for LINES lines.
+//: variant resize_lines cpu lines
+enum { LINES = 16 };
+
 typedef struct {
   int low, high;
   float part;  // of the higher neighbour
@@ -51,6 +57,41 @@ __kernel FAT void resize_adjoint(__global const float* restrict in, __global flo
       if (weight == 0.0f) continue;
       __global const float* g = in + ((size_t)(row / from) * to + i) * inner;
       for (int k = left; k < right; k++) x[k] += weight * g[k];
+    }
+  }
+}
+
+__kernel FAT void resize_lines(__global const float* restrict in, __global float* restrict out, int pieces, int lines,
+                               int from, int to, int chunk) {
+  for (int piece = LOOP_LO(chunk); piece < LOOP_HI(pieces, chunk); piece += LOOP_STEP) {
+    const int count = min((int)LINES, lines - piece * LINES);
+    __global const float* first = in + (size_t)piece * LINES * from;
+    __global float* y = out + (size_t)piece * LINES * to;
+    for (int i = 0; i < to; i++) {
+      const Tap tap = tap_at(i, from, to);
+      for (int line = 0; line < count; line++) {
+        const float low = first[line * from + tap.low], high = first[line * from + tap.high];
+        y[line * to + i] = low * (1.0f - tap.part) + high * tap.part;
+      }
+    }
+  }
+}
+
+// A work-item has whole lines, so it may add into its places, in the order in which version 1 gathers.
+__kernel FAT void resize_lines_adjoint(__global const float* restrict in, __global float* restrict out, int pieces,
+                                       int lines, int from, int to, int chunk) {
+  for (int piece = LOOP_LO(chunk); piece < LOOP_HI(pieces, chunk); piece += LOOP_STEP) {
+    const int count = min((int)LINES, lines - piece * LINES);
+    __global const float* g = in + (size_t)piece * LINES * to;
+    __global float* first = out + (size_t)piece * LINES * from;
+    for (int k = 0; k < count * from; k++) first[k] = 0.0f;
+    for (int i = 0; i < to; i++) {
+      const Tap tap = tap_at(i, from, to);
+      const bool border = tap.high == tap.low;
+      const float low = 1.0f - tap.part + (border ? tap.part : 0.0f), high = border ? 0.0f : tap.part;
+      for (int line = 0; line < count; line++) first[line * from + tap.low] += low * g[line * to + i];
+      if (high == 0.0f) continue;
+      for (int line = 0; line < count; line++) first[line * from + tap.high] += high * g[line * to + i];
     }
   }
 }

@@ -1,6 +1,7 @@
 // Resizing images, an axis at a time: both filters are products of one for rows and one for columns.
 #include "runtime/ops.h"
 #include "runtime/ops/share.h"
+#include "runtime/variant.h"
 
 namespace cloam {
 namespace {
@@ -8,6 +9,7 @@ namespace {
 const Registered kRegistered[] = {Registered("resize"), Registered("resize_adjoint")};
 
 constexpr int64_t kLongest = 1 << 14;  // the kernels' positions are exact in 32 bits up to here
+constexpr int64_t kLines = 16;         // LINES of resize.cl
 
 /// Seen as [outer, from, inner], one axis becomes `to` long; the adjoint goes back. Each is the other's gradient.
 struct Resize final : Op {
@@ -18,10 +20,20 @@ struct Resize final : Op {
     for (int i = 0; i < axis; i++) outer *= out.dim(i);
     for (int i = axis + 1; i < out.rank(); i++) inner *= out.dim(i);
     const int64_t small = (adjoint ? out : in[0]).dim(axis), large = (adjoint ? in[0] : out).dim(axis);
+    const Variant& v = choose("resize", inner == 1 ? "lines" : "any");
+    if (v.where == "cpu") return run_lines(in[0], out, outer);
     const int64_t pieces = row_pieces(outer * out.dim(axis), inner);
     const Share work = share(pieces, 4096 / inner);
     launch(kernel("resize", name(), {{"BILINEAR", bilinear}}), name(), work.range, in[0], out, pieces, small, large,
            inner, work.chunk);
+  }
+  void run_lines(const Tensor& in, Tensor& out, int64_t lines) const {
+    const int64_t from = (adjoint ? out : in).dim(axis), to = (adjoint ? in : out).dim(axis);
+    const int64_t pieces = (lines + kLines - 1) / kLines;
+    const Share work = share(pieces, 4096 / (kLines * to));
+    const char* which = adjoint ? "resize_lines_adjoint" : "resize_lines";
+    launch(kernel("resize", which, {{"BILINEAR", bilinear}}), name(), work.range, in, out, pieces, lines, from, to,
+           work.chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     return {make(std::make_shared<Resize>(bilinear, !adjoint, axis), in[0].shape(), {g})};

@@ -229,11 +229,16 @@ Tensor resized(const Tensor& x, const Shape& to, bool bilinear) {
   return bilinear ? resize_bilinear(x, to[2], to[3]) : resize_nearest(x, to[2], to[3]);
 }
 
+/// x [N,C,H,W] as large as the factors from -> to make it: benchmarks give larger images than the rows do.
+Shape scaled(const Tensor& x, const Shape& from, const Shape& to) {
+  return {x.dim(0), x.dim(1), x.dim(2) * to[2] / from[2], x.dim(3) * to[3] / from[3]};
+}
+
 OpCase resizing(const char* label, const Shape& from, const Shape& to, bool bilinear) {
   return {.op = "resize",
           .label = label,
           .inputs = {normal(from)},
-          .run = [=](const Tensors& in) { return resized(in[0], to, bilinear); },
+          .run = [=](const Tensors& in) { return resized(in[0], scaled(in[0], from, to), bilinear); },
           .reference =
               [=](const HostArrays& in) {
                 HostArray out({in[0].dim(0), to[1], to[2], to[3]});
@@ -249,8 +254,9 @@ OpCase resizing_back(const char* label, const Shape& from, const Shape& to, bool
           .inputs = {normal(to)},
           .run =
               [=](const Tensors& in) {
-                const Tensor x = parameter(std::vector<float>(static_cast<size_t>(numel(from))), from);
-                return grad(sum(resized(x, to, bilinear) * in[0]), {x})[0];
+                const Shape small = scaled(in[0], to, from);
+                const Tensor x = parameter(std::vector<float>(static_cast<size_t>(numel(small))), small);
+                return grad(sum(resized(x, in[0].shape(), bilinear) * in[0]), {x})[0];
               },
           .reference =
               [=](const HostArrays& in) {
@@ -271,6 +277,9 @@ void add_resizes(OpCases& rows) {
   rows.push_back(resizing("bilinear, one pixel", {1, 1, 1, 4}, {1, 1, 3, 1}, true));
   rows.push_back(resizing_back("nearest", {1, 2, 5, 7}, {1, 2, 13, 3}, false));
   rows.push_back(resizing_back("bilinear", {1, 2, 5, 4}, {1, 2, 17, 3}, true));
+  rows.push_back(resizing_back("nearest, twice as large", {2, 3, 6, 5}, {2, 3, 12, 10}, false));
+  rows.back().bench = {normal({4, 32, 64, 64})};
+  rows.push_back(resizing_back("bilinear, along rows", {2, 3, 7, 5}, {2, 3, 7, 11}, true));
 }
 
 }  // namespace
