@@ -10,6 +10,8 @@ namespace {
 constexpr int64_t kSamples = 40;     // of a street's ray, as a rule
 constexpr float kCommonSteps = 100;  // before codes of their own come up, if the networks are another run's
 constexpr float kRefining = 0.1f;    // of the codes' rate, once they have been denoised (SSDNeRF: 5e-3)
+constexpr float kTexels = 0.4f;      // of the texels' rate, if the networks are another run's
+constexpr float kKeeping = 0.25f;    // of their decay, then
 constexpr double kWorst = 0.05;      // share of LiDAR rays that are left out
 
 void hold(PatchDiscriminator::Block& block) {
@@ -52,7 +54,10 @@ std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) co
   const float own = denoised ? kRefining : frozen_ ? std::clamp(alone, 0.01f, 1.f) : 1.f;
   for (size_t i = 0; i < logs_.size(); ++i) {
     const std::string log = "log" + std::to_string(i);
-    rates.push_back({log + ".background", config_.rate_background * now, true, false, config_.decay_background});
+    // A log alone is seen by few cameras: what its texels leave to what they have in common holds where none looked.
+    const float texels = config_.rate_background * now * (frozen_ ? kTexels : 1.f);
+    const float decay = config_.decay_background * (frozen_ ? kKeeping : 1.f);
+    rates.push_back({log + ".background", texels, true, false, decay});
     rates.push_back({log + ".common.background", config_.rate_background * now});
     rates.push_back({log + ".common.code", config_.rate_codes * now});
     rates.back().frozen = denoised;
