@@ -145,7 +145,9 @@ Command add_synth(CLI::App& program) {
   const auto common = std::make_shared<Common>();
   parser->add_option("-o,--out", request->out, "Folder for the logs 001, 002, ...")->required();
   parser->add_option("--logs", request->logs, "How many (2)")->check(CLI::Range(1, 999));
-  parser->add_option("--frames", request->log.frames, "Steps of each, ten a second (20)")->check(CLI::Range(1, 200));
+  parser->add_option("--frames", request->log.frames, "Steps of each (20)")->check(CLI::Range(1, 200));
+  parser->add_option("--rate", request->log.rate, "Steps a second (10); the fewer, the more sides of an actor are seen")
+      ->check(CLI::Range(1.0, 10.0));
   parser->add_option("--seed", request->log.seed, "Of streets, traffic and noise (0)")->check(CLI::NonNegativeNumber);
   parser->add_option("--cameras", request->cameras,
                      "Some of front, front_left, front_right, left, right, back (front,front_left)");

@@ -19,7 +19,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kStart = 1557539924, kRate = 10;
+constexpr double kStart = 1557539924;
+constexpr double kLongest = 20;      // seconds
 constexpr double kFarthestBox = 80;  // metres from the car
 constexpr double kShutter = 0.03;
 constexpr int kTurns = 8;
@@ -28,6 +29,11 @@ void check(const StreetLogOptions& options) {
   const bool sound = options.frames >= 1 && options.frames <= 200 && options.width >= 16 && options.width <= 4096 &&
                      options.height >= 16 && options.height <= 4096 && options.beams >= 1 && options.beams <= 256 &&
                      !options.cameras.empty() && options.clouds >= 0 && options.clouds <= 1;
+  const bool paced = options.rate >= 1 && options.rate <= 10 && options.frames <= kLongest * options.rate;
+  if (sound && !paced) {
+    throw Error(Fault::usage, text("a synthetic log has 1 to 10 frames a second and lasts at most ", kLongest,
+                                   " seconds; got ", options.frames, " frames at ", options.rate, " a second"));
+  }
   if (sound) return;
   throw Error(
       Fault::usage,
@@ -61,7 +67,7 @@ class StreetLog {
       : root_(root),
         options_(options),
         on_picture_(on_picture),
-        street_(make_street(options.seed, {options.night, options.clouds}, options.frames / kRate)) {}
+        street_(make_street(options.seed, {options.night, options.clouds}, options.frames / options.rate)) {}
 
   void write() {
     const Scene log = describe();
@@ -75,7 +81,7 @@ class StreetLog {
   }
 
  private:
-  static double time_of(int step) { return step / kRate; }
+  double time_of(int step) const { return step / options_.rate; }
 
   Scene describe() const {
     Scene log;

@@ -11,6 +11,7 @@ namespace cloam {
 struct StreetLogOptions {
   std::vector<std::string> cameras = {"front_camera", "front_left_camera"};  // of kPandasetCameras
   int frames = 20;
+  double rate = 10;  // frames and sweeps a second: PandaSet's; 2 is that of nuScenes' keyframes
   int width = 320, height = 180;
   int beams = 32;
   bool night = false;

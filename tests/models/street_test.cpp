@@ -382,6 +382,29 @@ TEST_CASE("street logs: equal options give equal bytes, another seed another str
   CHECK_THROWS_AS(write_street_log(c.path, options), Error);
 }
 
+TEST_CASE("street logs: half the rate is every second step of the same street") {
+  StreetLogOptions options = small_options();
+  options.frames = 4;
+  options.truth = false;
+  const Folder all, half;
+  write_street_log(all.path, options);
+  options.frames = 2;
+  options.rate = 5;
+  write_street_log(half.path, options);
+  for (const std::string camera : {"front_camera", "front_left_camera"}) {
+    CHECK(content(half.path / "camera" / camera / "01.jpg") == content(all.path / "camera" / camera / "02.jpg"));
+    CHECK(content(half.path / "camera" / camera / "01.jpg") != content(all.path / "camera" / camera / "01.jpg"));
+  }
+  const Scene a = read_scene(all.path), b = read_scene(half.path);
+  CHECK(b.sweeps[1].timestamp == a.sweeps[2].timestamp);
+  CHECK(b.sweeps[1].world_from_lidar.isApprox(a.sweeps[2].world_from_lidar));
+  options.frames = 101;
+  CHECK_THROWS_AS(write_street_log(half.path, options), Error);
+  options.frames = 2;
+  options.rate = 0;
+  CHECK_THROWS_AS(write_street_log(half.path, options), Error);
+}
+
 TEST_CASE("street logs: nights come in the proportion that was asked for, in another order for another seed") {
   std::set<std::string> orders;
   for (const std::uint64_t seed : {1, 2, 3, 4, 5, 6}) {
