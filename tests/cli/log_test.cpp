@@ -79,7 +79,7 @@ TEST_CASE("synth makes logs that check finds sound, and never in silence over ot
   CHECK_FALSE(fs::exists(out / "001/camera/back_camera/01.jpg"));
   const std::string other = (scratch() / "none").string();
   for (const Words& wrong : {Words{"--cameras", "frnt"}, Words{"--size", "64"}, Words{"--size", "8x8"},
-                             Words{"--frames", "0"}, Words{"--night", "2"}}) {
+                             Words{"--frames", "0"}, Words{"--rate", "0.2"}, Words{"--night", "2"}}) {
     const Outcome refused = cloam_with({"synth", "-o", other, wrong[0], wrong[1]});
     CHECK_MESSAGE(refused.code == 2, refused.err);
   }
