@@ -29,18 +29,18 @@ void check(const StreetLogOptions& options) {
   const bool sound = options.frames >= 1 && options.frames <= 200 && options.width >= 16 && options.width <= 4096 &&
                      options.height >= 16 && options.height <= 4096 && options.beams >= 1 && options.beams <= 256 &&
                      !options.cameras.empty() && options.clouds >= 0 && options.clouds <= 1;
-  const bool paced = options.rate >= 1 && options.rate <= 10 && options.frames <= kLongest * options.rate;
-  if (sound && !paced) {
-    throw Error(Fault::usage, text("a synthetic log has 1 to 10 frames a second and lasts at most ", kLongest,
-                                   " seconds; got ", options.frames, " frames at ", options.rate, " a second"));
+  if (!sound) {
+    throw Error(
+        Fault::usage,
+        text("a synthetic log has 1 to 200 frames, pictures of 16 to 4096 pixels a side, 1 to 256 beams, at least "
+             "one camera, clouds of 0 to 1; got ",
+             options.frames, ", ", options.width, "x", options.height, ", ", options.beams, ", ",
+             options.cameras.size(), " and ", options.clouds));
   }
-  if (sound) return;
-  throw Error(
-      Fault::usage,
-      text("a synthetic log has 1 to 200 frames, pictures of 16 to 4096 pixels a side, 1 to 256 beams, at least "
-           "one camera, clouds of 0 to 1; got ",
-           options.frames, ", ", options.width, "x", options.height, ", ", options.beams, ", ", options.cameras.size(),
-           " and ", options.clouds));
+  const bool paced = options.rate >= 1 && options.rate <= 10 && options.frames <= kLongest * options.rate;
+  if (paced) return;
+  throw Error(Fault::usage, text("a synthetic log has 1 to 10 frames a second and lasts at most ", kLongest,
+                                 " seconds; got ", options.frames, " frames at ", options.rate, " a second"));
 }
 
 /// [height, width] of float16 as numpy saves it; numpy.lib.format, version 1.
