@@ -23,7 +23,7 @@ namespace cloam {
 namespace {
 
 constexpr int kAllCodes = 1000000;
-constexpr int kSamples = 192;  // fewer make all Frechet distances large, and alike
+constexpr std::size_t kAssets = 320;  // of a set: four views of each are enough for the covariance of 512 features
 constexpr int kLeastTraining = 20, kPairs = 8;
 constexpr int kOfAClass[] = {48, 16};  // at most: training assets, which prototypes are made of, and samples
 constexpr int kViews = 4, kPixels = 64;
@@ -64,8 +64,8 @@ std::vector<int> common_classes(const LabelledCodes& training) {
 /// By the codes alone: samples are no copies.
 void add_code_figures(AssetPrior& prior, Json& figures) {
   const LabelledCodes training = labelled(assets_of(prior, CodeSource::training, kAllCodes));
-  figures["samples"] = kSamples;
-  figures["copy_ratio"] = copy_ratio(labelled(assets_of(prior, CodeSource::sampled, kSamples)), training);
+  figures["samples"] = kAssets;
+  figures["copy_ratio"] = copy_ratio(labelled(assets_of(prior, CodeSource::sampled, kAssets)), training);
 }
 
 /// Features of views all around, a row each.
@@ -163,23 +163,29 @@ std::array<LabelledCodes, 2> looks_of_classes(AssetPrior& prior, Street& street,
   return both;
 }
 
-/// How far samples are, as they look, from some of all training assets; random codes, which know nothing, and the
-/// training assets in between, which are all that samples can be.
+/// Two sets that have no asset in common, of at most kAssets each, from the first log to the last.
+std::array<std::vector<NewAsset>, 2> two_sets(const std::vector<NewAsset>& all) {
+  std::array<std::vector<NewAsset>, 2> sets;
+  const std::size_t count = std::min(all.size(), 2 * kAssets);
+  for (std::size_t i = 0; i < count; ++i) sets[i % 2].push_back(all[i * all.size() / count]);
+  return sets;
+}
+
+/// How far samples are, as they look, from training assets of the same classes and times of day; random codes, which
+/// know nothing, and other training assets in between, which are all that samples can be.
 void add_set_figures(AssetPrior& prior, Street& street, const FeatureNetwork& network, const std::vector<NewAsset>& all,
                      Json& figures) {
-  std::array<std::vector<NewAsset>, 2> training;
-  const std::size_t step = 1 + all.size() / (2 * kSamples);
-  for (std::size_t i = 0; i < all.size(); i += step) training[i / step % 2].push_back(all[i]);
-  const Eigen::MatrixXd truth = features_of(street, training[0], network);
+  const auto [training, others] = two_sets(all);
+  const Eigen::MatrixXd truth = features_of(street, training, network);
   const auto add = [&](const std::string& prefix, const std::vector<NewAsset>& assets) {
     Json distances;
     add_sets(distances, network.name, set_distances(features_of(street, assets, network), truth));
     for (const auto& [key, value] : distances.items())
       if (prefix.empty() || key != "set_images") figures[prefix + key] = value;
   };
-  add("", assets_of(prior, CodeSource::sampled, kSamples));
-  add("baseline_random_", assets_of(prior, CodeSource::random, kSamples));
-  if (training[1].size() > 1) add("baseline_training_", training[1]);
+  add("", assets_like(prior, CodeSource::sampled, training));
+  add("baseline_random_", assets_like(prior, CodeSource::random, training));
+  if (others.size() > 1) add("baseline_training_", others);
 }
 
 /// Of samples as they look: as a set like the training assets; of their class; dark at night.

@@ -57,4 +57,8 @@ class AssetPrior {
   virtual std::vector<NewAsset> generate(const AssetWish& wish) = 0;
 };
 
+/// As many assets of each class and time of day as there are in `like`, for sets that are to be compared: of a few
+/// hundred that are drawn freely, the share of buses or of nights moves their distance by more than their looks do.
+std::vector<NewAsset> assets_like(AssetPrior& prior, CodeSource source, const std::vector<NewAsset>& like);
+
 }  // namespace cloam

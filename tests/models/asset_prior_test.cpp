@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <set>
 
 #include "models/methods/asset_codes.h"
@@ -232,6 +233,24 @@ TEST_CASE("the same wish gives the same assets; what is not wished for is as in 
   CHECK_THROWS_WITH_AS(prior.method.generate(wish), doctest::Contains("no Bus was in training"), Error);
   wish.asset_class = 0, wish.night = true;
   for (const NewAsset& asset : prior.method.generate(wish)) CHECK((asset.night && asset.asset_class == 0));
+}
+
+TEST_CASE("assets like others are as many of each class and time of day, and no two of one noise") {
+  Prior prior(made_run({}));
+  std::vector<NewAsset> like;
+  for (const auto& [asset_class, night] : {std::pair(7, true), {0, true}, {0, false}, {0, true}, {0, true}})
+    like.push_back({asset_class, night, Eigen::Vector3d::Ones(), {}});
+  for (const CodeSource source : {CodeSource::sampled, CodeSource::random}) {
+    const std::vector<NewAsset> assets = assets_like(prior.method, source, like);
+    std::map<std::pair<int, bool>, int> counts;
+    std::set<std::vector<float>> codes;
+    for (const NewAsset& asset : assets) {
+      ++counts[{asset.asset_class, asset.night}];
+      codes.insert(asset.code);
+    }
+    CHECK(counts == std::map<std::pair<int, bool>, int>{{{0, false}, 1}, {{0, true}, 3}, {{7, true}, 1}});
+    CHECK(codes.size() == assets.size());
+  }
 }
 
 TEST_CASE("an asset has the box of the training actor of its class whose code is nearest") {
