@@ -27,6 +27,7 @@ constexpr std::size_t kAssets = 320;  // of a set: four views of each are enough
 constexpr int kLeastTraining = 20, kPairs = 8;
 constexpr int kOfAClass[] = {48, 16};  // at most: training assets, which prototypes are made of, and samples
 constexpr int kViews = 4, kPixels = 64;
+constexpr std::size_t kTold = 64;  // assets from one line of progress to the next
 
 using Json = nlohmann::ordered_json;
 
@@ -68,41 +69,65 @@ void add_code_figures(AssetPrior& prior, Json& figures) {
   figures["copy_ratio"] = copy_ratio(labelled(assets_of(prior, CodeSource::sampled, kAssets)), training);
 }
 
-/// Features of views all around, a row each.
-Eigen::MatrixXd features_of(Street& street, const std::vector<NewAsset>& assets, const FeatureNetwork& network) {
-  Eigen::MatrixXd rows;
-  const Camera camera = turntable_camera(kPixels, kPixels);
-  Eigen::Index at = 0;
-  for (const NewAsset& asset : assets) {
-    const AssetName name = street.add_asset(asset);
-    for (const Eigen::Matrix4d& pose : turntable_poses(asset.size, camera, kViews)) {
-      const Eigen::MatrixXd row =
-          pooled_features(network, as_batch(street.render_asset(name, camera, pose).rgb, kPixels, kPixels));
-      if (at == 0) rows.resize(static_cast<Eigen::Index>(assets.size()) * kViews, row.cols());
-      rows.row(at++) = row;
-    }
-  }
-  return rows;
-}
+/// Where assets are looked at from all sides, with the time that is left for those still to come.
+class Showroom {
+ public:
+  Showroom(Street& street, const FeatureNetwork& network, std::size_t expected, const Common& common)
+      : street_(street), network_(network), expected_(expected), common_(common) {}
 
-/// The mean grey of what an asset covers, all around.
-double brightness(Street& street, const NewAsset& asset) {
-  const Camera camera = turntable_camera(kPixels, kPixels);
-  const AssetName name = street.add_asset(asset);
-  double light = 0, covered = 1e-9;
-  for (const Eigen::Matrix4d& pose : turntable_poses(asset.size, camera, kViews)) {
-    const Picture picture = street.render_asset(name, camera, pose);
-    for (std::size_t i = 0; i < picture.opacity.size(); ++i) {
-      const double opacity = double{picture.opacity[i]};
-      for (std::size_t c = 0; c < 3; ++c) light += (double{picture.rgb[3 * i + c]} - (1 - opacity)) / 3;
-      covered += opacity;
-    }
+  /// A row a view.
+  Eigen::MatrixXd features_of(const std::vector<NewAsset>& assets) {
+    Eigen::MatrixXd rows;
+    Eigen::Index at = 0;
+    for (const NewAsset& asset : assets)
+      for (const Picture& picture : views_of(asset)) {
+        const Eigen::MatrixXd row = pooled_features(network_, as_batch(picture.rgb, kPixels, kPixels));
+        if (at == 0) rows.resize(static_cast<Eigen::Index>(assets.size()) * kViews, row.cols());
+        rows.row(at++) = row;
+      }
+    return rows;
   }
-  return light / covered;
-}
+
+  /// The mean grey of what an asset covers.
+  double brightness(const NewAsset& asset) {
+    double light = 0, covered = 1e-9;
+    for (const Picture& picture : views_of(asset))
+      for (std::size_t i = 0; i < picture.opacity.size(); ++i) {
+        const double opacity = double{picture.opacity[i]};
+        for (std::size_t c = 0; c < 3; ++c) light += (double{picture.rgb[3 * i + c]} - (1 - opacity)) / 3;
+        covered += opacity;
+      }
+    return light / covered;
+  }
+
+  const std::string& network() const { return network_.name; }
+
+ private:
+  std::vector<Picture> views_of(const NewAsset& asset) {
+    const Camera camera = turntable_camera(kPixels, kPixels);
+    const AssetName name = street_.add_asset(asset);
+    std::vector<Picture> views;
+    for (const Eigen::Matrix4d& pose : turntable_poses(asset.size, camera, kViews))
+      views.push_back(street_.render_asset(name, camera, pose));
+    if (++shown_ % kTold == 0 || shown_ == expected_) tell();
+    return views;
+  }
+
+  void tell() const {
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    const double left = seconds / static_cast<double>(shown_) * static_cast<double>(expected_ - shown_);
+    say(common_, text("eval ", shown_, "/", expected_, " assets  left ", words_for_seconds(left)));
+  }
+
+  Street& street_;
+  const FeatureNetwork& network_;
+  std::size_t shown_ = 0, expected_;
+  const Common& common_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
 
 /// Of pairs of one class and one seed, the share whose sample of the night is darker than that of the day.
-double share_of_darker_nights(AssetPrior& prior, Street& street, const std::vector<int>& classes) {
+double share_of_darker_nights(AssetPrior& prior, Showroom& showroom, const std::vector<int>& classes) {
   int darker = 0, pairs = 0;
   for (const int asset_class : classes) {
     std::vector<NewAsset> assets[2];
@@ -114,15 +139,14 @@ double share_of_darker_nights(AssetPrior& prior, Street& street, const std::vect
       assets[night] = prior.generate(wish);
     }
     for (std::size_t i = 0; i < assets[0].size(); ++i, ++pairs)
-      darker += brightness(street, assets[1][i]) < brightness(street, assets[0][i]);
+      darker += showroom.brightness(assets[1][i]) < showroom.brightness(assets[0][i]);
   }
   return static_cast<double>(darker) / pairs;
 }
 
 /// A row an asset: features of its pictures (the mean of all views), and the logarithms of its box's sides.
-std::array<Eigen::MatrixXd, 2> looks_of(Street& street, const std::vector<NewAsset>& assets,
-                                        const FeatureNetwork& network) {
-  const Eigen::MatrixXd views = features_of(street, assets, network);
+std::array<Eigen::MatrixXd, 2> looks_of(Showroom& showroom, const std::vector<NewAsset>& assets) {
+  const Eigen::MatrixXd views = showroom.features_of(assets);
   const auto count = static_cast<Eigen::Index>(assets.size());
   std::array<Eigen::MatrixXd, 2> looks = {Eigen::MatrixXd(count, views.cols()), Eigen::MatrixXd(count, 3)};
   for (Eigen::Index i = 0; i < count; ++i) {
@@ -134,8 +158,7 @@ std::array<Eigen::MatrixXd, 2> looks_of(Street& street, const std::vector<NewAss
 
 /// Assets of each class, [0] of training and [1] samples that were asked for, by looks and boxes: each of both
 /// counts with the same weight, and every number by its deviation over the training assets.
-std::array<LabelledCodes, 2> looks_of_classes(AssetPrior& prior, Street& street, const FeatureNetwork& network,
-                                              const std::vector<int>& classes) {
+std::array<LabelledCodes, 2> looks_of_classes(AssetPrior& prior, Showroom& showroom, const std::vector<int>& classes) {
   std::array<LabelledCodes, 2> both;
   std::array<Eigen::RowVectorXd, 2> units;
   for (const bool sampled : {false, true}) {
@@ -147,7 +170,7 @@ std::array<LabelledCodes, 2> looks_of_classes(AssetPrior& prior, Street& street,
       wish.codes = sampled ? CodeSource::sampled : CodeSource::training;
       for (const NewAsset& asset : prior.generate(wish)) assets.push_back(asset);
     }
-    const auto looks = looks_of(street, assets, network);
+    const auto looks = looks_of(showroom, assets);
     for (std::size_t k = 0; k < looks.size() && !sampled; ++k)  // of length 1 in all over the training assets
       units[k] = (looks[k].rowwise() - looks[k].colwise().mean()).colwise().norm().array() *
                      std::sqrt(static_cast<double>(looks[k].cols())) +
@@ -173,37 +196,55 @@ std::array<std::vector<NewAsset>, 2> two_sets(const std::vector<NewAsset>& all) 
 
 /// How far samples are, as they look, from training assets of the same classes and times of day; random codes, which
 /// know nothing, and other training assets in between, which are all that samples can be.
-void add_set_figures(AssetPrior& prior, Street& street, const FeatureNetwork& network, const std::vector<NewAsset>& all,
+void add_set_figures(AssetPrior& prior, Showroom& showroom, const std::array<std::vector<NewAsset>, 2>& training,
                      Json& figures) {
-  const auto [training, others] = two_sets(all);
-  const Eigen::MatrixXd truth = features_of(street, training, network);
+  const Eigen::MatrixXd truth = showroom.features_of(training[0]);
   const auto add = [&](const std::string& prefix, const std::vector<NewAsset>& assets) {
     Json distances;
-    add_sets(distances, network.name, set_distances(features_of(street, assets, network), truth));
+    add_sets(distances, showroom.network(), set_distances(showroom.features_of(assets), truth));
     for (const auto& [key, value] : distances.items())
       if (prefix.empty() || key != "set_images") figures[prefix + key] = value;
   };
-  add("", assets_like(prior, CodeSource::sampled, training));
-  add("baseline_random_", assets_like(prior, CodeSource::random, training));
-  if (others.size() > 1) add("baseline_training_", others);
+  add("", assets_like(prior, CodeSource::sampled, training[0]));
+  add("baseline_random_", assets_like(prior, CodeSource::random, training[0]));
+  if (training[1].size() > 1) add("baseline_training_", training[1]);
+}
+
+bool has_night_and_day(const std::vector<NewAsset>& assets) {
+  const auto nights = std::count_if(assets.begin(), assets.end(), [](const NewAsset& asset) { return asset.night; });
+  return nights > 0 && nights < static_cast<std::ptrdiff_t>(assets.size());
+}
+
+/// How many assets add_picture_figures looks at.
+std::size_t count_of_shown(const LabelledCodes& training, const std::array<std::vector<NewAsset>, 2>& sets,
+                           const std::vector<int>& classes, bool nights) {
+  std::size_t count = 3 * sets[0].size() + (sets[1].size() > 1 ? sets[1].size() : 0);
+  if (nights) count += 2 * kPairs * classes.size();
+  for (const int asset_class : classes) {
+    const auto all = static_cast<int>(std::count(training.classes.begin(), training.classes.end(), asset_class));
+    if (classes.size() > 1) count += static_cast<std::size_t>(std::min(all, kOfAClass[0]) + kOfAClass[1]);
+  }
+  return count;
 }
 
 /// Of samples as they look: as a set like the training assets; of their class; dark at night.
-void add_picture_figures(AssetPrior& prior, const RestoredRun& decoder, const FeatureNetwork& network, Json& figures) {
-  Street& street = street_of(decoder);
+void add_picture_figures(AssetPrior& prior, const RestoredRun& decoder, const FeatureNetwork& network,
+                         const Common& common, Json& figures) {
   const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kAllCodes);
-  add_set_figures(prior, street, network, all, figures);
+  const auto sets = two_sets(all);
+  const LabelledCodes training = labelled(all);
+  const std::vector<int> classes = common_classes(training);
+  const bool nights = !classes.empty() && has_night_and_day(all);
+  Showroom showroom(street_of(decoder), network, count_of_shown(training, sets, classes, nights), common);
+  add_set_figures(prior, showroom, sets, figures);
   figures["feature_network"] = network.name;
-  const std::vector<int> classes = common_classes(labelled(all));
   if (classes.size() > 1) {
-    const auto looks = looks_of_classes(prior, street, network, classes);
+    const auto looks = looks_of_classes(prior, showroom, classes);
     figures["class_right"] = share_of_right_classes(looks[1], looks[0]);
     figures["class_right_of_training"] = share_of_right_classes(looks[0], looks[0]);
     figures["baseline_class_right"] = 1.0 / static_cast<double>(classes.size());
   }
-  const bool both = std::any_of(all.begin(), all.end(), [](const NewAsset& asset) { return asset.night; }) &&
-                    std::any_of(all.begin(), all.end(), [](const NewAsset& asset) { return !asset.night; });
-  if (both) figures["night_darker"] = share_of_darker_nights(prior, street, classes);
+  if (nights) figures["night_darker"] = share_of_darker_nights(prior, showroom, classes);
 }
 
 }  // namespace
@@ -229,7 +270,7 @@ nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& c
   add_code_figures(prior, figures);
   if (!request.features.empty()) {
     const FeatureNetwork network = features_named(request.features);
-    add_picture_figures(prior, restore_run(std::move(source)), network, figures);
+    add_picture_figures(prior, restore_run(std::move(source)), network, common, figures);
   }
   figures["method"] = run.record.method;
   figures["preset"] = run.record.preset;
