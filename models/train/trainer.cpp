@@ -40,8 +40,7 @@ class Loop {
   TrainResult train();
 
  private:
-  using Clock = std::chrono::steady_clock;
-  double seconds() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
+  double seconds() const { return options_.clock() - start_; }
   void begin();
   void one_step();
   void choose_horizon();
@@ -61,7 +60,7 @@ class Loop {
   const TrainListener& listener_;
   Optimiser optimiser_;
   Progress progress_;
-  Clock::time_point start_ = Clock::now();
+  double start_ = options_.clock();
   TrainResult result_;
   bool planning_ = false;  // the horizon follows from a time budget
   int64_t next_plan_ = 0;  // step
@@ -212,6 +211,10 @@ int64_t number_in(const SafetensorsFile& file, const std::string& key) {
 }
 
 }  // namespace
+
+double steady_seconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
 
 TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainListener& listener) {
   return Loop(run, options, listener).train();

@@ -10,6 +10,9 @@
 
 namespace cloam {
 
+/// Seconds since any moment.
+double steady_seconds();
+
 struct TrainOptions {
   std::optional<int64_t> steps;               // the horizon
   std::optional<double> time_budget_seconds;  // from process start to the saved checkpoint; chooses the horizon
@@ -18,6 +21,7 @@ struct TrainOptions {
   int64_t save_every = 0;                     // 0: only the last step
   int64_t default_steps = 1000;
   uint64_t seed = 42;
+  std::function<double()> clock = steady_seconds;  // what a time budget goes by
 };
 
 struct StepReport {

@@ -3,9 +3,7 @@
 
 #include <doctest/doctest.h>
 
-#include <chrono>
 #include <filesystem>
-#include <thread>
 
 #include "models/io/checkpoint.h"
 #include "models/nn/params.h"
@@ -18,6 +16,8 @@ using namespace cloam;
 namespace fs = std::filesystem;
 
 namespace {
+
+constexpr double kSlowSeconds = 1. / 16, kFastSeconds = 1. / 128;  // of a step
 
 /// Each parameter is drawn to 1. A scene's own is in the loss of every second step alone.
 class TwoScenes final : public Method {
@@ -42,7 +42,7 @@ class TwoScenes final : public Method {
   }
   Tensor loss(const Progress& progress) override {
     const Tensor& plane = params_.at(progress.step % 2 == 0 ? "plane.0" : "plane.1");
-    if (progress.step <= slow_steps_) std::this_thread::sleep_for(std::chrono::milliseconds(4));
+    clock_ += progress.step <= slow_steps_ ? kSlowSeconds : kFastSeconds;
     return sum(square(params_.at("network") - 1.f)) + sum(square(plane - 1.f));
   }
   Gradients gradients(const Progress& progress, const Tensors& wanted) override {
@@ -57,6 +57,7 @@ class TwoScenes final : public Method {
 
   size_t wanted_ = 0, reached_ = 0;
   int64_t slow_steps_ = 0;
+  double clock_ = 0;  // seconds, by which its steps last what they are told to
 
  private:
   Params params_;
@@ -110,21 +111,25 @@ TEST_CASE("adopted networks stay as they were, have no optimiser state and are s
   CHECK(restored.values("network") == first.values("network"));
 }
 
-TEST_CASE("a time budget is planned again when steps have become faster") {
+TEST_CASE("a time budget is planned by the steps at first, and again when they have become faster") {
   const Folder folder;
   TwoScenes method;
   method.build({}, 1);
-  method.slow_steps_ = 60;
+  method.slow_steps_ = 80;
   TrainOptions options;
-  options.time_budget_seconds = 1;
+  options.time_budget_seconds = 10;
+  options.clock = [&method] { return method.clock_; };
   int64_t first = 0;
   TrainListener listener;
   listener.step = [&](const StepReport& report) {
     if (first == 0) first = report.progress.horizon;
   };
   const TrainResult result = train({method, folder.path, {}, nullptr, nullptr}, options, listener);
-  REQUIRE(first > 0);
-  CHECK(result.horizon > first);
+  // After a quarter of the budget (40 steps), 0.9 of the rest less half a second for saving: 6.25 s.
+  CHECK(first == 40 + static_cast<int64_t>(6.25 / kSlowSeconds));
+  CHECK(result.horizon == result.step);
+  CHECK(method.clock_ < 10);
+  CHECK(method.clock_ > 8);
 }
 
 TEST_CASE("rows that a gradient reaches decay towards zero, the others keep their values") {
