@@ -99,6 +99,7 @@ TEST_CASE("eval of a run of diffusion with features compares pictures of samples
   CHECK(json.at("baseline_training_frechet_feature_distance") > 0);
   CHECK(json.at("baseline_training_frechet_feature_distance") != json.at("frechet_feature_distance"));
   CHECK(json.at("set_images").at(0) == json.at("set_images").at(1));
+  CHECK(contains(evaluated.err, " assets  left 0s"));  // as many were shown as it said there would be
 }
 
 TEST_CASE("what diffusion cannot learn from is one error, and makes no run") {
