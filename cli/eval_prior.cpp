@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <map>
 
@@ -114,7 +113,7 @@ class Showroom {
   }
 
   void tell() const {
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    const double seconds = seconds_since_start() - start_;
     const double left = seconds / static_cast<double>(shown_) * static_cast<double>(expected_ - shown_);
     say(common_, text("eval ", shown_, "/", expected_, " assets  left ", words_for_seconds(left)));
   }
@@ -123,7 +122,7 @@ class Showroom {
   const FeatureNetwork& network_;
   std::size_t shown_ = 0, expected_;
   const Common& common_;
-  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  const double start_ = seconds_since_start();
 };
 
 /// Of pairs of one class and one seed, the share whose sample of the night is darker than that of the day.
@@ -251,7 +250,7 @@ void add_picture_figures(AssetPrior& prior, const RestoredRun& decoder, const Fe
 
 nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& common) {
   check_options(request);
-  const auto start = std::chrono::steady_clock::now();
+  const double start = seconds_since_start();
   open_device(common);
   const RestoredRun run = restore_run(request.run);
   if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
@@ -275,7 +274,7 @@ nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& c
   figures["method"] = run.record.method;
   figures["preset"] = run.record.preset;
   figures["step"] = run.progress.step;
-  figures["seconds"] = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  figures["seconds"] = seconds_since_start() - start;
   commit_text(RunPaths{request.run}.eval() / "eval.json", figures.dump(2) + "\n");
   return figures;
 }
