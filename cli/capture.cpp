@@ -91,6 +91,14 @@ Scene read_split_scene(const std::filesystem::path& data, const Reading& how) {
   return scene;
 }
 
+Scene read_scene_as_listed(const std::filesystem::path& data, const Reading& how) {
+  Reading plain = how;
+  plain.holdout = 0;
+  plain.protocol = {};
+  plain.image.clear();
+  return read_split_scene(data, plain);
+}
+
 uint64_t image_bytes(const Scene& scene, Split split, int downscale) {
   uint64_t pixels = 0;
   for (const std::size_t index : frames_of(scene, split)) {

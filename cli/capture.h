@@ -20,6 +20,9 @@ using Captures = std::vector<Capture>;
 /// The capture with its split; images are not read. Fault::data, Fault::usage.
 Scene read_split_scene(const std::filesystem::path& data, const Reading& how);
 
+/// The capture with the split of its source.
+Scene read_scene_as_listed(const std::filesystem::path& data, const Reading& how);
+
 /// Reads every image that trains or is measured. Fault::memory, before reading, if they would not fit in `budget` bytes
 /// (0: no limit). Fault::data for a capture that leaves nothing to train on.
 Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, uint64_t budget);

@@ -28,13 +28,13 @@ Examples:
 docs/formats.md says how to get a file with Inception's weights.)";
 
 std::vector<fs::path> images_in(const fs::path& folder) {
-  if (!fs::is_directory(folder)) throw Error(Fault::data, text(folder.string(), ": want a folder of images"));
+  if (!fs::is_directory(folder)) throw Error(Fault::data, text(folder.string(), ": not a folder of images"));
   std::vector<fs::path> files;
   for (const auto& entry : fs::directory_iterator(folder))
     if (is_image_name(entry.path())) files.push_back(entry.path());
   if (files.size() < 2)
     throw Error(Fault::data,
-                text(folder.string(), ": want two images (.png, .jpg, .exr) at least, found ", files.size()));
+                text(folder.string(), ": at least two images (.png, .jpg, .exr) are needed, found ", files.size()));
   std::sort(files.begin(), files.end());
   return files;
 }

@@ -111,7 +111,7 @@ void keep_image(TurnedLog& turned, const Photos& photos) {
   const Frame& frame = photos.scene.frames[shown];
   if (frame.sensor != front_sensor(photos.scene))
     throw Error(Fault::usage, text("rotate360 measures images of ", front_sensor(photos.scene),
-                                   ", and the run learned ", photos.image, " alone"));
+                                   ", but the run was trained on ", photos.image, " alone"));
   for (std::size_t i = 0; i < turned.scene.frames.size(); ++i)
     if (i != shown) turned.scene.frames[i].split = Split::unused;
   const ActorMask mask = ActorMasks(photos.scene).of(frame, photos.train.cameras.front());
@@ -144,17 +144,19 @@ void measure_turned(Method& method, const Photos& photos, const TurnedLog& turne
 void require_images(const EvalResult& result, const std::string& why) {
   for (const SceneResult& scene : result.scenes)
     if (!scene.images.empty()) return;
-  throw Error(Fault::data, "there is no photo to measure: " + why);
+  throw Error(Fault::data, "there is no image to measure: " + why);
 }
 
-void measure_rotations(const EvalRequest& request, std::size_t scenes, Evaluator& evaluator, EvalResult& result) {
-  result.scenes.resize(scenes);
+void measure_rotations(const EvalRequest& request, const RestoredRun& trained, Evaluator& evaluator,
+                       EvalResult& result) {
+  const std::vector<std::size_t> scenes = scenes_of(trained, request);
+  result.scenes.resize(scenes.size());
   for (int degrees = kTurnStep; degrees < kTurn; degrees += kTurnStep) {
     const RestoredRun run = restore_run(request.run, [&](Scenes& all) {
       for (Scene& scene : all) turn_actors(scene, degrees);
     });
-    for (std::size_t i = 0; i < scenes; ++i) {
-      const Photos photos = photos_of(run, request, i);
+    for (std::size_t i = 0; i < scenes.size(); ++i) {
+      const Photos photos = photos_of(trained, request, scenes[i]);
       note_kind(photos, result);
       result.scenes[i].name = photos.name;
       if (degrees == kTurnStep) add_source(photos, evaluator);
@@ -173,11 +175,9 @@ void measure_rotations(const EvalRequest& request, std::size_t scenes, Evaluator
 }
 
 void measure_photos(const EvalRequest& request, const RestoredRun& run, Evaluator& evaluator, EvalResult& result) {
-  const std::size_t scenes = count_scenes(run, request);
-  for (std::size_t i = 0; i < scenes; ++i) {
-    const Photos photos = photos_of(run, request, i);
-    measure_scene(*run.method, photos, scenes > 1, evaluator, result);
-  }
+  const std::vector<std::size_t> scenes = scenes_of(run, request);
+  for (const std::size_t scene : scenes)
+    measure_scene(*run.method, photos_of(run, request, scene), scenes.size() > 1, evaluator, result);
   require_images(result,
                  text("the protocol ", result.protocol, " leaves none, such as novel without a ", kFrontLeftSensor));
 }
@@ -195,7 +195,7 @@ EvalResult measure(const EvalRequest& request, const RestoredRun& run, Evaluator
     result.features = evaluator.network->name;
   }
   if (protocol_of(run, request) == "rotate360" && request.other.empty())
-    measure_rotations(request, count_scenes(run, request), evaluator, result);
+    measure_rotations(request, run, evaluator, result);
   else
     measure_photos(request, run, evaluator, result);
   return result;
@@ -205,11 +205,12 @@ fs::path pictures_of(const EvalRequest& request) {
   return request.images.empty() ? RunPaths{request.run}.eval() / "images" : fs::path(request.images);
 }
 
-EvalResult measure_and_report(const EvalRequest& request, const Common& common) {
+EvalResult measure_and_report(EvalRequest request, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   open_device(common);
-  const RestoredRun run = restore_run(request.run);
+  RestoredRun run = restore_run(request.run);
   if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  take_own_data(run, request, common);
   Evaluator evaluator{common, pictures_of(request)};
   EvalResult result = measure(request, run, evaluator);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -1,6 +1,7 @@
 // An evaluation as a request: what the command line and the demo fill in.
 #pragma once
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 
 #include "cli/common.h"
@@ -9,9 +10,10 @@
 namespace cloam {
 
 struct EvalRequest {
-  std::string run, other, images;  // images: folder for the pictures (default RUN/eval/images)
-  std::string protocol;            // empty: the run's own
-  std::string features;            // weights of a feature network, or "random"; empty: no feature distances
+  std::string run, other, images;         // images: folder for the pictures (default RUN/eval/images)
+  std::string protocol;                   // empty: the run's own
+  std::string features;                   // weights of a feature network, or "random"; empty: no feature distances
+  std::optional<std::size_t> scene = {};  // of the run: that one alone
 };
 
 /// The network that --features names. Fault::data for a file that holds none.

@@ -2,6 +2,8 @@
 #include "cli/eval_photos.h"
 
 #include <algorithm>
+#include <numeric>
+#include <set>
 
 #include "cli/capture.h"
 #include "runtime/error.h"
@@ -31,13 +33,17 @@ LoadOptions options_of(const RestoredRun& run) {
   return {how.downscale, how.skip_bad, how.masks};
 }
 
-void warn_of_training_photos(const Photos& photos) {
+/// trained: the scene as the run's folder has it, whatever became of the data since.
+void warn_of_training_photos(const Photos& photos, const Scene& trained) {
+  std::set<std::string> names;
+  for (const Frame& frame : trained.frames)
+    if (frame.split == Split::train) names.insert(frame.image);
   std::size_t count = 0;
   for (const FramePixels& frame : photos.measured.frames)
-    count += photos.train_scene.frames[frame.frame].split == Split::train;
+    count += names.contains(photos.scene.frames[frame.frame].image);
   if (count > 0)
     warn(text(photos.name, ": ", count, " of the ", photos.measured.frames.size(),
-              " photos that are measured were trained on: no fair figure"));
+              " measured images were used in training: their figures are too good"));
 }
 
 Photos own_photos(const RestoredRun& run, const EvalRequest& request, std::size_t index) {
@@ -50,20 +56,25 @@ Photos own_photos(const RestoredRun& run, const EvalRequest& request, std::size_
   photos.name = folder_name(folder);
   photos.image = how.image;
   photos.train_scene = read_split_scene(folder, how);
-  if (fingerprint(photos.train_scene) != data.fingerprint)
-    warn(text(photos.name, ": the data differs from what the run was trained on"));
+  const bool changed = fingerprint(photos.train_scene) != data.fingerprint;
+  if (changed) warn(text(folder.string(), " differs from what the run was trained on"));
   photos.scene = photos.train_scene;
   if (other_protocol) apply_protocol(photos.scene, {protocol, how.protocol.sparse_every});
   photos.train = load_images(photos.train_scene, Split::train, options_of(run));
   photos.measured = load_images(photos.scene, Split::test, options_of(run));
   photos.protocol = how.holdout > 0 ? text("holdout-", how.holdout) : "test-split";
   if (!protocol.empty()) photos.protocol = protocol;
-  if (other_protocol) warn_of_training_photos(photos);
+  if (other_protocol || changed) warn_of_training_photos(photos, run.scenes[index]);
   if (!photos.measured.frames.empty() || !protocol.empty()) return photos;
   photos.measured = photos.train;
   photos.protocol = "train-images";
-  warn("no image was held out: these are the training photos (train with --holdout 8 for a fair figure)");
+  warn("no images were held out, so the training images are measured; train with --holdout 8 for a fair figure");
   return photos;
+}
+
+std::string measured_in_words(const Reading& how) {
+  if (how.holdout > 0) return text("its held-out images are measured (holdout-", how.holdout, ")");
+  return how.protocol.name.empty() ? "its test split is measured" : text("protocol ", how.protocol.name);
 }
 
 /// The run's only scene, or the one whose folder has the same name.
@@ -75,7 +86,7 @@ std::size_t scene_named(const RestoredRun& run, const std::string& other) {
     if (name == folder_name(other)) return i;
     names += " " + name;
   }
-  throw Error(Fault::usage, text("--data ", other, ": the run has several logs and none of that name; it has", names));
+  throw Error(Fault::usage, text("--data ", other, ": no log of the run has that name; its logs are", names));
 }
 
 Photos other_photos(const RestoredRun& run, const EvalRequest& request) {
@@ -109,8 +120,25 @@ std::string protocol_of(const RestoredRun& run, const EvalRequest& request) {
   return request.protocol.empty() ? run.record.reading.protocol.name : request.protocol;
 }
 
-std::size_t count_scenes(const RestoredRun& run, const EvalRequest& request) {
-  return request.other.empty() ? run.record.data.size() : 1;
+std::vector<std::size_t> scenes_of(const RestoredRun& run, const EvalRequest& request) {
+  if (request.scene) return {*request.scene};
+  std::vector<std::size_t> all(request.other.empty() ? run.record.data.size() : 1);
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  return all;
+}
+
+void take_own_data(RestoredRun& run, EvalRequest& request, const Common& common) {
+  if (request.other.empty()) return;
+  const std::string found = fingerprint(read_scene_as_listed(request.other, run.record.reading));
+  for (std::size_t i = 0; i < run.record.data.size(); ++i) {
+    RunData& data = run.record.data[i];
+    if (data.fingerprint != found) continue;
+    data = {request.other, relative_to_run(request.other, run.folder), found};
+    request.scene = i;
+    say(common, text(request.other, " holds the run's own data: ", measured_in_words(run.record.reading)));
+    request.other.clear();
+    return;
+  }
 }
 
 Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t index) {

@@ -1,6 +1,7 @@
 // The photos that an evaluation measures, one scene of the run at a time.
 #pragma once
 #include <string>
+#include <vector>
 
 #include "cli/eval.h"
 #include "models/data/load_images.h"
@@ -21,8 +22,12 @@ struct Photos {
 /// The protocol that is measured: the one asked for, else the run's own; empty: what the run held out.
 std::string protocol_of(const RestoredRun& run, const EvalRequest& request);
 
-/// How many scenes there are to measure.
-std::size_t count_scenes(const RestoredRun& run, const EvalRequest& request);
+/// The run's scenes that there are to measure.
+std::vector<std::size_t> scenes_of(const RestoredRun& run, const EvalRequest& request);
+
+/// With --data: data of the fingerprint of one of the run's scenes are that scene's, in another place. Then the request
+/// becomes one for that scene without --data, and the record in memory names the new place. Fault::data.
+void take_own_data(RestoredRun& run, EvalRequest& request, const Common& common);
 
 /// The run's own photos: those that the protocol measures or that the run held out, else those it was trained on.
 /// With --data those of another folder in the same coordinates, of which it takes the test split, else all. The guesses

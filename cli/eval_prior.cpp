@@ -35,7 +35,8 @@ void check_options(const EvalRequest& request) {
                                                   {"--protocol", !request.protocol.empty()},
                                                   {"--images", !request.images.empty()}};
   for (const auto& [option, given] : options)
-    if (given) throw Error(Fault::usage, text(option, " goes with photos, which ", request.run, " did not learn from"));
+    if (given)
+      throw Error(Fault::usage, text(option, " is for runs that learned from images; ", request.run, " did not"));
 }
 
 LabelledCodes labelled(const std::vector<NewAsset>& assets) {

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <exception>
 #include <new>
+#include <stdexcept>
 
 #include "cli/profile.h"
 #include "cli/run_words.h"
@@ -95,6 +96,8 @@ int run(const std::function<int()>& command) {
     return report(static_cast<int>(error.fault()), error.what());
   } catch (const std::bad_alloc&) {
     return report(5, "the machine's memory is full; a larger --downscale needs less");
+  } catch (const std::length_error&) {
+    return report(5, "a size is beyond what any memory holds; smaller sizes among the settings or in the data fit");
   } catch (const std::exception& error) {
     return report(1, std::string("internal error: ") + error.what() +
                          "\n  please report this with the command and the output of cloam info");

@@ -4,6 +4,7 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <cstdlib>
@@ -40,6 +41,8 @@ bool coloured() {
 Event step_event(const StepReport& report, double loss, double step_seconds) {
   Event event = {{"step", report.progress.step}, {"horizon", nullptr}, {"loss", loss}};
   if (report.progress.horizon > 0) event["horizon"] = report.progress.horizon;
+  event["last_step"] = nullptr;
+  if (report.end > 0) event["last_step"] = report.end;
   event["steps_per_second"] = step_seconds > 0 ? 1 / step_seconds : 0.0;
   event["seconds_left"] = nullptr;
   if (report.seconds_left) event["seconds_left"] = *report.seconds_left;
@@ -99,8 +102,9 @@ void ProgressView::Window::add(const StepReport& report) {
 std::string ProgressView::line() const {
   const Progress& p = last_.progress;
   const double each = undrawn_.step_seconds();
-  std::string out = p.horizon > 0 ? text("step ", p.step, "/", p.horizon, formatted("  %2.0f%%", 100.0 * p.fraction()))
-                                  : text("step ", p.step);
+  const double share = static_cast<double>(p.step) / static_cast<double>(std::max<int64_t>(1, last_.end));
+  std::string out = text("step ", p.step);
+  if (last_.end > 0) out += text("/", last_.end, formatted("  %2.0f%%", 100 * share));
   out += formatted("  loss %.5f", undrawn_.loss());
   const auto psnr = last_.metrics.find("psnr");
   if (psnr != last_.metrics.end()) out += formatted("  psnr %.1f", psnr->second);

@@ -59,7 +59,7 @@ PreviewFrame preview_frame(const Captures& captures) {
 std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView& view) {
   std::error_code error;
   if (!fs::exists(RunPaths{job.folder}.checkpoints(), error)) {
-    view.warning("the run has no checkpoint yet: it starts from its first step");
+    view.warning("the run has no checkpoint yet; training starts at the first step");
     return std::nullopt;
   }
   LoadedCheckpoint checkpoint = load_latest_checkpoint(RunPaths{job.folder}.checkpoints());
@@ -81,19 +81,15 @@ std::vector<DataNow> data_now(const TrainJob& job, const Captures& captures) {
   return all;
 }
 
-void check_data_unchanged(const TrainJob& job, const TrainRequest& request, const std::vector<DataNow>& data,
-                          ProgressView& view) {
-  std::string all;
-  for (const fs::path& one : job.data) all += " --data " + quoted(one.string());
+void check_data_unchanged(const TrainJob& job, const std::vector<DataNow>& data) {
   for (std::size_t i = 0; i < data.size(); ++i) {
     const std::string& before = job.record.data[i].fingerprint;
     const std::string& now = data[i].fingerprint;
     if (before.empty() || before == now) continue;
-    const std::string difference =
-        text(job.data[i].string(), " differs from what the run was trained on (", before, "; now ", now, ")");
-    if (request.new_data.empty())
-      throw Error(Fault::data, text(difference, "\n  fix: to go on with it all the same:", all));
-    view.warning(difference);
+    throw Error(Fault::data,
+                text(job.data[i].string(), " is not what the run was trained on (", before, "; this has ", now,
+                     ").\n  fix: name the place of the run's own data with --data; other data are ",
+                     "another run: cloam train ", job.record.method, " ", quoted(job.data[i].string()), " -o RUN"));
   }
 }
 
@@ -108,8 +104,15 @@ void adopt_networks(TrainJob& job, const TrainRequest& request) {
   if (!own) job.record.networks->relative = relative_to_run(fs::weakly_canonical(source, error), job.folder);
 }
 
-void begin_folder(TrainJob& job, const Scenes& scenes, const std::vector<DataNow>& data, const TrainRequest& request) {
+void note_places(TrainJob& job, const std::vector<DataNow>& data) {
   std::error_code error;
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    job.record.data[i].fingerprint = data[i].fingerprint;
+    job.record.data[i].relative = relative_to_run(fs::weakly_canonical(data[i].root, error), job.folder);
+  }
+}
+
+void begin_folder(TrainJob& job, const Scenes& scenes, const std::vector<DataNow>& data, const TrainRequest& request) {
   if (request.overwrite && is_run(job.folder)) clear_run(job.folder);
   RunRecord& r = job.record;
   r.state = "running";
@@ -119,10 +122,7 @@ void begin_folder(TrainJob& job, const Scenes& scenes, const std::vector<DataNow
   r.driver = device().driver;
   r.started = time_stamp();
   r.ended = "";
-  for (std::size_t i = 0; i < data.size(); ++i) {
-    r.data[i].fingerprint = data[i].fingerprint;
-    r.data[i].relative = relative_to_run(fs::weakly_canonical(data[i].root, error), job.folder);
-  }
+  note_places(job, data);
   write_record(job.folder, r);
   if (request.resume) return;
   write_config(job.folder, job.config, text("Settings of ", r.method, ", preset ", r.preset, "; use with --config"));
@@ -142,7 +142,7 @@ TrainOptions options_of(const TrainJob& job, const TrainRequest& request) {
 }
 
 std::string state_of(const TrainResult& result) {
-  if (result.horizon > 0 && result.step >= result.horizon) return "finished";
+  if (result.end > 0 && result.step >= result.end) return "finished";
   if (result.interrupted) return "interrupted";
   return result.out_of_time ? "out of time" : "stopped";
 }
@@ -158,6 +158,7 @@ void end_record(TrainJob& job, const std::string& state, const TrainResult& resu
 /// Render and photo side by side. After the run is recorded: an interruption here loses nothing.
 void write_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& result, const Common& common,
                    EventLog& log) {
+  say(common, text("rendering the preview, ", frame.view.camera.width, "x", frame.view.camera.height, " pixels"));
   const Picture picture = job.method->render(frame.view);
   const std::vector<float> truth = on_white(frame.photo);
   const ImageScore score = score_image(picture.rgb, truth, frame.photo);
@@ -174,7 +175,7 @@ void write_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& 
 
 void tell_end(const TrainJob& job, const TrainResult& result, const Common& common) {
   const std::string folder = quoted(job.folder.string());
-  say(common, text("checkpoint ", result.checkpoint.string(), "  (step ", result.step, " of ", result.horizon, ", ",
+  say(common, text("checkpoint ", result.checkpoint.string(), "  (step ", result.step, " of ", result.end, ", ",
                    words_for_seconds(seconds_since_start()), ")"));
   if (job.record.state == "finished") return say(common, "next: cloam eval " + folder);
   std::fprintf(stderr, "Continue: cloam train --resume %s\n", folder.c_str());
@@ -262,21 +263,46 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
 
 }  // namespace
 
+namespace {
+
+/// Where the data lie now, into the record of a run that is not trained any more.
+void record_places(TrainJob& job, const Common& common) {
+  Captures captures;
+  for (const fs::path& data : job.data)
+    if (!job.source) captures.push_back({read_scene_as_listed(data, job.record.reading), {}, {}, {}});
+  const std::vector<DataNow> now = data_now(job, captures);
+  check_data_unchanged(job, now);
+  const std::vector<RunData> before = read_record(job.folder).data;
+  note_places(job, now);
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    if (before[i].relative == job.record.data[i].relative) continue;
+    const FolderLock lock(job.folder);
+    write_record(job.folder, job.record);
+    say(common, text("recorded: the run's data are now in ", now[i].root.string()));
+  }
+}
+
+int end_finished(TrainJob& job, const Common& common) {
+  if (!job.data.empty()) record_places(job, common);
+  const std::string folder = quoted(job.folder.string());
+  say(common, text(job.folder.string(), " is finished (", job.record.step, " steps): nothing to do.\nnext: cloam eval ",
+                   folder, ", or to train further: cloam train --resume ", folder, " --steps ", 2 * job.record.step));
+  return 0;
+}
+
+}  // namespace
+
 int run_train(TrainRequest request, const Common& common) {
   const ProgressStyle style = progress_style(request.progress, common);
   TrainJob job = request.resume ? resumed_job(request) : new_job(request);
-  if (job.finished) {
-    say(common, text(job.folder.string(), " is finished (", job.record.step,
-                     " steps): nothing to do.\nnext: cloam eval ", quoted(job.folder.string())));
-    return 0;
-  }
+  if (job.finished) return end_finished(job, common);
   open_device(common);
   EventLog log(style == ProgressStyle::jsonl);
   ProgressView view(style, log);
   Captures captures;
   if (!job.source) captures = read_captures(job.data, job.record.reading, memory_budget());
   const std::vector<DataNow> now = data_now(job, captures);
-  check_data_unchanged(job, request, now, view);
+  check_data_unchanged(job, now);
   job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);
   if (job.source) job.method->prior()->load(*job.source);
   adopt_networks(job, request);

@@ -37,7 +37,7 @@ void check_data_given(const TrainRequest& request) {
   if (fs::is_directory(given, error)) {
     throw Error(Fault::usage, text("the method is missing: cloam train nerf ", quoted(given)));
   }
-  throw Error(Fault::usage, text("want a data folder: cloam train ", given, " DATA"));
+  throw Error(Fault::usage, text("DATA is missing: cloam train ", given, " DATA"));
 }
 
 /// "runs/fox-nerf", "runs/001+5-genassets" for six logs.
@@ -66,11 +66,14 @@ std::optional<double> budget_of(const TrainRequest& request) {
   return parse_duration(request.time_budget);
 }
 
+/// Where the training is to end, once its horizon is known.
+int64_t last_step(const RunRecord& record) { return std::max(record.horizon, record.steps.value_or(0)); }
+
 template <class Value>
 void same(const char* option, const std::optional<Value>& given, const Value& stored) {
   if (!given || *given == stored) return;
-  throw Error(Fault::usage, text(option, " ", *given, " contradicts the run, which has ", stored,
-                                 "; leave it out to go on, or start another run"));
+  throw Error(Fault::usage, text(option, " ", *given, " differs from the run, which has ", stored,
+                                 "; leave it out to resume, or start a new run"));
 }
 
 std::optional<std::string> if_given(const std::string& value) {
@@ -79,13 +82,13 @@ std::optional<std::string> if_given(const std::string& value) {
 
 Protocol protocol_of(const TrainRequest& request) {
   if (request.protocol.empty() && request.sparse_every)
-    throw Error(Fault::usage, "--sparse-every goes with --protocol sparse");
+    throw Error(Fault::usage, "--sparse-every needs --protocol sparse");
   if (!request.protocol.empty() && request.holdout)
-    throw Error(Fault::usage, "--protocol and --holdout both choose the training images: give one of them");
+    throw Error(Fault::usage, "--protocol and --holdout both choose the training images; give only one");
   if (!request.image.empty() && (request.holdout || !request.protocol.empty()))
-    throw Error(Fault::usage, "--image is all that is trained on: leave out --protocol and --holdout");
+    throw Error(Fault::usage, "--image trains on that image alone; leave out --protocol and --holdout");
   if (!request.image.empty() && request.data.size() > 1)
-    throw Error(Fault::usage, text("--image is one of one log, ", request.data.size(), " are given"));
+    throw Error(Fault::usage, text("--image takes one log; ", request.data.size(), " are given"));
   return {request.protocol, request.sparse_every.value_or(0)};
 }
 
@@ -93,7 +96,9 @@ Protocol protocol_of(const TrainRequest& request) {
 /// used, which is no property of networks.
 void take_networks(const TrainRequest& request, TrainJob& job) {
   const RunRecord other = read_record(request.networks);
-  same("method", if_given(request.method), other.method);
+  if (!request.method.empty() && request.method != other.method)
+    throw Error(Fault::usage, text("--networks needs a run of ", request.method, "; ", request.networks,
+                                   " is a run of ", other.method));
   same("--preset", if_given(request.preset), other.preset);
   job.record.preset = other.preset;
   job.record.reading.downscale = other.reading.downscale;
@@ -106,8 +111,8 @@ void take_prior(const TrainRequest& request, TrainJob& job) {
   if (request.prior.empty()) return;
   if (request.networks.empty())
     throw Error(Fault::usage, text("--prior ", request.prior,
-                                   " goes with --networks RUN, the run that it learned from: its codes mean nothing to "
-                                   "other networks"));
+                                   " also needs --networks RUN, the run that the prior learned from: its codes mean "
+                                   "nothing to other networks"));
   job.record.prior = RunData{request.prior, "", ""};
 }
 
@@ -123,10 +128,9 @@ void check_source_options(const TrainRequest& request) {
                                                   {"--networks", !request.networks.empty()},
                                                   {"--prior", !request.prior.empty()}};
   for (const auto& [option, given] : options)
-    if (given)
-      throw Error(Fault::usage, text(option, " goes with captures, but ", request.method, " learns from a run"));
+    if (given) throw Error(Fault::usage, text(option, " is for captures; ", request.method, " learns from a run"));
   if (request.data.size() > 1)
-    throw Error(Fault::usage, text(request.method, " learns from one run, ", request.data.size(), " are given"));
+    throw Error(Fault::usage, text(request.method, " learns from one run; ", request.data.size(), " are given"));
 }
 
 /// The run to learn from, and the settings that follow from it.
@@ -155,6 +159,15 @@ void fill_record(const TrainRequest& request, TrainJob& job) {
   for (const ConfigEntry& entry : job.config.entries()) r.settings[entry.key] = to_string(entry.value);
 }
 
+/// More steps extend a finished run; one that is under way ends where it was to end.
+void check_steps(const TrainRequest& request, const RunRecord& record) {
+  if (!request.steps || record.horizon == 0) return;
+  if (record.state != "finished") return same("--steps", request.steps, last_step(record));
+  if (*request.steps < record.step)
+    throw Error(Fault::usage, text("the run has already made ", record.step, " steps, more than --steps ",
+                                   *request.steps, "; a larger number extends the run"));
+}
+
 void check_same(const TrainRequest& request, const RunRecord& record) {
   same("method", if_given(request.method), record.method);
   same("--preset", if_given(request.preset), record.preset);
@@ -167,7 +180,7 @@ void check_same(const TrainRequest& request, const RunRecord& record) {
   same("--networks", if_given(request.networks), record.networks ? record.networks->given : "none");
   same("--image", if_given(request.image), record.reading.image.empty() ? "none" : record.reading.image);
   if (!request.prior.empty() && !record.prior) same("--prior", if_given(request.prior), std::string("none"));
-  if (request.steps && record.horizon > 0) same("--steps", request.steps, record.horizon);
+  check_steps(request, record);
   auto wanted = request.config_file.empty() ? decltype(read_settings("")){} : read_settings(request.config_file);
   for (const std::string& setting : request.settings) wanted.push_back(split_setting(setting));
   Config config;
@@ -185,8 +198,8 @@ void check_same(const TrainRequest& request, const RunRecord& record) {
 void find_captures(const std::vector<std::string>& given, TrainJob& job) {
   std::vector<RunData>& data = job.record.data;
   if (!given.empty() && given.size() != data.size())
-    throw Error(Fault::usage, text("the run has ", data.size(), " data folders, --data gives ", given.size(),
-                                   ": name one for each, in the order of the run"));
+    throw Error(Fault::usage, text("the run has ", data.size(), " data folders, but ", given.size(),
+                                   " are named; name one for each, in the run's order"));
   for (std::size_t i = 0; i < data.size(); ++i) {
     job.data.push_back(given.empty() ? find_data(job.folder, data[i]) : fs::path(given[i]));
     if (!given.empty()) data[i].given = given[i];
@@ -212,7 +225,7 @@ MemoryPlan memory_plan(const TrainJob& job, const Captures& captures) {
 void check_memory(const MemoryPlan& plan, const TrainJob& job, const Captures& captures) {
   if (plan.total() <= memory_budget()) return;
   const uint64_t model = plan.total() - plan.images;
-  std::string fix = text("fix: ", words_for_bytes(model), " are the model's: ", plan.smaller);
+  std::string fix = text("fix: the model alone needs ", words_for_bytes(model), "; ", plan.smaller);
   for (int factor = job.record.reading.downscale + 1; factor <= 64 && model < memory_budget(); ++factor) {
     const uint64_t images = training_bytes(captures, factor);
     if (model + images > memory_budget()) continue;
@@ -220,12 +233,14 @@ void check_memory(const MemoryPlan& plan, const TrainJob& job, const Captures& c
     break;
   }
   throw Error(Fault::memory,
-              text("the plan needs ", words_for_bytes(plan.total()), " of a budget of ",
+              text("training needs ", words_for_bytes(plan.total()), ", the budget is ",
                    words_for_bytes(memory_budget()), "\n  ", fix, "\n  or: --max-memory, if the machine has more"));
 }
 
 std::string schedule_text(const TrainJob& job) {
   const RunRecord& r = job.record;
+  if (r.horizon > 0 && last_step(r) > r.horizon)
+    return text(last_step(r), " steps, those after ", r.horizon, " at the schedules' final values");
   if (r.horizon > 0) return text(r.horizon, " steps");
   if (r.steps) return text(*r.steps, " steps");
   if (r.time_budget_seconds) return "as many steps as " + words_for_seconds(*r.time_budget_seconds) + " allow";
@@ -307,8 +322,7 @@ void check_folder(const fs::path& folder, bool overwrite) {
   }
   if (!holds_files(folder)) return;
   if (!is_run(folder)) {
-    throw Error(Fault::usage,
-                text(folder.string(), " exists and holds files that are no run; name another folder with -o"));
+    throw Error(Fault::usage, text(folder.string(), " holds files but no run; name another folder with -o"));
   }
   if (overwrite) return;
   const RunRecord old = read_record(folder);
@@ -319,7 +333,7 @@ void check_folder(const fs::path& folder, bool overwrite) {
 }
 
 TrainJob new_job(const TrainRequest& request) {
-  if (request.method.empty()) throw Error(Fault::usage, "want a method and a data folder: cloam train nerf DATA");
+  if (request.method.empty()) throw Error(Fault::usage, "METHOD and DATA are missing: cloam train nerf DATA");
   TrainJob job;
   check_data_given(request);
   job.method = make_method(request.method);
@@ -328,8 +342,7 @@ TrainJob new_job(const TrainRequest& request) {
   if (!request.networks.empty()) take_networks(request, job);
   const Preset& preset = find_preset(job.record.preset);
   if (request.method != preset.method) {
-    throw Error(Fault::usage,
-                text("the preset ", preset.name, " is one of ", preset.method, ", not of ", request.method));
+    throw Error(Fault::usage, text("preset ", preset.name, " belongs to ", preset.method, ", not to ", request.method));
   }
   job.record.method = request.method;
   job.default_steps = preset.steps;
@@ -346,19 +359,23 @@ TrainJob new_job(const TrainRequest& request) {
 }
 
 TrainJob resumed_job(const TrainRequest& request) {
-  if (request.overwrite) throw Error(Fault::usage, "--resume and --overwrite contradict each other");
+  if (request.overwrite)
+    throw Error(Fault::usage, "--resume goes on with the run, --overwrite replaces it; give only one");
   TrainJob job;
   job.folder = request.out;
   job.record = read_record(job.folder);
   if (job.record.edited_from) {
     throw Error(Fault::usage,
-                text(job.folder.string(), " is an edited run, whose scenes its images do not show; train ",
-                     job.record.edited_from->given, " and edit that"));
+                text(job.folder.string(), " is an edited run: its images no longer show its scenes. Train ",
+                     job.record.edited_from->given, " further and edit that"));
   }
   check_same(request, job.record);
   job.method = configured_method(job.record, job.config);
   job.default_steps = find_preset(job.record.preset).steps;
-  job.finished = job.record.state == "finished";
+  job.finished = job.record.state == "finished" && request.steps.value_or(0) <= job.record.step;
+  const std::vector<std::string>& given = request.new_data.empty() ? request.data : request.new_data;
+  if (!job.finished || !given.empty()) find_captures(given, job);
+  if (job.method->prior() && !job.data.empty()) job.source = read_run(job.data.front());
   if (job.finished) return job;
   if (request.save_every) job.record.save_every = *request.save_every;
   if (request.steps) job.record.steps = request.steps;
@@ -367,8 +384,6 @@ TrainJob resumed_job(const TrainRequest& request) {
   else if (job.record.horizon > 0)
     job.record.time_budget_seconds.reset();  // the horizon it chose stands
   if (!request.prior.empty()) job.record.prior->given = request.prior;
-  find_captures(request.new_data.empty() ? request.data : request.new_data, job);
-  if (job.method->prior()) job.source = read_run(job.data.front());
   return job;
 }
 
@@ -396,8 +411,7 @@ void tell_plan(const TrainJob& job, const Captures& captures, const Common& comm
   say(common, "memory " + words_for_bytes(plan.total()) + " of " + words_for_bytes(memory_budget()) + " (images " +
                   words_for_bytes(plan.images) + ", parameters " + words_for_bytes(plan.parameters) + ", optimiser " +
                   words_for_bytes(plan.optimiser) + ", work " + words_for_bytes(plan.work) + ")");
-  say(common,
-      text("device ", device().name, " (", device().platform, "); the same again: ", device_spelling(device())));
+  say(common, text("device ", device().name, " (", device().platform, "); select it with ", device_spelling(device())));
   for (const ConfigEntry& entry : job.config.entries()) {
     if (common.verbose)
       say(common, text("       ", entry.key, " = ", to_string(entry.value), "  (", entry.origin, ") ", entry.help));

@@ -130,11 +130,12 @@ void poison(const cl::Buffer& mem, size_t bytes) {
 }  // namespace
 
 uint64_t memory_budget() {
-  static const uint64_t budget = wanted_max_bytes() ? wanted_max_bytes() : default_budget();
-  return budget;
+  static const uint64_t budget = default_budget();
+  return wanted_max_bytes() ? wanted_max_bytes() : budget;
 }
 
 std::shared_ptr<Buffer> allocate(size_t bytes) {
+  if (bytes > memory_budget()) too_much(bytes, "over the budget");
   size_t index = size_class(bytes);
   std::optional<cl::Buffer> found = reuse(index);
   const size_t real = class_bytes(index);

@@ -29,8 +29,12 @@ void Shape::push_back(int64_t size) {
 bool Shape::operator==(const Shape& other) const { return std::equal(begin(), end(), other.begin(), other.end()); }
 
 int64_t numel(const Shape& shape) {
+  constexpr int64_t kMost = int64_t{1} << 60;  // their bytes can still be counted
   int64_t count = 1;
-  for (int64_t size : shape) count *= size;
+  for (int64_t size : shape)
+    if (__builtin_mul_overflow(count, size, &count) || count > kMost)
+      throw Error(Fault::memory,
+                  text("a tensor of shape ", to_string(shape), " has more values than any memory holds"));
   return count;
 }
 

@@ -30,6 +30,7 @@ class Shape {
   int rank_ = 0;
 };
 
+/// Fault::memory where they are too many to be counted.
 int64_t numel(const Shape& shape);
 std::string to_string(const Shape& shape);
 Shape dense_strides(const Shape& shape);

@@ -18,20 +18,10 @@ constexpr double kNormDecay = 0.99;
 constexpr int64_t kMeasuring = 16;  // steps: a term of early times is hundreds of times smaller than one of late times
 constexpr uint64_t kTimesSeed = 0x7072696f72;  // apart from the numbers that choose what a step sees
 
-void check(const CodePriorOptions& o) {
-  const std::pair<const char*, float> factors[] = {
-      {"weight.prior", o.weight}, {"prior.guidance", o.guidance}, {"prior.noise", o.noise}};
-  for (const auto& [setting, value] : factors)
-    if (!(value >= 0 && std::isfinite(value)))
-      throw Error(Fault::usage, text("setting ", setting, " is ", value, ", want 0 or more"));
-}
-
 }  // namespace
 
 CodePrior::CodePrior(const CodeDenoiser& denoiser, const CodePriorOptions& options, uint64_t seed)
-    : denoiser_(denoiser), options_(options), seed_(seed) {
-  check(options);
-}
+    : denoiser_(denoiser), options_(options), seed_(seed) {}
 
 CodePrior::~CodePrior() = default;
 

@@ -35,16 +35,6 @@ Tensor by_channel(const std::vector<float>& values) {
 }
 
 void check(const DiffusionConfig& c) {
-  const std::pair<const char*, int> counts[] = {{"code.channels", c.channels}, {"code.side", c.side},
-                                                {"unet.base", c.base},         {"unet.blocks", c.blocks},
-                                                {"unet.groups", c.groups},     {"batch.codes", c.batch}};
-  for (const auto& [setting, value] : counts)
-    if (value < 1) throw Error(Fault::usage, text("setting ", setting, " is ", value, ", want 1 or more"));
-  const std::pair<const char*, float> shares[] = {
-      {"condition.drop", c.drop}, {"data.held_out", c.held_out}, {"train.average", c.average}};
-  for (const auto& [setting, value] : shares)
-    if (!(value >= 0 && value < 1))
-      throw Error(Fault::usage, text("setting ", setting, " is ", value, ", want 0 up to 1"));
   const std::vector<int64_t> multipliers = whole_numbers("unet.multipliers", c.multipliers);
   const int64_t step = int64_t{1} << std::min<size_t>(multipliers.size() - 1, 20);
   if (c.side % step != 0)
@@ -59,23 +49,26 @@ void check(const DiffusionConfig& c) {
 }  // namespace
 
 void Diffusion::configure(Config& c) {
-  c.bind("code.channels", config_.channels, "channels of a code; as the run has it that is learned from");
-  c.bind("code.side", config_.side, "side of a code; as the run has it that is learned from");
-  c.bind("unet.base", config_.base, "width at full size");
+  c.bind("code.channels", config_.channels, "channels of a code; as the run has it that is learned from", {1, 4096});
+  c.bind("code.side", config_.side, "side of a code; as the run has it that is learned from", {1, 256});
+  c.bind("unet.base", config_.base, "width at full size", {1, 4096});
   c.bind("unet.multipliers", config_.multipliers, "of the width; the code halves between one and the next");
-  c.bind("unet.blocks", config_.blocks, "residual blocks a level");
-  c.bind("unet.groups", config_.groups, "of its group norms");
+  c.bind("unet.blocks", config_.blocks, "residual blocks a level", {1, 64});
+  c.bind("unet.groups", config_.groups, "of its group norms", {1, 4096});
   c.bind("schedule.betas", config_.betas, "linear, cosine or scaled-linear");
-  c.bind("schedule.times", config_.times, "diffusion times");
-  c.bind("batch.codes", config_.batch, "codes a step");
-  c.bind("condition.drop", config_.drop, "share of the codes that lose class and time of day, for guidance");
-  c.bind("data.held_out", config_.held_out, "share of the codes that are measured instead of trained on");
+  c.bind("schedule.times", config_.times, "diffusion times", {2, 100000});
+  c.bind("batch.codes", config_.batch, "codes a step", {1, 1 << 20});
+  c.bind("condition.drop", config_.drop, "share of the codes that lose class and time of day, for guidance",
+         kShareBelowOne);
+  c.bind("data.held_out", config_.held_out, "share of the codes that are measured instead of trained on",
+         kShareBelowOne);
   c.bind("data.drawn", config_.drawn, "codes are drawn by their own variance, if they have one; false: their means");
-  c.bind("data.least_steps", config_.least_steps, "actors that fewer steps of the run have seen are left out");
-  c.bind("weight.min_snr", config_.min_snr, "gamma of the min-SNR weights; 0: all times weigh the same");
-  c.bind("train.rate", config_.rate, "learning rate");
-  c.bind("train.final_rate", config_.final_rate, "factor on the rate at the last step");
-  c.bind("train.average", config_.average, "decay of the averaged network, which is what samples");
+  c.bind("data.least_steps", config_.least_steps, "actors that fewer steps of the run have seen are left out",
+         {0, 1 << 30});
+  c.bind("weight.min_snr", config_.min_snr, "gamma of the min-SNR weights; 0: all times weigh the same", kFromZero);
+  c.bind("train.rate", config_.rate, "learning rate", kFromZero);
+  c.bind("train.final_rate", config_.final_rate, "factor on the rate at the last step", kFromZero);
+  c.bind("train.average", config_.average, "decay of the averaged network, which is what samples", kShareBelowOne);
 }
 
 void Diffusion::build(const Scenes&, uint64_t seed) {
@@ -330,7 +323,7 @@ int32_t Diffusion::drawn_actor(const AssetWish& wish, uint64_t index) const {
   }
   if (of_class.empty())
     throw Error(Fault::usage,
-                text("no ", kAssetClasses[*wish.asset_class], " was in training; there were ", describe().back()));
+                text("no ", kAssetClasses[*wish.asset_class], " was in the training set; it had ", describe().back()));
   HostRandom random(wish.seed, index);
   // Both may be wished for though no training actor is both.
   const std::vector<int32_t>& from = fitting.empty() ? of_class : fitting;
@@ -387,7 +380,7 @@ std::vector<NewAsset> Diffusion::training_assets(const AssetWish& wish) const {
     assets.back().code.assign(codes_.means.begin() + row * numbers, codes_.means.begin() + (row + 1) * numbers);
   }
   if (!assets.empty()) return assets;
-  throw Error(Fault::usage, text("no such actor was in training; there were ", describe().back()));
+  throw Error(Fault::usage, text("no such actor was in the training set; it had ", describe().back()));
 }
 
 std::vector<NewAsset> Diffusion::generate(const AssetWish& wish) {

@@ -29,92 +29,66 @@ Tensor column(const Tensor& x, int64_t at) { return reshape(slice(x, 1, at, at +
 }  // namespace
 
 void GenAssets::configure(Config& c) {
-  c.bind("planes.channels", config_.field.plane_channels, "channels of a plane");
-  c.bind("background.side", config_.background_side, "texels a side of the background's planes");
-  c.bind("code.side", config_.code_side, "side of an actor's latent code");
-  c.bind("code.channels", config_.code_channels, "channels of an actor's latent code");
+  c.bind("planes.channels", config_.field.plane_channels, "channels of a plane", {1, 1024});
+  c.bind("background.side", config_.background_side, "texels a side of the background's planes", {1, 8192});
+  c.bind("code.side", config_.code_side, "side of an actor's latent code", {1, 256});
+  c.bind("code.channels", config_.code_channels, "channels of an actor's latent code", {1, 4096});
   c.bind("code.variational", config_.variational, "codes as mean and variance, with the KL term");
   c.bind("decoder.use", config_.decoder, "false: actors' planes are learned directly");
   c.bind("decoder.widths", config_.decoder_widths, "of its blocks; planes double before each but the first");
-  c.bind("decoder.middle", config_.decoder_middle, "width of its first blocks and its attention");
-  c.bind("decoder.groups", config_.decoder_groups, "of its group norms");
-  c.bind("field.width", config_.field.width, "width of both networks");
-  c.bind("field.distance_layers", config_.field.distance_layers, "hidden layers to the signed distance");
-  c.bind("field.feature_layers", config_.field.feature_layers, "hidden layers to the feature");
-  c.bind("field.sharpness", config_.field.sharpness, "beta of the opacity at the start");
-  c.bind("image.width", config_.image.width, "channels of the image decoder");
-  c.bind("image.side", config_.image.side, "side of its kernels");
-  c.bind("image.blocks", config_.image.blocks, "its residual blocks");
-  c.bind("image.doublings", config_.image.doublings, "how often it doubles the map");
-  c.bind("steps.background", config_.steps.background, "metres between samples in occupied voxels");
-  c.bind("steps.actor", config_.steps.actor, "metres between samples in actors");
-  c.bind("steps.sky", config_.steps.sky, "samples of the sky");
-  c.bind("space.voxel", config_.space.voxel, "metres, of the LiDAR's occupancy grid");
-  c.bind("space.dilate", config_.space.dilate, "voxels around occupied ones that count as well");
+  c.bind("decoder.middle", config_.decoder_middle, "width of its first blocks and its attention", {1, 4096});
+  c.bind("decoder.groups", config_.decoder_groups, "of its group norms", {1, 4096});
+  c.bind("field.width", config_.field.width, "width of both networks", {1, 4096});
+  c.bind("field.distance_layers", config_.field.distance_layers, "hidden layers to the signed distance", {0, 64});
+  c.bind("field.feature_layers", config_.field.feature_layers, "hidden layers to the feature", {0, 64});
+  c.bind("field.sharpness", config_.field.sharpness, "beta of the opacity at the start", kFromZero);
+  c.bind("image.width", config_.image.width, "channels of the image decoder", {1, 4096});
+  c.bind("image.side", config_.image.side, "side of its kernels", {1, 31});
+  c.bind("image.blocks", config_.image.blocks, "its residual blocks", {0, 64});
+  c.bind("image.doublings", config_.image.doublings, "how often it doubles the map", {0, 5});
+  c.bind("steps.background", config_.steps.background, "metres between samples in occupied voxels", kMetres);
+  c.bind("steps.actor", config_.steps.actor, "metres between samples in actors", kMetres);
+  c.bind("steps.sky", config_.steps.sky, "samples of the sky", {1, 4096});
+  c.bind("space.voxel", config_.space.voxel, "metres, of the LiDAR's occupancy grid", kMetres);
+  c.bind("space.dilate", config_.space.dilate, "voxels around occupied ones that count as well", {0, 64});
   c.bind("actors.symmetric", config_.symmetric, "the left of actors is their right, mirrored");
-  c.bind("view.drop", config_.view_drop, "share of the steps in which actors are seen without a view direction");
+  c.bind("view.drop", config_.view_drop, "share of the steps in which actors are seen without a view direction",
+         {0, 1});
   c.bind("shadows", config_.shadows, "actors cast shadows on the ground below their boxes");
   c.bind("batch.whole_images", config_.whole_images, "a whole image a step, computed in tiles, instead of patches");
-  c.bind("batch.tile_rays", config_.tile_rays, "whole images: rays in memory at a time");
-  c.bind("batch.tile_side", config_.tile_side, "whole images: rays a side of what is decoded to pixels at a time");
-  c.bind("batch.patches", config_.patches, "image patches a step");
-  c.bind("batch.patch_side", config_.patch_side, "rays a side of a patch");
-  c.bind("batch.lidar_rays", config_.lidar_rays, "LiDAR returns a step");
-  c.bind("weight.rgb", config_.weight_rgb, "of the squared colour error");
-  c.bind("weight.perceptual", config_.weight_perceptual, "of the perceptual loss");
-  c.bind("weight.adversarial", config_.weight_adversarial, "of fooling the discriminator; 0: there is none");
+  c.bind("batch.tile_rays", config_.tile_rays, "whole images: rays in memory at a time", {1, 1 << 24});
+  c.bind("batch.tile_side", config_.tile_side, "whole images: rays a side of what is decoded to pixels at a time",
+         {1, 1 << 14});
+  c.bind("batch.patches", config_.patches, "image patches a step", {1, 4096});
+  c.bind("batch.patch_side", config_.patch_side, "rays a side of a patch", {1, 4096});
+  c.bind("batch.lidar_rays", config_.lidar_rays, "LiDAR returns a step", {0, 1 << 24});
+  c.bind("weight.rgb", config_.weight_rgb, "of the squared colour error", kFromZero);
+  c.bind("weight.perceptual", config_.weight_perceptual, "of the perceptual loss", kFromZero);
+  c.bind("weight.adversarial", config_.weight_adversarial, "of fooling the discriminator; 0: there is none", kFromZero);
   c.bind("adversarial.widths", config_.discriminator_widths, "of the discriminator's blocks");
-  c.bind("weight.lidar", config_.weight_lidar, "of the LiDAR depth error, squared up to a metre");
-  c.bind("weight.stray", config_.weight_stray, "of matter along LiDAR rays that is not near their return");
-  c.bind("weight.kl", config_.weight_kl, "of the codes' KL term, a mean over their numbers");
-  c.bind("weight.prior", config_.prior.weight, "with a prior: share that its gradient by codes has of the others'");
+  c.bind("weight.lidar", config_.weight_lidar, "of the LiDAR depth error, squared up to a metre", kFromZero);
+  c.bind("weight.stray", config_.weight_stray, "of matter along LiDAR rays that is not near their return", kFromZero);
+  c.bind("weight.kl", config_.weight_kl, "of the codes' KL term, a mean over their numbers", kFromZero);
+  c.bind("weight.prior", config_.prior.weight, "with a prior: share that its gradient by codes has of the others'",
+         kFromZero);
   c.bind("prior.through_network", config_.prior.through_network, "the term's gradients go through the denoiser too");
-  c.bind("prior.steps", config_.prior.steps, "of denoising, which one image alone begins with; 0: none");
-  c.bind("prior.guidance", config_.prior.guidance, "how far rendering moves a denoising step, in its noise levels");
-  c.bind("prior.noise", config_.prior.noise, "deviation of what denoising begins with; 0: what is usual, 1: a draw");
+  c.bind("prior.steps", config_.prior.steps, "of denoising, which one image alone begins with; 0: none", {0, 1000});
+  c.bind("prior.guidance", config_.prior.guidance, "how far rendering moves a denoising step, in its noise levels",
+         kFromZero);
+  c.bind("prior.noise", config_.prior.noise, "deviation of what denoising begins with; 0: what is usual, 1: a draw",
+         {0, 1});
   c.bind("perceptual.weights", config_.perceptual_weights, "file with a pretrained network; empty: random features");
-  c.bind("train.rate_codes", config_.rate_codes, "learning rate of codes");
-  c.bind("train.rate_decoder", config_.rate_decoder, "learning rate of the asset decoder");
-  c.bind("train.rate_field", config_.rate_field, "learning rate of the field's networks");
-  c.bind("train.rate_image", config_.rate_image, "learning rate of the image decoder");
-  c.bind("train.rate_background", config_.rate_background, "learning rate of planes");
-  c.bind("train.decay_background", config_.decay_background, "weight decay of the background's planes");
-  c.bind("train.final_rate", config_.final_rate, "factor on the rates at the last step");
-  c.bind("train.decay_start", config_.decay_start, "share of the steps before the rates fall");
+  c.bind("train.rate_codes", config_.rate_codes, "learning rate of codes", kFromZero);
+  c.bind("train.rate_decoder", config_.rate_decoder, "learning rate of the asset decoder", kFromZero);
+  c.bind("train.rate_field", config_.rate_field, "learning rate of the field's networks", kFromZero);
+  c.bind("train.rate_image", config_.rate_image, "learning rate of the image decoder", kFromZero);
+  c.bind("train.rate_background", config_.rate_background, "learning rate of planes", kFromZero);
+  c.bind("train.decay_background", config_.decay_background, "weight decay of the background's planes", kFromZero);
+  c.bind("train.final_rate", config_.final_rate, "factor on the rates at the last step", kFromZero);
+  c.bind("train.decay_start", config_.decay_start, "share of the steps before the rates fall", kShareBelowOne);
 }
-
-namespace {
-
-/// Fault::usage for sizes that nothing can be made of, and steps that would never end.
-void check(const GenAssetsConfig& c) {
-  constexpr float kLeast = 0.001f;
-  const std::pair<const char*, float> metres[] = {
-      {"steps.background", c.steps.background}, {"steps.actor", c.steps.actor}, {"space.voxel", c.space.voxel}};
-  for (const auto& [setting, value] : metres)
-    if (!(value >= kLeast && std::isfinite(value)))
-      throw Error(Fault::usage, text("setting ", setting, " is ", value, " metres, want ", kLeast, " or more"));
-  const std::tuple<const char*, int, int> counts[] = {{"planes.channels", c.field.plane_channels, 1},
-                                                      {"background.side", c.background_side, 1},
-                                                      {"code.side", c.code_side, 1},
-                                                      {"code.channels", c.code_channels, 1},
-                                                      {"image.blocks", c.image.blocks, 0},
-                                                      {"image.doublings", c.image.doublings, 0},
-                                                      {"steps.sky", c.steps.sky, 1},
-                                                      {"space.dilate", c.space.dilate, 0},
-                                                      {"batch.tile_rays", c.tile_rays, 1},
-                                                      {"batch.tile_side", c.tile_side, 1},
-                                                      {"batch.patches", c.patches, 1},
-                                                      {"batch.patch_side", c.patch_side, 1},
-                                                      {"batch.lidar_rays", c.lidar_rays, 0}};
-  for (const auto& [setting, value, least] : counts)
-    if (value < least)
-      throw Error(Fault::usage, text("setting ", setting, " is ", value, ", want ", least, " or more"));
-}
-
-}  // namespace
 
 void GenAssets::build(const Scenes& scenes, uint64_t seed) {
-  check(config_);
   seed_ = seed;
   const Scope root{params_, "", seed}, networks = root / "networks";
   config_.image.features = config_.field.features;
@@ -139,8 +113,8 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
                            whole_numbers("adversarial.widths", config_.discriminator_widths));
   for (const Scene& scene : scenes) {
     if (!scene.is_log)
-      throw Error(Fault::data, text(scene.root.string(), " is no driving log (format ", scene.format,
-                                    "): genassets wants cameras with time stamps, boxes and LiDAR"));
+      throw Error(Fault::data, text(scene.root.string(), " is not a driving log (format ", scene.format,
+                                    "): genassets needs cameras with time stamps, boxes and LiDAR"));
     logs_.push_back(make_log(scene, root / ("log" + std::to_string(logs_.size()))));
   }
   find_looks();

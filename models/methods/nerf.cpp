@@ -24,7 +24,9 @@ enum Stream : uint32_t {
 
 constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, distortion
 constexpr float kLeastTransmittance = 1e-3f;
-constexpr double kRenderSamples = 400000;  // samples in memory while rendering
+constexpr double kRenderSamples = 400000;         // samples in memory while rendering
+constexpr int64_t kMostRays = int64_t{16} << 22;  // a step, of any batch.rays
+constexpr int64_t kAllLit = 1000;
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
 
@@ -32,35 +34,36 @@ RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.s
 
 void Nerf::configure(Config& c) {
   c.bind("field.kind", config_.field.kind, "hash | frequency | triplane");
-  c.bind("field.levels", config_.field.levels, "hash grid: levels");
-  c.bind("field.features", config_.field.features, "hash grid: features a level (1, 2 or 4)");
-  c.bind("field.log2_rows", config_.field.log2_rows, "hash grid: 2^n rows a level");
-  c.bind("field.coarsest", config_.field.coarsest, "hash grid: cells an axis of the first level");
-  c.bind("field.finest", config_.field.finest, "hash grid: cells an axis of the last level");
-  c.bind("field.width", config_.field.width, "width of the networks");
-  c.bind("field.depth", config_.field.depth, "frequency: layers");
-  c.bind("field.point_frequencies", config_.field.point_frequencies, "frequency: L of the position");
-  c.bind("field.direction_frequencies", config_.field.direction_frequencies, "frequency: L of the direction");
-  c.bind("field.plane_channels", config_.field.plane_channels, "triplane: channels a plane");
-  c.bind("field.plane_side", config_.field.plane_side, "triplane: texels an axis");
+  c.bind("field.levels", config_.field.levels, "hash grid: levels", {1, 32});
+  c.bind("field.features", config_.field.features, "hash grid: features a level (1, 2 or 4)", {1, 4});
+  c.bind("field.log2_rows", config_.field.log2_rows, "hash grid: 2^n rows a level", {1, 28});
+  c.bind("field.coarsest", config_.field.coarsest, "hash grid: cells an axis of the first level", {1, 1 << 16});
+  c.bind("field.finest", config_.field.finest, "hash grid: cells an axis of the last level", {1, 1 << 20});
+  c.bind("field.width", config_.field.width, "width of the networks", {1, 4096});
+  c.bind("field.depth", config_.field.depth, "frequency: layers", {1, 64});
+  c.bind("field.point_frequencies", config_.field.point_frequencies, "frequency: L of the position", {0, 32});
+  c.bind("field.direction_frequencies", config_.field.direction_frequencies, "frequency: L of the direction", {0, 32});
+  c.bind("field.plane_channels", config_.field.plane_channels, "triplane: channels a plane", {1, 1024});
+  c.bind("field.plane_side", config_.field.plane_side, "triplane: texels an axis", {2, 8192});
   c.bind("sampling", config_.sampling, "occupancy (march through a grid) | importance (coarse and fine network)");
   c.bind("background", config_.background, "auto | white | random | none");
-  c.bind("batch.rays", config_.batch_rays, "rays a step (occupancy sampling: at the start)");
-  c.bind("batch.samples", config_.batch_samples, "occupancy sampling: samples a step aims at");
-  c.bind("samples.coarse", config_.coarse_samples, "importance sampling: stratified samples a ray");
-  c.bind("samples.fine", config_.fine_samples, "importance sampling: further samples a ray");
-  c.bind("march.min_step", config_.min_step, "smallest step in normalised units, 0: by the kind of scene");
-  c.bind("march.cone", config_.cone, "unbounded scenes: step over distance");
-  c.bind("occupancy.side", config_.occupancy.side, "cells an axis");
-  c.bind("occupancy.cells", config_.occupancy.cells_per_update, "cells looked into an update");
-  c.bind("occupancy.threshold", config_.occupancy.threshold, "density below which a cell is empty");
-  c.bind("occupancy.every", config_.occupancy_every, "steps between updates");
-  c.bind("occupancy.start", config_.occupancy_start, "first step with an update");
-  c.bind("train.rate", config_.learning_rate, "learning rate of Adam");
-  c.bind("train.final_rate", config_.final_rate, "factor on the rate at the last step");
-  c.bind("train.decay_start", config_.decay_start, "share of the steps before the rate falls");
-  c.bind("train.decay_steps", config_.decay_steps, "steps to the final rate, whatever the horizon (0: the horizon)");
-  c.bind("train.distortion", config_.distortion, "weight of the distortion loss");
+  c.bind("batch.rays", config_.batch_rays, "rays a step (occupancy sampling: at the start)", {1, 1 << 22});
+  c.bind("batch.samples", config_.batch_samples, "occupancy sampling: samples a step aims at", {1, 1 << 28});
+  c.bind("samples.coarse", config_.coarse_samples, "importance sampling: stratified samples a ray", {1, 4096});
+  c.bind("samples.fine", config_.fine_samples, "importance sampling: further samples a ray", {1, 4096});
+  c.bind("march.min_step", config_.min_step, "smallest step in normalised units, 0: by the kind of scene", {0, 1});
+  c.bind("march.cone", config_.cone, "unbounded scenes: step over distance", {0, 1});
+  c.bind("occupancy.side", config_.occupancy.side, "cells an axis", {2, 512});
+  c.bind("occupancy.cells", config_.occupancy.cells_per_update, "cells looked into an update", {1, 1 << 27});
+  c.bind("occupancy.threshold", config_.occupancy.threshold, "density below which a cell is empty", kFromZero);
+  c.bind("occupancy.every", config_.occupancy_every, "steps between updates", {1, 1 << 30});
+  c.bind("occupancy.start", config_.occupancy_start, "first step with an update", {0, 1 << 30});
+  c.bind("train.rate", config_.learning_rate, "learning rate of Adam", kFromZero);
+  c.bind("train.final_rate", config_.final_rate, "factor on the rate at the last step", kFromZero);
+  c.bind("train.decay_start", config_.decay_start, "share of the steps before the rate falls", kShareBelowOne);
+  c.bind("train.decay_steps", config_.decay_steps, "steps to the final rate, whatever the horizon (0: the horizon)",
+         {0, 1 << 30});
+  c.bind("train.distortion", config_.distortion, "weight of the distortion loss", kFromZero);
   c.bind("train.loss", config_.loss, "square | charbonnier");
 }
 
@@ -204,7 +207,7 @@ Tensor Nerf::loss(const Progress& progress) {
   const Tensor fine = colour(seen.fine);
   last_error_ = mean(square(stop_gradient(fine) - truth));
   last_samples_ = seen.samples;
-  if (skim) lit_permille_ = 1000 * (seen.samples + 1) / (seen.marched + 1);
+  if (skim) lit_permille_ = kAllLit * (seen.samples + 1) / (seen.marched + 1);
   const Tensor spread = mean(slice(seen.fine, 1, 5, 6)) * config_.distortion;
   const Tensor loss = pixel_loss(fine, truth, batch.used) + spread;
   return seen.coarse ? loss + pixel_loss(colour(seen.coarse), truth, batch.used) : loss;
@@ -286,6 +289,9 @@ TensorMap Nerf::state() const {
 void Nerf::restore(const TensorMap& state) {
   if (marching()) occupancy_->restore(state);
   const std::vector<int64_t> stored = integers_from(state, "rays", 2);
+  if (stored[0] < 1 || stored[0] > kMostRays || stored[1] < 0 || stored[1] > kAllLit)
+    throw Error(Fault::data, text("the checkpoint's state.rays is ", stored[0], ", ", stored[1], ", want 1 to ",
+                                  kMostRays, " rays and 0 to ", kAllLit, " lit samples of ", kAllLit));
   rays_ = stored[0];
   lit_permille_ = stored[1];
 }

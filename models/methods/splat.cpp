@@ -53,43 +53,43 @@ Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int 
 void Splat::configure(Config& c) {
   c.bind("initial", config_.initial,
          "where gaussians begin: auto | points | lidar | random | a file of points or splats");
-  c.bind("initial.random", config_.initial_random, "how many, where they begin anywhere");
+  c.bind("initial.random", config_.initial_random, "how many, where they begin anywhere", {1, 1 << 28});
   c.bind("background", config_.background, "auto | black | white | random");
   c.bind("antialiased", config_.antialiased, "opacities shrink by what the pixel's blur widens (Mip-Splatting)");
-  c.bind("near", config_.near, "nearest distance that is drawn, of the cameras' radius");
-  c.bind("sh.degree", config_.sh_degree, "degree of the colours' spherical harmonics, 0 to 3");
-  c.bind("sh.every", config_.sh_every, "steps before the next degree is used (at most a tenth of all)");
-  c.bind("weight.ssim", config_.ssim, "of 1 - SSIM; the rest is the absolute difference's");
-  c.bind("train.rate_means", config_.rate_means, "learning rate, times the cameras' radius");
-  c.bind("train.final_means", config_.final_means, "factor on it at the last step");
-  c.bind("train.rate_first", config_.rate_first, "of colours");
-  c.bind("train.rate_rest", config_.rate_rest, "of what in colours depends on the direction");
-  c.bind("train.rate_opacities", config_.rate_opacities, "of opacities");
-  c.bind("train.rate_scales", config_.rate_scales, "of deviations");
-  c.bind("train.rate_rotations", config_.rate_rotations, "of rotations");
+  c.bind("near", config_.near, "nearest distance that is drawn, of the cameras' radius", kFromZero);
+  c.bind("sh.degree", config_.sh_degree, "degree of the colours' spherical harmonics", {0, kSphericalBands});
+  c.bind("sh.every", config_.sh_every, "steps before the next degree is used (at most a tenth of all)", {1, 1 << 30});
+  c.bind("weight.ssim", config_.ssim, "of 1 - SSIM; the rest is the absolute difference's", {0, 1});
+  c.bind("train.rate_means", config_.rate_means, "learning rate, times the cameras' radius", kFromZero);
+  c.bind("train.final_means", config_.final_means, "factor on it at the last step", kFromZero);
+  c.bind("train.rate_first", config_.rate_first, "of colours", kFromZero);
+  c.bind("train.rate_rest", config_.rate_rest, "of what in colours depends on the direction", kFromZero);
+  c.bind("train.rate_opacities", config_.rate_opacities, "of opacities", kFromZero);
+  c.bind("train.rate_scales", config_.rate_scales, "of deviations", kFromZero);
+  c.bind("train.rate_rotations", config_.rate_rotations, "of rotations", kFromZero);
   c.bind("exposure", config_.exposure, "learn a gain and an offset of each image's channels; their means stay 1 and 0");
-  c.bind("train.rate_exposure", config_.rate_exposure, "of these; at the last step a tenth");
+  c.bind("train.rate_exposure", config_.rate_exposure, "of these; at the last step a tenth", kFromZero);
   c.bind("growth.strategy", config_.growth.strategy, "densify (the paper) | mcmc");
-  c.bind("growth.from", config_.growth.from, "first step that changes the number of gaussians");
-  c.bind("growth.every", config_.growth.every, "steps between such changes");
-  c.bind("growth.most", config_.growth.most, "gaussians, at most");
-  c.bind("growth.gradient", config_.growth.gradient, "densify: gradient of means that asks for more");
+  c.bind("growth.from", config_.growth.from, "first step that changes the number of gaussians", {0, 1 << 30});
+  c.bind("growth.every", config_.growth.every, "steps between such changes", {1, 1 << 30});
+  c.bind("growth.most", config_.growth.most, "gaussians, at most", {1, 1 << 28});
+  c.bind("growth.gradient", config_.growth.gradient, "densify: gradient of means that asks for more", kFromZero);
   c.bind("growth.absolute", config_.growth.absolute, "densify: sums of absolute gradients, pixel by pixel (AbsGS)");
-  c.bind("growth.small", config_.growth.small, "densify: deviation, of the cameras' radius, above which one is split");
+  c.bind("growth.small", config_.growth.small, "densify: deviation, of the cameras' radius, above which one is split",
+         kFromZero);
   c.bind("growth.large", config_.growth.large,
-         "densify: deviation, of the radius or of how far away it is, above which one is removed");
-  c.bind("growth.faint", config_.growth.faint, "opacity below which a gaussian goes");
-  c.bind("growth.reset_every", config_.growth.reset_every, "densify: steps between resets of the opacities");
-  c.bind("growth.noise", config_.growth.noise, "mcmc: noise on means, times their rate");
-  c.bind("growth.weight_opacity", config_.growth.weight_opacity, "mcmc: weight of the mean opacity");
-  c.bind("growth.weight_scale", config_.growth.weight_scale, "mcmc: weight of the mean deviation");
+         "densify: deviation, of the radius or of how far away it is, above which one is removed", kFromZero);
+  c.bind("growth.faint", config_.growth.faint, "opacity below which a gaussian goes", {0, 1});
+  c.bind("growth.reset_every", config_.growth.reset_every, "densify: steps between resets of the opacities",
+         {1, 1 << 30});
+  c.bind("growth.noise", config_.growth.noise, "mcmc: noise on means, times their rate", kFromZero);
+  c.bind("growth.weight_opacity", config_.growth.weight_opacity, "mcmc: weight of the mean opacity", kFromZero);
+  c.bind("growth.weight_scale", config_.growth.weight_scale, "mcmc: weight of the mean deviation", kFromZero);
 }
 
 void Splat::build(const Scenes& scenes, uint64_t seed) {
   if (scenes.size() != 1) throw Error(Fault::usage, text("splat learns one capture, not ", scenes.size()));
   const Scene& scene = scenes.front();
-  if (config_.sh_degree < 0 || config_.sh_degree > kSphericalBands)
-    throw Error(Fault::usage, text("setting sh.degree: ", config_.sh_degree, ", want 0 to ", kSphericalBands));
   seed_ = seed;
   cameras_ = camera_region(scene);
   up_ = scene.up;

@@ -3,6 +3,7 @@
 
 #include <random>
 
+#include "runtime/device.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -21,9 +22,21 @@ Tensor add(const Scope& scope, const std::string& name, const Tensor& value) {
   return value;
 }
 
+/// Before values are made for it on the host: settings that are large together are told by the parameter they ask for.
+void require_room(const Scope& scope, const std::string& name, const Shape& shape) {
+  uint64_t bytes = 4 * static_cast<uint64_t>(numel(shape));
+  for (const auto& [other, p] : scope.all) bytes += 4 * static_cast<uint64_t>(p.numel());
+  if (bytes <= memory_budget()) return;
+  throw Error(Fault::memory,
+              text("the parameters up to ", (scope / name).path, " ", to_string(shape), " need ", bytes >> 20,
+                   " MiB of a budget of ", memory_budget() >> 20,
+                   " MiB\n  fix: smaller sizes among the settings, or --max-memory if the machine has more"));
+}
+
 }  // namespace
 
 Tensor Scope::uniform(const std::string& name, const Shape& shape, float scale) const {
+  require_room(*this, name, shape);
   std::mt19937_64 random(hash_of((*this / name).path, seed));
   std::vector<float> values(static_cast<size_t>(numel(shape)));
   // Own scaling instead of std::uniform_real_distribution, whose results differ between standard libraries.
@@ -32,6 +45,7 @@ Tensor Scope::uniform(const std::string& name, const Shape& shape, float scale) 
 }
 
 Tensor Scope::constant(const std::string& name, const Shape& shape, float value) const {
+  require_room(*this, name, shape);
   return add(*this, name, parameter(std::vector<float>(static_cast<size_t>(numel(shape)), value), shape));
 }
 

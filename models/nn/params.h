@@ -18,7 +18,8 @@ struct Scope {
   std::string path;
   uint64_t seed = 0;
   Scope operator/(const std::string& name) const { return {all, path.empty() ? name : path + "." + name, seed}; }
-  /// Values uniform in [-scale, scale] (scale 0: zeros). Throws when the name is taken.
+  /// Values uniform in [-scale, scale] (scale 0: zeros). Throws when the name is taken; Fault::memory over
+  /// the budget.
   Tensor uniform(const std::string& name, const Shape& shape, float scale) const;
   Tensor constant(const std::string& name, const Shape& shape, float value) const;
 };

@@ -11,12 +11,15 @@ namespace cloam {
 namespace {
 
 constexpr int64_t kStride = 1000003;  // prime, so it divides no side^3 and the sweep repeats no cell
+constexpr int64_t kMostUpdates = int64_t{1} << 32;
+constexpr float kAllOccupied = -1;  // a threshold below any density
 
 }  // namespace
 
 OccupancyGrid::OccupancyGrid(const OccupancyOptions& options) : options_(options) {
   const int64_t cells = int64_t{options.side} * options.side * options.side;
   values_ = from_host(std::vector<float>(static_cast<size_t>(cells), 0.f), {cells});
+  threshold_ = kAllOccupied;
 }
 
 void OccupancyGrid::update(const Density& density, const RandomKey& key) {
@@ -41,8 +44,9 @@ void OccupancyGrid::rehearse(const Density& density, const RandomKey& key) {
   if (updates_ > 0) return;
   visit_cells(density, key);
   refresh_threshold();
+  assign({{values_, zeros(values_.shape())}});
   updates_ = 0;
-  threshold_ = -1.f;
+  threshold_ = kAllOccupied;
 }
 
 void OccupancyGrid::refresh_threshold() {
@@ -58,7 +62,10 @@ TensorMap OccupancyGrid::state() const {
 void OccupancyGrid::restore(const TensorMap& state) {
   assign({{values_, tensor_from(state, "occupancy.values", values_.shape())}});
   updates_ = integers_from(state, "occupancy.updates", 1)[0];
-  refresh_threshold();
+  if (updates_ < 0 || updates_ > kMostUpdates)
+    throw Error(Fault::data, text("the checkpoint's occupancy.updates is ", updates_, ", want 0 to ", kMostUpdates));
+  threshold_ = kAllOccupied;
+  if (updates_ > 0) refresh_threshold();
 }
 
 }  // namespace cloam

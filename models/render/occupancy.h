@@ -35,7 +35,7 @@ class OccupancyGrid {
   OccupancyOptions options_;
   int64_t updates_ = 0;
   Tensor values_;
-  float threshold_ = -1.f;
+  float threshold_ = 0;
 };
 
 }  // namespace cloam

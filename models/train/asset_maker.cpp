@@ -21,8 +21,8 @@ void check_same_networks(const StoredRun& prior, const StoredRun& source, const 
   if (known == with_prefix(run.checkpoint.file.tensors, kNetworks)) return;
   throw Error(Fault::data, text(prior.folder.string(), " learned from ", source.folder.string(),
                                 ", whose networks are not those of ", run.folder.string(),
-                                ": its codes would be no assets there\n  fix: cloam train diffusion ",
-                                run.folder.string(), " -o RUN2, and name RUN2"));
+                                ": its codes mean nothing to them\n  fix: cloam train diffusion ", run.folder.string(),
+                                " -o RUN2, and name RUN2"));
 }
 
 /// How far the sides of two boxes are apart: the largest ratio, as a logarithm.

@@ -14,7 +14,8 @@ constexpr double kLargestSide = 1 << 14;
 
 double side(const Json& json, const char* key, const std::string& where) {
   const double value = number(json, key, where);
-  if (value < 1 || value > kLargestSide) throw Error(Fault::data, text(where, ": \"", key, "\" is ", value));
+  if (value < 1 || value > kLargestSide)
+    throw Error(Fault::data, text(where, ": \"", key, "\" is ", value, ", want 1 to ", kLargestSide));
   return value;
 }
 
@@ -22,7 +23,7 @@ double focal(const Json& json, double width, const std::string& where) {
   const auto length = optional_number(json, "fl_x", where), angle = optional_number(json, "camera_angle_x", where);
   if (!length && !angle) throw Error(Fault::data, where + ": want \"fl_x\" (pixels) or \"camera_angle_x\" (radians)");
   const double value = length ? *length : 0.5 * width / std::tan(0.5 * *angle);
-  if (!(value > 0)) throw Error(Fault::data, text(where, ": the focal length is ", value));
+  if (!(value > 0)) throw Error(Fault::data, text(where, ": the focal length is ", value, ", want a number above 0"));
   return value;
 }
 

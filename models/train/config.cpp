@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <sstream>
 
 #include "models/data/paths.h"
@@ -10,13 +11,15 @@
 
 namespace cloam {
 
-void Config::add(const std::string& key, ConfigValue value, const std::string& help,
-                 std::function<void(const ConfigValue&)> write) {
-  entries_.push_back({key, help, std::move(value)});
+void Config::add(const ConfigEntry& entry, std::function<void(const ConfigValue&)> write) {
+  entries_.push_back(entry);
   writers_.push_back(std::move(write));
 }
 
 namespace {
+
+constexpr std::size_t kShown = 40;     // characters of a bad value
+constexpr std::size_t kLongList = 12;  // numbers
 
 /// The double with the fewest digits that is this float: 0.03, not 0.0299999993.
 double shortest(float value) {
@@ -29,41 +32,51 @@ double shortest(float value) {
 
 }  // namespace
 
-void Config::bind(const std::string& key, int& variable, const std::string& help) {
-  add(key, int64_t{variable}, help,
+void Config::bind(const std::string& key, int& variable, const std::string& help, const Range& range) {
+  add({key, help, int64_t{variable}, range},
       [&variable](const ConfigValue& v) { variable = static_cast<int>(std::get<int64_t>(v)); });
 }
-void Config::bind(const std::string& key, float& variable, const std::string& help) {
-  add(key, shortest(variable), help,
+void Config::bind(const std::string& key, float& variable, const std::string& help, const Range& range) {
+  add({key, help, shortest(variable), range},
       [&variable](const ConfigValue& v) { variable = static_cast<float>(std::get<double>(v)); });
 }
 void Config::bind(const std::string& key, bool& variable, const std::string& help) {
-  add(key, variable, help, [&variable](const ConfigValue& v) { variable = std::get<bool>(v); });
+  add({key, help, variable}, [&variable](const ConfigValue& v) { variable = std::get<bool>(v); });
 }
 void Config::bind(const std::string& key, std::string& variable, const std::string& help) {
-  add(key, variable, help, [&variable](const ConfigValue& v) { variable = std::get<std::string>(v); });
+  add({key, help, variable}, [&variable](const ConfigValue& v) { variable = std::get<std::string>(v); });
 }
 
 namespace {
 
+std::string in_digits(double value) {
+  return value == std::floor(value) ? std::to_string(static_cast<int64_t>(value)) : to_string(ConfigValue(value));
+}
+
+std::string in_words(const Range& range) {
+  if (range.most < kNoLimit) return text(" from ", in_digits(range.least), " to ", in_digits(range.most));
+  return range.least > -kNoLimit ? text(" of ", in_digits(range.least), " or more") : "";
+}
+
 template <class T>
-T number(const std::string& key, const std::string& value) {
+T number(const ConfigEntry& entry, const std::string& value) {
   T out{};
   const char* end = value.data() + value.size();
   const auto [at, error] = std::from_chars(value.data(), end, out);
-  if (error != std::errc() || at != end)
-    throw Error(Fault::usage,
-                text("setting ", key, ": \"", value, "\" is no ", std::is_integral_v<T> ? "whole number" : "number"));
+  const bool within = static_cast<double>(out) >= entry.range.least && static_cast<double>(out) <= entry.range.most;
+  if (error != std::errc() || at != end || !within)
+    throw Error(Fault::usage, text("setting ", entry.key, ": \"", value.substr(0, kShown), "\", want a ",
+                                   std::is_integral_v<T> ? "whole number" : "number", in_words(entry.range)));
   return out;
 }
 
 ConfigValue parse(const ConfigEntry& entry, const std::string& value) {
-  if (std::holds_alternative<int64_t>(entry.value)) return number<int64_t>(entry.key, value);
-  if (std::holds_alternative<double>(entry.value)) return number<double>(entry.key, value);
+  if (std::holds_alternative<int64_t>(entry.value)) return number<int64_t>(entry, value);
+  if (std::holds_alternative<double>(entry.value)) return number<double>(entry, value);
   if (std::holds_alternative<std::string>(entry.value)) return value;
   if (value == "true" || value == "on" || value == "1") return true;
   if (value == "false" || value == "off" || value == "0") return false;
-  throw Error(Fault::usage, text("setting ", entry.key, ": \"", value, "\" is neither true nor false"));
+  throw Error(Fault::usage, text("setting ", entry.key, ": \"", value.substr(0, kShown), "\", want true or false"));
 }
 
 }  // namespace
@@ -74,7 +87,8 @@ void Config::set(const std::string& key, const std::string& value, const std::st
     std::vector<std::string> known;
     for (const ConfigEntry& e : entries_) known.push_back(e.key);
     const std::string nearest = nearest_name(key, known);
-    throw Error(Fault::usage, text("there is no setting ", key, nearest.empty() ? "" : "; did you mean ", nearest));
+    throw Error(Fault::usage,
+                text("there is no setting ", key, nearest.empty() ? "" : "; did you mean " + nearest + "?"));
   }
   found->value = parse(*found, value);
   found->origin = origin;
@@ -99,6 +113,8 @@ std::vector<int64_t> whole_numbers(const std::string& setting, const std::string
     if (!digits || std::stoll(word) < 1)
       throw Error(Fault::usage, text("setting ", setting, ": \"", list, "\", want numbers as 256,128,128,64,64"));
     out.push_back(std::stoll(word));
+    if (out.size() > kLongList)
+      throw Error(Fault::usage, text("setting ", setting, " has more than ", kLongList, " numbers"));
   }
   if (out.empty()) throw Error(Fault::usage, text("setting ", setting, " is empty, want numbers as 256,128,128,64,64"));
   return out;

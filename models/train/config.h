@@ -12,34 +12,47 @@ namespace cloam {
 
 using ConfigValue = std::variant<bool, int64_t, double, std::string>;
 
+/// The least and the largest value of a number.
+struct Range {
+  double least, most;
+};
+
+constexpr double kNoLimit = 1e30;  // numbers beyond are no settings but mistakes
+constexpr Range kFromZero = {0, kNoLimit};
+constexpr Range kShareBelowOne = {0, 0.9999};
+constexpr Range kMetres = {0.001, kNoLimit};  // between samples, of a voxel
+
 struct ConfigEntry {
   std::string key, help;
   ConfigValue value;
-  std::string origin = "default";  // default | preset NAME | file F | --set
+  Range range = {-kNoLimit, kNoLimit};  // of a number
+  std::string origin = "default";       // default | preset NAME | file F | --set
 };
 
 /// The settings of one method, in the order declared.
 class Config {
  public:
-  /// Declares a setting and binds it to its variable: a later set() writes the variable too.
-  void bind(const std::string& key, int& variable, const std::string& help);
-  void bind(const std::string& key, float& variable, const std::string& help);
+  /// Declares a setting and binds it to its variable: a later set() writes the variable too. Numbers have a range, so
+  /// that what is made of them can be made: each alone; what they need together the memory budget decides.
+  void bind(const std::string& key, int& variable, const std::string& help, const Range& range);
+  void bind(const std::string& key, float& variable, const std::string& help, const Range& range);
   void bind(const std::string& key, bool& variable, const std::string& help);
   void bind(const std::string& key, std::string& variable, const std::string& help);
-  /// Parses `value` as the type of the setting. Fault::usage for an unknown key (with the nearest one) or a bad value.
+  /// Parses `value` as the type of the setting. Fault::usage for an unknown key (with the nearest one), a bad value,
+  /// and a number outside of its range.
   void set(const std::string& key, const std::string& value, const std::string& origin);
   const std::vector<ConfigEntry>& entries() const { return entries_; }
 
  private:
-  void add(const std::string& key, ConfigValue value, const std::string& help,
-           std::function<void(const ConfigValue&)> write);
+  void add(const ConfigEntry& entry, std::function<void(const ConfigValue&)> write);
   std::vector<ConfigEntry> entries_;
   std::vector<std::function<void(const ConfigValue&)>> writers_;
 };
 
 std::string to_string(const ConfigValue& value);
 
-/// "256,128,64" -> the numbers. Fault::usage, naming the setting, for anything but whole numbers from 1 to 99999.
+/// "256,128,64" -> the numbers. Fault::usage, naming the setting, for anything but one to twelve whole numbers from 1
+/// to 99999.
 std::vector<int64_t> whole_numbers(const std::string& setting, const std::string& list);
 
 }  // namespace cloam

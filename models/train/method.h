@@ -1,5 +1,6 @@
 // What a method is to the trainer: data, parameters, a loss, a picture. No method has its own loop.
 #pragma once
+#include <algorithm>
 #include <memory>
 
 #include "models/data/load_images.h"
@@ -12,13 +13,16 @@
 
 namespace cloam {
 
-/// Where training stands. horizon: the number of steps that schedules are stretched over (0 until it is chosen).
+/// Where training stands. horizon: the number of steps that schedules are stretched over (0 until it is chosen). A
+/// training that was finished can go on beyond it, at their final values.
 struct Progress {
   int64_t step = 0;  // 1 is the first
   int64_t horizon = 0;
   uint64_t seed = 0;
-  /// 0 at the start, 1 at the horizon; 0 as long as no horizon is chosen.
-  float fraction() const { return horizon > 0 ? static_cast<float>(step) / static_cast<float>(horizon) : 0.f; }
+  /// 0 at the start, 1 from the horizon on; 0 as long as no horizon is chosen.
+  float fraction() const {
+    return horizon > 0 ? std::min(1.f, static_cast<float>(step) / static_cast<float>(horizon)) : 0.f;
+  }
 };
 
 /// Learning rate of the parameters whose names begin with `prefix` (the longest prefix wins).

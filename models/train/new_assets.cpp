@@ -38,7 +38,7 @@ NewAssets assets_in(const SafetensorsFile& file) {
     asset.size = Eigen::Map<const Eigen::Vector3f>(&sizes[3 * at]).cast<double>();
     asset.code.assign(codes.begin() + i * numbers, codes.begin() + (i + 1) * numbers);
     if (!can_be(asset, classes[at], nights[at]))
-      throw Error(Fault::data, text("the asset ", i, " has a number that no asset can have"));
+      throw Error(Fault::data, text("asset ", i, " has a size or code that is out of range"));
     asset.asset_class = static_cast<int>(classes[at]);
     asset.night = nights[at] == 1;
     out.assets.push_back(std::move(asset));

@@ -137,6 +137,14 @@ void Optimiser::move_rows(const Params& parameters, const RowMoves& moves, const
   }
 }
 
+bool Optimiser::finite(const Params& parameters) const {
+  Tensors sums;
+  for (const Group& group : groups_) sums.push_back(sum(group.parameters.all * 0.f));
+  for (const auto& [name, steps] : steps_) sums.push_back(sum(parameters.at(name) * 0.f));
+  eval(sums);
+  return std::all_of(sums.begin(), sums.end(), [](const Tensor& zero) { return zero.item() == 0; });
+}
+
 TensorMap Optimiser::state() const {
   TensorMap out;
   for (const auto& [name, m] : m_) out["m." + name] = named(m);

@@ -22,6 +22,8 @@ class Optimiser {
             const AdamSettings& adam, int64_t step);
   /// After a method replaced parameters by others of more, fewer or other rows: moments and counts move along.
   void move_rows(const Params& parameters, const RowMoves& moves, const std::vector<LearningRate>& rates);
+  /// Whether no parameter that it steps is NaN or infinite.
+  bool finite(const Params& parameters) const;
   /// Tensors "m.NAME", "v.NAME", "steps.NAME".
   TensorMap state() const;
   void restore(const TensorMap& state);

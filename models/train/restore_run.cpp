@@ -21,8 +21,8 @@ void check_looks(const StoredRun& run) {
     for (const Actor& actor : scene.actors)
       if (actor.asset && static_cast<std::size_t>(actor.asset->scene) >= all)
         throw Error(Fault::data,
-                    text(run.folder.string(), ": the actor ", actor.id, " wears the generated asset ",
-                         static_cast<std::size_t>(actor.asset->scene) - run.scenes.size(), ", the run has ",
+                    text(run.folder.string(), ": actor ", actor.id, " uses generated asset ",
+                         static_cast<std::size_t>(actor.asset->scene) - run.scenes.size(), ", but the run has ",
                          run.generated.assets.size(), "\n  fix: make the edited run anew"));
 }
 
@@ -51,8 +51,8 @@ void check_belongs(const LoadedCheckpoint& checkpoint, const RunRecord& record) 
     const auto found = checkpoint.file.metadata.find(key);
     const bool known = found != checkpoint.file.metadata.end();
     if (known && found->second == value) continue;
-    throw Error(Fault::data, text("the checkpoint ", checkpoint.path.string(), " is not of this run: its ", key, " is ",
-                                  known ? found->second.substr(0, 80) : "missing", ", the run has ", value,
+    throw Error(Fault::data, text("the checkpoint ", checkpoint.path.string(), " does not belong to this run: its ",
+                                  key, " is ", known ? found->second.substr(0, 80) : "missing", ", the run has ", value,
                                   ".\n  fix: put the run's own checkpoint back, or train anew"));
   }
 }
@@ -83,7 +83,7 @@ void check_has_views(const RunRecord& record) {
 void check_is_prior(const RunRecord& record, const std::filesystem::path& folder) {
   if (learned_from_run(record)) return;
   throw Error(Fault::usage,
-              text("new assets come from a run of diffusion, ", folder.string(), " is one of ", record.method,
+              text(folder.string(), " is a run of ", record.method, "; new assets come from a run of diffusion",
                    "\n  fix: cloam train diffusion ", folder.string(), " -o RUN2, and name RUN2"));
 }
 

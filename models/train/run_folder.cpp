@@ -18,13 +18,14 @@ constexpr int kSchema = 2;
 
 int64_t whole(const Json& object, const std::string& key, const std::string& where) {
   const Json& value = member(object, key, where);
-  if (!value.is_number_integer()) throw Error(Fault::data, text(where, ": \"", key, "\" is no whole number"));
+  if (!value.is_number_integer()) throw Error(Fault::data, text(where, ": \"", key, "\" is not a whole number"));
   return value.get<int64_t>();
 }
 
 uint64_t seed_of(const Json& object, const std::string& where) {
   const Json& value = member(object, "seed", where);
-  if (!value.is_number_unsigned()) throw Error(Fault::data, text(where, ": \"seed\" is no whole number from 0 up"));
+  if (!value.is_number_unsigned())
+    throw Error(Fault::data, text(where, ": \"seed\" is not a whole number of 0 or more"));
   return value.get<uint64_t>();
 }
 
@@ -86,7 +87,7 @@ std::vector<std::string> names_in(const fs::path& folder) {
   const fs::path parent = clean.has_parent_path() ? clean.parent_path() : fs::path(".");
   const std::string near = nearest_name(clean.filename().string(), names_in(parent));
   const std::string hint = near.empty() ? "" : "; did you mean " + (clean.parent_path() / near).string() + "?";
-  throw Error(Fault::usage, text("there is no run folder ", folder.string(), hint));
+  throw Error(Fault::usage, text("no such run folder: ", folder.string(), hint));
 }
 
 uint64_t mixed(uint64_t hash, const std::string& bytes) {  // FNV-1a
@@ -119,13 +120,13 @@ RunRecord read_record(const fs::path& folder) {
   if (!fs::is_directory(folder, error)) no_folder(folder);
   const fs::path path = RunPaths{folder}.record();
   if (!is_run(folder)) {
-    throw Error(Fault::data, text(folder.string(), " is no run folder: looked for run.json, found ",
+    throw Error(Fault::data, text(folder.string(), " is not a run folder: looked for run.json, found ",
                                   names_in(folder).size(), " other entries; train first, or name another folder"));
   }
   const Json json = parse_json_file(path);
   const std::string where = path.string();
   if (whole(json, "schema_version", where) != kSchema)
-    throw Error(Fault::data, where + ": of another version of the program; train anew");
+    throw Error(Fault::data, where + ": written by another version of the program; train again");
   RunRecord record;
   record.state = string(json, "state", where);
   record.version = string(json, "version", where);
@@ -147,7 +148,7 @@ RunRecord read_record(const fs::path& folder) {
   if (json.contains("edited_from")) record.edited_from = data_from(json["edited_from"], where + ", edited_from");
   read_options(record, member(json, "options", where), where + ", options");
   const Json& settings = member(json, "settings", where);
-  if (!settings.is_object()) throw Error(Fault::data, where + ": \"settings\" is no object");
+  if (!settings.is_object()) throw Error(Fault::data, where + ": \"settings\" is not an object");
   for (const auto& [key, value] : settings.items()) record.settings[key] = string(settings, key, where + ", settings");
   return record;
 }
@@ -193,7 +194,8 @@ fs::path find_data(const fs::path& folder, const RunData& data) {
   if (fs::is_directory(data.given, error)) return data.given;
   throw Error(Fault::data, text("the data of the run ", folder.string(),
                                 " is gone.\n  looked for: ", beside.lexically_normal().string(), "; ", data.given,
-                                "\n  fix:        name its new place with --data"));
+                                "\n  fix:        name its new place with --data; cloam train --resume ",
+                                folder.string(), " --data PLACE records it"));
 }
 
 std::string relative_to_run(const fs::path& path, const fs::path& folder) {

@@ -209,7 +209,7 @@ void write_scenes(const std::filesystem::path& path, const Scenes& scenes) {
 Scenes read_scene_file(const std::filesystem::path& path) {
   const Json json = parse_json_file(path);
   if (number(json, "schema_version", path.string()) != kSchema)
-    throw Error(Fault::data, path.string() + ": of another version of the program; train anew");
+    throw Error(Fault::data, path.string() + ": written by another version of the program; train again");
   Scenes scenes;
   for (const Json& scene : array(json, "scenes", path.string()))
     scenes.push_back(scene_from(scene, text(path.string(), ", scene ", scenes.size())));

@@ -23,8 +23,10 @@ constexpr char kParameter[] = "param.", kOptimiser[] = "adam.", kState[] = "stat
 constexpr double kTimingShare =
     0.25;                         // of a budget passes before its horizon is chosen (schedules hold still till then)
 constexpr double kCaution = 0.9;  // of what is left then: a little early is better than a decay cut short
-constexpr int64_t kLeastPlanned = 8;  // steps between one choice and the next
-constexpr int64_t kFirstSteps = 3;    // compile kernels: they tell nothing of the others
+constexpr int64_t kLeastPlanned = 8;   // steps between one choice and the next
+constexpr int64_t kFirstSteps = 3;     // compile kernels: they tell nothing of the others
+constexpr int64_t kFiniteEvery = 10;   // steps between looks at the parameters: a loss can hide that they are NaN
+constexpr double kSavingShare = 0.02;  // of the time, at most
 
 void add_prefixed(TensorMap& to, const TensorMap& from, const std::string& prefix) {
   for (const auto& [name, tensor] : from) to[prefix + name] = tensor;
@@ -45,11 +47,16 @@ class Loop {
   void one_step();
   void choose_horizon();
   bool finished();
+  int64_t end() const;
+  bool save_is_due() const;
+  void require_finite();
+  [[noreturn]] void diverged(const std::string& what) const;
   void save();
   std::optional<double> seconds_to(int64_t step, const Progress& progress) const;
   std::optional<double> seconds_left() const;
   double since_process_start() const { return options_.seconds_before + seconds(); }
-  double saving_seconds() const;
+  double save_cost() const;
+  double saving_seconds() const;  // to be on the safe side
   bool time_is_up() const {
     return options_.time_budget_seconds &&
            since_process_start() + saving_seconds() + step_seconds_ >= *options_.time_budget_seconds;
@@ -64,9 +71,11 @@ class Loop {
   TrainResult result_;
   bool planning_ = false;  // the horizon follows from a time budget
   int64_t next_plan_ = 0;  // step
+  int64_t next_look_ = 0;  // step that looks at the parameters; the first compiles what that takes
   StepPace pace_;          // saving and telling included
   double step_seconds_ = 0, save_cost_ = 0;
   int64_t saved_step_ = -1;
+  double saved_at_ = 0;
 };
 
 void Loop::begin() {
@@ -103,10 +112,11 @@ void Loop::choose_horizon() {
 }
 
 /// Reading back, checksums and fsync go at some 100 MB/s; measured once a save has been made.
-double Loop::saving_seconds() const {
-  if (save_cost_ > 0) return 1.5 * save_cost_;
-  return 0.5 + 3e-8 * static_cast<double>(run_.method.memory({}).parameters);
+double Loop::save_cost() const {
+  return save_cost_ > 0 ? save_cost_ : 0.5 + 3e-8 * static_cast<double>(run_.method.memory({}).parameters);
 }
+
+double Loop::saving_seconds() const { return save_cost_ > 0 ? 1.5 * save_cost_ : save_cost(); }
 
 void Loop::one_step() {
   const double before = seconds();
@@ -122,12 +132,11 @@ void Loop::one_step() {
   optimiser_.step(run_.method.parameters(), all, run_.method.learning_rates(progress_), run_.method.adam(),
                   progress_.step);
   result_.loss = static_cast<double>(loss.item());
-  if (!std::isfinite(result_.loss))
-    throw Error(Fault::diverged,
-                text("the loss became ", result_.loss, " at step ", progress_.step,
-                     saved_step_ > 0 ? text("; the checkpoint of step ", saved_step_, " is good")
-                                     : "; no checkpoint was saved yet",
-                     ".\n  fix: a lower rate (--set train.rate=...); CLOAM_DEBUG=nan names the first bad op"));
+  if (!std::isfinite(result_.loss)) diverged(text("the loss became ", result_.loss));
+  if (progress_.step >= next_look_) {
+    next_look_ = progress_.step + kFiniteEvery;
+    require_finite();
+  }
   run_.method.after_step(progress_);
   const RowMoves moves = run_.method.grow(progress_);
   if (!moves.empty()) optimiser_.move_rows(run_.method.parameters(), moves, run_.method.learning_rates(progress_));
@@ -135,15 +144,38 @@ void Loop::one_step() {
   step_seconds_ = seconds() - before;
 }
 
+/// The last step; 0 while unknown. A training that was finished may have been given more than its horizon.
+int64_t Loop::end() const {
+  return progress_.horizon == 0 ? 0 : std::max(progress_.horizon, options_.steps.value_or(0));
+}
+
 bool Loop::finished() {
   result_.interrupted = run_.stop && *run_.stop != 0;
-  result_.out_of_time = time_is_up() && progress_.horizon != progress_.step;
+  result_.out_of_time = time_is_up() && end() != progress_.step;
   const bool stop_here = options_.stop_after > 0 && progress_.step >= options_.stop_after;
-  return result_.interrupted || result_.out_of_time || stop_here ||
-         (progress_.horizon > 0 && progress_.step >= progress_.horizon);
+  return result_.interrupted || result_.out_of_time || stop_here || (end() > 0 && progress_.step >= end());
+}
+
+void Loop::diverged(const std::string& what) const {
+  throw Error(
+      Fault::diverged,
+      text(what, " at step ", progress_.step, "; ",
+           saved_step_ > 0 ? text("the checkpoint of step ", saved_step_, " is good") : "no checkpoint was saved",
+           "\n  fix: lower the learning rates (config.toml in the run folder lists the settings); "
+           "CLOAM_DEBUG=nan names the first bad op"));
+}
+
+void Loop::require_finite() {
+  if (!optimiser_.finite(run_.method.parameters())) diverged("a parameter became NaN or infinite");
+}
+
+bool Loop::save_is_due() const {
+  if (options_.save_every > 0) return progress_.step % options_.save_every == 0;
+  return seconds() - saved_at_ >= std::max(options_.save_seconds, save_cost() / kSavingShare);
 }
 
 void Loop::save() {
+  require_finite();
   const double before = seconds();
   SafetensorsFile file;
   for (const auto& [name, p] : run_.method.parameters()) file.tensors[kParameter + name] = named(p);
@@ -155,7 +187,8 @@ void Loop::save() {
   file.metadata["seed"] = std::to_string(progress_.seed);
   result_.checkpoint = save_checkpoint(run_.checkpoints, progress_.step, file);
   saved_step_ = progress_.step;
-  save_cost_ = std::max(save_cost_, seconds() - before);
+  saved_at_ = seconds();
+  save_cost_ = std::max(save_cost_, saved_at_ - before);
   listener_.checkpoint(progress_.step, result_.checkpoint);
 }
 
@@ -166,8 +199,9 @@ std::optional<double> Loop::seconds_to(int64_t step, const Progress& progress) c
 
 std::optional<double> Loop::seconds_left() const {
   if (progress_.horizon == 0) return *options_.time_budget_seconds - since_process_start();
-  const int64_t last = options_.stop_after > 0 ? std::min(options_.stop_after, progress_.horizon) : progress_.horizon;
-  return seconds_to(last, progress_);
+  const int64_t last = options_.stop_after > 0 ? std::min(options_.stop_after, end()) : end();
+  const std::optional<double> steps = seconds_to(last, progress_);
+  return steps ? std::optional(*steps + saving_seconds()) : std::nullopt;
 }
 
 TrainResult Loop::train() {
@@ -178,12 +212,13 @@ TrainResult Loop::train() {
     now = seconds();
     if (progress_.step > warm) pace_.add(now - before);
     choose_horizon();
-    listener_.step({progress_, result_.loss, seconds(), step_seconds_, seconds_left(), run_.method.metrics()});
-    if (options_.save_every > 0 && progress_.step % options_.save_every == 0) save();
+    listener_.step({progress_, end(), result_.loss, seconds(), step_seconds_, seconds_left(), run_.method.metrics()});
+    if (save_is_due()) save();
   }
   if (saved_step_ != progress_.step) save();
   result_.step = progress_.step;
   result_.horizon = progress_.horizon;
+  result_.end = end();
   result_.seconds = seconds();
   return result_;
 }

@@ -14,11 +14,12 @@ namespace cloam {
 double steady_seconds();
 
 struct TrainOptions {
-  std::optional<int64_t> steps;               // the horizon
+  std::optional<int64_t> steps;               // the last step; of a training that begins also the horizon
   std::optional<double> time_budget_seconds;  // from process start to the saved checkpoint; chooses the horizon
   double seconds_before = 0;                  // already passed since process start when train() is called
-  int64_t stop_after = 0;                     // stop (and save) after this step; 0: run to the horizon
-  int64_t save_every = 0;                     // 0: only the last step
+  int64_t stop_after = 0;                     // stop (and save) after this step; 0: run to the last
+  int64_t save_every = 0;                     // steps; 0: by save_seconds
+  double save_seconds = 300;                  // between saves, or more where they would take 2 % of the time
   int64_t default_steps = 1000;
   uint64_t seed = 42;
   std::function<double()> clock = steady_seconds;  // what a time budget goes by
@@ -26,9 +27,10 @@ struct TrainOptions {
 
 struct StepReport {
   Progress progress;
+  int64_t end = 0;                     // the last step; 0 while unknown
   double loss = 0, seconds = 0;        // seconds since train() was called
   double step_seconds = 0;             // of this step
-  std::optional<double> seconds_left;  // none until it can be told honestly
+  std::optional<double> seconds_left;  // until the checkpoint is saved; none until it can be told honestly
   std::map<std::string, double> metrics;
 };
 
@@ -41,6 +43,7 @@ struct TrainListener {
 
 struct TrainResult {
   int64_t step = 0, horizon = 0;
+  int64_t end = 0;  // the last step of this training; 0 while unknown
   double seconds = 0, loss = 0;
   bool interrupted = false, out_of_time = false;
   std::filesystem::path checkpoint;
@@ -49,7 +52,7 @@ struct TrainResult {
 /// Trains `method` (built, with data). Saves to `checkpoints` (run/ckpt). `metadata` goes into every checkpoint as it
 /// is. Goes on from `resume` when given: parameters, optimiser, horizon and step are taken from it, the result is the
 /// same bytes as an uninterrupted run. `stop` is set by signal handlers: the step is finished, a checkpoint saved.
-/// Errors: Fault::diverged when the loss is not finite (nothing is saved over the last good checkpoint).
+/// Errors: Fault::diverged when the loss or a parameter is not finite (nothing is saved over the last good checkpoint).
 struct TrainRun {
   Method& method;
   std::filesystem::path checkpoints;

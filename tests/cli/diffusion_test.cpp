@@ -111,8 +111,8 @@ TEST_CASE("what diffusion cannot learn from is one error, and makes no run") {
     CHECK(contains(outcome.err, says));
     CHECK_FALSE(fs::exists(never));
   };
-  fails(scratch() / "nothing_here", 2, "there is no run folder");
-  fails(small_street(), 3, "no run folder: looked for run.json");
+  fails(scratch() / "nothing_here", 2, "no such run folder");
+  fails(small_street(), 3, "not a run folder: looked for run.json");
   const fs::path nerf = scratch() / "photo_run";
   REQUIRE(cloam_with(small_training(small_scene(), nerf, {"--steps", "1"})).code == 0);
   fails(nerf, 3, "one of nerf");
@@ -127,7 +127,7 @@ TEST_CASE("what diffusion cannot learn from is one error, and makes no run") {
   const fs::path unsaved = copied(two_streets_run(), "unsaved_run");
   fs::remove_all(unsaved / "ckpt");
   fails(unsaved, 3, "no usable checkpoint");
-  fails(two_streets_run(), 2, "--holdout goes with captures", {"--holdout", "4"});
+  fails(two_streets_run(), 2, "--holdout is for captures", {"--holdout", "4"});
   fails(two_streets_run(), 2, "unet.groups", {"--set", "unet.groups=3"});
 }
 
@@ -277,12 +277,12 @@ TEST_CASE("generate's mistakes: one line that says what would do, and nothing is
     CHECK_FALSE(fs::exists(never));
   };
   fails(small_generation(never, {"--class", "Cra"}), 2, "did you mean Car?");
-  fails(small_generation(never, {"--class", "Other"}), 2, "no Other was in training");
+  fails(small_generation(never, {"--class", "Other"}), 2, "no Other was in the training set");
   fails(small_generation(never, {"--time", "noon"}), 2, "noon");
   fails({"generate", small_diffusion_run().string(), "-o", never.string(), "--steps", "1001"}, 2,
         "1001 denoising steps");
   fails({"generate", two_streets_run().string(), "-o", never.string()}, 2, "cloam train diffusion");
-  fails({"generate", small_street().string(), "-o", never.string()}, 3, "no run folder");
+  fails({"generate", small_street().string(), "-o", never.string()}, 3, "not a run folder");
 }
 
 namespace {
@@ -355,7 +355,7 @@ TEST_CASE("what a prior or an image cannot be is one error, and makes no run") {
     CHECK_FALSE(fs::exists(never));
   };
   fails(fit_with_prior(never, two_streets_run()), 2, "is a run of genassets, want one of diffusion");
-  fails(fit_with_prior(never, scratch() / "nothing_here"), 2, "there is no run folder");
+  fails(fit_with_prior(never, scratch() / "nothing_here"), 2, "no such run folder");
   fails(fit_with_prior(never, small_diffusion_run(), {"--set", "code.side=8"}), 2, "code.side");
   fails(fit(never, {"--holdout", "4"}), 2, "leave out --protocol and --holdout");
   const std::string log = (scratch() / "two_streets" / "001").string();
@@ -365,7 +365,7 @@ TEST_CASE("what a prior or an image cannot be is one error, and makes no run") {
     words.insert(words.end(), more.begin(), more.end());
     return words;
   };
-  fails(with({"--prior", small_diffusion_run().string()}), 2, "goes with --networks RUN");
+  fails(with({"--prior", small_diffusion_run().string()}), 2, "also needs --networks RUN");
   fails(with({"--image", "front_camera/07"}), 2, "it has front_camera/0 to front_camera/2");
   fails(with({"--image", "front_camera"}), 2, "no such image");
   fails({"train", "nerf", small_scene().string(), "-o", never.string(), "--image", "front_camera/01"}, 2,

@@ -220,7 +220,7 @@ TEST_CASE("what cannot be generated into a street is one error, and nothing is w
   };
   fails(edits(street, {}), 2, "--prior RUN2");
   fails(edits(street, {"--prior", street}), 2, "cloam train diffusion");
-  fails(edits(street, {"--prior", (scratch() / "nowhere").string()}), 2, "there is no run folder");
+  fails(edits(street, {"--prior", (scratch() / "nowhere").string()}), 2, "no such run folder");
   fails(edit_words(street, id + ":remove", never, {"--prior", prior}), 2, "replace=generated");
   // Another run: one number of its networks differs.
   const fs::path trained_on = copied(street, "trained_on");
@@ -233,7 +233,7 @@ TEST_CASE("what cannot be generated into a street is one error, and nothing is w
   for (auto& actor : scenes.at("scenes").at(0).at("actors"))
     if (actor.at("id") == id) actor["label"] = "Rolling Containers";
   write_text(odd / "scene.json", scenes.dump());
-  fails(edits(odd, {"--prior", prior}), 2, "no Other was in training");
+  fails(edits(odd, {"--prior", prior}), 2, "no Other was in the training set");
   const auto simulates = [&](const Words& more) {
     Words words = {"simulate", street, "-o", never.string()};
     words.insert(words.end(), more.begin(), more.end());
@@ -247,5 +247,5 @@ TEST_CASE("what cannot be generated into a street is one error, and nothing is w
   const fs::path worn = scratch() / "worn_lost";
   REQUIRE(generate_into(street, id, worn, "3").code == 0);
   fs::remove(worn / "generated.safetensors");
-  fails({"render", worn.string(), "-o", never.string()}, 3, "wears the generated asset 0");
+  fails({"render", worn.string(), "-o", never.string()}, 3, "uses generated asset 0");
 }

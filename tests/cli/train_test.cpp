@@ -123,6 +123,24 @@ TEST_CASE("SIGINT and SIGTERM finish the step, save and say how to go on") {
   }
 }
 
+TEST_CASE(
+    "a run that was stopped before its occupancy grid began is measured as its preview was, and goes on the same") {
+  const fs::path run = scratch() / "stopped-early";
+  Words words = kSteps;
+  words.insert(words.end(), {"--stop-after", "6"});
+  REQUIRE(cloam_with(small_training(small_scene(), run, words)).code == 0);
+  std::istringstream events(content_of(run / "metrics.jsonl"));
+  double psnr = 0;  // of the preview
+  for (std::string line; std::getline(events, line);)
+    if (const auto event = nlohmann::json::parse(line); event.at("event") == "eval") psnr = event.at("psnr");
+  REQUIRE(psnr > 0);
+  REQUIRE(cloam_with({"eval", run.string(), "-q"}).code == 0);
+  CHECK(json_of(run / "eval" / "eval.json").at("per_image").at(0).at("psnr").get<double>() == doctest::Approx(psnr));
+  const Outcome outcome = resume(run);
+  CHECK_MESSAGE(outcome.code == 0, outcome.err);
+  CHECK(checkpoint(run, "000040") == checkpoint(golden(), "000040"));
+}
+
 TEST_CASE("--stop-after only stops: going on ends in the same bytes") {
   const fs::path run = scratch() / "stopped";
   Words words = kSteps;
@@ -172,6 +190,25 @@ TEST_CASE("an existing run is refused and unchanged; --overwrite replaces it; a 
   CHECK(cloam_with(small_training(small_scene(), run, {"--steps", "6", "--overwrite"})).code == 0);
   CHECK(json_of(run / "run.json").at("step") == 6);
   CHECK_FALSE(fs::exists(run / "ckpt" / "000005.safetensors"));
+}
+
+TEST_CASE("a finished run is extended by --steps, at the final values of its schedules") {
+  const fs::path run = scratch() / "extended", other = scratch() / "extended-twice";
+  fs::copy(golden(), run, fs::copy_options::recursive);
+  fs::copy(golden(), other, fs::copy_options::recursive);
+  const Outcome refused = resume(run, {"--steps", "30"});
+  CHECK(refused.code == 2);
+  CHECK(contains(refused.err, "40 steps"));
+  CHECK(contains(resume(run, {"--steps", "40"}).err, "nothing to do"));
+  REQUIRE(resume(run, {"--steps", "60"}).code == 0);
+  CHECK(state_of(run) == "finished");
+  CHECK(json_of(run / "run.json").at("step") == 60);
+  CHECK(json_of(run / "run.json").at("horizon") == 40);
+  CHECK(contains(resume(run).err, "nothing to do"));
+  REQUIRE(resume(other, {"--steps", "60", "--stop-after", "50"}).code == 0);
+  CHECK(state_of(other) == "stopped");
+  REQUIRE(resume(other).code == 0);  // it knows where it was to end
+  CHECK(checkpoint(run, "000060") == checkpoint(other, "000060"));
 }
 
 TEST_CASE("a folder with other files is never written to, not even with --overwrite") {
@@ -237,4 +274,57 @@ TEST_CASE("run and data can be moved together, and data alone with --data") {
   CHECK(contains(lost.err, "--data"));
   CHECK(resume(moved / "run", {"--stop-after", "9", "--data", (moved / "elsewhere").string()}).code == 0);
   CHECK(resume(moved / "run", {"--stop-after", "10"}).code == 0);  // the new place was noted
+}
+
+TEST_CASE("a run goes on with its own data alone: other data are exit 3, and nothing is changed") {
+  const fs::path run = scratch() / "own-data", other = copy_of_scene("other-photos");
+  fs::remove(other / "train" / "r_0.png");
+  fs::copy_file(other / "train" / "r_1.png", other / "train" / "r_0.png");
+  REQUIRE(cloam_with(small_training(small_scene(), run, {"--steps", "40", "--stop-after", "5"})).code == 0);
+  const auto before = snapshot(run);
+  for (const Words& words : {Words{"train", "--resume", run.string(), "--data", other.string()},
+                             Words{"train", "nerf", other.string(), "-o", run.string(), "--resume"}}) {
+    const Outcome refused = cloam_with(words);
+    CHECK(refused.code == 3);
+    CHECK(contains(refused.err, "other-photos"));
+    CHECK(contains(refused.err, "another run"));
+    CHECK(snapshot(run) == before);
+  }
+}
+
+TEST_CASE("data that were moved are measured by the run's own split; a finished run notes their new place") {
+  const fs::path place = scratch() / "finished-place", run = scratch() / "finished-run";
+  fs::copy(small_scene(), place, fs::copy_options::recursive);
+  REQUIRE(cloam_with(small_training(place, run, {"--steps", "5", "--holdout", "5"})).code == 0);
+  REQUIRE(cloam_with({"eval", run.string(), "-q"}).code == 0);
+  const auto wanted = json_of(run / "eval" / "eval.json");
+  CHECK(wanted.at("protocol") == "holdout-5");
+  const fs::path moved = scratch() / "finished-moved";
+  fs::rename(place, moved);
+  CHECK(cloam_with({"eval", run.string(), "-q"}).code == 3);
+  const Outcome there = cloam_with({"eval", run.string(), "--data", moved.string()});
+  CHECK_MESSAGE(there.code == 0, there.err);
+  CHECK(contains(there.err, "holdout-5"));
+  const auto found = json_of(run / "eval" / "eval.json");
+  for (const char* key : {"protocol", "images", "psnr", "ssim", "baseline_nearest_frame_psnr"}) {
+    CAPTURE(key);
+    CHECK(found.at(key) == wanted.at(key));
+  }
+  const Outcome other = resume(run, {"--data", small_scene().string()});  // the same photos: the same data
+  CHECK(other.code == 0);
+  CHECK(json_of(run / "run.json").at("data").at(0).at("relative") == "../scene");
+  const Outcome noted = resume(run, {"--data", moved.string()});
+  CHECK(noted.code == 0);
+  CHECK(contains(noted.err, "finished-moved"));
+  CHECK(cloam_with({"eval", run.string(), "-q"}).code == 0);
+  // One photo less at the front: by the same rule others are held out, which the run was trained on.
+  fs::rename(moved / "train" / "r_0.png", scratch() / "r_0.png");
+  const Outcome changed = cloam_with({"eval", run.string()});
+  CHECK(contains(changed.err, "of the 2 measured images were used in training"));
+  fs::rename(scratch() / "r_0.png", moved / "train" / "r_0.png");
+  const auto before = snapshot(run);
+  const fs::path damaged = copy_of_scene("finished-damaged");
+  fs::remove(damaged / "train" / "r_0.png");
+  CHECK(resume(run, {"--data", damaged.string()}).code == 3);
+  CHECK(snapshot(run) == before);
 }

@@ -15,6 +15,7 @@
 #include "runtime/error.h"
 #include "runtime/ops.h"
 #include "tests/models/folder.h"
+#include "tests/models/resume.h"
 
 using namespace cloam;
 
@@ -75,19 +76,23 @@ StoredRun made_run(const MadeRun& made) {
 }
 
 /// The smallest network on a made run.
+void prepare(Diffusion& method, const StoredRun& run, uint64_t seed, const std::map<std::string, std::string>& more) {
+  Config config;
+  method.configure(config);
+  std::map<std::string, std::string> settings = {
+      {"unet.base", "16"},   {"unet.multipliers", "1,2"}, {"unet.groups", "4"},        {"unet.blocks", "1"},
+      {"batch.codes", "32"}, {"train.rate", "5e-3"},      {"train.final_rate", "0.1"}, {"train.average", "0.95"}};
+  for (const auto& [key, value] : method.settings_from(run.record)) settings[key] = value;
+  for (const auto& [key, value] : more) settings[key] = value;
+  for (const auto& [key, value] : settings) config.set(key, value, "test");
+  method.build(run.scenes, seed);
+  method.load(run);
+}
+
 struct Prior {
   Diffusion method;
   explicit Prior(const StoredRun& run, uint64_t seed = 3, const std::map<std::string, std::string>& more = {}) {
-    Config config;
-    method.configure(config);
-    std::map<std::string, std::string> settings = {
-        {"unet.base", "16"},   {"unet.multipliers", "1,2"}, {"unet.groups", "4"},        {"unet.blocks", "1"},
-        {"batch.codes", "32"}, {"train.rate", "5e-3"},      {"train.final_rate", "0.1"}, {"train.average", "0.95"}};
-    for (const auto& [key, value] : method.settings_from(run.record)) settings[key] = value;
-    for (const auto& [key, value] : more) settings[key] = value;
-    for (const auto& [key, value] : settings) config.set(key, value, "test");
-    method.build(run.scenes, seed);
-    method.load(run);
+    prepare(method, run, seed, more);
   }
 };
 
@@ -230,9 +235,27 @@ TEST_CASE("the same wish gives the same assets; what is not wished for is as in 
   wish.seed = 2;
   CHECK(prior.method.generate(wish)[0].code != first[0].code);
   wish.asset_class = 2;
-  CHECK_THROWS_WITH_AS(prior.method.generate(wish), doctest::Contains("no Bus was in training"), Error);
+  CHECK_THROWS_WITH_AS(prior.method.generate(wish), doctest::Contains("no Bus was in the training set"), Error);
   wish.asset_class = 0, wish.night = true;
   for (const NewAsset& asset : prior.method.generate(wish)) CHECK((asset.night && asset.asset_class == 0));
+}
+
+TEST_CASE("diffusion: a checkpoint of any step holds all that the next step and samples read") {
+  const StoredRun run = made_run({true, 8, false});
+  check_resumes_from_every_step({[&] {
+                                   auto method = std::make_unique<Diffusion>();
+                                   prepare(*method, run, 3, {{"batch.codes", "8"}});
+                                   return method;
+                                 },
+                                 [](Method& method) {
+                                   AssetWish wish;
+                                   wish.count = 2;
+                                   wish.steps = 2;
+                                   std::vector<float> look;
+                                   for (const NewAsset& asset : method.prior()->generate(wish))
+                                     look.insert(look.end(), asset.code.begin(), asset.code.end());
+                                   return look;
+                                 }});
 }
 
 TEST_CASE("assets like others are as many of each class and time of day, and no two of one noise") {

@@ -13,18 +13,11 @@
 #include "models/train/trainer.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
+#include "tests/models/resume.h"
 
 using namespace cloam;
 
 namespace {
-
-struct Folder {
-  std::filesystem::path path;
-  explicit Folder(const std::string& name) : path(std::filesystem::temp_directory_path() / ("cloam-" + name)) {
-    std::filesystem::remove_all(path);
-  }
-  ~Folder() { std::filesystem::remove_all(path); }
-};
 
 std::vector<float> on_white(const FramePixels& frame) {
   std::vector<float> out;
@@ -35,21 +28,29 @@ std::vector<float> on_white(const FramePixels& frame) {
   return out;
 }
 
-struct Outcome {
-  double psnr = 0, baseline = 0;
-};
+using Settings = std::vector<std::pair<std::string, std::string>>;
 
-/// Trains on 20 views of 48x48, tests on 4: mean PSNR of the renders and of the training views' mean colour.
-Outcome train_small(const std::vector<std::pair<std::string, std::string>>& settings, int64_t steps) {
-  Folder folder("nerf-test");
-  write_synthetic_scene(folder.path / "data", {20, 4, 48, 3});
-  const Scene scene = read_scene(folder.path / "data");
-  const auto method = make_method("nerf");
+/// Built for the scene, with its training photos.
+std::unique_ptr<Method> loaded(const Scene& scene, const Settings& settings) {
+  auto method = make_method("nerf");
   Config config;
   method->configure(config);
   for (const auto& [key, value] : settings) config.set(key, value, "test");
   method->build({scene}, 7);
   method->load_data({{scene, load_images(scene, Split::train)}});
+  return method;
+}
+
+struct Outcome {
+  double psnr = 0, baseline = 0;
+};
+
+/// Trains on 20 views of 48x48, tests on 4: mean PSNR of the renders and of the training views' mean colour.
+Outcome train_small(const Settings& settings, int64_t steps) {
+  const Folder folder;
+  write_synthetic_scene(folder.path / "data", {20, 4, 48, 3});
+  const Scene scene = read_scene(folder.path / "data");
+  const auto method = loaded(scene, settings);
   TrainOptions options;
   options.steps = steps;
   train({*method, folder.path / "ckpt", {}, nullptr, nullptr}, options, {});
@@ -70,10 +71,9 @@ Outcome train_small(const std::vector<std::pair<std::string, std::string>>& sett
   return out;
 }
 
-const std::vector<std::pair<std::string, std::string>> kSmallHash = {
-    {"field.levels", "6"},    {"field.log2_rows", "13"},  {"field.finest", "128"},
-    {"field.width", "32"},    {"batch.samples", "16384"}, {"batch.rays", "512"},
-    {"occupancy.side", "48"}, {"march.min_step", "0.03"}, {"occupancy.cells", "16384"}};
+const Settings kSmallHash = {{"field.levels", "6"},    {"field.log2_rows", "13"},  {"field.finest", "128"},
+                             {"field.width", "32"},    {"batch.samples", "16384"}, {"batch.rays", "512"},
+                             {"occupancy.side", "48"}, {"march.min_step", "0.03"}, {"occupancy.cells", "16384"}};
 
 }  // namespace
 
@@ -104,6 +104,25 @@ TEST_CASE("the paper's sampling and network, made small, learn held-out views") 
                                       150);
   MESSAGE("psnr ", outcome.psnr, ", mean colour ", outcome.baseline);
   CHECK(outcome.psnr > outcome.baseline + 3);
+}
+
+TEST_CASE("nerf: a checkpoint of any step holds all that the next step and a render read") {
+  const Folder folder;
+  write_synthetic_scene(folder.path / "data", {6, 1, 16, 3});
+  const Scene scene = read_scene(folder.path / "data");
+  const Settings marching = {{"field.levels", "3"},   {"field.log2_rows", "8"},   {"field.finest", "16"},
+                             {"field.width", "16"},   {"batch.samples", "512"},   {"batch.rays", "32"},
+                             {"occupancy.side", "8"}, {"occupancy.cells", "128"}, {"march.min_step", "0.1"}};
+  const Settings importance = {{"field.kind", "frequency"}, {"field.width", "16"},   {"field.depth", "3"},
+                               {"sampling", "importance"},  {"batch.rays", "16"},    {"samples.coarse", "6"},
+                               {"samples.fine", "6"},       {"background", "random"}};
+  for (const Settings& settings : {marching, importance}) {
+    CAPTURE(settings.front().second);
+    const Frame& frame = scene.frames.front();
+    check_resumes_from_every_step(
+        {[&] { return loaded(scene, settings); },
+         [&](Method& method) { return method.render(view_of(frame, scene.cameras.front(), 0)).rgb; }});
+  }
 }
 
 TEST_CASE("rays of a view point where the camera projects them") {
@@ -161,7 +180,7 @@ TEST_CASE("a contracted scene is centred where the cameras look") {
 }
 
 TEST_CASE("a checkpoint of another shape is refused with the names that do not fit") {
-  Folder folder("nerf-misfit");
+  const Folder folder;
   write_synthetic_scene(folder.path / "data", {4, 1, 16, 1});
   const Scene scene = read_scene(folder.path / "data");
   const auto build = [&](const std::string& kind) {

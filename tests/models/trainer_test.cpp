@@ -11,13 +11,15 @@
 #include "models/train/scene_file.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
+#include "tests/models/errors.h"
+#include "tests/models/folder.h"
 
 using namespace cloam;
 namespace fs = std::filesystem;
 
 namespace {
 
-constexpr double kSlowSeconds = 1. / 16, kFastSeconds = 1. / 128;  // of a step
+constexpr double kFastSeconds = 1. / 128;  // of a step
 
 /// Each parameter is drawn to 1. A scene's own is in the loss of every second step alone.
 class TwoScenes final : public Method {
@@ -42,10 +44,12 @@ class TwoScenes final : public Method {
   }
   Tensor loss(const Progress& progress) override {
     const Tensor& plane = params_.at(progress.step % 2 == 0 ? "plane.0" : "plane.1");
-    clock_ += progress.step <= slow_steps_ ? kSlowSeconds : kFastSeconds;
+    clock_ += progress.step <= slow_steps_ ? slow_seconds_ : kFastSeconds;
+    if (progress.step == diverges_at_) return sum(sqrt(params_.at("network") * 0.f));  // 0, its gradient NaN
     return sum(square(params_.at("network") - 1.f)) + sum(square(plane - 1.f));
   }
   Gradients gradients(const Progress& progress, const Tensors& wanted) override {
+    fraction_ = progress.fraction();
     Gradients all = Method::gradients(progress, wanted);
     wanted_ = wanted.size();
     reached_ = 0;
@@ -53,21 +57,21 @@ class TwoScenes final : public Method {
     return all;
   }
   Picture render(const View&) override { return {}; }
+  TensorMap state() const override {
+    clock_ += save_seconds_;
+    return {};
+  }
   std::vector<float> values(const char* name) { return params_.at(name).to_host(); }
 
   size_t wanted_ = 0, reached_ = 0;
-  int64_t slow_steps_ = 0;
-  double clock_ = 0;  // seconds, by which its steps last what they are told to
+  float fraction_ = 0;
+  int64_t slow_steps_ = 0, diverges_at_ = 0;
+  double slow_seconds_ = 1. / 16, save_seconds_ = 0;
+  mutable double clock_ = 0;  // by which steps and saves last what they are told to
 
  private:
   Params params_;
   bool frozen_ = false;
-};
-
-struct Folder {
-  fs::path path = fs::temp_directory_path() / "cloam-trainer-test";
-  Folder() { fs::remove_all(path); }
-  ~Folder() { fs::remove_all(path); }
 };
 
 void train_to(TwoScenes& method, const fs::path& folder, int64_t steps) {
@@ -126,10 +130,97 @@ TEST_CASE("a time budget is planned by the steps at first, and again when they h
   };
   const TrainResult result = train({method, folder.path, {}, nullptr, nullptr}, options, listener);
   // After a quarter of the budget (40 steps), 0.9 of the rest less half a second for saving: 6.25 s.
-  CHECK(first == 40 + static_cast<int64_t>(6.25 / kSlowSeconds));
+  CHECK(first == 40 + static_cast<int64_t>(6.25 / method.slow_seconds_));
   CHECK(result.horizon == result.step);
   CHECK(method.clock_ < 10);
   CHECK(method.clock_ > 8);
+}
+
+namespace {
+
+struct Saves {
+  std::vector<int64_t> steps;
+  double seconds = 0;
+};
+
+/// Of a training of 200 steps of a minute each, without --save-every.
+Saves saves_of_a_long_training(double save_seconds) {
+  const Folder folder;
+  TwoScenes method;
+  method.build({}, 1);
+  method.slow_steps_ = 200;
+  method.slow_seconds_ = 60;
+  method.save_seconds_ = save_seconds;
+  TrainOptions options;
+  options.steps = 200;
+  options.clock = [&method] { return method.clock_; };
+  Saves saves;
+  TrainListener listener;
+  listener.checkpoint = [&](int64_t step, const fs::path&) { saves.steps.push_back(step); };
+  train({method, folder.path, {}, nullptr, nullptr}, options, listener);
+  saves.seconds = save_seconds * static_cast<double>(saves.steps.size());
+  return saves;
+}
+
+}  // namespace
+
+TEST_CASE("a training saves every five minutes by itself, the last step in any case") {
+  const Saves saves = saves_of_a_long_training(0);
+  REQUIRE(saves.steps.size() == 40);
+  CHECK(saves.steps.front() == 5);
+  for (size_t i = 1; i < saves.steps.size(); ++i) CHECK(saves.steps[i] == saves.steps[i - 1] + 5);
+  CHECK(saves.steps.back() == 200);
+}
+
+TEST_CASE("saves that take long are as rare as keeps them below a fiftieth of the time") {
+  const Saves saves = saves_of_a_long_training(12);
+  REQUIRE(saves.steps.size() > 10);
+  for (size_t i = 2; i + 1 < saves.steps.size(); ++i) CHECK(60. * (saves.steps[i] - saves.steps[i - 1]) >= 12 / 0.02);
+  CHECK(saves.seconds < 0.025 * 200 * 60);  // the first comes before its cost is known
+}
+
+TEST_CASE("parameters that are no longer finite stop the training within ten steps, and no checkpoint is claimed") {
+  const Folder folder;
+  TwoScenes method;
+  method.build({}, 1);
+  method.diverges_at_ = 13;
+  int64_t last = 0;
+  TrainListener listener;
+  listener.step = [&](const StepReport& report) { last = report.progress.step; };
+  TrainOptions options;
+  options.steps = 1000;
+  const std::string message = error_of(
+      [&] {
+        train({method, folder.path, {}, nullptr, nullptr}, options, listener);
+      },
+      Fault::diverged);
+  CHECK(last <= 23);
+  CHECK(holds(message, "no checkpoint was saved"));
+  CHECK_FALSE(fs::exists(folder.path / "latest.txt"));
+}
+
+TEST_CASE("a training that was finished goes on at its last rates, and a stop on the way changes no bytes") {
+  const Folder folder;
+  const auto go_on = [&](const fs::path& run, int64_t steps, int64_t stop_after, const SafetensorsFile* from) {
+    TwoScenes method;
+    method.build({}, 1);
+    TrainOptions options;
+    options.steps = steps;
+    options.stop_after = stop_after;
+    const TrainResult result = train({method, run, {}, from, nullptr}, options, {});
+    CHECK(method.fraction_ <= 1.f);
+    return result;
+  };
+  CHECK(go_on(folder.path / "a", 40, 0, nullptr).horizon == 40);
+  const SafetensorsFile finished = load_latest_checkpoint(folder.path / "a").file;
+  const TrainResult whole = go_on(folder.path / "a", 60, 0, &finished);
+  CHECK(whole.step == 60);
+  CHECK(whole.horizon == 40);
+  const SafetensorsFile wanted = load_latest_checkpoint(folder.path / "a").file;
+  go_on(folder.path / "b", 60, 50, &finished);
+  const SafetensorsFile half = load_latest_checkpoint(folder.path / "b").file;
+  CHECK(go_on(folder.path / "b", 60, 0, &half).step == 60);
+  CHECK(load_latest_checkpoint(folder.path / "b").file == wanted);
 }
 
 TEST_CASE("rows that a gradient reaches decay towards zero, the others keep their values") {
