@@ -39,8 +39,8 @@ void GenAssets::configure(Config& c) {
   c.bind("decoder.middle", config_.decoder_middle, "width of its first blocks and its attention", {1, 4096});
   c.bind("decoder.groups", config_.decoder_groups, "of its group norms", {1, 4096});
   c.bind("field.width", config_.field.width, "width of both networks", {1, 4096});
-  c.bind("field.distance_layers", config_.field.distance_layers, "hidden layers to the signed distance", {0, 64});
-  c.bind("field.feature_layers", config_.field.feature_layers, "hidden layers to the feature", {0, 64});
+  c.bind("field.distance_layers", config_.field.distance_layers, "hidden layers to the signed distance", {1, 64});
+  c.bind("field.feature_layers", config_.field.feature_layers, "hidden layers to the feature", {1, 64});
   c.bind("field.sharpness", config_.field.sharpness, "beta of the opacity at the start", kFromZero);
   c.bind("image.width", config_.image.width, "channels of the image decoder", {1, 4096});
   c.bind("image.side", config_.image.side, "side of its kernels", {1, 31});
@@ -88,6 +88,19 @@ void GenAssets::configure(Config& c) {
   c.bind("train.decay_start", config_.decay_start, "share of the steps before the rates fall", kShareBelowOne);
 }
 
+namespace {
+
+/// Fault::usage for widths that group norms cannot divide.
+void check_groups(const std::vector<int64_t>& widths, int64_t middle, int64_t groups) {
+  for (const int64_t width : widths)
+    if (width % groups != 0)
+      throw Error(Fault::usage, text("setting decoder.groups: ", groups, " does not divide decoder.widths ", width));
+  if (middle % groups != 0)
+    throw Error(Fault::usage, text("setting decoder.groups: ", groups, " does not divide decoder.middle ", middle));
+}
+
+}  // namespace
+
 void GenAssets::build(const Scenes& scenes, uint64_t seed) {
   seed_ = seed;
   const Scope root{params_, "", seed}, networks = root / "networks";
@@ -101,6 +114,7 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
     o.classes = kAssetClassCount;
     o.middle = config_.decoder_middle;
     o.widths = whole_numbers("decoder.widths", config_.decoder_widths);
+    check_groups(o.widths, o.middle, config_.decoder_groups);
     o.plane_channels = 3 * config_.field.plane_channels;
     o.groups = config_.decoder_groups;
     decoder_ = std::make_unique<AssetDecoder>(networks / "decoder", o);

@@ -20,7 +20,7 @@ struct Range {
 constexpr double kNoLimit = 1e30;  // numbers beyond are no settings but mistakes
 constexpr Range kFromZero = {0, kNoLimit};
 constexpr Range kShareBelowOne = {0, 0.9999};
-constexpr Range kMetres = {0.001, kNoLimit};  // between samples, of a voxel
+constexpr Range kMetres = {0.001, 1000};  // between samples, of a voxel
 
 struct ConfigEntry {
   std::string key, help;
