@@ -12,6 +12,7 @@ struct EvalRequest {
   std::string run, other, images;  // images: folder for the pictures (default RUN/eval/images)
   std::string protocol;            // empty: the run's own
   std::string features;            // weights of a feature network, or "random"; empty: no feature distances
+  bool allow_outside = false;      // as Reading has it, over what the run says
 };
 
 /// The network that --features names. Fault::data for a file that holds none.

@@ -42,7 +42,7 @@ void warn_of_training_photos(const Photos& photos) {
 
 Photos own_photos(const RestoredRun& run, const EvalRequest& request, std::size_t index) {
   const RunData& data = run.record.data[index];
-  const Reading& how = run.record.reading;
+  const Reading how = reading_for(run.record, false, request.allow_outside);
   const std::string protocol = protocol_of(run, request);
   const bool other_protocol = protocol != how.protocol.name;
   Photos photos;
@@ -82,7 +82,7 @@ Photos other_photos(const RestoredRun& run, const EvalRequest& request) {
   Photos photos;
   photos.index = static_cast<int>(scene_named(run, request.other));
   photos.name = folder_name(request.other);
-  Reading how = run.record.reading;
+  Reading how = reading_for(run.record, true, request.allow_outside);
   how.holdout = 0;
   how.image.clear();
   how.protocol = {request.protocol, how.protocol.sparse_every};

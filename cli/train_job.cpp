@@ -116,6 +116,7 @@ void check_source_options(const TrainRequest& request) {
   const std::pair<const char*, bool> options[] = {{"--downscale", request.downscale.has_value()},
                                                   {"--holdout", request.holdout.has_value()},
                                                   {"--skip-bad", request.skip_bad},
+                                                  {"--allow-outside", request.allow_outside},
                                                   {"--protocol", !request.protocol.empty()},
                                                   {"--sparse-every", request.sparse_every.has_value()},
                                                   {"--image", !request.image.empty()},
@@ -149,6 +150,7 @@ void fill_record(const TrainRequest& request, TrainJob& job) {
   r.reading.downscale = request.downscale.value_or(r.reading.downscale);
   r.reading.holdout = request.holdout.value_or(0);
   r.reading.skip_bad = request.skip_bad;
+  r.reading.allow_outside = request.allow_outside;
   r.reading.protocol = protocol_of(request);
   r.reading.image = request.image;
   r.reading.masks = mask_meaning(request.masks);
@@ -367,6 +369,7 @@ TrainJob resumed_job(const TrainRequest& request) {
   else if (job.record.horizon > 0)
     job.record.time_budget_seconds.reset();  // the horizon it chose stands
   if (!request.prior.empty()) job.record.prior->given = request.prior;
+  if (request.allow_outside) job.record.reading.allow_outside = true;
   find_captures(request.new_data.empty() ? request.data : request.new_data, job);
   if (job.method->prior()) job.source = read_run(job.data.front());
   return job;
