@@ -14,7 +14,7 @@ namespace cloam {
 namespace {
 
 constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
-constexpr std::uint64_t kMostParsed = std::uint64_t{1} << 30;
+constexpr std::uint64_t kMostParsed = std::uint64_t{512} << 20;
 constexpr std::uint64_t kListed = 24, kKeyed = 112, kContainer = 56;  // bytes that values take, about
 constexpr std::size_t kDeepest = 64;
 

@@ -13,7 +13,7 @@ namespace cloam {
 using Json = nlohmann::json;
 
 /// Errors name line and column where there is one: over 256 MB, not JSON, nested deeper than 64, a key twice in one
-/// object, more values than 1 GB holds. The time grows with the number of bytes: about TIME for 100 MB.
+/// object, more values than 512 MB hold. The time grows with the number of bytes: 1 to 2 s for 100 MB.
 /// The words NaN, Infinity and -Infinity, which Python writes although they are not JSON, become null: a reader that
 /// wants a number there then names the very entry, and entries that nobody needs do no harm.
 Json parse_json_file(const std::filesystem::path& path);

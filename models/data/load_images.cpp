@@ -72,10 +72,10 @@ class Loader {
       if (options_.masks == MaskMeaning::ignore) result.mask = as_mask(mask, options_.downscale);
       if (options_.masks == MaskMeaning::transparent) full = without_background(full, mask);
     }
-    const Image image = downscale(full, options_.downscale);
+    Image image = options_.downscale == 1 ? std::move(full) : downscale(full, options_.downscale);
     result.width = image.width;
     result.height = image.height;
-    result.rgba = as_rgba(image);
+    result.rgba = image.channels == 4 ? std::move(image.pixels) : as_rgba(image);
     result.camera = find_or_add(pixels_.cameras, scaled(camera, options_.downscale));
     for (std::size_t i = 3; i < result.rgba.size() && !pixels_.has_alpha; i += 4)
       pixels_.has_alpha = result.rgba[i] < 255;
