@@ -314,9 +314,9 @@ void tell_result(const Layout& layout, std::size_t given, std::size_t models, co
 }
 
 int run_command(const ProcessRequest& request, const Common& common) {
-  const fs::path program = colmap_program();
   const std::vector<std::string> names = image_names(request.images);
   const bool one_camera = all_of_one_size(request.images, names);
+  const fs::path program = colmap_program();
   const Layout layout{request.out};
   prepare_folder(request, layout);
   const FolderLock lock(layout.work());

@@ -42,7 +42,7 @@ class Files {
     }
   }
 
-  /// Of the same stem, in the same folder or, if there is no such folder, in any; "" if there is none.
+  /// Of the same stem, in the same folder or, where none is named or there is no such folder, in any; "" if none is.
   std::string like(const std::string& missing) const {
     const fs::path wanted = with_slashes(missing);
     const auto found = by_stem_.find(lower(wanted.stem().string()));
@@ -51,7 +51,8 @@ class Files {
     for (const std::string& name : found->second)
       if (lower(fs::path(name).parent_path().generic_string()) == folder) return name;
     std::error_code error;
-    return fs::is_directory(root_ / wanted.parent_path(), error) ? "" : *found->second.begin();
+    const bool right_folder = !folder.empty() && fs::is_directory(root_ / wanted.parent_path(), error);
+    return right_folder ? "" : *found->second.begin();
   }
 
  private:
@@ -91,7 +92,7 @@ std::string near_misses(const fs::path& root, const std::vector<std::string>& mi
     fix = dangling ? "mend the link" : is_heic_name(found) ? kConvertHeic : "rename the files, or correct the list";
   }
   if (near == 0) return "";
-  return text("; ", first, near > 1 ? text(" (and so for ", near - 1, " more)") : "", ": ", fix);
+  return text("; ", first, near > 1 ? text(" (and ", near - 1, " more like it)") : "", ": ", fix);
 }
 
 }  // namespace cloam

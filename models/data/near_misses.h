@@ -7,7 +7,7 @@
 namespace cloam {
 
 /// For the end of a message about files that a list names and that `root` lacks: "; images/a.JPG is there instead of
-/// images/a.jpg (and so for 3 more): rename ...", or "" where nothing is near.
+/// images/a.jpg (and 3 more like it): rename ...", or "" where nothing is near.
 std::string near_misses(const std::filesystem::path& root, const std::vector<std::string>& missing);
 
 /// Photos of telephones (.heic, .heif), which are not read. In any letter case.

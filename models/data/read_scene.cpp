@@ -28,7 +28,7 @@ constexpr SceneReader kReaders[] = {
      is_transforms_json, read_transforms_json},
     {"COLMAP", "sparse/0/cameras.bin, images.bin (or .txt) beside images/ (COLMAP)", is_colmap, read_colmap},
     {"PandaSet", "camera/*_camera/poses.json, lidar/poses.json (PandaSet)", is_pandaset, read_pandaset},
-    {"rig", "rig.json (a car of your own: docs/formats.md)", is_rig, read_rig},
+    {"rig", "rig.json (your own recordings: docs/formats.md)", is_rig, read_rig},
     {"KITTI", "image_02/data, velodyne_points/data, oxts/data in a drive's folder (KITTI raw)", is_kitti, read_kitti},
 };
 
@@ -86,7 +86,8 @@ std::string misnamed_manifest(const fs::path& entry) {
   const std::string name = entry.filename().string(), plain = lower(name);
   for (const std::string known : {"transforms.json", "transforms_train.json", "rig.json"}) {
     if (plain == known && name != known) return text("rename ", name, " to ", known);
-    if (plain == known && !is_file(entry)) return text(name, " is not a file, or a link to one that is gone: mend it");
+    if (plain == known && !is_file(entry))
+      return text(name, " is not a regular file, or is a link to one that is gone");
     if (plain.starts_with(known + ".")) return text("unpack ", name, " to ", known);
   }
   if (name == "transforms_test.json") return "add transforms_train.json, which transforms_test.json goes with";
@@ -119,12 +120,14 @@ std::string app_folder(const fs::path& root) {
               " --output-dir DATA (nerfstudio) makes a capture from it");
 }
 
+bool is_photo_name(const fs::path& path) { return is_image_name(path) && lower(path.extension().string()) != ".exr"; }
+
 std::string advice_on_files(const fs::path& root, const std::vector<fs::path>& content) {
   const auto any = [&](bool (*is_kind)(const fs::path&)) {
     return std::find_if(content.begin(), content.end(), is_kind);
   };
   const std::string poses = "photos alone need camera poses first: cloam process ";
-  if (any(is_image_name) != content.end()) return poses + root.string() + " -o DATA";
+  if (any(is_photo_name) != content.end()) return poses + root.string() + " -o DATA";
   if (any(is_heic_name) != content.end()) return kConvertHeic;
   if (const auto video = any(is_video_name); video != content.end())
     return text("take frames from the video: ", frames_command(*video),
@@ -173,7 +176,7 @@ std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
   const fs::path parent = clean.has_parent_path() ? clean.parent_path() : fs::path(".");
   std::error_code error;
   if (!fs::is_directory(parent, error))
-    throw Error(Fault::data, text("no such folder: ", path.string(), " (nor ", parent.string(), ")"));
+    throw Error(Fault::data, text("no such folder: ", path.string(), " (", parent.string(), " does not exist either)"));
   std::vector<std::string> names;
   for (const fs::path& entry : entries(parent)) names.push_back(entry.filename().string());
   const std::string near = nearest_name(clean.filename().string(), names);

@@ -498,10 +498,11 @@ TEST_CASE("images that are missing by their names alone are named with the names
   };
   CHECK(holds(warned(frame("images/c.png")), "images/C.PNG is there instead of images/c.png: rename the files"));
   CHECK(holds(warned(frame("images/a.png")), "Images/a.png is there instead of images/a.png"));
-  CHECK(holds(warned(frame("images/c.jpg") + "," + frame("images/a.png")), "(and so for 1 more)"));
+  CHECK(holds(warned(frame("images/c.jpg") + "," + frame("images/a.png")), "(and 1 more like it)"));
   CHECK(holds(warned(frame("images/d.jpg")), "images/d.heic is there instead of images/d.jpg: convert HEIC"));
   CHECK(holds(warned(frame("photos/e.png")), "elsewhere/e.png is there instead of photos/e.png"));
   CHECK(holds(warned(frame("images\\\\c.png")), "images/C.PNG is there instead of images\\c.png"));
+  CHECK(holds(warned(frame("e.png")), "elsewhere/e.png is there instead of e.png"));
   CHECK_FALSE(holds(warned(frame("images/e.png")), "instead"));  // the folder is right, so another folder's is another
   folder.text_file("transforms.json", capture(frame("images/c.png")));
   CHECK(holds(error_of([&] { read_scene(folder.path); }), "images/C.PNG is there instead"));
