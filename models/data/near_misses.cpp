@@ -33,10 +33,12 @@ class Files {
     std::error_code error;
     fs::recursive_directory_iterator entry(
         root, fs::directory_options::follow_directory_symlink | fs::directory_options::skip_permission_denied, error);
-    for (const fs::recursive_directory_iterator end; !error && entry != end; entry.increment(error)) {
+    for (const fs::recursive_directory_iterator end; !error && entry != end && count_ < kMostFiles;
+         entry.increment(error)) {
       const bool hidden = entry->path().filename().string().starts_with('.');
       if (hidden || entry.depth() >= kDeepest) entry.disable_recursion_pending();
-      if (hidden || !entry->is_regular_file(error) || ++count_ > kMostFiles) continue;
+      ++count_;
+      if (hidden || !entry->is_regular_file(error)) continue;
       const fs::path name = entry->path().lexically_relative(root);
       by_stem_[lower(name.stem().string())].insert(name.generic_string());
     }

@@ -67,8 +67,7 @@ std::string path_named(const fs::path& root, const std::string& named, bool allo
   if (!rest.empty()) return rest.generic_string();
   if (allow_outside) return given.generic_string();
   refuse(named, text("leaves the data folder ", root.string(),
-                     "\n  fix: if you trust this data set, add --allow-outside; else copy or link the files into the "
-                     "folder and name them there"));
+                     "; add --allow-outside if you trust this data set, else copy or link the files into the folder"));
 }
 
 bool is_file(const fs::path& path) {

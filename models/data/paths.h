@@ -10,7 +10,7 @@
 
 namespace cloam {
 
-/// `named` as scenes keep it: relative to the folder `root` where it lies in it, also if it was absolute; else as it
+/// `named` as scenes keep it: relative to the folder `root` if it lies there, also where it was absolute; else as it
 /// is.
 /// ".." is taken back by name, before any link is followed. Fault::data for an empty path, one with a control character
 /// and, unless allow_outside, one that leaves the folder: the same error whether or not anything lies there.

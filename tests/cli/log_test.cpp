@@ -223,6 +223,14 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
         std::string::npos);
   CHECK(nlohmann::json::parse(some.out).at("images") == 3);
   CHECK(nlohmann::json::parse(some.out).at("psnr").is_number());
+  // Masks of one image alone: in the others boxes stand for actors.
+  write_text(log / "truth" / "actors.json", R"({"1": "a"})");
+  fs::create_directories(log / "truth" / "front_camera");
+  write_png(log / "truth" / "front_camera" / "03_actor.png", {16, 12, 1, std::vector<std::uint8_t>(16 * 12, 1)});
+  const auto mixed = cloam_with({"eval", run.string(), "--json"});
+  REQUIRE_MESSAGE(mixed.code == 0, mixed.err);
+  CHECK(mixed.err.find("1 of 8 images have masks of actors in truth/") != std::string::npos);
+  CHECK(nlohmann::json::parse(mixed.out).at("masks") == "truth and boxes");
 }
 
 TEST_CASE("render shows a log's camera at any time and size, by log, camera and step") {
