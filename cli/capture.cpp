@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <future>
 
-#include "cli/common.h"
 #include "models/data/read_scene.h"
 #include "runtime/error.h"
 
@@ -27,14 +26,22 @@ const char* lens_name(const Camera& camera) {
 
 std::string size_text(const Camera& camera) { return text(camera.width, "x", camera.height); }
 
+/// "2nd", "8th".
+std::string ordinal(int number) {
+  const int tens = number / 10 % 10, ones = number % 10;
+  const char* const endings[] = {"th", "st", "nd", "rd"};
+  return text(number, tens != 1 && ones <= 3 ? endings[ones] : "th");
+}
+
 std::string split_text(const Scene& scene, const Reading& how) {
   const std::size_t test = frames_of(scene, Split::test).size();
-  if (!how.image.empty()) return text("one alone: ", how.image);
+  if (!how.image.empty()) return text("trained on one image: ", how.image);
   if (!how.protocol.name.empty())
-    return text("protocol ", how.protocol.name, ": ", frames_of(scene, Split::train).size(), " train, ", test,
-                " are measured");
-  if (how.holdout > 0) return text(test, " held out (every ", how.holdout, scene.is_log ? "th step)" : "th by name)");
-  return test > 0 ? text(test, " in the source's test split") : "none held out (--holdout 8 holds out every 8th)";
+    return text("protocol ", how.protocol.name, ": ", frames_of(scene, Split::train).size(), " for training, ", test,
+                " for evaluation");
+  if (how.holdout > 0)
+    return text(test, " held out (every ", ordinal(how.holdout), scene.is_log ? " step)" : " by name)");
+  return test > 0 ? text(test, " in the test split of the capture") : "none held out (--holdout 8 holds out every 8th)";
 }
 
 std::string camera_text(const Scene& scene) {
@@ -55,7 +62,7 @@ void check_memory(const Captures& captures, const Reading& how, uint64_t budget)
   int fits = how.downscale;
   while (fits < 64 && bytes(fits) > budget) ++fits;
   throw Error(Fault::memory,
-              text("the images alone need ", words_for_bytes(bytes(how.downscale)), " of a budget of ",
+              text("the images alone need ", words_for_bytes(bytes(how.downscale)), ", the memory budget is ",
                    words_for_bytes(budget), "\n  fix: --downscale ", fits, " needs ", words_for_bytes(bytes(fits))));
 }
 
@@ -65,11 +72,29 @@ void read_images(Capture& capture, const Reading& how) {
   capture.train = load_images(capture.scene, Split::train, options);
   capture.test = test.get();
   if (capture.train.frames.empty())
-    throw Error(Fault::data, capture.scene.root.string() + ": no image is left to train on");
+    throw Error(Fault::data, capture.scene.root.string() + ": no images are left to train on");
   capture.warnings = capture.scene.warnings;
   for (const auto& more : {capture.train.warnings, capture.test.warnings, check_scene(capture.scene)}) {
     capture.warnings.insert(capture.warnings.end(), more.begin(), more.end());
   }
+}
+
+// What it means for a training of a driving log that the method or the log lacks something.
+std::vector<std::string> log_warnings(const Scene& scene, Method& method) {
+  std::vector<std::string> warnings;
+  if (!scene.is_log) return warnings;
+  const std::string name = method.name();
+  if (!method.street())
+    return {name +
+            " learns scenes that stand still: actors that move will be blurred or leave ghosts; genassets learns "
+            "them as actors of their own"};
+  if (scene.actors.empty())
+    warnings.push_back(text("without boxes ", name,
+                            " learns everything as background: what moves will be blurred, and ",
+                            "there are no actors to edit or to take assets from"));
+  if (scene.sweeps.empty())
+    warnings.push_back(text("without LiDAR sweeps ", name, " learns depth from the images alone, which is less exact"));
+  return warnings;
 }
 
 // Their black pixels become clear, so that methods learn an empty background.
@@ -82,8 +107,19 @@ void expect_masks(Scene& scene) {
 
 }  // namespace
 
+CLI::Option* add_allow_outside(CLI::App& parser, bool& allowed) {
+  return parser.add_flag("--allow-outside", allowed,
+                         "Also read images and points that the data's own files name outside their folder");
+}
+
+Reading reading_for(const RunRecord& record, bool other, bool allow_outside) {
+  Reading how = record.reading;
+  how.allow_outside = allow_outside || (how.allow_outside && !other);
+  return how;
+}
+
 Scene read_split_scene(const std::filesystem::path& data, const Reading& how) {
-  Scene scene = read_scene(data, {how.skip_bad});
+  Scene scene = read_scene(data, {how.skip_bad, how.allow_outside});
   if (how.masks == MaskMeaning::transparent) expect_masks(scene);
   if (how.holdout > 0) apply_holdout(scene, how.holdout);
   if (!how.protocol.name.empty()) apply_protocol(scene, how.protocol);
@@ -121,6 +157,13 @@ Scenes scenes_of(const Captures& captures) {
   Scenes scenes;
   for (const Capture& capture : captures) scenes.push_back(capture.scene);
   return scenes;
+}
+
+void add_warnings(Captures& captures, Method& method) {
+  for (Capture& capture : captures) {
+    for (const auto& more : {method.warnings(capture.scene), log_warnings(capture.scene, method)})
+      capture.warnings.insert(capture.warnings.end(), more.begin(), more.end());
+  }
 }
 
 std::vector<std::string> describe(const Scene& scene, const Reading& how) {

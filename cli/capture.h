@@ -4,7 +4,9 @@
 #include <string>
 #include <vector>
 
+#include "cli/common.h"
 #include "models/data/load_images.h"
+#include "models/train/method.h"
 #include "models/train/run_folder.h"
 
 namespace cloam {
@@ -17,6 +19,13 @@ struct Capture {
 
 using Captures = std::vector<Capture>;
 
+/// --allow-outside of a command that reads captures.
+CLI::Option* add_allow_outside(CLI::App& parser, bool& allowed);
+
+/// How a command reads data for a run. What the user allowed when it was trained holds for its own data; `other` data
+/// are allowed nothing but what this call allows.
+Reading reading_for(const RunRecord& record, bool other, bool allow_outside);
+
 /// The capture with its split; images are not read. Fault::data, Fault::usage.
 Scene read_split_scene(const std::filesystem::path& data, const Reading& how);
 
@@ -28,6 +37,9 @@ Scene read_scene_as_listed(const std::filesystem::path& data, const Reading& how
 Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, uint64_t budget);
 
 Scenes scenes_of(const Captures& captures);
+
+/// Adds to the warnings of each what the method, once built, makes of captures of this kind.
+void add_warnings(Captures& captures, Method& method);
 
 /// Bytes of the loaded images (8-bit RGBA) of one split at a downscale.
 uint64_t image_bytes(const Scene& scene, Split split, int downscale);

@@ -25,7 +25,7 @@ Examples:
 struct CheckRequest {
   std::string data;
   int downscale = 1, holdout = 0;
-  bool skip_bad = false;
+  bool skip_bad = false, allow_outside = false;
   std::string masks = "ignore";
 };
 
@@ -42,7 +42,7 @@ std::vector<std::string> check_images(const Scene& scene, const Reading& how) {
     else if (!pixels.warnings.empty() && odd++ == 0)
       warnings.push_back(pixels.warnings.front());
   }
-  if (odd > 1) warnings.push_back(text("... and so with ", odd - 1, " more images"));
+  if (odd > 1) warnings.push_back(text("... and ", odd - 1, " more images like it"));
   return warnings;
 }
 
@@ -67,6 +67,13 @@ nlohmann::ordered_json log_json(const LogReport& log) {
           {"lidar_fit", fits}};
 }
 
+std::string alignment_text(const LidarFit& fit) {
+  if (fit.points_per_image == 0) return "alignment with the LiDAR unknown: no point falls into the images";
+  if (fit.share_worse == 0 && fit.aligned()) return "alignment with the LiDAR unknown: intensities tell nothing";
+  return fmt::format("LiDAR {} with the images (offset {:.0f}, {:.0f} px)", fit.aligned() ? "aligns" : "does not align",
+                     fit.offset_x, fit.offset_y);
+}
+
 std::string log_text(const LogReport& log) {
   std::string out = fmt::format(
       "log: {} steps, {:.1f} s at {:.1f} Hz; {} sweeps of {:.0f} points\n{} actors with {} boxes, {} of them "
@@ -74,10 +81,8 @@ std::string log_text(const LogReport& log) {
       log.steps, log.seconds, log.rate, log.sweeps, log.points_per_sweep, log.actors, log.boxes,
       log.boxes_without_points);
   for (const LidarFit& fit : log.fits) {
-    out += fmt::format(
-        "{}: {:.0f} LiDAR points an image, that fit it better than at {:.0f} % of places near by; "
-        "best at ({:+.0f}, {:+.0f}) pixels\n",
-        fit.sensor, fit.points_per_image, 100 * fit.share_worse, fit.offset_x, fit.offset_y);
+    out +=
+        fmt::format("{}: {}; {:.0f} LiDAR points per image\n", fit.sensor, alignment_text(fit), fit.points_per_image);
   }
   return out;
 }
@@ -89,8 +94,8 @@ nlohmann::ordered_json colmap_json(const ColmapFit& fit) {
 }
 
 std::string colmap_text(const ColmapFit& fit) {
-  return fmt::format("model: {} points, found {} times in images, {:.2f} pixels from where the poses put them\n",
-                     fit.points, fit.observations, fit.mean_error);
+  return fmt::format("model: {} points, seen {} times in images, mean reprojection error {:.2f} px\n", fit.points,
+                     fit.observations, fit.mean_error);
 }
 
 int run_command(const CheckRequest& request, const Common& common) {
@@ -98,6 +103,7 @@ int run_command(const CheckRequest& request, const Common& common) {
   how.downscale = request.downscale;
   how.holdout = request.holdout;
   how.skip_bad = request.skip_bad;
+  how.allow_outside = request.allow_outside;
   how.masks = mask_meaning(request.masks);
   const Scene scene = read_split_scene(request.data, how);
   std::vector<std::string> warnings = scene.warnings;
@@ -111,10 +117,8 @@ int run_command(const CheckRequest& request, const Common& common) {
   ColmapFit fit;
   if (colmap) fit = check_colmap(scene.root);
   if (fit.mean_error > kPoorFit)
-    warnings.push_back(
-        fmt::format("the model's points lie {:.1f} pixels from where they were found in the images: are "
-                    "cameras, images and points of one model?",
-                    fit.mean_error));
+    warnings.push_back(fmt::format(
+        "mean reprojection error {:.1f} px: do cameras, images and points come from the same model?", fit.mean_error));
   for (const std::string& warning : warnings) warn(warning);
   const uint64_t bytes = image_bytes(scene, Split::train, how.downscale);
   if (common.json) {
@@ -138,7 +142,8 @@ int run_command(const CheckRequest& request, const Common& common) {
   if (scene.is_log) out += log_text(log);
   if (colmap) out += colmap_text(fit);
   put(out + "training images in memory: " + words_for_bytes(bytes) + "\n");
-  say(common, "ok. next: cloam train nerf " + quoted(request.data));
+  say(common, text("ok. next: cloam train ", scene.is_log ? "genassets " : "nerf ", quoted(request.data),
+                   request.allow_outside ? " --allow-outside" : ""));
   return 0;
 }
 
@@ -152,7 +157,8 @@ Command add_check(CLI::App& program) {
   parser->add_option("--downscale", request->downscale, "As in train")->check(CLI::Range(1, 256));
   parser->add_option("--holdout", request->holdout, "As in train")->check(CLI::Range(2, 1 << 20));
   parser->add_option("--masks", request->masks, "As in train")->check(CLI::IsMember({"ignore", "transparent"}));
-  parser->add_flag("--skip-bad", request->skip_bad, "Warn of damaged images instead of stopping");
+  parser->add_flag("--skip-bad", request->skip_bad, "Skip damaged images with a warning instead of stopping");
+  add_allow_outside(*parser, request->allow_outside);
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

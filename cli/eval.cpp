@@ -6,6 +6,7 @@
 #include <chrono>
 #include <optional>
 
+#include "cli/capture.h"
 #include "cli/commands.h"
 #include "cli/eval_photos.h"
 #include "cli/eval_prior.h"
@@ -23,7 +24,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kTurnStep = 45, kTurn = 360;
 constexpr int kLeastPixels = 16;  // of an actor that an image shows
 constexpr char kExamples[] = R"(Measure a run on photos that it was not trained on.
 
@@ -76,7 +76,7 @@ void note_kind(const Photos& photos, EvalResult& result) {
 
 void measure_scene(Method& method, const Photos& photos, bool several, Evaluator& evaluator, EvalResult& result) {
   note_kind(photos, result);
-  SceneResult scene{photos.name, {}, {}, false};
+  SceneResult scene{photos.name, {}, {}, 0};
   const Guesses guesses(photos.train_scene, photos.train);
   std::optional<ActorMasks> masks;
   if (photos.scene.is_log) masks.emplace(photos.scene);
@@ -84,10 +84,15 @@ void measure_scene(Method& method, const Photos& photos, bool several, Evaluator
   std::size_t next = 0;
   EvaluateOptions options;
   options.features = evaluator.network ? &*evaluator.network : nullptr;
-  options.seen = [&](const EvaluatedImage& image) { evaluator.show(image, names[next++]); };
+  options.seen = [&](const EvaluatedImage& image) {
+    scene.truth_masks += masks && masks->has_truth(photos.scene.frames[image.frame.frame]);
+    evaluator.show(image, names[next++]);
+  };
   scene.images =
       evaluate(method, {photos.index, photos.scene, photos.measured, guesses, masks ? &*masks : nullptr}, options);
-  scene.masks_from_truth = masks && masks->from_truth();
+  if (scene.truth_masks > 0 && scene.truth_masks < scene.images.size())
+    warn(text(photos.name, ": ", scene.truth_masks, " of ", scene.images.size(),
+              " images have masks of actors in truth/; in the others the outlines of boxes stand for them"));
   // Always the run's own held-out sweeps: what it was trained on is no measure, whatever the protocol.
   if (Street* street = method.street()) scene.lidar_errors = lidar_errors(*street, photos.train_scene, photos.index);
   result.scenes.push_back(std::move(scene));
@@ -132,12 +137,12 @@ void measure_turned(Method& method, const Photos& photos, const TurnedLog& turne
   options.compare = turned.has_truth;
   options.features = evaluator.network ? &*evaluator.network : nullptr;
   options.seen = [&](const EvaluatedImage& image) {
+    result.truth_masks += masks.has_truth(turned.scene.frames[image.frame.frame]);
     evaluator.add_features(evaluator.rendered, image.picture.rgb, *image.actors);
     evaluator.show(image, text("rot", turned.degrees, "_", names[next++]));
   };
   const auto images = evaluate(method, {photos.index, turned.scene, pixels, guesses, &masks}, options);
   result.images.insert(result.images.end(), images.begin(), images.end());
-  result.masks_from_truth = masks.from_truth();
 }
 
 /// Fault::data where nothing was measured, because of `why`.
@@ -151,7 +156,8 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
                        EvalResult& result) {
   const std::vector<std::size_t> scenes = scenes_of(trained, request);
   result.scenes.resize(scenes.size());
-  for (int degrees = kTurnStep; degrees < kTurn; degrees += kTurnStep) {
+  std::vector<std::size_t> possible(scenes.size());  // images, if there were truth for all
+  for (int degrees = kTurnStep; degrees < kFullTurn; degrees += kTurnStep) {
     const RestoredRun run = restore_run(request.run, [&](Scenes& all) {
       for (Scene& scene : all) turn_actors(scene, degrees);
     });
@@ -161,6 +167,7 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
       result.scenes[i].name = photos.name;
       if (degrees == kTurnStep) add_source(photos, evaluator);
       TurnedLog turned = turned_log(photos.scene, degrees);
+      if (turned.has_truth && photos.image.empty()) possible[i] += turned.possible;
       keep_image(turned, photos);
       if (!turned.has_truth && degrees == kTurnStep)
         warn(photos.name + ": it has no images of turned actors: renders alone, beside the images as they were");
@@ -168,7 +175,13 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
       measure_turned(*run.method, photos, turned, evaluator, result.scenes[i]);
     }
   }
-  require_images(result, "turned actors hold the camera at all angles");
+  for (std::size_t i = 0; i < scenes.size(); ++i) {
+    const SceneResult& scene = result.scenes[i];
+    if (scene.images.size() < possible[i])
+      warn(text(scene.name, ": ", scene.images.size(), " of ", possible[i],
+                " images of turned actors are in truth/; those are measured"));
+  }
+  require_images(result, "turned actors hold the camera at all angles, or truth/ has no image of this moment");
   if (evaluator.rendered.rows() < 2 || evaluator.source.rows() < 2) return;
   result.sets = set_distances(evaluator.rendered, evaluator.source);
   warn_of_few_images(*result.sets);
@@ -250,6 +263,7 @@ Command add_eval(CLI::App& program) {
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->run, "Run folder")->required();
   parser->add_option("--data", request->other, "Other photos in the same coordinates: their test split, else all");
+  add_allow_outside(*parser, request->allow_outside);
   parser
       ->add_option("--protocol", request->protocol, "Of driving logs: sparse, novel or rotate360 (default: the run's)")
       ->check(CLI::IsMember(protocol_names()));

@@ -14,6 +14,7 @@ struct EvalRequest {
   std::string protocol;                   // empty: the run's own
   std::string features;                   // weights of a feature network, or "random"; empty: no feature distances
   std::optional<std::size_t> scene = {};  // of the run: that one alone
+  bool allow_outside = false;             // as Reading has it, over what the run says
 };
 
 /// The network that --features names. Fault::data for a file that holds none.

@@ -48,7 +48,7 @@ void warn_of_training_photos(const Photos& photos, const Scene& trained) {
 
 Photos own_photos(const RestoredRun& run, const EvalRequest& request, std::size_t index) {
   const RunData& data = run.record.data[index];
-  const Reading& how = run.record.reading;
+  const Reading how = reading_for(run.record, false, request.allow_outside);
   const std::string protocol = protocol_of(run, request);
   const bool other_protocol = protocol != how.protocol.name;
   Photos photos;
@@ -93,7 +93,7 @@ Photos other_photos(const RestoredRun& run, const EvalRequest& request) {
   Photos photos;
   photos.index = static_cast<int>(scene_named(run, request.other));
   photos.name = folder_name(request.other);
-  Reading how = run.record.reading;
+  Reading how = reading_for(run.record, true, request.allow_outside);
   how.holdout = 0;
   how.image.clear();
   how.protocol = {request.protocol, how.protocol.sparse_every};
@@ -129,7 +129,8 @@ std::vector<std::size_t> scenes_of(const RestoredRun& run, const EvalRequest& re
 
 void take_own_data(RestoredRun& run, EvalRequest& request, const Common& common) {
   if (request.other.empty()) return;
-  const std::string found = fingerprint(read_scene_as_listed(request.other, run.record.reading));
+  const std::string found =
+      fingerprint(read_scene_as_listed(request.other, reading_for(run.record, true, request.allow_outside)));
   for (std::size_t i = 0; i < run.record.data.size(); ++i) {
     RunData& data = run.record.data[i];
     if (data.fingerprint != found) continue;

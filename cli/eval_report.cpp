@@ -73,10 +73,13 @@ void add_figures(Report& json, const EvalResult& result, const std::vector<Image
   if (result.is_log) json["lidar_median_error_m"] = finite(median_error(lidar_errors));
 }
 
-bool masks_from_truth(const EvalResult& result) {
-  for (const SceneResult& scene : result.scenes)
-    if (!scene.masks_from_truth && !scene.images.empty()) return false;
-  return true;
+const char* source_of_masks(const EvalResult& result) {
+  std::size_t images = 0, from_truth = 0;
+  for (const SceneResult& scene : result.scenes) {
+    images += scene.images.size();
+    from_truth += scene.truth_masks;
+  }
+  return from_truth == images ? "truth" : from_truth == 0 ? "boxes" : "truth and boxes";
 }
 
 std::string csv_word(const std::string& word) {
@@ -142,7 +145,7 @@ nlohmann::ordered_json to_json(const EvalResult& result) {
   Report json = {{"schema_version", 1}, {"protocol", result.protocol}};
   if (!result.train_protocol.empty()) json["train_protocol"] = result.train_protocol;
   add_figures(json, result, all_images(result), all_errors(result));
-  if (result.is_log) json["masks"] = masks_from_truth(result) ? "truth" : "boxes";
+  if (result.is_log) json["masks"] = source_of_masks(result);
   if (!result.features.empty()) json["feature_network"] = result.features;
   if (result.sets) add_sets(json, result.features, *result.sets);
   json["method"] = result.method;

@@ -16,7 +16,7 @@ struct SceneResult {
   std::string name;  // of its folder
   std::vector<ImageScore> images;
   std::vector<double> lidar_errors;  // metres, a ray each
-  bool masks_from_truth = false;
+  std::size_t truth_masks = 0;       // images whose masks of actors are exact; of the others boxes stand for them
 };
 
 struct EvalResult {

@@ -3,7 +3,9 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdio>
+#include <cstring>
 #include <deque>
 #include <fstream>
 #include <memory>
@@ -15,6 +17,7 @@
 #include "cli/stop_signal.h"
 #include "models/data/colmap.h"
 #include "models/data/colmap_model.h"
+#include "models/data/near_misses.h"
 #include "models/data/read_scene.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"
@@ -56,20 +59,38 @@ struct Layout {
   fs::path log() const { return work() / "log.txt"; }
 };
 
+/// What was named in the place of a folder.
+[[noreturn]] void not_photos(const fs::path& file) {
+  if (!is_video_name(file)) throw Error(Fault::data, file.string() + ": is a file; give the folder of the photos");
+  throw Error(Fault::data, text(file.string(), ": is a video, not a folder of photos\n  fix: ", frames_command(file),
+                                "\n  then: cloam process frames -o DATA --matching sequential"));
+}
+
 /// Names below the folder, sorted.
 std::vector<std::string> image_names(const fs::path& folder) {
   std::error_code error;
-  if (!fs::is_directory(folder, error)) throw Error(Fault::data, folder.string() + ": no such folder");
+  if (!fs::exists(folder, error)) throw Error(Fault::data, "no such folder: " + folder.string());
+  if (!fs::is_directory(folder, error)) not_photos(folder);
   std::vector<std::string> names;
+  std::size_t heic = 0;
+  fs::path video;
   fs::recursive_directory_iterator entry(folder, error), end;
+  if (error == std::errc::permission_denied) throw Error(Fault::data, folder.string() + ": permission denied");
   for (; !error && entry != end; entry.increment(error)) {
     const bool photo = is_image_name(entry->path()) && entry->path().extension() != ".exr";
-    if (photo && entry->is_regular_file(error)) names.push_back(fs::relative(entry->path(), folder).generic_string());
+    if (photo && entry->is_regular_file(error))
+      names.push_back(entry->path().lexically_relative(folder).generic_string());
+    if (is_video_name(entry->path())) video = entry->path();
+    heic += is_heic_name(entry->path());
+    if (entry->is_symlink(error) && entry->is_directory(error))
+      warn(entry->path().string() + " is a link to a folder, which COLMAP does not follow; its photos are left out");
   }
+  if (heic > 0) warn(text(heic, " HEIC photos are left out; ", kConvertHeic));
   std::sort(names.begin(), names.end());
   if (names.size() >= kFewest) return names;
-  throw Error(Fault::data, text(folder.string(), ": holds ", names.size(), " photos (.jpg, .jpeg, .png), want ",
-                                kFewest, " or more; frames of a video: ffmpeg -i VIDEO -vf fps=2 FOLDER/%04d.jpg"));
+  throw Error(Fault::data,
+              text(folder.string(), ": holds ", names.size(), " photos (.jpg, .jpeg, .png), want ", kFewest, " or more",
+                   video.empty() ? "" : "\n  fix: take frames from the video: " + frames_command(video)));
 }
 
 /// Reads every header: what COLMAP would leave out in silence stops here. True: one camera may have taken them all.
@@ -153,7 +174,8 @@ class Colmap {
       if (const auto share = share_in(line, images_)) progress_.draw(*share);
     });
     progress_.end_line();
-    if (!log.flush()) throw Error(Fault::write, layout_.log().string() + ": cannot be written: is the disk full?");
+    if (!log.flush())
+      throw Error(Fault::write, text(layout_.log().string(), ": cannot be written: ", std::strerror(errno)));
     if (code == 0 || stop_signal.load() != 0) return;
     std::string words;
     for (const std::string& line : last) words += "\n    " + line;
@@ -204,9 +226,10 @@ std::vector<FoundModel> found_models(const fs::path& folder) {
     return a.images != b.images ? a.images > b.images : a.folder < b.folder;
   });
   if (!models.empty()) return models;
-  throw Error(Fault::data,
-              "COLMAP could place no two of the photos.\n  fix: take photos that overlap by two thirds, from several "
-              "places, sharp, of things that have texture and do not move; or try --matching exhaustive");
+  throw Error(
+      Fault::data,
+      "COLMAP could not match any two of the photos.\n  fix: take sharp photos that overlap by two thirds, from "
+      "several places, of things that have texture and do not move; or try --matching exhaustive");
 }
 
 /// A second name for the file where that can be, else a copy.
@@ -244,21 +267,23 @@ void prepare_folder(const ProcessRequest& request, const Layout& layout) {
   }
   if (is_colmap(layout.root))
     throw Error(Fault::usage,
-                layout.root.string() + " already holds a model; add --overwrite, or name another folder with -o");
+                layout.root.string() + " already holds a model; add --overwrite, or choose another folder with -o");
   fs::remove_all(layout.models(), error);
   fs::remove_all(layout.straight(), error);
   fs::create_directories(layout.models(), error);
-  if (error) throw Error(Fault::write, text(layout.models().string(), ": cannot be made: ", error.message()));
+  if (error) throw Error(Fault::write, text(layout.models().string(), ": cannot be created: ", error.message()));
 }
 
 fs::path colmap_program() {
   const fs::path found = find_program("colmap");
   if (!found.empty()) return found;
-  throw Error(Fault::usage, "COLMAP finds the poses, and there is no colmap in PATH\n  fix: apt-get install colmap");
+  throw Error(Fault::usage,
+              "COLMAP, which finds the poses, is not installed (no colmap in PATH)\n  fix: apt-get install colmap");
 }
 
 int interrupted(const Layout& layout) {
-  std::fprintf(stderr, "What COLMAP has found so far lies in %s; the same command goes on from there.\n",
+  std::fprintf(stderr,
+               "What COLMAP has found so far is kept in %s; run the same command again to continue from there.\n",
                layout.work().c_str());
   return 128 + stop_signal.load();
 }
@@ -267,8 +292,8 @@ void tell_result(const Layout& layout, std::size_t given, std::size_t models, co
   const Scene scene = read_scene(layout.root);
   const ColmapFit fit = check_colmap(scene.root);
   if (scene.frames.size() < given)
-    warn(text(given - scene.frames.size(), " of ", given, " photos found no place and are left out"));
-  if (models > 1) warn(text("the photos hang together in ", models, " groups; the largest is the capture"));
+    warn(text("COLMAP could not place ", given - scene.frames.size(), " of ", given, " photos; they are left out"));
+  if (models > 1) warn(text("the photos form ", models, " groups that do not overlap; the largest is used"));
   if (common.json) {
     const nlohmann::ordered_json json = {{"schema_version", 1},
                                          {"folder", layout.root.string()},
@@ -282,16 +307,16 @@ void tell_result(const Layout& layout, std::size_t given, std::size_t models, co
                                          {"seconds", seconds_since_start()}};
     put(json.dump() + "\n");
   } else {
-    put(fmt::format("{} of {} photos placed; {} points, {:.2f} pixels from where photos show them; {}\n",
-                    scene.frames.size(), given, fit.points, fit.mean_error, words_for_seconds(seconds_since_start())));
+    put(fmt::format("{} of {} photos placed; {} points, mean reprojection error {:.2f} px; {}\n", scene.frames.size(),
+                    given, fit.points, fit.mean_error, words_for_seconds(seconds_since_start())));
   }
   say(common, "next: cloam check " + quoted(layout.root.string()));
 }
 
 int run_command(const ProcessRequest& request, const Common& common) {
-  const fs::path program = colmap_program();
   const std::vector<std::string> names = image_names(request.images);
   const bool one_camera = all_of_one_size(request.images, names);
+  const fs::path program = colmap_program();
   const Layout layout{request.out};
   prepare_folder(request, layout);
   const FolderLock lock(layout.work());
@@ -324,7 +349,7 @@ Command add_process(CLI::App& program) {
   CLI::App* parser = program.add_subcommand("process", kExamples);
   const auto request = std::make_shared<ProcessRequest>();
   const auto common = std::make_shared<Common>();
-  parser->add_option("IMAGES", request->images, "Folder of photos, with folders in it or without")->required();
+  parser->add_option("IMAGES", request->images, "Folder of photos, subfolders included")->required();
   parser->add_option("-o,--out", request->out, "Folder of the capture")->required();
   parser
       ->add_option("--matching", request->matching,
@@ -332,13 +357,15 @@ Command add_process(CLI::App& program) {
       ->check(CLI::IsMember({"auto", "exhaustive", "sequential"}));
   parser
       ->add_option("--camera-model", request->camera_model,
-                   "COLMAP's name of the lens, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)")
+                   "COLMAP's camera model, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)")
       ->check(CLI::IsMember({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE",
                              "FULL_OPENCV", "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
-  parser->add_option("--max-size", request->max_size, "Longest side at which features are looked for (1600)")
+  parser
+      ->add_option("--max-size", request->max_size,
+                   "Longest side of the images in feature extraction, in pixels (1600)")
       ->check(CLI::Range(100, 1 << 14));
-  parser->add_flag("--undistort", request->undistort, "Make the photos those of pinholes");
-  parser->add_flag("--overwrite", request->overwrite, "Start anew in a folder that holds a model or a half-done one");
+  parser->add_flag("--undistort", request->undistort, "Undistort the images");
+  parser->add_flag("--overwrite", request->overwrite, "Replace a model, finished or not, that the folder holds");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

@@ -108,7 +108,7 @@ std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, c
   for (const int index : scenes_asked_for(run, request)) {
     const RunData& data = run.record.data[static_cast<std::size_t>(index)];
     const fs::path folder = request.data.empty() ? find_data(request.run, data) : fs::path(request.data);
-    const Scene scene = read_split_scene(folder, run.record.reading);
+    const Scene scene = read_split_scene(folder, reading_for(run.record, !request.data.empty(), request.allow_outside));
     for (const Sweep& sweep : scene.sweeps) {
       const bool in_split = request.split == "all" || (sweep.split == Split::test) == (request.split == "test");
       if (request.step ? sweep.step != *request.step : !in_split) continue;
@@ -197,6 +197,7 @@ Command add_render(CLI::App& program) {
   parser->add_flag("--lidar", request->lidar, "LiDAR sweeps along the recorded rays as PLY, no pictures");
   parser->add_flag("--exr", request->exr, "Also EXR: R G B A, depth.Z (along the ray), opacity.A");
   parser->add_option("--data", request->data, "Views of another capture in the same coordinates");
+  add_allow_outside(*parser, request->allow_outside);
   parser->add_option("--camera", request->camera,
                      "JSON with one camera or a list (as transforms.json); of a list a GIF and an MP4 too");
   add_common(*parser, *common);

@@ -10,7 +10,7 @@ namespace cloam {
 struct RenderRequest {
   std::string run, out, split = "test", path, data, camera;
   int frames = 60;
-  bool exr = false;
+  bool exr = false, allow_outside = false;
   std::string log, camera_name, size;  // of logs: number or name; a camera's name; "640x360"
   std::string time;                    // seconds on the log's clock, or with a + after its first image
   std::optional<int> step;

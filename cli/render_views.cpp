@@ -176,8 +176,9 @@ std::vector<NamedView> views_of(const RestoredRun& run, const RenderRequest& req
   if (!request.path.empty() || !request.data.empty()) scenes.resize(1);
   std::vector<NamedView> views;
   for (const int index : scenes) {
-    const Scene scene = request.data.empty() ? run.scenes[static_cast<std::size_t>(index)]
-                                             : read_split_scene(request.data, run.record.reading);
+    const Scene scene = request.data.empty()
+                            ? run.scenes[static_cast<std::size_t>(index)]
+                            : read_split_scene(request.data, reading_for(run.record, true, request.allow_outside));
     if (!request.camera_name.empty()) check_camera_name(scene, request.camera_name);
     std::vector<NamedView> more;
     if (request.path == "interpolated")

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "cli/actors.h"
+#include "cli/capture.h"
 #include "cli/commands.h"
 #include "models/data/pandaset.h"
 #include "models/data/read_scene.h"
@@ -44,6 +45,7 @@ and the log's time of day, in the box that belongs to it. It is what replace=gen
 struct SimulateRequest {
   std::string run, out, log, cameras, size, data, prior;
   int augment = 0;
+  bool allow_outside = false;
   MakerWish wish;
 };
 
@@ -290,7 +292,8 @@ int run_command(const SimulateRequest& request, const Common& common) {
   check_log(stored.scenes.at(static_cast<std::size_t>(log)), request.run);
   const fs::path data = request.data.empty() ? find_data(request.run, record.data.at(static_cast<std::size_t>(log)))
                                              : fs::path(request.data);
-  Simulation simulation(request, common, log, read_scene(data, {record.reading.skip_bad}));
+  const Reading how = reading_for(record, !request.data.empty(), request.allow_outside);
+  Simulation simulation(request, common, log, read_scene(data, {how.skip_bad, how.allow_outside}));
   if (logs.size() > 1) say(common, text("log ", log, " (", logs[static_cast<std::size_t>(log)], ") of ", logs.size()));
   return request.augment > 0 ? write_augmented(request, common, log, simulation, stored)
                              : write_one(request, common, simulation, std::move(stored));
@@ -314,6 +317,7 @@ Command add_simulate(CLI::App& program) {
   parser->add_option("--guidance", request->wish.guidance, "1: the condition alone; above: closer to it (1)")
       ->check(CLI::Range(0.0, 100.0));
   parser->add_option("--data", request->data, "Where the recorded log lies now");
+  add_allow_outside(*parser, request->allow_outside);
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

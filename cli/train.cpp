@@ -304,6 +304,7 @@ int run_train(TrainRequest request, const Common& common) {
   const std::vector<DataNow> now = data_now(job, captures);
   check_data_unchanged(job, now);
   job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);
+  if (!request.resume) add_warnings(captures, *job.method);
   if (job.source) job.method->prior()->load(*job.source);
   adopt_networks(job, request);
   adopt_prior(job, request);
@@ -334,6 +335,7 @@ void add_data_options(CLI::App& parser, TrainRequest& r) {
       ->check(CLI::Range(2, 1 << 20))
       ->group(group);
   parser.add_flag("--skip-bad", r.skip_bad, "Drop damaged images with a warning")->group(group);
+  add_allow_outside(parser, r.allow_outside)->group(group);
   parser
       .add_option("--masks", r.masks,
                   "What black in masks means: ignore (the default) or transparent: empty background")

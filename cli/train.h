@@ -23,7 +23,7 @@ struct TrainRequest {
   std::optional<int> downscale, holdout, sparse_every;
   std::string protocol, image, masks;
   int64_t stop_after = 0;
-  bool skip_bad = false, resume = false, overwrite = false, dry_run = false;
+  bool skip_bad = false, allow_outside = false, resume = false, overwrite = false, dry_run = false;
   std::vector<std::string> settings;  // key=value
   std::string progress = "auto";
 };

@@ -121,6 +121,7 @@ void check_source_options(const TrainRequest& request) {
   const std::pair<const char*, bool> options[] = {{"--downscale", request.downscale.has_value()},
                                                   {"--holdout", request.holdout.has_value()},
                                                   {"--skip-bad", request.skip_bad},
+                                                  {"--allow-outside", request.allow_outside},
                                                   {"--protocol", !request.protocol.empty()},
                                                   {"--sparse-every", request.sparse_every.has_value()},
                                                   {"--image", !request.image.empty()},
@@ -153,6 +154,7 @@ void fill_record(const TrainRequest& request, TrainJob& job) {
   r.reading.downscale = request.downscale.value_or(r.reading.downscale);
   r.reading.holdout = request.holdout.value_or(0);
   r.reading.skip_bad = request.skip_bad;
+  r.reading.allow_outside = request.allow_outside;
   r.reading.protocol = protocol_of(request);
   r.reading.image = request.image;
   r.reading.masks = mask_meaning(request.masks);
@@ -373,6 +375,7 @@ TrainJob resumed_job(const TrainRequest& request) {
   job.method = configured_method(job.record, job.config);
   job.default_steps = find_preset(job.record.preset).steps;
   job.finished = job.record.state == "finished" && request.steps.value_or(0) <= job.record.step;
+  if (request.allow_outside) job.record.reading.allow_outside = true;
   const std::vector<std::string>& given = request.new_data.empty() ? request.data : request.new_data;
   if (!job.finished || !given.empty()) find_captures(given, job);
   if (job.method->prior() && !job.data.empty()) job.source = read_run(job.data.front());

@@ -87,9 +87,8 @@ std::vector<std::uint8_t> ActorMask::any() const {
 
 ActorMasks::ActorMasks(const Scene& scene, bool use_truth) : scene_(scene) {
   const fs::path path = scene.root / "truth" / "actors.json";
-  std::error_code error;
-  if (!use_truth || !fs::is_regular_file(path, error)) return;
-  from_truth_ = true;
+  if (!use_truth || !has_file(path)) return;
+  use_truth_ = true;
   std::map<std::string, int> places;
   for (std::size_t i = 0; i < scene.actors.size(); ++i) places[scene.actors[i].id] = 1 + static_cast<int>(i);
   const Json json = parse_json_file(path);
@@ -104,8 +103,10 @@ ActorMasks::ActorMasks(const Scene& scene, bool use_truth) : scene_(scene) {
   }
 }
 
+bool ActorMasks::has_truth(const Frame& frame) const { return use_truth_ && has_file(scene_.root / mask_path(frame)); }
+
 ActorMask ActorMasks::read(const Frame& frame, const Camera& camera) const {
-  const fs::path path = resolve_inside(scene_.root, mask_path(frame));
+  const fs::path path = scene_.root / mask_path(frame);
   const Labels labels = read_labels(path);
   const int factor = camera.width > 0 ? std::max(1, labels.width / camera.width) : 1;
   if (labels.width / factor != camera.width || labels.height / factor != camera.height)
@@ -122,7 +123,7 @@ ActorMask ActorMasks::read(const Frame& frame, const Camera& camera) const {
 }
 
 ActorMask ActorMasks::of(const Frame& frame, const Camera& camera) const {
-  if (from_truth()) return read(frame, camera);
+  if (has_truth(frame)) return read(frame, camera);
   std::vector<PlacedBox> boxes;
   for (std::size_t i = 0; i < scene_.actors.size(); ++i) {
     const Actor& actor = scene_.actors[i];

@@ -19,22 +19,22 @@ struct ActorMask {
 
 /// Masks of one log, exact where it has truth beside it: truth/CAMERA/NN_actor.png (instance numbers, 8 or 16 bit, 0
 /// none) and truth/actors.json, which maps them to the ids of actors. Only actors with a box at the frame's step count
-/// (in PandaSet's logs those further away have none). Without truth the outlines of the boxes stand for them, the
-/// nearest in front.
+/// (in PandaSet's logs those further away have none). In frames without truth the outlines of the boxes stand for them,
+/// the nearest in front.
 class ActorMasks {
  public:
   /// Without use_truth the boxes are taken in any case. Fault::data for an actors.json that is damaged.
   explicit ActorMasks(const Scene& scene, bool use_truth = true);
-  bool from_truth() const { return from_truth_; }
+  bool has_truth(const Frame& frame) const;
   /// camera: of the image as loaded; masks of truth are reduced to its size, where a pixel counts if most of those it
-  /// stands for do. Fault::data, naming the file, if truth lacks it or its size does not fit.
+  /// stands for do. Fault::data, naming the file, if its size does not fit.
   ActorMask of(const Frame& frame, const Camera& camera) const;
 
  private:
   ActorMask read(const Frame& frame, const Camera& camera) const;
 
   const Scene& scene_;
-  bool from_truth_ = false;
+  bool use_truth_ = false;
   std::map<int, int> numbers_;  // instance number -> 1 + place of the actor
 };
 

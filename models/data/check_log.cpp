@@ -57,7 +57,7 @@ void check_order(const std::string& sensor, const Times& times, std::vector<std:
     const bool backwards = gap <= 0;
     if (!backwards && gap < 1.5 * period * (next->first - now->first)) continue;
     warnings.push_back(text(sensor, ": ", gap, " s from step ", now->first, " to step ", next->first,
-                            backwards ? ": time does not go on" : text(", usually it is ", period)));
+                            backwards ? ": time stamps must increase" : text(" (usually ", period, " s)")));
     return;  // one is enough
   }
 }
@@ -71,7 +71,8 @@ void check_offset(const std::string& sensor, const Times& times, const Times& li
   }
   const double offset = median(offsets), period = period_of(lidar);
   if (period > 0 && std::abs(offset) > 0.75 * period) {
-    warnings.push_back(text(sensor, ": its images are ", offset, " s away from the LiDAR sweeps of the same step"));
+    warnings.push_back(text(sensor, ": its images are taken ", std::abs(offset), " s ", offset < 0 ? "before" : "after",
+                            " the LiDAR sweeps of the same step"));
   }
 }
 
@@ -114,7 +115,6 @@ void check_boxes(const Scene& scene, const Sweep& sweep, const LidarPoints& poin
 // For each displacement, how often a return of one intensity lies on a pixel of one brightness.
 struct Comparison {
   LidarFit fit;
-  int spacing = 1;  // of the displacements, in pixels
   std::size_t points = 0;
   std::vector<double> counts = std::vector<double>(kPlaces * kPlaces * kBins * kBins);
 };
@@ -134,7 +134,7 @@ std::vector<int> brightness_bins(const Image& image) {
 void compare(const Camera& camera, const Frame& frame, const LidarPoints& points, const std::vector<int>& brightness,
              Comparison& comparison) {
   const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
-  const int margin = kReach * comparison.spacing;
+  const int spacing = comparison.fit.spacing, margin = kReach * spacing;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Eigen::Vector3d world = Eigen::Vector3f(&points.positions[3 * i]).cast<double>();
     const Eigen::Vector3d seen = (camera_from_world * world.homogeneous()).head<3>();
@@ -146,8 +146,7 @@ void compare(const Camera& camera, const Frame& frame, const LidarPoints& points
     ++comparison.points;
     const int column = static_cast<int>(place.x()), row = static_cast<int>(place.y());
     for (int shift = 0; shift < kPlaces * kPlaces; ++shift) {
-      const int y = row + (shift / kPlaces - kReach) * comparison.spacing,
-                x = column + (shift % kPlaces - kReach) * comparison.spacing;
+      const int y = row + (shift / kPlaces - kReach) * spacing, x = column + (shift % kPlaces - kReach) * spacing;
       const int cell = brightness[std::size_t(y) * camera.width + x] * kBins + bin(points.intensities[i]);
       ++comparison.counts[std::size_t(shift * kBins * kBins + cell)];
     }
@@ -182,8 +181,8 @@ LidarFit finish(const Comparison& comparison) {
   fit.share_worse = double(worse) / double(scores.size() - 1);
   const auto best = std::max_element(scores.begin(), scores.end()) - scores.begin();
   if (scores[std::size_t(best)] > scores[kNone]) {
-    fit.offset_x = double(best % kPlaces - kReach) * comparison.spacing;
-    fit.offset_y = double(best / kPlaces - kReach) * comparison.spacing;
+    fit.offset_x = double(best % kPlaces - kReach) * fit.spacing;
+    fit.offset_y = double(best / kPlaces - kReach) * fit.spacing;
   }
   return fit;
 }
@@ -198,10 +197,9 @@ std::set<int> compared_steps(const Scene& scene) {
 
 void warn_of_misfit(const LidarFit& fit, const Comparison& comparison, std::vector<std::string>& warnings) {
   constexpr std::size_t kEnough = 2000;
-  const double away = std::max(std::abs(fit.offset_x), std::abs(fit.offset_y));
-  if (comparison.points < kEnough || away <= comparison.spacing) return;
-  warnings.push_back(text(fit.sensor, ": LiDAR points fit the images better when moved by ", fit.offset_x, ", ",
-                          fit.offset_y, " pixels: are poses, intrinsics and time stamps right?"));
+  if (comparison.points < kEnough || fit.aligned()) return;
+  warnings.push_back(text(fit.sensor, ": LiDAR points fit the images better when moved by (", fit.offset_x, ", ",
+                          fit.offset_y, ") px: are poses, intrinsics and time stamps right?"));
 }
 
 using Comparisons = std::map<std::string, Comparison>;
@@ -209,11 +207,11 @@ using Comparisons = std::map<std::string, Comparison>;
 void compare_images(const Scene& scene, const Sweep& sweep, const LidarPoints& points, Comparisons& comparisons) {
   for (const Frame& frame : scene.frames) {
     if (frame.step != sweep.step) continue;
-    const Image image = read_image(resolve_inside(scene.root, frame.image));
+    const Image image = read_image(scene.root / frame.image);
     const Camera camera = resized(scene.cameras[std::size_t(frame.camera)], image.width, image.height);
     Comparison& comparison = comparisons[frame.sensor];
     comparison.fit.sensor = frame.sensor;
-    comparison.spacing = std::max(1, (camera.width + 160) / 320);
+    comparison.fit.spacing = std::max(1, (camera.width + 160) / 320);
     ++comparison.fit.images;
     compare(camera, frame, points, brightness_bins(image), comparison);
   }
@@ -246,11 +244,11 @@ LogReport check_log(const Scene& scene, bool skip_bad) {
     warn_of_misfit(report.fits.back(), comparison, report.warnings);
   }
   if (report.points_dropped > 0) {
-    report.warnings.push_back(text(report.points_dropped, " LiDAR points dropped: no numbers, or too far away"));
+    report.warnings.push_back(text(report.points_dropped, " LiDAR points dropped: NaN, infinite or too far away"));
   }
   if (report.sweeps > 0 && 2 * report.boxes_without_points > report.boxes) {
     report.warnings.push_back(text(report.boxes_without_points, " of ", report.boxes,
-                                   " boxes hold no LiDAR point: do boxes and points share a frame of axes?"));
+                                   " boxes hold no LiDAR point: are boxes and points in the same coordinate frame?"));
   }
   return report;
 }

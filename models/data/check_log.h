@@ -1,5 +1,7 @@
 // Do the parts of a driving log fit together: time stamps, boxes, LiDAR on images?
 #pragma once
+#include <algorithm>
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -17,6 +19,9 @@ struct LidarFit {
   double points_per_image = 0;        // returns in front of the camera and inside the image
   double share_worse = 0;             // of 80 displacements of the points, how many fit worse than none: 1 is best
   double offset_x = 0, offset_y = 0;  // the displacement that fits best, in pixels
+  int spacing = 1;                    // of the displacements, in pixels: what the offset is exact to
+
+  bool aligned() const { return std::max(std::abs(offset_x), std::abs(offset_y)) <= spacing; }
 };
 
 struct LogReport {

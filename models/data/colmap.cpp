@@ -66,15 +66,14 @@ class Reader {
   void read_image(const ColmapImage& image, const std::string& where) {
     Frame frame;
     frame.name = image.name;
-    frame.image = (fs::path(images_) / image.name).generic_string();
-    const fs::path file = resolve_inside(scene_.root, frame.image);
+    frame.image = path_named(scene_.root, (fs::path(images_) / image.name).generic_string(), options_.allow_outside);
     frame.world_from_camera = world_from_camera(image, where);
     const auto camera = model_.cameras.find(image.camera);
     if (camera == model_.cameras.end()) {
-      throw Error(Fault::data, text(where, ": its camera ", image.camera, " is none of the model's ",
+      throw Error(Fault::data, text(where, ": refers to camera ", image.camera, ", which is not among the model's ",
                                     model_.cameras.size(), " cameras"));
     }
-    if (!is_file(file)) {
+    if (!has_file(scene_.root / frame.image)) {
       missing_.push_back(frame.image);
       return;
     }
@@ -91,7 +90,8 @@ class Reader {
     const std::size_t left_out = model_.points.size() - scene_.cloud.count();
     if (left_out == 0) return;
     scene_.warnings.push_back(text(left_out, " of ", model_.points.size(),
-                                   " points are left out: found in no image, or not finite, or beyond ", kFarthest));
+                                   " points are left out: seen in no image, not finite, or farther away than ",
+                                   kFarthest));
   }
 
   // The mapper makes several where not all images hang together.
@@ -99,8 +99,9 @@ class Reader {
     int others = 0;
     while (has_colmap_model(scene_.root / "sparse" / std::to_string(others + 1))) ++others;
     if (others == 0 || folder_ != scene_.root / "sparse/0") return;
-    scene_.warnings.push_back(text("sparse/ has ", others + 1, " models of parts of the images; sparse/0, with ",
-                                   scene_.frames_listed, " images, is the one that is read"));
+    scene_.warnings.push_back(text("sparse/ has ", others + 1,
+                                   " models, each of a part of the images; only sparse/0, with ", scene_.frames_listed,
+                                   " images, is read"));
   }
 
   ReadOptions options_;

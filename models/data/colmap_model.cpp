@@ -159,7 +159,7 @@ class TextFile : public Records {
   /// Whether words are left in the line.
   bool more() const { return line_.find_first_not_of(" \t\r") != std::string_view::npos; }
   void end_line() const {
-    if (more()) fail(text("'", printable(line_), "' is more than the line should hold"));
+    if (more()) fail(text("'", printable(line_), "' follows the last value of the line"));
   }
   std::string word() { return std::string(next_word(line_)); }
 
@@ -184,7 +184,7 @@ class TextFile : public Records {
 
 int side(std::uint64_t pixels, const Records& file) {
   if (pixels >= 1 && pixels <= kLongestSide) return static_cast<int>(pixels);
-  throw Error(Fault::data, text(file.where(), ": a camera's side of ", pixels, " pixels, want 1 to ", kLongestSide));
+  throw Error(Fault::data, text(file.where(), ": an image side of ", pixels, " pixels, want 1 to ", kLongestSide));
 }
 
 /// Distortion that is zero is none.
@@ -215,7 +215,7 @@ void add_camera(ColmapModel& model, std::uint64_t id, const Lens& lens, Records&
   camera.model = simplest(camera);
   require_sound(camera, file.where());
   if (!model.cameras.emplace(static_cast<std::uint32_t>(id), camera).second)
-    throw Error(Fault::data, text(file.where(), ": the camera ", id, " stands twice"));
+    throw Error(Fault::data, text(file.where(), ": camera ", id, " is defined twice"));
 }
 
 std::string lens_names() {
@@ -225,7 +225,7 @@ std::string lens_names() {
 }
 
 [[noreturn]] void unknown_lens(const std::string& name, const Records& file) {
-  throw Error(Fault::data, text(file.where(), ": the camera model ", name, " is not known here; known are ",
+  throw Error(Fault::data, text(file.where(), ": the camera model ", name, " is not supported; supported: ",
                                 lens_names(), "; let COLMAP undistort the images (colmap image_undistorter)"));
 }
 
@@ -276,7 +276,7 @@ void read_binary(const fs::path& folder, bool observations, ColmapModel& model) 
     }
   }
   images.end();
-  if (!is_file(folder / "points3D.bin")) return;
+  if (!has_file(folder / "points3D.bin")) return;
   BinaryFile points(folder / "points3D.bin");
   for (auto left = points.count(8 + 3 * 8 + 3 + 8 + 8, "points"); left > 0; --left) {
     model.points.push_back(point_of(points));
@@ -286,8 +286,8 @@ void read_binary(const fs::path& folder, bool observations, ColmapModel& model) 
   points.end();
 }
 
-void read_text(const fs::path& folder, bool observations, ColmapModel& model) {
-  TextFile cameras(folder / "cameras.txt");
+void read_text_cameras(const fs::path& path, ColmapModel& model) {
+  TextFile cameras(path);
   while (cameras.next()) {
     const std::uint64_t id = cameras.whole(4, "a camera's id");
     const std::string name = cameras.word();
@@ -297,7 +297,10 @@ void read_text(const fs::path& folder, bool observations, ColmapModel& model) {
     add_camera(model, id, *lens, cameras);
     cameras.end_line();
   }
-  TextFile images(folder / "images.txt");
+}
+
+void read_text_images(const fs::path& path, bool observations, ColmapModel& model) {
+  TextFile images(path);
   while (images.next()) {
     images.whole(4, "an image's id");
     model.images.push_back(image_of(images));
@@ -306,8 +309,10 @@ void read_text(const fs::path& folder, bool observations, ColmapModel& model) {
       if (observations && found.point != kNoPoint) model.images.back().observations.push_back(found);
     }
   }
-  if (!is_file(folder / "points3D.txt")) return;
-  TextFile points(folder / "points3D.txt");
+}
+
+void read_text_points(const fs::path& path, ColmapModel& model) {
+  TextFile points(path);
   while (points.next()) {
     ColmapPoint point = point_of(points);
     for (; points.more(); ++point.track) {
@@ -316,6 +321,13 @@ void read_text(const fs::path& folder, bool observations, ColmapModel& model) {
     }
     model.points.push_back(point);
   }
+}
+
+void read_text(const fs::path& folder, bool observations, ColmapModel& model) {
+  const fs::path cameras = folder / "cameras.txt", images = folder / "images.txt", points = folder / "points3D.txt";
+  without_quotes(cameras, [&] { read_text_cameras(cameras, model); });
+  without_quotes(images, [&] { read_text_images(images, observations, model); });
+  if (has_file(points)) without_quotes(points, [&] { read_text_points(points, model); });
 }
 
 bool has_kind(const fs::path& folder, const char* extension) {

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <optional>
 
+#include "models/data/paths.h"
 #include "models/data/pickle.h"
 #include "models/io/bytes.h"
 #include "models/io/gzip.h"
@@ -410,7 +411,7 @@ std::vector<double> DataFrame::numbers(std::string_view name) const {
   return std::visit(
       [&](const auto& values) -> std::vector<double> {
         if constexpr (requires { static_cast<double>(values[0]); }) return {values.begin(), values.end()};
-        throw Error(Fault::data, text(file_, ": the column ", name, " holds no numbers"));
+        throw Error(Fault::data, text(file_, ": the column ", name, " does not hold numbers"));
       },
       found.values);
 }
@@ -420,7 +421,7 @@ const std::vector<std::string>& DataFrame::texts(std::string_view name) const {
   const Column& found = column(name);
   if (rows_ == 0) return none;
   if (const auto* texts = std::get_if<std::vector<std::string>>(&found.values)) return *texts;
-  throw Error(Fault::data, text(file_, ": the column ", name, " holds no texts"));
+  throw Error(Fault::data, text(file_, ": the column ", name, " does not hold strings"));
 }
 
 DataFrame parse_data_frame(std::span<const std::uint8_t> bytes, const std::string& name) {
@@ -430,8 +431,10 @@ DataFrame parse_data_frame(std::span<const std::uint8_t> bytes, const std::strin
 
 DataFrame read_data_frame(const std::filesystem::path& path) {
   const auto bytes = read_file(path, kMostBytes);
-  if (!is_gzip(bytes)) return parse_data_frame(bytes, path.string());
-  return parse_data_frame(gunzip(bytes, kMostBytes, path.string()), path.string());
+  return without_quotes(path, [&] {
+    if (!is_gzip(bytes)) return parse_data_frame(bytes, path.string());
+    return parse_data_frame(gunzip(bytes, kMostBytes, path.string()), path.string());
+  });
 }
 
 }  // namespace cloam

@@ -3,17 +3,20 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <set>
+#include <utility>
 
+#include "models/data/paths.h"
 #include "models/io/bytes.h"
+#include "models/io/safetensors_header.h"  // printable
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
 constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
-constexpr int kDeepest = 64;
+constexpr std::uint64_t kMostParsed = std::uint64_t{512} << 20;
+constexpr std::uint64_t kListed = 24, kKeyed = 112, kContainer = 56;  // bytes that values take, about
+constexpr std::size_t kDeepest = 64;
 
 [[noreturn]] void wrong(const std::string& where, const std::string& key, const std::string& wanted,
                         const Json& found) {
@@ -21,59 +24,122 @@ constexpr int kDeepest = 64;
                                 found.is_null() ? " (NaN and Infinity are not numbers)" : ""));
 }
 
+// Where the string that begins at `start` ends, behind its quote.
+std::size_t end_of_string(std::string_view content, std::size_t start) {
+  std::size_t i = start + 1;
+  while (i < content.size() && content[i] != '"') i += content[i] == '\\' ? 2 : 1;
+  return std::min(i + 1, content.size());
+}
+
 // Python's words for numbers that JSON has not, outside quotes, become null; line numbers stay as they are.
-std::string without_python_words(const std::string& content) {
+std::string without_python_words(std::string_view content) {
   std::string result;
   result.reserve(content.size());
-  bool quoted = false;
-  for (std::size_t i = 0; i < content.size(); ++i) {
-    const bool not_a_number = !quoted && content.compare(i, 3, "NaN") == 0;
-    const bool infinite = !quoted && content.compare(i, 8, "Infinity") == 0;
-    if (not_a_number || infinite) {
+  for (std::size_t i = 0; i < content.size();) {
+    const std::string_view rest = content.substr(i);
+    if (rest.front() == '"') {
+      const std::size_t end = end_of_string(content, i);
+      result += content.substr(i, end - i);
+      i = end;
+    } else if (rest.starts_with("NaN") || rest.starts_with("Infinity")) {
+      const bool infinite = rest.front() == 'I';
       if (infinite && !result.empty() && result.back() == '-') result.pop_back();
       result += "null";
-      i += not_a_number ? 2 : 7;
-      continue;
+      i += infinite ? 8 : 3;
+    } else {
+      result += rest.front();
+      ++i;
     }
-    result += content[i];
-    if (content[i] == '"') quoted = !quoted;
-    if (quoted && content[i] == '\\' && i + 1 < content.size()) result += content[++i];
   }
   return result;
 }
 
-std::string place(const std::string& content, std::size_t offset) {
-  const auto end = content.begin() + static_cast<std::ptrdiff_t>(std::min(offset, content.size()));
-  const auto line = std::count(content.begin(), end, '\n') + 1;
-  const auto start = content.rfind('\n', offset == 0 ? 0 : offset - 1);
-  return text("line ", line, ", column ", start == std::string::npos || start >= offset ? offset + 1 : offset - start);
+std::string place(std::string_view content, std::size_t offset) {
+  offset = std::min(offset, content.size());
+  const std::string_view before = content.substr(0, offset);
+  const std::size_t start = before.rfind('\n');  // npos + 1 is 0
+  return text("line ", std::count(before.begin(), before.end(), '\n') + 1, ", column ", offset - start);
 }
 
-// "[json.exception.parse_error.101] parse error at line 3, column 5: ..." without the library's own number.
-std::string reason(const nlohmann::json::exception& error) {
-  const char* after = std::strstr(error.what(), "] ");
-  return after ? after + 2 : error.what();
-}
-
-// Refuses what the parser would accept: deep nesting and keys given twice (which of the two counts?).
-class Strictness {
+// Builds the values and refuses what the library would accept: deep nesting, keys given twice (which of the two
+// counts?), and more values than memory should hold. In one pass, each value touched once: the library's own parser
+// with a callback looks at all earlier values of a list whenever an object in it ends.
+class Builder : public nlohmann::json_sax<Json> {
  public:
-  explicit Strictness(std::string name) : name_(std::move(name)) {}
+  Builder(std::string_view content, const std::string& name) : content_(content), name_(name) {}
 
-  bool operator()(int depth, Json::parse_event_t event, const Json& parsed) {
-    using Event = Json::parse_event_t;
-    if (depth > kDeepest) throw Error(Fault::data, text(name_, ": nested deeper than ", kDeepest));
-    if (event == Event::object_start) keys_.emplace_back();
-    if (event == Event::object_end) keys_.pop_back();
-    if (event == Event::key && !keys_.back().insert(parsed.get_ref<const std::string&>()).second) {
-      throw Error(Fault::data, text(name_, ": the key ", parsed.dump(), " stands twice in one object"));
-    }
+  Json take() { return std::move(root_); }
+
+  bool null() override { return add(nullptr); }
+  bool boolean(bool value) override { return add(value); }
+  bool number_integer(number_integer_t value) override { return add(value); }
+  bool number_unsigned(number_unsigned_t value) override { return add(value); }
+  bool number_float(number_float_t value, const string_t&) override { return add(value); }
+  bool string(string_t& value) override { return add(std::move(value)); }
+  bool binary(binary_t&) override { return false; }
+  bool start_object(std::size_t) override { return open(Json::object()); }
+  bool start_array(std::size_t) override { return open(Json::array()); }
+  bool end_object() override { return close(); }
+  bool end_array() override { return close(); }
+
+  bool key(string_t& value) override {
+    if (open_.back()->contains(value)) fail(text("the key \"", printable(value), "\" appears twice in one object"));
+    key_ = std::move(value);
     return true;
   }
 
+  bool parse_error(std::size_t position, const std::string& token, const nlohmann::detail::exception& error) override {
+    // Says "[json.exception.parse_error.101] parse error at line 3, column 5: ..."; that a number is too large has no
+    // place.
+    const std::string said = error.what();
+    const std::size_t after = said.find("] ");
+    const std::string reason = said.substr(after == said.npos ? 0 : after + 2, kLongestReason);
+    if (error.id == kOutOfRange) fail(text(place(content_, position - token.size()), ": ", reason));
+    fail("not valid JSON: " + reason);
+  }
+
  private:
-  std::string name_;
-  std::vector<std::set<std::string>> keys_;
+  static constexpr int kOutOfRange = 406;
+  static constexpr std::size_t kLongestReason = 300;
+
+  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(name_, ": ", why)); }
+
+  bool add(Json value) {
+    place_for(std::move(value));
+    return true;
+  }
+
+  bool open(Json container) {
+    if (open_.size() == kDeepest) fail(text("nested deeper than ", kDeepest));
+    open_.push_back(&place_for(std::move(container)));
+    return true;
+  }
+
+  bool close() {
+    open_.pop_back();
+    return true;
+  }
+
+  // What lies above in open_ stays where it is: nothing is added to a container while one in it is open.
+  Json& place_for(Json value) {
+    const auto* words = value.get_ptr<const std::string*>();
+    const bool listed = open_.empty() || open_.back()->is_array();
+    bytes_ += (listed ? kListed : kKeyed + key_.size()) + (value.is_structured() ? kContainer : 0);
+    bytes_ += words ? words->size() : 0;
+    if (bytes_ > kMostParsed)
+      fail(text("too many values: they would take more than ", kMostParsed >> 20, " MB of memory"));
+    if (open_.empty()) return root_ = std::move(value);
+    if (auto* list = open_.back()->get_ptr<Json::array_t*>()) return list->emplace_back(std::move(value));
+    auto& object = open_.back()->get_ref<Json::object_t&>();
+    return object.emplace(std::exchange(key_, {}), std::move(value)).first->second;
+  }
+
+  std::string_view content_;
+  const std::string& name_;
+  Json root_;
+  std::vector<Json*> open_;  // containers that are not closed yet, the innermost last
+  std::string key_;
+  std::uint64_t bytes_ = 0;
 };
 
 double finite(const Json& value, const std::string& key, const std::string& where) {
@@ -88,23 +154,17 @@ double finite(const Json& value, const std::string& key, const std::string& wher
 
 Json parse_json_file(const std::filesystem::path& path) {
   const auto bytes = read_file(path, kMostBytes);
-  return parse_json(std::string(bytes.begin(), bytes.end()), path.string());
+  const std::string_view content(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  return without_quotes(path, [&] { return parse_json(content, path.string()); });
 }
 
-Json parse_json(const std::string& given, const std::string& name) {
-  const std::string content = without_python_words(given);
-  try {
-    Strictness strictness(name);
-    return Json::parse(content, std::ref(strictness));
-  } catch (const nlohmann::json::out_of_range& error) {
-    // The one such error in parsing is a number too large for double; it carries no place but quotes the number.
-    const std::string message = reason(error);
-    const auto first = message.find('\''), last = message.rfind('\'');
-    const std::string quoted = last > first ? message.substr(first + 1, last - first - 1) : "";
-    throw Error(Fault::data, text(name, ": ", place(content, content.find(quoted)), ": ", message));
-  } catch (const nlohmann::json::exception& error) {
-    throw Error(Fault::data, text(name, ": not valid JSON: ", reason(error)));
-  }
+Json parse_json(std::string_view given, const std::string& name) {
+  const bool pythonic = given.find("NaN") != given.npos || given.find("Infinity") != given.npos;
+  const std::string changed = pythonic ? without_python_words(given) : "";
+  const std::string_view content = pythonic ? changed : given;
+  Builder builder(content, name);
+  Json::sax_parse(content.begin(), content.end(), &builder);
+  return builder.take();
 }
 
 const Json& member(const Json& object, const std::string& key, const std::string& where) {

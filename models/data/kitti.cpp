@@ -82,12 +82,13 @@ std::vector<fs::path> drives_in(const fs::path& root) {
 
 fs::path one_drive(const fs::path& root) {
   const auto drives = drives_in(root);
-  if (drives.size() == 1) return drives[0] == root ? root : resolve_inside(root, fs::relative(drives[0], root));
+  if (drives.size() == 1) return fs::canonical(drives[0]);
   constexpr std::size_t most = 10;
   std::string names;
   for (std::size_t i = 0; i < std::min(most, drives.size()); ++i) names += "\n  " + drives[i].string();
-  throw Error(Fault::data, text(root.string(), ": holds ", drives.size(), " drives, want one; give the folder of one:",
-                                names, drives.size() > most ? "\n  ..." : ""));
+  throw Error(Fault::data,
+              text(root.string(), ": holds ", drives.size(),
+                   " drives, want one; give the folder of one of them:", names, drives.size() > most ? "\n  ..." : ""));
 }
 
 std::string read_text(const fs::path& path) {
@@ -130,7 +131,7 @@ std::vector<double> numbers_of(std::string_view line, std::size_t count, const s
 class Calibration {
  public:
   explicit Calibration(const fs::path& path) : path_(path) {
-    if (!is_file(path)) {
+    if (!has_file(path)) {
       throw Error(Fault::data, text(path.string(), " is missing: a drive needs its day's calibration in the folder ",
                                     "above it (the archive ..._calib.zip)"));
     }
@@ -145,7 +146,7 @@ class Calibration {
 
   std::vector<double> numbers(const std::string& name, std::size_t count) const {
     if (!has(name)) throw Error(Fault::data, text(where(name), " is missing"));
-    return numbers_of(entries_.at(name), count, where(name));
+    return without_quotes(path_, [&] { return numbers_of(entries_.at(name), count, where(name)); });
   }
 
   Eigen::Matrix3d matrix3(const std::string& name) const {
@@ -175,7 +176,7 @@ std::optional<double> time_of(std::string_view line, const std::string& where) {
                       line[13] == ':' && line[16] == ':';
   if (!shaped) {
     throw Error(Fault::data,
-                text(where, ": looked for a time as 2011-09-26 13:04:44.540000000, found '", printable(line), "'"));
+                text(where, ": looked for a time like 2011-09-26 13:04:44.540000000, found '", printable(line), "'"));
   }
   const auto whole = [&](std::size_t start, std::size_t size) {
     int value = -1;  // no part of a time
@@ -193,18 +194,19 @@ std::optional<double> time_of(std::string_view line, const std::string& where) {
 class TimeStamps {
  public:
   TimeStamps() = default;
-  TimeStamps(const fs::path& drive, const std::string& file) : file_(file) {
-    const fs::path path = resolve_inside(drive, file);
-    if (is_file(path)) lines_ = lines_of(read_text(path));
+  TimeStamps(const fs::path& drive, const std::string& file) : file_(file), path_(drive / file) {
+    if (has_file(path_)) lines_ = lines_of(read_text(path_));
   }
 
   std::optional<double> at(int step) const {
     if (std::size_t(step) >= lines_.size()) return {};
-    return time_of(lines_[std::size_t(step)], text(file_, ", line ", step + 1));
+    const std::size_t line = std::size_t(step);
+    return without_quotes(path_, [&] { return time_of(lines_[line], text(file_, ", line ", line + 1)); });
   }
 
  private:
   std::string file_;
+  fs::path path_;
   std::vector<std::string> lines_;
 };
 
@@ -273,22 +275,22 @@ class DriveReader {
   Scene read() {
     if (drive_.filename().string().ends_with("_extract")) {
       throw Error(Fault::data, text(drive_.string(), ": is an unsynchronised drive, whose images are not rectified; ",
-                                    "download the one named ..._sync"));
+                                    "download the drive named ..._sync"));
     }
     read_poses();
     for (int camera = 0; camera < kCameras; ++camera) {
-      if (is_folder(resolve_inside(drive_, camera_name(camera) + "/data"))) read_camera(camera);
+      if (is_folder(drive_ / camera_name(camera) / "data")) read_camera(camera);
     }
-    if (is_folder(resolve_inside(drive_, "velodyne_points/data"))) read_sweeps();
-    if (is_file(resolve_inside(drive_, "tracklet_labels.xml"))) log_.guarded("tracklets", [&] { read_tracklets(); });
-    return log_.finish("image_0*/data");
+    if (is_folder(drive_ / "velodyne_points/data")) read_sweeps();
+    if (has_file(drive_ / "tracklet_labels.xml")) log_.guarded("tracklets", [&] { read_tracklets(); });
+    return log_.finish({"image_0*/data", "velodyne_points/data/*.bin", "tracklet_labels.xml"});
   }
 
  private:
-  Calibration calibration(const char* name) const { return Calibration(resolve_inside(drive_.parent_path(), name)); }
+  Calibration calibration(const char* name) const { return Calibration(drive_.parent_path() / name); }
 
   std::set<int> numbers(const std::string& folder, const char* extension) const {
-    return numbers_in(resolve_inside(drive_, folder), extension);
+    return numbers_in(drive_ / folder, extension);
   }
 
   void read_poses() {
@@ -296,11 +298,12 @@ class DriveReader {
     for (const int step : numbers("oxts/data", ".txt")) {
       const std::string file = "oxts/data/" + number_name(step) + ".txt";
       log_.guarded("pose", [&] {
-        const Oxts oxts = read_oxts(read_text(resolve_inside(drive_, file)), file);
+        const std::string content = read_text(drive_ / file);
+        const Oxts oxts = without_quotes(drive_ / file, [&] { return read_oxts(content, file); });
         if (!first) first = oxts;
         const Eigen::Vector3d place = position(oxts, *first) - position(*first, *first);
         if (place.norm() > kFarthest) {
-          throw Error(Fault::data, text(file, ": the car is ", place.norm(), " m away from its first pose"));
+          throw Error(Fault::data, text(file, ": the car is ", place.norm(), " m away from its first position"));
         }
         world_from_imu_.emplace(step, rigid(pose_of(oxts.roll_pitch_yaw, place), file));
       });
@@ -364,7 +367,7 @@ class DriveReader {
     const Eigen::Matrix3d intrinsics = projection.leftCols<3>();
     const Eigen::Vector3d others(intrinsics(0, 1), intrinsics(1, 0), intrinsics(2, 0));
     if (others.norm() > 1e-6 || std::abs(intrinsics(2, 1)) > 1e-9 || std::abs(intrinsics(2, 2) - 1) > 1e-9) {
-      throw Error(Fault::data, text(cameras_.where(key), " is no projection of a rectified image: looked for ",
+      throw Error(Fault::data, text(cameras_.where(key), " is not the projection of a rectified image: looked for ",
                                     "fx 0 cx ., 0 fy cy ., 0 0 1 ."));
     }
     RectifiedCamera camera;
@@ -381,7 +384,7 @@ class DriveReader {
 
   void set_size(Camera& camera, const std::string& key, const std::string& image) const {
     if (!cameras_.has(key)) {
-      const ImageSize size = read_image_size(resolve_inside(drive_, image));
+      const ImageSize size = read_image_size(drive_ / image);
       camera.width = size.width;
       camera.height = size.height;
       return;
@@ -412,7 +415,7 @@ class DriveReader {
   // The XML of a Boost archive: <tracklets> with an <item> each, whose <poses> have an <item> a frame.
   void read_tracklets() {
     const std::string file = "tracklet_labels.xml";
-    auto bytes = read_file(resolve_inside(drive_, file), kMostXmlBytes);
+    auto bytes = read_file(drive_ / file, kMostXmlBytes);
     pugi::xml_document document;  // expands no entity that a file defines
     const auto parsed = document.load_buffer_inplace(bytes.data(), bytes.size());
     if (!parsed) throw Error(Fault::data, text(file, ": byte ", parsed.offset, ": ", parsed.description()));

@@ -63,7 +63,7 @@ class Loader {
     const Frame& frame = scene_.frames[index];
     FramePixels result;
     result.frame = index;
-    Image full = read_image(resolve_inside(scene_.root, frame.image));
+    Image full = read_image(scene_.root / frame.image);
     const int turn = turn_of(frame, full);
     full = upright(full, turn);
     const Camera camera = fitted(scene_.cameras[frame.camera], frame, full);
@@ -72,10 +72,10 @@ class Loader {
       if (options_.masks == MaskMeaning::ignore) result.mask = as_mask(mask, options_.downscale);
       if (options_.masks == MaskMeaning::transparent) full = without_background(full, mask);
     }
-    const Image image = downscale(full, options_.downscale);
+    Image image = options_.downscale == 1 ? std::move(full) : downscale(full, options_.downscale);
     result.width = image.width;
     result.height = image.height;
-    result.rgba = as_rgba(image);
+    result.rgba = image.channels == 4 ? std::move(image.pixels) : as_rgba(image);
     result.camera = find_or_add(pixels_.cameras, scaled(camera, options_.downscale));
     for (std::size_t i = 3; i < result.rgba.size() && !pixels_.has_alpha; i += 4)
       pixels_.has_alpha = result.rgba[i] < 255;
@@ -86,17 +86,16 @@ class Loader {
 
   Pixels finish() {
     if (resized_.images > 0) {
-      warn(text(resized_.images, " images differ in size from what the data set says (", resized_.first,
+      warn(text(resized_.images, " images do not have the size that the data set lists (", resized_.first,
                 "); their intrinsics are scaled"));
     }
     if (turned_.images > 0) {
       warn(text(turned_.images, " images (", turned_.first,
-                ", ...) are turned as their EXIF orientation says: the data set lists the turned size"));
+                ", ...) are rotated as their EXIF orientation says: the data set lists the rotated size"));
     }
     if (left_.images > 0) {
       warn(text(left_.images, " images (", left_.first,
-                ", ...) have an EXIF orientation that is not followed: nothing says that the poses are of the turned ",
-                "ones, and COLMAP's are not"));
+                ", ...) have an EXIF orientation that is ignored: the listed size is that of the stored image"));
     }
     return std::move(pixels_);
   }
@@ -115,17 +114,17 @@ class Loader {
     const std::string sizes = text(frame.image, ": ", image.width, "x", image.height, " pixels, listed as ",
                                    camera.width, "x", camera.height);
     if (!has_aspect(camera, image.width, image.height))
-      throw Error(Fault::data, text(sizes, ": another aspect ratio, so another camera"));
+      throw Error(Fault::data, text(sizes, ": the aspect ratio differs, so the intrinsics cannot be scaled to it"));
     resized_.add(sizes);
     return resized(camera, image.width, image.height);
   }
 
   Image read_mask(const Frame& frame, const Image& image, int turn) const {
-    Image mask = read_image(resolve_inside(scene_.root, *frame.mask));
+    Image mask = read_image(scene_.root / *frame.mask);
     if (mask.width != image.width || mask.height != image.height) mask = upright(mask, turn);  // drawn as stored
     if (mask.width == image.width && mask.height == image.height) return mask;
-    throw Error(Fault::data, text(*frame.mask, ": the mask has ", mask.width, "x", mask.height, " pixels, its image ",
-                                  frame.image, " has ", image.width, "x", image.height));
+    throw Error(Fault::data, text(*frame.mask, ": the mask has ", mask.width, "x", mask.height,
+                                  " pixels, but its image ", frame.image, " has ", image.width, "x", image.height));
   }
 
   const Scene& scene_;

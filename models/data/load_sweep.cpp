@@ -115,13 +115,15 @@ Columns read_columns(const fs::path& path, const Sweep& sweep) {
   const auto reader = std::find_if(std::begin(kReaders), std::end(kReaders),
                                    [&](const PointReader& known) { return path.extension() == known.extension; });
   if (reader != std::end(kReaders)) return reader->read(path, sweep);
-  throw Error(Fault::data, text(path.string(), ": LiDAR points are read from .pkl.gz, .pkl, .bin, .npy and .ply"));
+  throw Error(Fault::data,
+              text(path.string(),
+                   ": cannot read LiDAR points from this kind of file; supported: .pkl.gz, .pkl, .bin, .npy, .ply"));
 }
 
 }  // namespace
 
 LidarPoints load_sweep(const Scene& scene, const Sweep& sweep) {
-  const Columns columns = read_columns(resolve_inside(scene.root, sweep.file), sweep);
+  const Columns columns = read_columns(scene.root / sweep.file, sweep);
   const Eigen::Matrix4d world_from_points =
       sweep.points_in_world ? Eigen::Matrix4d::Identity().eval() : sweep.world_from_lidar;
   LidarPoints points;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "models/data/near_misses.h"
 #include "models/data/poses.h"
 
 namespace cloam {
@@ -26,7 +27,8 @@ void LogBuilder::add(const LabelledBox& labelled, const std::string& where) {
   if (!box.world_from_box.allFinite() || !size.allFinite())
     throw Error(Fault::data, text(where, ": a value is NaN or infinite"));
   if (!(size.minCoeff() > 0) || size.maxCoeff() > kLongestBox) {
-    throw Error(Fault::data, text(where, ": a box of ", size.x(), " by ", size.y(), " by ", size.z(), " m"));
+    throw Error(Fault::data,
+                text(where, ": implausible box size: ", size.x(), " by ", size.y(), " by ", size.z(), " m"));
   }
   box.world_from_box = rigid(box.world_from_box, where);
   Actor& actor = actors_[labelled.id];
@@ -42,18 +44,21 @@ void LogBuilder::add(const LabelledBox& labelled, const std::string& where) {
   actor.boxes.push_back(box);
 }
 
-Scene LogBuilder::finish(const std::string& listed_in) {
+Scene LogBuilder::finish(const LookedFor& places) {
   for (auto& [id, actor] : actors_) scene.actors.push_back(std::move(actor));
-  if (repeated_ > 0) scene.warnings.push_back(text(repeated_, " boxes dropped: two of one actor at one step"));
+  if (repeated_ > 0)
+    scene.warnings.push_back(text(repeated_, " boxes dropped: their actors have another box at the same step"));
   if (!missing_.empty()) {
     std::string names;
     for (std::size_t i = 0; i < std::min(missing_.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing_[i];
     scene.warnings.push_back(text(missing_.size(), " listed files are missing and skipped: ", names,
-                                  missing_.size() > kMostNamed ? ", ..." : ""));
+                                  missing_.size() > kMostNamed ? ", ..." : "", near_misses(scene.root, missing_)));
   }
+  if (scene.sweeps.empty()) scene.warnings.push_back(text("no LiDAR sweeps: looked for ", places.sweeps));
+  if (scene.actors.empty()) scene.warnings.push_back(text("no boxes of actors: looked for ", places.boxes));
   if (scene.frames.empty()) {
-    throw Error(Fault::data,
-                text(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed in ", listed_in));
+    throw Error(Fault::data, text(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed in ",
+                                  places.images, near_misses(scene.root, missing_)));
   }
   return std::move(scene);
 }

@@ -18,6 +18,11 @@ struct LabelledBox {
   ActorBox box;
 };
 
+/// Where the parts of a log were looked for, for messages.
+struct LookedFor {
+  const char *images, *sweeps, *boxes;
+};
+
 class LogBuilder {
  public:
   LogBuilder(const std::filesystem::path& root, const char* format, const ReadOptions& options);
@@ -41,8 +46,8 @@ class LogBuilder {
   /// `where` at its head, for poses and sizes that no box has.
   void add(const LabelledBox& labelled, const std::string& where);
 
-  /// Fault::data without any frame; `listed_in` says where they were looked for.
-  Scene finish(const std::string& listed_in);
+  /// Warns of sweeps and boxes if there are none. Fault::data without any frame.
+  Scene finish(const LookedFor& places);
 
  private:
   ReadOptions options_;

@@ -38,12 +38,12 @@ const std::set<std::string> kNightLogs = {"057", "058", "059", "062", "063", "06
 // The first of several spellings of a file that exists, relative to the root.
 std::string find_file(const fs::path& root, const std::string& stem, std::initializer_list<const char*> extensions) {
   for (const char* extension : extensions) {
-    if (is_file(resolve_inside(root, stem + extension))) return stem + extension;
+    if (has_file(root / (stem + extension))) return stem + extension;
   }
   return "";
 }
 
-Json read_json(const fs::path& root, const std::string& name) { return parse_json_file(resolve_inside(root, name)); }
+Json read_json(const fs::path& root, const std::string& name) { return parse_json_file(root / name); }
 
 const Json& entries(const Json& json, const std::string& where) {
   if (json.is_array() && json.size() <= kMostSteps) return json;
@@ -80,12 +80,13 @@ class LogReader {
   Scene read() {
     for (const char* name : kPandasetCameras) {
       const std::string folder = text("camera/", name);
-      if (is_file(resolve_inside(scene_.root, folder + "/poses.json"))) read_camera(name, folder);
+      if (has_file(scene_.root / folder / "poses.json")) read_camera(name, folder);
     }
-    if (is_file(resolve_inside(scene_.root, "lidar/poses.json"))) read_sweeps();
+    warn_of_other_cameras();
+    if (has_file(scene_.root / "lidar/poses.json")) read_sweeps();
     read_cuboids();
     read_time_of_day();
-    return log_.finish("camera/*/poses.json");
+    return log_.finish({"camera/*/poses.json", "lidar/poses.json", "annotations/cuboids/*.pkl.gz"});
   }
 
  private:
@@ -113,11 +114,27 @@ class LogReader {
     }
   }
 
+  // Folders of images that are not read.
+  void warn_of_other_cameras() {
+    std::error_code error;
+    std::set<std::string> names;
+    for (fs::directory_iterator entry(scene_.root / "camera", error), end; !error && entry != end;
+         entry.increment(error))
+      if (entry->is_directory(error)) names.insert(entry->path().filename().string());
+    for (const std::string& name : names) {
+      const bool known =
+          std::find(std::begin(kPandasetCameras), std::end(kPandasetCameras), name) != std::end(kPandasetCameras);
+      if (known && is_file(scene_.root / "camera" / name / "poses.json")) continue;
+      scene_.warnings.push_back(text("camera/", printable(name), " is left out: ",
+                                     known ? "it has no poses.json" : "PandaSet has no camera of that name"));
+    }
+  }
+
   // PandaSet states no size: the first image has it.
   Camera read_intrinsics(const std::string& folder, const std::string& image) const {
     const std::string where = folder + "/intrinsics.json";
     const Json json = read_json(scene_.root, where);
-    const ImageSize size = read_image_size(resolve_inside(scene_.root, image));
+    const ImageSize size = read_image_size(scene_.root / image);
     Camera camera;
     camera.width = size.width;
     camera.height = size.height;
@@ -179,7 +196,7 @@ class LogReader {
 
   void read_cuboids() {
     std::error_code error;
-    if (!fs::is_directory(resolve_inside(scene_.root, "annotations/cuboids"), error)) return;
+    if (!fs::is_directory(scene_.root / "annotations/cuboids", error)) return;
     for (const auto& [step, time] : times_of_steps()) {
       const std::string stem = "annotations/cuboids/" + pandaset_number(step);
       const std::string file = find_file(scene_.root, stem, {".pkl.gz", ".pkl"});
@@ -200,7 +217,7 @@ class LogReader {
   }
 
   void read_cuboids_of(const std::string& file, int step, double time) {
-    const DataFrame frame = read_data_frame(resolve_inside(scene_.root, file));
+    const DataFrame frame = read_data_frame(scene_.root / file);
     if (frame.rows() == 0) return;
     const auto &ids = frame.texts("uuid"), &labels = frame.texts("label");
     const auto yaws = frame.numbers("yaw"), x = frame.numbers("position.x"), y = frame.numbers("position.y"),
@@ -226,9 +243,7 @@ class LogReader {
   void read_time_of_day() {
     const std::string file = "meta/time_of_day.json";
     scene_.night = kNightLogs.contains(scene_.root.filename().string());
-    if (is_file(resolve_inside(scene_.root, file))) {
-      scene_.night = flag(read_json(scene_.root, file), "night", false, file);
-    }
+    if (has_file(scene_.root / file)) { scene_.night = flag(read_json(scene_.root, file), "night", false, file); }
   }
 
   LogBuilder log_;

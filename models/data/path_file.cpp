@@ -77,7 +77,7 @@ std::vector<PathPoint> read_path_file(const std::filesystem::path& path) {
   const std::size_t first = content.find_first_not_of(" \t\r\n");
   const bool is_json = first != std::string::npos && (content[first] == '[' || content[first] == '{');
   std::vector<PathPoint> points = is_json ? read_json_path(content, name) : read_csv(content, name);
-  if (points.empty()) throw Error(Fault::data, name + ": a path without points");
+  if (points.empty()) throw Error(Fault::data, name + ": the path has no points");
   return points;
 }
 

@@ -2,54 +2,39 @@
 #include "models/data/paths.h"
 
 #include <algorithm>
-#include <deque>
 #include <numeric>
 
-#include "runtime/error.h"
+#include "models/io/bytes.h"
+#include "models/io/safetensors_header.h"  // printable
 
 namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMostLinks = 40;  // as Linux
+constexpr std::size_t kLongestPath = 4096;  // as Linux
+constexpr std::size_t kLongestName = 200;   // that is compared letter by letter
 
-[[noreturn]] void refuse(const std::string& relative, const char* why) {
-  std::string shown = relative.substr(0, 200);
-  std::replace_if(
-      shown.begin(), shown.end(), [](unsigned char c) { return c < 32 || c == 127; }, '?');
-  throw Error(Fault::data,
-              text("the path \"", shown, "\" ", why,
-                   "; paths in a data set are relative and stay inside its folder (copy the files there)"));
+[[noreturn]] void refuse(const std::string& named, const std::string& why) {
+  throw Error(Fault::data, text("the path \"", printable(named), "\" ", why));
 }
 
 bool lies_within(const fs::path& folder, const fs::path& path) {
   return std::mismatch(folder.begin(), folder.end(), path.begin(), path.end()).first == folder.end();
 }
 
-// Follows links by hand: weakly_canonical() keeps a link whose target is missing and so would tell targets apart.
-fs::path follow_links(const fs::path& root, const fs::path& relative, const std::string& shown) {
-  std::deque<fs::path> parts(relative.begin(), relative.end());
-  fs::path current = root;
-  for (int links = 0; !parts.empty();) {
-    const fs::path part = parts.front();
-    parts.pop_front();
-    if (part.empty() || part == ".") continue;
-    if (part == "..") {
-      current = current.parent_path();
-      continue;
-    }
+// The rest of an absolute path below the root, which may go by another name there (a link, a mount); else empty.
+fs::path rest_below(const fs::path& root, const fs::path& path) {
+  fs::path above;
+  for (auto part = path.begin(); part != path.end(); ++part) {
+    above /= *part;
     std::error_code error;
-    const fs::path next = part.is_absolute() ? part : current / part;
-    if (part.is_absolute() || !fs::is_symlink(next, error)) {
-      current = next;
-      continue;
-    }
-    if (++links > kMostLinks) refuse(shown, "is a ring of links");
-    const fs::path target = fs::read_symlink(next, error);
-    parts.insert(parts.begin(), target.begin(), target.end());
+    if (!fs::equivalent(above, root, error)) continue;
+    fs::path rest;
+    for (++part; part != path.end(); ++part) rest /= *part;
+    return rest;
   }
-  return current;
+  return {};
 }
 
 // Levenshtein's distance, one row at a time.
@@ -70,20 +55,19 @@ std::size_t edit_distance(const std::string& a, const std::string& b) {
 
 }  // namespace
 
-fs::path resolve_inside(const fs::path& root, const std::string& relative) {
-  const bool control =
-      std::any_of(relative.begin(), relative.end(), [](unsigned char c) { return c < 32 || c == 127; });
-  if (control) refuse(relative, "has a control character");
-  if (relative.empty()) refuse(relative, "is empty");
-  const fs::path path(relative);
-  if (path.is_absolute()) refuse(relative, "is absolute");
-  if (std::find(path.begin(), path.end(), "..") != path.end()) refuse(relative, "leaves the folder");
-  std::error_code error;
-  const fs::path folder = fs::weakly_canonical(root, error);
-  if (error) throw Error(Fault::data, text(root.string(), ": cannot be opened: ", error.message()));
-  const fs::path result = follow_links(folder, path, relative);
-  if (!lies_within(folder, result)) refuse(relative, "leaves the folder by a link");
-  return result;
+std::string path_named(const fs::path& root, const std::string& named, bool allow_outside) {
+  const bool control = std::any_of(named.begin(), named.end(), [](unsigned char c) { return c < 32 || c == 127; });
+  if (control) refuse(named, "has a control character");
+  if (named.empty()) refuse(named, "is empty");
+  if (named.size() > kLongestPath) refuse(named, text("has ", named.size(), " characters"));
+  const fs::path given = fs::path(named).lexically_normal();
+  const fs::path target = (root / given).lexically_normal();
+  if (lies_within(root, target)) return target.lexically_relative(root).generic_string();
+  const fs::path rest = given.is_absolute() ? rest_below(root, given) : fs::path();
+  if (!rest.empty()) return rest.generic_string();
+  if (allow_outside) return given.generic_string();
+  refuse(named, text("leaves the data folder ", root.string(),
+                     "; add --allow-outside if you trust this data set, else copy or link the files into the folder"));
 }
 
 bool is_file(const fs::path& path) {
@@ -91,10 +75,21 @@ bool is_file(const fs::path& path) {
   return fs::is_regular_file(path, error);
 }
 
+bool has_file(const fs::path& path) {
+  std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  if (status.type() == fs::file_type::not_found) return false;
+  if (!fs::is_regular_file(status)) file_bytes(path);  // says what it is
+  return true;
+}
+
 std::string nearest_name(const std::string& wanted, const std::vector<std::string>& names) {
   std::string nearest;
+  if (wanted.size() > kLongestName) return nearest;
   std::size_t least = wanted.size() / 3 + 2;  // a typing error or two, not another word
   for (const std::string& name : names) {
+    const std::size_t longer = std::max(wanted.size(), name.size()), shorter = std::min(wanted.size(), name.size());
+    if (longer - shorter >= least) continue;
     const std::size_t distance = edit_distance(wanted, name);
     if (distance >= least) continue;
     least = distance;

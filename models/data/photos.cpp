@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "models/data/near_misses.h"
 #include "models/data/paths.h"
 #include "models/io/image.h"
 #include "runtime/error.h"
@@ -14,17 +15,17 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kMostNamed = 5;
 
-std::string warning_of(const std::vector<std::string>& missing, std::size_t listed) {
+std::string warning_of(const std::vector<std::string>& missing, const Scene& scene) {
   std::string names;
   for (std::size_t i = 0; i < std::min(missing.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing[i];
-  return text(missing.size(), " of ", listed, " listed images are missing and skipped: ", names,
-              missing.size() > kMostNamed ? ", ..." : "");
+  return text(missing.size(), " of ", scene.frames_listed, " listed images are missing and skipped: ", names,
+              missing.size() > kMostNamed ? ", ..." : "", near_misses(scene.root, missing));
 }
 
 bool first_image_has_alpha(const Scene& scene, const ReadOptions& options) {
   for (const Frame& frame : scene.frames) {
     try {
-      return read_image_size(resolve_inside(scene.root, frame.image)).channels % 2 == 0;
+      return read_image_size(scene.root / frame.image).channels % 2 == 0;
     } catch (const Error&) {
       if (!options.skip_bad) throw;
     }
@@ -43,7 +44,7 @@ void add_masks(Scene& scene) {
   if (without.empty()) return;
   const std::string name = fs::path(without.front()).filename().string();
   scene.warnings.push_back(text(without.size(), " of ", scene.frames.size(),
-                                " images have no mask in masks/: ", without.front(), " would have masks/", name,
+                                " images have no mask in masks/: ", without.front(), " needs masks/", name,
                                 ".png or masks/", fs::path(name).replace_extension(".png").string()));
 }
 
@@ -52,19 +53,21 @@ void add_masks(Scene& scene) {
 std::optional<std::string> find_mask(const fs::path& root, const std::string& image) {
   fs::path name = image;
   if (*name.begin() == "images") name = name.lexically_relative("images");
+  if (name.is_absolute() || *name.begin() == "..") name = name.filename();  // an image outside of the folder
   const fs::path mask = "masks" / name;
   for (const fs::path& candidate : {fs::path(mask.string() + ".png"), fs::path(mask).replace_extension(".png"), mask}) {
-    if (is_file(resolve_inside(root, candidate.generic_string()))) return candidate.generic_string();
+    if (is_file(root / candidate.generic_string())) return candidate.generic_string();
   }
   return std::nullopt;
 }
 
 void finish_photos(Scene& scene, const std::vector<std::string>& missing, const ReadOptions& options) {
-  if (!missing.empty()) scene.warnings.push_back(warning_of(missing, scene.frames_listed));
+  if (!missing.empty()) scene.warnings.push_back(warning_of(missing, scene));
   if (scene.frames.empty()) {
-    throw Error(Fault::data,
-                text(scene.root.string(), ": no usable frame: ", scene.frames_listed, " listed, ", missing.size(),
-                     " without an image", missing.empty() ? "" : " (first: " + missing.front() + ")"));
+    throw Error(
+        Fault::data,
+        text(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed, ", missing.size(), " missing",
+             missing.empty() ? "" : " (first: " + missing.front() + ")", near_misses(scene.root, missing)));
   }
   add_masks(scene);
   scene.has_alpha = first_image_has_alpha(scene, options);

@@ -32,11 +32,12 @@ Eigen::Matrix4d rigid(const Eigen::Matrix4d& world_from_camera, const std::strin
   const bool found = svd.info() == Eigen::Success;
   const double shear = found ? (svd.singularValues() - Eigen::Vector3d::Ones()).cwiseAbs().maxCoeff() : 1e9;
   if (!(shear < kRotationTolerance)) {
-    throw Error(Fault::data, text(where, ": the pose is no rotation: its axes differ in length by the factor ",
-                                  1 + shear, " or are not at right angles"));
+    throw Error(Fault::data,
+                text(where, ": the pose does not hold a rotation: its axes differ in length by a factor of ", 1 + shear,
+                     " or are not at right angles"));
   }
   if (!(world_from_camera.topRightCorner<3, 1>().cwiseAbs().maxCoeff() < kFarthest)) {
-    throw Error(Fault::data, text(where, ": the camera's position is beyond ", kFarthest, " units"));
+    throw Error(Fault::data, text(where, ": the position is more than ", kFarthest, " units from the origin"));
   }
   Eigen::Matrix4d pose = world_from_camera;
   if (shear > 1e-12 || std::abs(scale - 1) > 1e-12)
@@ -49,7 +50,7 @@ void require_sound(const Camera& camera, const std::string& where) {
   const bool focal = camera.fx > 1e-3 && camera.fx < longest && camera.fy > 1e-3 && camera.fy < longest;
   const bool centre = std::abs(camera.cx) < longest && std::abs(camera.cy) < longest;
   if (focal && centre) return;
-  throw Error(Fault::data, text(where, ": the camera makes no sense: focal lengths fx ", camera.fx, ", fy ", camera.fy,
+  throw Error(Fault::data, text(where, ": implausible intrinsics: focal lengths fx ", camera.fx, ", fy ", camera.fy,
                                 ", centre cx ", camera.cx, ", cy ", camera.cy, " pixels"));
 }
 

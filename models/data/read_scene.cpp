@@ -1,15 +1,20 @@
 // The table of readers, and the message for folders that none of them knows.
 #include "models/data/read_scene.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <map>
 
 #include "models/data/colmap.h"
 #include "models/data/kitti.h"
+#include "models/data/near_misses.h"
 #include "models/data/pandaset.h"
 #include "models/data/paths.h"
 #include "models/data/rig.h"
 #include "models/data/transforms_json.h"
+#include "models/io/image.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -23,7 +28,7 @@ constexpr SceneReader kReaders[] = {
      is_transforms_json, read_transforms_json},
     {"COLMAP", "sparse/0/cameras.bin, images.bin (or .txt) beside images/ (COLMAP)", is_colmap, read_colmap},
     {"PandaSet", "camera/*_camera/poses.json, lidar/poses.json (PandaSet)", is_pandaset, read_pandaset},
-    {"rig", "rig.json (a car of your own: docs/formats.md)", is_rig, read_rig},
+    {"rig", "rig.json (your own recordings: docs/formats.md)", is_rig, read_rig},
     {"KITTI", "image_02/data, velodyne_points/data, oxts/data in a drive's folder (KITTI raw)", is_kitti, read_kitti},
 };
 
@@ -35,12 +40,19 @@ const SceneReader* reader_of(const fs::path& root) {
   return found == std::end(kReaders) ? nullptr : found;
 }
 
+[[noreturn]] void refuse(const fs::path& path, const std::string& why) {
+  throw Error(Fault::data, text(path.string(), ": ", why));
+}
+
+/// Sorted. Fault::data for a folder that may not be looked into.
 std::vector<fs::path> entries(const fs::path& folder) {
   std::vector<fs::path> found;
   std::error_code error;
-  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+  fs::directory_iterator entry(folder, error);
+  for (const fs::directory_iterator end; !error && entry != end; entry.increment(error)) {
     if (found.size() < kMostEntries) found.push_back(entry->path());
   }
+  if (error == std::errc::permission_denied) refuse(folder, "permission denied");
   std::sort(found.begin(), found.end());
   return found;
 }
@@ -64,48 +76,128 @@ std::string summary(const std::vector<fs::path>& content) {
                         : result.substr(0, std::min<std::size_t>(result.size() - 2, 300));
 }
 
-std::string advice(const std::vector<fs::path>& content) {
-  for (const fs::path& path : content) {
-    std::error_code error;
-    if (fs::is_directory(path, error) && reader_of(path)) return "give the folder inside it: " + path.string();
-  }
-  return "give the folder that holds these files; photos alone need camera poses first: cloam process "
-         "PHOTOS -o DATA";
+std::string lower(std::string word) {
+  std::transform(word.begin(), word.end(), word.begin(), [](unsigned char c) { return std::tolower(c); });
+  return word;
 }
 
-[[noreturn]] void unknown(const fs::path& path, const std::string& found, const std::string& fix) {
+// transforms.JSON, rig.json.gz and the like.
+std::string misnamed_manifest(const fs::path& entry) {
+  const std::string name = entry.filename().string(), plain = lower(name);
+  for (const std::string known : {"transforms.json", "transforms_train.json", "rig.json"}) {
+    if (plain == known && name != known) return text("rename ", name, " to ", known);
+    if (plain == known && !is_file(entry))
+      return text(name, " is not a regular file, or is a link to one that is gone");
+    if (plain.starts_with(known + ".")) return text("unpack ", name, " to ", known);
+  }
+  if (name == "transforms_test.json") return "add transforms_train.json, which transforms_test.json goes with";
+  return "";
+}
+
+// cameras.bin without images.bin, or the other way round.
+std::string half_a_model(const fs::path& root) {
+  for (const char* folder : {"sparse/0", "sparse", "."}) {
+    for (const char* kind : {".bin", ".txt"}) {
+      const auto path = [&](const char* stem) { return fs::path(folder) / (std::string(stem) + kind); };
+      const bool cameras = is_file(root / path("cameras")), images = is_file(root / path("images"));
+      if (cameras == images) continue;
+      const fs::path there = path(cameras ? "cameras" : "images"), missing = path(cameras ? "images" : "cameras");
+      return text("a COLMAP model needs ", missing.lexically_normal().string(), " beside ",
+                  there.lexically_normal().string(), ": copy it there, or export the model again");
+    }
+  }
+  return "";
+}
+
+// Folders as apps on telephones write them, whose poses nerfstudio turns into transforms.json.
+std::string app_folder(const fs::path& root) {
+  std::error_code error;
+  const char* app = nullptr;
+  if (fs::is_directory(root / "keyframes", error)) app = "polycam";
+  if (fs::is_directory(root / "EXR_RGBD", error)) app = "record3d";
+  if (!app) return "";
+  return text("this looks like an export of ", app, ": ns-process-data ", app, " --data ", root.string(),
+              " --output-dir DATA (nerfstudio) makes a capture from it");
+}
+
+bool is_photo_name(const fs::path& path) { return is_image_name(path) && lower(path.extension().string()) != ".exr"; }
+
+std::string advice_on_files(const fs::path& root, const std::vector<fs::path>& content) {
+  const auto any = [&](bool (*is_kind)(const fs::path&)) {
+    return std::find_if(content.begin(), content.end(), is_kind);
+  };
+  const std::string poses = "photos alone need camera poses first: cloam process ";
+  if (any(is_photo_name) != content.end()) return poses + root.string() + " -o DATA";
+  if (any(is_heic_name) != content.end()) return kConvertHeic;
+  if (const auto video = any(is_video_name); video != content.end())
+    return text("take frames from the video: ", frames_command(*video),
+                "\n              then: cloam process frames -o DATA");
+  return "";
+}
+
+std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
+  std::error_code error;
+  for (const fs::path& path : content)
+    if (fs::is_directory(path, error) && reader_of(path)) return "give the folder inside it: " + path.string();
+  for (const fs::path& path : content)
+    if (const std::string found = misnamed_manifest(path); !found.empty()) return found;
+  for (const std::string& found : {half_a_model(root), app_folder(root), advice_on_files(root, content)})
+    if (!found.empty()) return found;
+  for (const fs::path& path : content) {
+    if (!fs::is_directory(path, error)) continue;
+    if (const std::string found = advice_on_files(path, entries(path)); !found.empty()) return found;
+  }
+  return "give the folder that holds these files; photos alone need camera poses first: cloam process PHOTOS -o DATA";
+}
+
+[[noreturn]] void unknown(const fs::path& path) {
   std::string looked_for;
   for (const SceneReader& reader : kReaders)
     looked_for += (looked_for.empty() ? "" : "; ") + std::string(reader.looked_for);
-  throw Error(Fault::data, text(path.string(), " is not a data set that is known here.\n  looked for: ", looked_for,
-                                "\n  found:      ", found, "\n  fix:        ", fix));
+  const auto content = entries(path);
+  refuse(path, text("holds no capture that can be read.\n  looked for: ", looked_for,
+                    "\n  found:      ", summary(content), "\n  fix:        ", advice(path, content)));
+}
+
+// DATA is a file.
+[[noreturn]] void not_a_folder(const fs::path& path) {
+  const std::string kind = lower(path.extension().string());
+  const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  if (kind == ".json") refuse(path, "is a file; give its folder: " + folder.string());
+  for (const char* archive : {".zip", ".tar", ".gz", ".tgz", ".xz", ".bz2", ".zst", ".7z", ".rar", ".r3d"})
+    if (kind == archive) refuse(path, "is an archive; unpack it and give the folder");
+  if (is_video_name(path))
+    refuse(path, text("is a video\n  fix: ", frames_command(path), "\n  then: cloam process frames -o DATA"));
+  refuse(path, "is a file; give the folder of a capture");
 }
 
 [[noreturn]] void no_folder(const fs::path& path) {
-  std::error_code error;
-  if (fs::exists(path, error)) {
-    const bool manifest = path.extension() == ".json";
-    unknown(path, "a file", manifest ? "give its folder: " + path.parent_path().string() : "give a folder");
-  }
   const fs::path clean = path.has_filename() ? path : path.parent_path();  // "data/fox/" ends in an empty name
-  std::vector<std::string> names;
   const fs::path parent = clean.has_parent_path() ? clean.parent_path() : fs::path(".");
+  std::error_code error;
+  if (!fs::is_directory(parent, error))
+    throw Error(Fault::data, text("no such folder: ", path.string(), " (", parent.string(), " does not exist either)"));
+  std::vector<std::string> names;
   for (const fs::path& entry : entries(parent)) names.push_back(entry.filename().string());
   const std::string near = nearest_name(clean.filename().string(), names);
-  unknown(path, fs::is_directory(parent, error) ? "no such folder" : "no such folder, nor the folder above it",
-          near.empty() ? "check the path" : "did you mean " + (clean.parent_path() / near).string() + "?");
+  const std::string hint = near.empty() ? "" : "; did you mean " + (clean.parent_path() / near).string() + "?";
+  throw Error(Fault::data, text("no such folder: ", path.string(), hint));
 }
 
 }  // namespace
 
 Scene read_scene(const fs::path& path, const ReadOptions& options) {
   std::error_code error;
-  if (!fs::is_directory(path, error)) no_folder(path);
+  const fs::file_status status = fs::status(path, error);
+  if (!fs::status_known(status))
+    refuse(path, error == std::errc::permission_denied ? "permission denied" : error.message());
+  if (!fs::exists(status)) no_folder(path);
+  if (!fs::is_directory(status)) not_a_folder(path);
   const fs::path root = fs::canonical(path, error);
-  if (error) throw Error(Fault::data, text(path.string(), ": cannot be opened: ", error.message()));
+  if (error) refuse(path, "cannot be opened: " + error.message());
+  if (::faccessat(AT_FDCWD, root.c_str(), X_OK, AT_EACCESS) != 0) refuse(path, "permission denied");
   if (const SceneReader* reader = reader_of(root)) return reader->read(root, options);
-  const auto content = entries(path);
-  unknown(path, summary(content), advice(content));
+  unknown(path);
 }
 
 }  // namespace cloam

@@ -8,7 +8,8 @@
 namespace cloam {
 
 struct ReadOptions {
-  bool skip_bad = false;  // drop frames that are damaged, with a warning, instead of stopping
+  bool skip_bad = false;       // drop frames that are damaged, with a warning, instead of stopping
+  bool allow_outside = false;  // files that a manifest names by paths that leave the folder are read, too
 };
 
 struct SceneReader {

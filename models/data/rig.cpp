@@ -96,21 +96,23 @@ class Moments {
 class RigReader {
  public:
   RigReader(const fs::path& root, const ReadOptions& options)
-      : log_(root, "rig", options), json_(parse_json_file(resolve_inside(root, kFile))) {}
+      : log_(root, "rig", options), options_(options), json_(parse_json_file(root / kFile)) {}
 
   Scene read() {
     cameras_ = &member(json_, "cameras", kFile);
-    if (!cameras_->is_object()) throw Error(Fault::data, text(kFile, ": cameras is not an object of cameras by name"));
+    if (!cameras_->is_object())
+      throw Error(Fault::data, text(kFile, ": cameras is not an object that maps names to cameras"));
     scene_.night = flag(json_, "night", false, kFile);
     read_sweeps();
     read_frames();
     read_actors();
     if (extra_images_ > 0) {
-      scene_.warnings.push_back(text(extra_images_, " of ", scene_.frames_listed,
-                                     " images left out: of each camera a step has the one ",
-                                     "nearest in time; steps (sweeps, if there are any) run ", moments_.range()));
+      scene_.warnings.push_back(
+          text(extra_images_, " of ", scene_.frames_listed,
+               " images are left out: a step takes the image nearest in time from each camera; steps ",
+               "(sweeps, if there are any) run ", moments_.range()));
     }
-    return log_.finish("rig.json");
+    return log_.finish({kFile, "sweeps in rig.json", "actors in rig.json"});
   }
 
  private:
@@ -125,7 +127,7 @@ class RigReader {
     for (Sweep& sweep : scene_.sweeps) {
       sweep.step = int(times.size());
       if (!times.empty() && times.back() == sweep.timestamp) {
-        throw Error(Fault::data, text(kFile, ": sweeps has two of timestamp ", sweep.timestamp,
+        throw Error(Fault::data, text(kFile, ": two sweeps have the timestamp ", sweep.timestamp,
                                       "; write the points of several LiDARs into one file"));
       }
       times.push_back(sweep.timestamp);
@@ -135,16 +137,15 @@ class RigReader {
 
   void read_sweep(const Json& json, const std::string& where) {
     Sweep sweep;
-    sweep.file = string(json, "points", where);
+    sweep.file = path_named(scene_.root, string(json, "points", where), options_.allow_outside);
     const std::string extension = fs::path(sweep.file).extension().string();
-    const bool there = is_file(resolve_inside(scene_.root, sweep.file));
     if (extension != ".ply" && extension != ".npy") {
       throw Error(Fault::data, text(where, ": points is ", printable(sweep.file), ", want a .ply or .npy file"));
     }
     sweep.timestamp = number(json, "timestamp", where);
     sweep.world_from_lidar = read_pose(json, "world_from_lidar", where);
     sweep.points_in_world = flag(json, "points_in_world", false, where);
-    if (there)
+    if (has_file(scene_.root / sweep.file))
       scene_.sweeps.push_back(std::move(sweep));
     else
       log_.missing(sweep.file);
@@ -161,7 +162,7 @@ class RigReader {
     keep_nearest(read);
     if (!read.empty() && scene_.frames.empty()) {
       throw Error(Fault::data, text(kFile, ": no timestamp in frames is near one in sweeps, which run ",
-                                    moments_.range(), ": do they come from one clock?"));
+                                    moments_.range(), ": do both come from the same clock?"));
     }
   }
 
@@ -195,16 +196,18 @@ class RigReader {
 
   void read_frame(const Json& json, const std::string& where, std::vector<Frame>& read) {
     Frame frame;
-    frame.name = frame.image = string(json, "image", where);
-    const fs::path image = resolve_inside(scene_.root, frame.image);
+    frame.name = string(json, "image", where);
+    frame.image = path_named(scene_.root, frame.name, options_.allow_outside);
+    const fs::path image = scene_.root / frame.image;
     frame.sensor = string(json, "camera", where);
     frame.timestamp = number(json, "timestamp", where);
     frame.world_from_camera = read_pose(json, "world_from_camera", where);
     frame.mask = optional_string(json, "mask", where);
-    if (frame.mask && !is_file(resolve_inside(scene_.root, *frame.mask)))
-      throw Error(Fault::data, text(where, ": mask: there is no ", *frame.mask));
+    if (frame.mask) frame.mask = path_named(scene_.root, *frame.mask, options_.allow_outside);
+    if (frame.mask && !has_file(scene_.root / *frame.mask))
+      throw Error(Fault::data, text(where, ": the mask ", *frame.mask, " is missing"));
     const Json& camera = camera_of(frame.sensor, where);
-    if (!is_file(image)) {
+    if (!has_file(image)) {
       log_.missing(frame.image);
       return;
     }
@@ -219,7 +222,7 @@ class RigReader {
     std::vector<std::string> names;
     for (const auto& [other, camera] : cameras_->items()) names.push_back(printable(other));
     const std::string near = nearest_name(name, names);
-    throw Error(Fault::data, text(where, ": camera is ", printable(name), ", which is no object in cameras",
+    throw Error(Fault::data, text(where, ": camera is ", printable(name), ", which is not defined in cameras",
                                   near.empty() ? "" : "; did you mean " + near + "?"));
   }
 
@@ -238,7 +241,7 @@ class RigReader {
     labelled.size = vector3(json, "size", where);
     labelled.stationary = flag(json, "stationary", false, where);
     if (!ids_.insert(labelled.id).second)
-      throw Error(Fault::data, text(where, ": id: two actors are named ", labelled.id));
+      throw Error(Fault::data, text(where, ": id: two actors have the id ", labelled.id));
     std::map<int, std::pair<ActorBox, std::string>> boxes;  // by step, the nearest in time
     const Json& listed = array(json, "boxes", where);
     for (std::size_t i = 0; i < listed.size(); ++i) {
@@ -260,6 +263,7 @@ class RigReader {
 
   LogBuilder log_;
   Scene& scene_ = log_.scene;
+  ReadOptions options_;
   Json json_;
   const Json* cameras_ = nullptr;
   Moments moments_;

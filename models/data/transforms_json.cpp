@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 #include <set>
+#include <unordered_map>
 
 #include "models/data/json.h"
 #include "models/data/paths.h"
@@ -93,12 +95,13 @@ Source read_source(const fs::path& root, const std::string& name, Split split) {
   return source;
 }
 
-// Where the listed path is, as a path relative to the root. NeRF-synthetic lists its images without extension.
-std::optional<std::string> find_image(const fs::path& root, const std::string& listed) {
+// The image as scenes name it. NeRF-synthetic lists its images without extension.
+std::optional<std::string> find_image(const fs::path& root, const std::string& listed, bool allow_outside) {
+  const std::string name = path_named(root, listed, allow_outside);
   for (const char* extension : {"", ".png", ".jpg", ".jpeg", ".exr"}) {
-    if (!is_file(resolve_inside(root, listed + extension))) continue;
-    return fs::path(listed + extension).lexically_normal().generic_string();
+    if (is_file(root / (name + extension))) return name + extension;
   }
+  has_file(root / name);  // a folder or a device is no missing image
   return {};
 }
 
@@ -114,6 +117,7 @@ class Reader {
     const Json& frames = source.file.at("frames");
     scene_.frames_listed += frames.size();
     scene_.hints.aabb_scale = optional_number(source.file, "aabb_scale", name);
+    if (source.file.contains("ply_file_path")) ++unused_["ply_file_path"];
     scene_.has_test_split |= split == Split::test || !source.tests.empty();
     for (std::size_t i = 0; i < frames.size(); ++i) {
       try {
@@ -126,6 +130,7 @@ class Reader {
   }
 
   Scene finish() {
+    warn_of_unused();
     finish_photos(scene_, missing_, options_);
     return std::move(scene_);
   }
@@ -136,9 +141,11 @@ class Reader {
   void read_frame(const Source& source, const Json& json, std::string where) {
     Frame frame;
     frame.name = string(json, "file_path", where);
-    const auto image = find_image(scene_.root, frame.name);  // before the name is shown: it checks the characters
+    const auto image = find_image(scene_.root, frame.name,
+                                  options_.allow_outside);  // before the name is shown: it checks the characters
     where += " (" + frame.name + ")";
     const Eigen::Matrix4d pose = matrix4(json, "transform_matrix", where);
+    if (json.contains("depth_file_path")) ++unused_["depth_file_path"];
     frame.world_from_camera = opencv_from_opengl_pose(rigid(pose, where));
     if (!image) {
       missing_.push_back(frame.name);
@@ -148,16 +155,47 @@ class Reader {
     frame.split = source.split_of(frame.name);
     frame.timestamp = optional_number(json, "time", where);
     frame.mask = optional_string(json, "mask_path", where);
-    if (frame.mask && !is_file(resolve_inside(scene_.root, *frame.mask))) {
+    if (frame.mask) frame.mask = path_named(scene_.root, *frame.mask, options_.allow_outside);
+    if (frame.mask && !has_file(scene_.root / *frame.mask))
       throw Error(Fault::data, text(where, ": the mask ", *frame.mask, " is missing"));
-    }
-    frame.camera = find_or_add(scene_.cameras, read_camera_json(source.file, json, scene_.root / frame.image, where));
+    frame.camera = index_of(read_camera_json(source.file, json, scene_.root / frame.image, where));
     scene_.frames.push_back(std::move(frame));
+  }
+
+  /// Of an equal camera among the scene's. By a table: each frame may have a camera of its own.
+  int index_of(const Camera& camera) {
+    std::size_t hash = 0;
+    for (const double value : {double(camera.width), double(camera.height), camera.fx, camera.fy, camera.cx, camera.cy,
+                               camera.k[0], camera.k[1], camera.k[2], camera.k[3], camera.p1, camera.p2})
+      hash = 31 * hash + std::hash<double>()(value);
+    const auto [first, last] = cameras_.equal_range(hash);
+    const auto found = std::find_if(first, last, [&](const auto& entry) {
+      return scene_.cameras[static_cast<std::size_t>(entry.second)] == camera;
+    });
+    if (found != last) return found->second;
+    scene_.cameras.push_back(camera);
+    const int index = static_cast<int>(scene_.cameras.size()) - 1;
+    cameras_.emplace(hash, index);
+    return index;
+  }
+
+  void warn_of_unused() {
+    const std::pair<const char*, const char*> keys[] = {
+        {"depth_file_path", "depth maps are not used in training"},
+        {"ply_file_path", "splat does not start from its points; it does start from those of a COLMAP model"}};
+    for (const auto& [key, meaning] : keys) {
+      const auto found = unused_.find(key);
+      if (found == unused_.end()) continue;
+      const std::string times = found->second > 1 ? text(" (", found->second, " times)") : "";
+      scene_.warnings.push_back(text(key, " is ignored", times, ": ", meaning));
+    }
   }
 
   ReadOptions options_;
   Scene scene_;
   std::vector<std::string> missing_;
+  std::unordered_multimap<std::size_t, int> cameras_;  // places in the scene's, by their values
+  std::map<std::string, std::size_t> unused_;  // keys that mean something to others, and how often they stand there
 };
 
 }  // namespace

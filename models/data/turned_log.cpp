@@ -2,15 +2,28 @@
 #include "models/data/turned_log.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 
+#include "models/data/paths.h"
 #include "models/scene/actor_space.h"
 #include "models/scene/split.h"
 
 namespace cloam {
 
 namespace fs = std::filesystem;
+
+namespace {
+
+/// "truth/rot045/front_camera/07.jpg", relative to the root.
+std::string turned_image(const std::string& front, const Frame& frame, int degrees) {
+  char angle[16];
+  std::snprintf(angle, sizeof angle, "rot%03d", degrees);
+  return (fs::path("truth") / angle / front / fs::path(frame.image).filename()).generic_string();
+}
+
+}  // namespace
 
 void turn_actors(Scene& scene, double degrees) {
   Eigen::Matrix4d turn = Eigen::Matrix4d::Identity();
@@ -19,19 +32,28 @@ void turn_actors(Scene& scene, double degrees) {
     for (ActorBox& box : actor.boxes) box.world_from_box = (box.world_from_box * turn).eval();
 }
 
+bool has_turned_truth(const Scene& log) {
+  const std::string front = front_sensor(log);
+  return std::any_of(log.frames.begin(), log.frames.end(), [&](const Frame& frame) {
+    bool found = false;
+    for (int degrees = kTurnStep; degrees < kFullTurn && !found; degrees += kTurnStep)
+      found = frame.sensor == front && is_file(log.root / turned_image(front, frame, degrees));
+    return found;
+  });
+}
+
 TurnedLog turned_log(const Scene& log, int degrees) {
-  TurnedLog turned{log, degrees, false};
+  TurnedLog turned{log, degrees, has_turned_truth(log)};
+  const std::string front = front_sensor(log);
   turn_actors(turned.scene, degrees);
-  char name[16];
-  std::snprintf(name, sizeof name, "rot%03d", degrees);
-  const fs::path folder = fs::path("truth") / name / front_sensor(log);
-  std::error_code error;
-  turned.has_truth = fs::is_directory(log.root / folder, error);
   for (Frame& frame : turned.scene.frames) {
     const Eigen::Vector3d camera = frame.world_from_camera.topRightCorner<3, 1>();
     const bool swallowed = ActorSpace(turned.scene, frame.timestamp.value_or(0)).holds(camera);
-    frame.split = frame.sensor == front_sensor(log) && !swallowed ? Split::test : Split::unused;
-    if (turned.has_truth) frame.image = (folder / fs::path(frame.image).filename()).generic_string();
+    const bool possible = frame.sensor == front && !swallowed;
+    turned.possible += possible;
+    if (turned.has_truth) frame.image = turned_image(front, frame, degrees);
+    const bool measured = possible && (!turned.has_truth || has_file(log.root / frame.image));
+    frame.split = measured ? Split::test : Split::unused;
   }
   return turned;
 }

@@ -2,20 +2,32 @@
 #include "models/io/bytes.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <fstream>
 
 #include "runtime/error.h"
 
 namespace cloam {
+namespace {
+
+[[noreturn]] void refuse(const std::filesystem::path& path, std::string why) {
+  why[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(why[0])));  // "Permission denied", in a sentence
+  throw Error(Fault::data, text(path.string(), ": ", why));
+}
+
+}  // namespace
 
 std::uint64_t file_bytes(const std::filesystem::path& path) {
+  namespace fs = std::filesystem;
   std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  if (status.type() == fs::file_type::not_found) refuse(path, "no such file");
+  if (!fs::status_known(status)) refuse(path, error.message());
+  if (fs::is_directory(status)) refuse(path, "is a folder, not a file");
   // A pipe or device has no size and may never end.
-  if (!std::filesystem::is_regular_file(path, error)) {
-    throw Error(Fault::data, text(path.string(), ": no such file (or a folder, or a device)"));
-  }
-  const std::uint64_t size = std::filesystem::file_size(path, error);
-  if (error) throw Error(Fault::data, text(path.string(), ": its size cannot be read: ", error.message()));
+  if (!fs::is_regular_file(status)) refuse(path, "is not a regular file (it is a device, a pipe or a socket)");
+  const std::uint64_t size = fs::file_size(path, error);
+  if (error) refuse(path, error.message());
   return size;
 }
 
@@ -24,11 +36,14 @@ std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint
   if (size > largest) {
     throw Error(Fault::data, text(path.string(), ": holds ", size, " bytes, the most that is read is ", largest));
   }
+  errno = 0;
   std::ifstream file(path, std::ios::binary);
+  if (!file) refuse(path, errno != 0 ? std::generic_category().message(errno) : "cannot be opened");
   std::vector<std::uint8_t> bytes(size);
+  errno = 0;
   file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
   if (!file || static_cast<std::uint64_t>(file.gcount()) != size) {
-    throw Error(Fault::data, text(path.string(), ": cannot be read: may the user read it, is the disk sound?"));
+    refuse(path, errno != 0 ? std::generic_category().message(errno) : "changed while it was read");
   }
   return bytes;
 }

@@ -22,6 +22,14 @@ using Bytes = std::vector<std::uint8_t>;
 constexpr std::uint64_t kMostValues = std::uint64_t{1} << 29;
 constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 31;
 constexpr int kLongestSide = 1 << 17;
+// What a header may promise, measured by the bytes that follow. Deflate shrinks to 1/1032 at best, JPEG to about that;
+// of EXR's other compressions some write a block of equal pixels in a few bytes.
+constexpr std::uint64_t kMostShrunk = 1100, kMostShrunkExr = 10000;
+constexpr std::uint64_t kSmall = 16 << 20;         // bytes of pixels that nobody needs to ask about
+constexpr std::uint64_t kMuch = 256 << 20;         // bytes as RGBA from which on a file must hold more than flat colour
+constexpr std::uint64_t kLeastShareOfMuch = 200;   // of these bytes to one of the file
+constexpr std::uint64_t kLargestBlock = 64 << 20;  // bytes of one tile, or of the lines that are compressed together
+constexpr std::uint64_t kAtOnce = 8 << 20;         // bytes of lines that are decoded in one call, if blocks are small
 
 [[noreturn]] void damaged(const std::filesystem::path& path, const std::string& why) {
   throw Error(Fault::data, text(path.string(), ": damaged image: ", why, "; copy it again, or use --skip-bad"));
@@ -111,14 +119,114 @@ void require_complete_jpeg(const std::filesystem::path& path, const Bytes& bytes
   }
 }
 
+/// What decides how many parts an EXR is stored in.
+struct ExrHeader {
+  std::int64_t width = 0, height = 0, tile_width = 0, tile_height = 0;
+  int compression = 0;
+
+  /// The least number: without the smaller copies that it may hold.
+  std::int64_t parts() const {
+    constexpr int lines[] = {1, 1, 1, 16, 32, 16, 32, 32, 32, 256};
+    if (tile_width > 0 && tile_height > 0)
+      return ((width + tile_width - 1) / tile_width) * ((height + tile_height - 1) / tile_height);
+    const int together = compression < static_cast<int>(std::size(lines)) ? lines[compression] : 1;
+    return (height + together - 1) / together;
+  }
+};
+
+/// Attributes (name, kind, size, value) up to an empty name. False where there is no further header.
+bool read_exr_header(ByteReader& reader, ExrHeader& header) {
+  constexpr std::size_t longest = 255;
+  std::string name = reader.zero_ended(longest, "an EXR attribute");
+  if (name.empty()) return false;
+  for (; !name.empty(); name = reader.zero_ended(longest, "an EXR attribute")) {
+    reader.zero_ended(longest, "an EXR attribute");
+    ByteReader value(reader.take(reader.little<std::uint32_t>("an EXR attribute"), "an EXR attribute"), "");
+    if (name == "compression" && value.remaining() == 1) header.compression = value.little<std::uint8_t>("");
+    if (name == "tiles" && value.remaining() == 9) {
+      header.tile_width = value.little<std::uint32_t>("");
+      header.tile_height = value.little<std::uint32_t>("");
+    }
+    if (name == "dataWindow" && value.remaining() == 16) {
+      std::int64_t corners[4];
+      for (std::int64_t& corner : corners) corner = value.little<std::int32_t>("");
+      header.width = corners[2] - corners[0] + 1;
+      header.height = corners[3] - corners[1] + 1;
+    }
+  }
+  return true;
+}
+
+// The library makes room for a table of all parts before it can be asked for the size; the file must hold that table.
+// openexr.com/en/latest/OpenEXRFileLayout.html
+void require_sound_exr(const std::filesystem::path& path, const Bytes& bytes) {
+  constexpr std::uint32_t deep = 0x800, several = 0x1000;
+  ByteReader reader(bytes, path.string());
+  reader.skip(4, "the EXR signature");
+  const auto version = reader.little<std::uint32_t>("the EXR version");
+  if (version & deep) damaged(path, "deep EXR images, with several samples a pixel, are not read");
+  std::int64_t parts = 0;
+  for (ExrHeader header; read_exr_header(reader, header); header = {}) {
+    if (header.width < 1 || header.height < 1 || header.width > kLongestSide || header.height > kLongestSide)
+      damaged(path, text("the header says ", header.width, "x", header.height, " pixels"));
+    parts += header.parts();
+    if (!(version & several)) break;
+  }
+  if (parts > static_cast<std::int64_t>(reader.remaining() / 8))
+    damaged(path, text("the header promises ", parts, " parts, only ", reader.remaining(), " bytes follow"));
+}
+
 // An opened decoder and the memory that it reads from.
 struct Decoder {
+  std::filesystem::path path;
   Bytes bytes;
   std::unique_ptr<OIIO::Filesystem::IOMemReader> memory;
   std::unique_ptr<OIIO::ImageInput> input;
   OIIO::ImageSpec spec;
   std::string format;
 };
+
+/// Small files can promise gigabytes; what they promise is known before any pixel is decoded.
+void require_proportion(const Decoder& decoder) {
+  const OIIO::ImageSpec& spec = decoder.spec;
+  const std::uint64_t pixels = spec.image_pixels(), file = decoder.bytes.size();
+  const auto bits = static_cast<std::uint64_t>(
+      spec.get_int_attribute("oiio:BitsPerSample", static_cast<int>(8 * spec.format.size())));
+  const std::uint64_t raw = pixels * static_cast<std::uint64_t>(spec.nchannels) * bits / 8;
+  const std::uint64_t most = decoder.format == "openexr" ? kMostShrunkExr : kMostShrunk;
+  const bool held = raw <= kSmall || raw / most <= file;
+  const bool flat = 4 * pixels > kMuch && 4 * pixels / kLeastShareOfMuch > file;
+  if (held && !flat) return;
+  throw Error(Fault::data, text(decoder.path.string(), ": the header says ", spec.width, "x", spec.height,
+                                " pixels with ", spec.nchannels, " channels, but the file has only ", file,
+                                " bytes: it is damaged, or made to fill the memory"));
+}
+
+/// How many lines the file's compression packs together. openexr.com/en/latest/OpenEXRFileLayout.html
+int lines_in_block(const OIIO::ImageSpec& spec) {
+  if (spec.tile_height > 0) return spec.tile_height;
+  std::string compression = spec.get_string_attribute("compression", "none");
+  compression = compression.substr(0, compression.find(':'));  // "dwaa:45"
+  if (compression == "dwab") return 256;
+  if (compression == "piz" || compression == "b44" || compression == "b44a" || compression == "dwaa") return 32;
+  return compression == "zip" || compression == "pxr24" ? 16 : 1;
+}
+
+void require_exr_layout(const Decoder& decoder) {
+  const OIIO::ImageSpec& spec = decoder.spec;
+  if (spec.x != spec.full_x || spec.y != spec.full_y || spec.width != spec.full_width ||
+      spec.height != spec.full_height) {
+    throw Error(Fault::data, text(decoder.path.string(), ": the data window (", spec.width, "x", spec.height, " at ",
+                                  spec.x, ", ", spec.y, ") is not the display window (", spec.full_width, "x",
+                                  spec.full_height, "); save the image without cropping or overscan"));
+  }
+  const int width = spec.tile_width > 0 ? spec.tile_width : spec.width;
+  const auto block = static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(lines_in_block(spec)) *
+                     static_cast<std::uint64_t>(spec.nchannels) * sizeof(float);
+  if (block <= kLargestBlock) return;
+  throw Error(Fault::data, text(decoder.path.string(), ": blocks of ", width, "x", lines_in_block(spec),
+                                " pixels are too large to decode; save the image in smaller tiles, or with zip"));
+}
 
 void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec, int most_channels) {
   const bool sides =
@@ -133,11 +241,13 @@ void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec
 
 Decoder open(const std::filesystem::path& path, int most_channels) {
   Decoder decoder;
+  decoder.path = path;
   decoder.bytes = read_file(path, kMostBytes);
   decoder.format = format_of(decoder.bytes);
   require_format(path, decoder.format);
   if (decoder.format == "png") require_sound_png(path, decoder.bytes);
   if (decoder.format == "jpeg") require_complete_jpeg(path, decoder.bytes);
+  if (decoder.format == "openexr") require_sound_exr(path, decoder.bytes);
   OIIO::attribute("try_all_readers", 0);
   decoder.memory = std::make_unique<OIIO::Filesystem::IOMemReader>(decoder.bytes.data(), decoder.bytes.size());
   decoder.input = OIIO::ImageInput::create(decoder.format);
@@ -147,28 +257,69 @@ Decoder open(const std::filesystem::path& path, int most_channels) {
   decoder.input->set_ioproxy(decoder.memory.get());
   if (!decoder.input->open(path.string(), decoder.spec, options)) damaged(path, decoder.input->geterror());
   require_spec(path, decoder.spec, most_channels);
+  require_proportion(decoder);
+  if (decoder.format == "openexr") require_exr_layout(decoder);
   return decoder;
 }
 
 template <class Value>
-std::vector<Value> decode(const std::filesystem::path& path, Decoder& decoder, OIIO::TypeDesc type) {
+std::vector<Value> decode(Decoder& decoder, OIIO::TypeDesc type) {
   std::vector<Value> values(decoder.spec.image_pixels() * decoder.spec.nchannels);
   const bool read = decoder.input->read_image(0, 0, 0, decoder.spec.nchannels, type, values.data());
-  if (!read || decoder.input->has_error()) damaged(path, decoder.input->geterror());
+  if (!read || decoder.input->has_error()) damaged(decoder.path, decoder.input->geterror());
   return values;
 }
 
-// EXR stores colours times alpha; Image wants them straight.
-Bytes straight_8_bit(const std::filesystem::path& path, const std::vector<float>& values, int channels) {
-  Bytes pixels(values.size());
-  const bool has_alpha = channels == 2 || channels == 4;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    if (!std::isfinite(values[i])) damaged(path, text("pixel ", i / channels, " is not finite"));
-    const std::size_t last = i / channels * channels + channels - 1;
-    const bool divide = has_alpha && i != last && values[last] > 0;
-    const float value = divide ? values[i] / values[last] : values[i];
-    pixels[i] = static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.0f, 1.0f)));
+/// A part of an image: columns and rows from x and y on.
+struct Block {
+  int x = 0, y = 0, width = 0, height = 0;
+};
+
+/// `take(block, values)` for one block after another, with the values as floats: an EXR is never held whole as such.
+template <class Take>
+void decode_blocks(Decoder& decoder, Take take) {
+  const OIIO::ImageSpec& spec = decoder.spec;
+  const bool tiled = spec.tile_width > 0;
+  const std::size_t line = spec.width * spec.nchannels * sizeof(float);
+  const int together = lines_in_block(spec), several = std::max(1, static_cast<int>(kAtOnce / (line * together)));
+  const int across = tiled ? spec.tile_width : spec.width, down = tiled ? together : together * several;
+  std::vector<float> values;
+  for (int y = 0; y < spec.height; y += down) {
+    for (int x = 0; x < spec.width; x += across) {
+      const Block block{x, y, std::min(across, spec.width - x), std::min(down, spec.height - y)};
+      const int left = spec.x + x, top = spec.y + y, right = left + block.width, bottom = top + block.height;
+      values.resize(static_cast<std::size_t>(block.width) * block.height * spec.nchannels);
+      const bool read = tiled ? decoder.input->read_tiles(0, 0, left, right, top, bottom, 0, 1, 0, spec.nchannels,
+                                                          OIIO::TypeDesc::FLOAT, values.data())
+                              : decoder.input->read_scanlines(0, 0, top, bottom, 0, 0, spec.nchannels,
+                                                              OIIO::TypeDesc::FLOAT, values.data());
+      if (!read || decoder.input->has_error()) damaged(decoder.path, decoder.input->geterror());
+      take(block, values);
+    }
   }
+}
+
+std::uint8_t rounded(float value) {
+  return static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.0f, 1.0f)));
+}
+
+// EXR stores colours times alpha; Image wants them straight.
+Bytes straight_8_bit(Decoder& decoder) {
+  const std::size_t channels = static_cast<std::size_t>(decoder.spec.nchannels), width = decoder.spec.width;
+  const bool has_alpha = channels == 2 || channels == 4;
+  Bytes pixels(decoder.spec.image_pixels() * channels);
+  decode_blocks(decoder, [&](const Block& block, const std::vector<float>& values) {
+    for (std::size_t i = 0; i < values.size(); i += channels) {
+      const std::size_t place = i / channels, row = block.y + place / block.width,
+                        column = block.x + place % block.width;
+      const float alpha = has_alpha ? values[i + channels - 1] : 0;
+      for (std::size_t c = 0; c < channels; ++c) {
+        if (!std::isfinite(values[i + c])) damaged(decoder.path, text("pixel ", column, ", ", row, " is not finite"));
+        const bool divide = alpha > 0 && c + 1 < channels;
+        pixels[(row * width + column) * channels + c] = rounded(divide ? values[i + c] / alpha : values[i + c]);
+      }
+    }
+  });
   return pixels;
 }
 
@@ -202,9 +353,9 @@ Image read_image(const std::filesystem::path& path) {
   const int orientation = decoder.spec.get_int_attribute("Orientation", 1);
   image.orientation = orientation >= 1 && orientation <= 8 ? orientation : 1;
   if (decoder.format == "openexr") {
-    image.pixels = straight_8_bit(path, decode<float>(path, decoder, OIIO::TypeDesc::FLOAT), image.channels);
+    image.pixels = straight_8_bit(decoder);
   } else {
-    image.pixels = decode<std::uint8_t>(path, decoder, OIIO::TypeDesc::UINT8);
+    image.pixels = decode<std::uint8_t>(decoder, OIIO::TypeDesc::UINT8);
   }
   return image;
 }
@@ -248,9 +399,9 @@ Labels read_labels(const std::filesystem::path& path) {
     throw Error(Fault::data, text(path.string(), ": want a PNG of whole numbers with 8 or 16 bit"));
   Labels labels{decoder.spec.width, decoder.spec.height, {}};
   if (deep) {
-    labels.values = decode<std::uint16_t>(path, decoder, OIIO::TypeDesc::UINT16);
+    labels.values = decode<std::uint16_t>(decoder, OIIO::TypeDesc::UINT16);
   } else {
-    const Bytes bytes = decode<std::uint8_t>(path, decoder, OIIO::TypeDesc::UINT8);
+    const Bytes bytes = decode<std::uint8_t>(decoder, OIIO::TypeDesc::UINT8);
     labels.values.assign(bytes.begin(), bytes.end());
   }
   return labels;
@@ -263,9 +414,12 @@ std::vector<float> read_exr_layer(const std::filesystem::path& path, const std::
   if (found == names.end()) {
     throw Error(Fault::data, text(path.string(), ": no layer ", name, ", it has: ", OIIO::Strutil::join(names, ", ")));
   }
-  const auto all = decode<float>(path, decoder, OIIO::TypeDesc::FLOAT);
+  const std::size_t channel = found - names.begin(), channels = names.size(), width = decoder.spec.width;
   std::vector<float> layer(decoder.spec.image_pixels());
-  for (std::size_t i = 0; i < layer.size(); ++i) layer[i] = all[i * names.size() + (found - names.begin())];
+  decode_blocks(decoder, [&](const Block& block, const std::vector<float>& values) {
+    for (std::size_t i = 0; i * channels < values.size(); ++i)
+      layer[(block.y + i / block.width) * width + block.x + i % block.width] = values[i * channels + channel];
+  });
   return layer;
 }
 

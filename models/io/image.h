@@ -31,9 +31,10 @@ bool is_image_name(const std::filesystem::path& path);
 /// The header alone. Errors as read_image, as far as the header shows them.
 ImageSize read_image_size(const std::filesystem::path& path);
 
-/// Fault::data for a file that is missing, of another format, named against its content, cut short or damaged,
-/// with more than 4 channels, or with more than 2^29 values (2^27 in an EXR). Deeper pixels are rounded to 8 bit after
-/// clamping to [0, 1].
+/// Fault::data for a file that is missing, of another format, named against its content, cut short or damaged, with
+/// more than 4 channels, with more than 2^29 values (2^27 in an EXR), or with far fewer bytes than so many pixels take,
+/// which is told from the header. Deeper pixels are rounded to 8 bit after clamping to [0, 1]; an EXR is decoded part
+/// by part, so that no more than 64 MB of floats are held at once.
 Image read_image(const std::filesystem::path& path);
 
 /// The image as it is to be looked at if its EXIF orientation is this one (1 to 8): mirrored, turned, or both.

@@ -2,6 +2,7 @@
 #include "models/io/ply.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <charconv>
 #include <cstring>
 #include <fstream>
@@ -267,7 +268,7 @@ void read_ply(const std::filesystem::path& path, const std::function<PlyRow(cons
   const std::uint64_t size = file_bytes(path);
   std::filebuf file;
   if (!file.open(path, std::ios::in | std::ios::binary)) {
-    throw Error(Fault::data, text(path.string(), ": cannot be opened: may the user read it?"));
+    throw Error(Fault::data, text(path.string(), ": cannot be opened: ", std::strerror(errno)));
   }
   Parser(file, size, path.string()).parse(begin);
 }

@@ -107,6 +107,13 @@ void Splat::build(const Scenes& scenes, uint64_t seed) {
     params_["exposure"] = parameter(std::vector<float>(static_cast<size_t>(6 * frames_), 0), {frames_, 6});
 }
 
+std::vector<std::string> Splat::warnings(const Scene& scene) const {
+  if (config_.initial != "auto" || scene.cloud.count() > 0 || !scene.sweeps.empty()) return {};
+  return {
+      "no points: gaussians start at random positions in the region that the cameras see; a COLMAP model with points "
+      "gives a better start (cloam process PHOTOS -o DATA makes one)"};
+}
+
 void Splat::put(const Gaussians& gaussians) {
   const auto count = static_cast<int64_t>(gaussians.count());
   for (const Part& part : parts()) params_[part.name] = parameter(gaussians.*part.values, shape_of(part, count));

@@ -48,6 +48,7 @@ class Splat final : public Method {
   void fit_to(const TensorMap& parameters) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
+  std::vector<std::string> warnings(const Scene& scene) const override;
 
  private:
   struct Photograph {

@@ -100,6 +100,8 @@ class Method {
   /// Named figures of the last step for the progress line.
   virtual std::map<std::string, double> metrics() const { return {}; }
   virtual Picture render(const View& view) = 0;
+  /// What the user should know about how it will begin with a scene, a line each. After build.
+  virtual std::vector<std::string> warnings(const Scene&) const { return {}; }
   /// What it can do with actors and LiDAR; null: it knows neither.
   virtual Street* street() { return nullptr; }
   /// Of methods that learn from the assets of a run instead of captures: build is given that run's scenes, and the

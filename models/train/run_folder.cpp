@@ -45,6 +45,7 @@ Json to_json(const Reading& reading) {
                {"sparse_every", reading.protocol.sparse_every}};
   if (reading.masks != MaskMeaning::ignore) json["masks"] = to_string(reading.masks);
   if (!reading.image.empty()) json["image"] = reading.image;
+  if (reading.allow_outside) json["allow_outside"] = true;
   return json;
 }
 
@@ -57,6 +58,7 @@ Reading reading_from(const Json& json, const std::string& where) {
   reading.protocol.sparse_every = static_cast<int>(std::clamp<int64_t>(whole(json, "sparse_every", where), 0, 1 << 30));
   reading.masks = mask_meaning(optional_string(json, "masks", where).value_or(""));
   reading.image = optional_string(json, "image", where).value_or("");
+  reading.allow_outside = flag(json, "allow_outside", false, where);
   return reading;
 }
 

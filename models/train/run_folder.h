@@ -41,8 +41,9 @@ struct Reading {
   int holdout = 0;  // 0: the split of the source
   bool skip_bad = false;
   MaskMeaning masks = MaskMeaning::ignore;
-  Protocol protocol = {};  // no name: none
-  std::string image = {};  // "front_camera/05": that one alone; empty: all that the split gives
+  Protocol protocol = {};      // no name: none
+  std::string image = {};      // "front_camera/05": that one alone; empty: all that the split gives
+  bool allow_outside = false;  // --allow-outside: files that a manifest names outside of its folder are read, too
 };
 
 /// state: running | finished | interrupted | stopped (--stop-after) | out of time | failed.

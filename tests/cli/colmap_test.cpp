@@ -131,7 +131,7 @@ TEST_CASE("process asks COLMAP for poses on the CPU and lays out the largest mod
   const Outcome checked = cloam_with({"check", (bench.root / "data").string()});
   CHECK_MESSAGE(checked.code == 0, checked.err);
   CHECK(holds(checked.out, "format COLMAP, 1 points"));
-  CHECK(holds(checked.out, "0.50 pixels"));
+  CHECK(holds(checked.out, "mean reprojection error 0.50 px"));
 
   const Outcome again = cloam_with(bench.command(), bench.environment());
   CHECK(again.code == 2);
@@ -160,6 +160,28 @@ TEST_CASE("process says what went wrong") {
   CHECK(cloam_with({"process", "nowhere", "-o", "x"}, bench.environment()).code == 3);
 }
 
+TEST_CASE("process says what to do with a video and with photos that are not read") {
+  const Bench bench("process-video");
+  write_bytes(bench.root / "walk.MOV", "");
+  const Words to = {"-o", (bench.root / "data").string()};
+  const auto refused = [&](const fs::path& given) {
+    const Outcome outcome = cloam_with({"process", given.string(), to[0], to[1]}, bench.environment());
+    CHECK(outcome.code == 3);
+    return outcome.err;
+  };
+  CHECK(holds(refused(bench.root / "walk.MOV"), "ffmpeg -i '" + (bench.root / "walk.MOV").string() + "'"));
+  CHECK(holds(refused(bench.root / "photos/p 1.png"), "give the folder of the photos"));
+  write_bytes(bench.root / "phone/a.HEIC", "");
+  write_bytes(bench.root / "phone/b.mp4", "");
+  const std::string phone = refused(bench.root / "phone");
+  CHECK(holds(phone, "1 HEIC photos are left out; convert"));
+  CHECK(holds(phone, "take frames from the video: "));
+  fs::create_directory_symlink(bench.root / "phone", bench.root / "photos/more");
+  const Outcome linked = cloam_with(bench.command(), bench.environment());
+  CHECK(linked.code == 0);
+  CHECK(holds(linked.err, "more is a link to a folder, which COLMAP does not follow"));
+}
+
 TEST_CASE("process ends COLMAP when it is interrupted, and goes on later") {
   const Bench bench("process-stop");
   const fs::path hangs = bench.root / "hangs";
@@ -169,7 +191,7 @@ TEST_CASE("process ends COLMAP when it is interrupted, and goes on later") {
   const Outcome stopped = process.wait();
   CHECK(stopped.code == 130);
   CHECK(stopped.seconds < 30);  // the stand-in would sleep for a minute
-  CHECK(holds(stopped.err, "goes on from there"));
+  CHECK(holds(stopped.err, "continue from there"));
   CHECK(cloam_with(bench.command(), bench.environment()).code == 0);
 }
 

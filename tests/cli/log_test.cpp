@@ -47,7 +47,9 @@ TEST_CASE("check reports on a log") {
   CHECK(json["log"]["boxes"] == 2);
   CHECK(json["log"]["boxes_without_points"] == 0);
   CHECK(json["log"]["lidar_fit"][0]["camera"] == "front_camera");
-  CHECK(cloam_with({"check", log.string()}).out.find("1 actors with 2 boxes") != std::string::npos);
+  const Outcome told = cloam_with({"check", log.string()});
+  CHECK(told.out.find("1 actors with 2 boxes") != std::string::npos);
+  CHECK(told.err.find("next: cloam train genassets ") != std::string::npos);
 }
 
 TEST_CASE("synth makes logs that check finds sound, and never in silence over others") {
@@ -69,6 +71,8 @@ TEST_CASE("synth makes logs that check finds sound, and never in silence over ot
   CHECK(json["images"] == 4);
   CHECK(json["warnings"].empty());
   CHECK(json["log"]["actors"] >= 10);
+  const Outcome told = cloam_with({"check", (out / "002").string()});
+  CHECK(told.out.find("back_camera: LiDAR aligns with the images (offset ") != std::string::npos);
   const auto before = snapshot(out);
   CHECK(cloam_with(words).code == 2);
   CHECK(snapshot(out) == before);
@@ -115,6 +119,28 @@ TEST_CASE("hostile pickles in a log: exit 3, the file named, nothing run") {
   CHECK(cloam_with({"check", log.string()}).code == 0);
 }
 
+TEST_CASE("training says what a log or a method lacks") {
+  const auto plan = [](const char* method, const fs::path& data) {
+    const Outcome planned = cloam_with({"train", method, data.string(), "--dry-run", "-o", (scratch() / "p").string()});
+    CHECK_MESSAGE(planned.code == 0, planned.err);
+    return planned.err;
+  };
+  const auto says = [](const std::string& all, const char* part) { return all.find(part) != std::string::npos; };
+  const fs::path log = small_log("told");
+  for (const char* method : {"nerf", "splat"}) CHECK(says(plan(method, log), "genassets learns them as actors"));
+  CHECK_FALSE(says(plan("splat", log), "random positions"));  // it begins with LiDAR's points
+  CHECK_FALSE(says(plan("nerf", small_scene()), "genassets"));
+  CHECK(says(plan("splat", small_scene()), "no points: gaussians start at random positions"));
+  fs::remove_all(log / "annotations");
+  fs::remove_all(log / "lidar");
+  const Words bare = {"train", "genassets",           log.string(), "--preset", "genassets-small",
+                      "--set", "weight.perceptual=0", "--dry-run",  "-o",       (scratch() / "p").string()};
+  const Outcome planned = cloam_with(bare);
+  REQUIRE_MESSAGE(planned.code == 0, planned.err);
+  CHECK(says(planned.err, "without boxes genassets learns everything as background"));
+  CHECK(says(planned.err, "without LiDAR sweeps genassets learns depth from the images alone"));
+}
+
 TEST_CASE("a protocol chooses the training images of a log, and the record says so") {
   const fs::path log = small_log("protocol-log", 12), run = scratch() / "protocol-run";
   const auto training = [&](const Words& more) {
@@ -124,7 +150,7 @@ TEST_CASE("a protocol chooses the training images of a log, and the record says 
   };
   const Outcome trained = training({"--protocol", "sparse"});
   REQUIRE_MESSAGE(trained.code == 0, trained.err);
-  CHECK(trained.err.find("protocol sparse: 4 train, 8 are measured") != std::string::npos);  // 0, 5, 10, 11
+  CHECK(trained.err.find("protocol sparse: 4 for training, 8 for evaluation") != std::string::npos);  // 0, 5, 10, 11
   CHECK(json_of(run / "run.json").at("reading").at("protocol") == "sparse");
   const auto scene = json_of(run / "scene.json").at("scenes").at(0);
   CHECK(scene.at("frames").at(11).at("split") == "train");
@@ -188,6 +214,23 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
   CHECK(rotated.at("kernel_feature_distance").is_number());
   CHECK(rotated.at("set_images") == std::vector<int>{measured, 4});
   CHECK_FALSE(rotated.contains("fid"));
+  // Truth of some moments at some angles: those are measured, and told.
+  for (const char* file : {"rot045/front_camera/03", "rot045/front_camera/09", "rot180/front_camera/11"})
+    write_jpeg(log / "truth" / (std::string(file) + ".jpg"), {16, 12, 3, std::vector<std::uint8_t>(3 * 16 * 12, 90)});
+  const auto some = cloam_with({"eval", run.string(), "--protocol", "rotate360", "--json"});
+  REQUIRE_MESSAGE(some.code == 0, some.err);
+  CHECK(some.err.find("3 of " + std::to_string(measured) + " images of turned actors are in truth/") !=
+        std::string::npos);
+  CHECK(nlohmann::json::parse(some.out).at("images") == 3);
+  CHECK(nlohmann::json::parse(some.out).at("psnr").is_number());
+  // Masks of one image alone: in the others boxes stand for actors.
+  write_text(log / "truth" / "actors.json", R"({"1": "a"})");
+  fs::create_directories(log / "truth" / "front_camera");
+  write_png(log / "truth" / "front_camera" / "03_actor.png", {16, 12, 1, std::vector<std::uint8_t>(16 * 12, 1)});
+  const auto mixed = cloam_with({"eval", run.string(), "--json"});
+  REQUIRE_MESSAGE(mixed.code == 0, mixed.err);
+  CHECK(mixed.err.find("1 of 8 images have masks of actors in truth/") != std::string::npos);
+  CHECK(nlohmann::json::parse(mixed.out).at("masks") == "truth and boxes");
 }
 
 TEST_CASE("render shows a log's camera at any time and size, by log, camera and step") {

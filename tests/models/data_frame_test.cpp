@@ -94,8 +94,8 @@ TEST_CASE("columns that are missing or of another kind are named") {
     return "";
   };
   CHECK(message([&] { frame.numbers("z"); }) == "x.pkl: no column z; it has x, label, d, stationary, y");
-  CHECK(message([&] { frame.numbers("label"); }) == "x.pkl: the column label holds no numbers");
-  CHECK(message([&] { frame.texts("d"); }) == "x.pkl: the column d holds no texts");
+  CHECK(message([&] { frame.numbers("label"); }) == "x.pkl: the column label does not hold numbers");
+  CHECK(message([&] { frame.texts("d"); }) == "x.pkl: the column d does not hold strings");
   CHECK(frame.numbers("stationary") == std::vector<double>{1, 0, 1});
 }
 

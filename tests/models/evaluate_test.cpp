@@ -130,13 +130,17 @@ TEST_CASE("masks of truth: actors with a box at that step, most pixels of a bloc
                                              7, 0, 0, 0, 8, 8, 9, 9};
   write_png(folder.path / "truth" / "front_camera" / "03_actor.png", {8, 2, 1, numbers});
   const ActorMasks masks(log);
-  CHECK(masks.from_truth());
+  CHECK(masks.has_truth(frame));
   const Camera half{4, 1, 4, 4, 2, 0.5, CameraModel::pinhole, {}, 0, 0};
   CHECK(masks.of(frame, half).actors == std::vector<int>{1, 0, 0, 0});
   frame.step = 4;
   CHECK(masks.of(frame, half).actors == std::vector<int>{0, 0, 0, 0});
-  frame.image = "camera/front_camera/04.jpg";
-  CHECK_THROWS_AS(masks.of(frame, half), Error);
+  frame.image = "camera/front_camera/04.jpg";  // has no truth: the outline of the box, if it has one at that step
+  CHECK_FALSE(masks.has_truth(frame));
+  CHECK(masks.of(frame, half).actors == std::vector<int>{0, 0, 0, 0});
+  frame.step = 3;
+  frame.timestamp = 0.3;
+  CHECK(masks.of(frame, half).actors == std::vector<int>{1, 1, 1, 1});
   commit_text(folder.path / "truth" / "actors.json", R"({"seven": "car"})");
   CHECK_THROWS_AS(ActorMasks{log}, Error);
 }
@@ -152,7 +156,7 @@ TEST_CASE("without truth a box's outline stands for its actor, the nearer in fro
   frame.timestamp = 0;
   const Camera camera{30, 10, 30, 30, 15, 5, CameraModel::pinhole, {}, 0, 0};
   const ActorMasks masks(log);
-  CHECK_FALSE(masks.from_truth());
+  CHECK_FALSE(masks.has_truth(frame));
   const ActorMask mask = masks.of(frame, camera);
   // The near face at 5 m spans 0.5 / 5 * 30 = 3 pixels each way; the far one at 9 m 2 / 9 * 30 = 6.7.
   const std::vector<int> row(mask.actors.begin() + 4 * 30, mask.actors.begin() + 5 * 30);
@@ -176,6 +180,26 @@ TEST_CASE("actors turn counter-clockwise about their own z axes") {
   CHECK_FALSE(turned.has_truth);
   CHECK(frames_of(turned.scene, Split::test).size() == 3);
   CHECK(turned.scene.frames[1].image == "camera/front_camera/1.png");
+}
+
+TEST_CASE("of turned actors those images are measured that there are") {
+  const Folder folder;
+  Scene log;
+  GreyLog grey({0, 1}, {2});
+  log.frames = grey.scene.frames;
+  log.root = folder.path;
+  fs::create_directories(folder.path / "truth/rot090/front_camera");
+  CHECK_FALSE(has_turned_truth(log));  // a folder alone
+  commit_text(folder.path / "truth/rot090/front_camera" / fs::path(log.frames[1].image).filename(), "");
+  CHECK(has_turned_truth(log));
+  const TurnedLog turned = turned_log(log, 90), other = turned_log(log, 135);
+  CHECK(turned.has_truth);
+  CHECK(turned.possible == 3);
+  CHECK(frames_of(turned.scene, Split::test) == std::vector<std::size_t>{1});
+  CHECK(turned.scene.frames[1].image == "truth/rot090/front_camera/1.png");
+  CHECK(other.has_truth);
+  CHECK(other.possible == 3);
+  CHECK(frames_of(other.scene, Split::test).empty());
 }
 
 TEST_CASE("what a camera would see from inside of a turned actor is not measured") {

@@ -1,6 +1,7 @@
 // Images: round trips, the box filter against arithmetic by hand, and files that lie about themselves.
 #include "models/io/image.h"
 
+#include <OpenImageIO/imageio.h>
 #include <doctest/doctest.h>
 
 #include <algorithm>
@@ -92,7 +93,7 @@ TEST_CASE("an EXR read as an image is clamped, rounded and divided by its alpha"
   CHECK(image.pixels == Bytes{128, 0, 255, 128, 255, 128, 0, 255});
   const std::vector<float> bad = {std::numeric_limits<float>::quiet_NaN(), 0};
   write_exr(folder.path / "b.exr", 2, 1, {{"Y", bad.data()}});
-  CHECK(holds(error_of([&] { read_image(folder.path / "b.exr"); }), "pixel 0 is not finite"));
+  CHECK(holds(error_of([&] { read_image(folder.path / "b.exr"); }), "pixel 0, 0 is not finite"));
 }
 
 TEST_CASE("downscale is the rounded mean of boxes, colours weighted by alpha") {
@@ -173,6 +174,103 @@ TEST_CASE("an EXR whose header claims a huge picture is refused by its size") {
   put(folder.path / "a.exr", all);
   const std::string message = error_of([&] { read_image(folder.path / "a.exr"); });
   CHECK_MESSAGE(holds(message, "16777224x8"), message);
+}
+
+TEST_CASE("EXR pixels come back the same from lines, tiles and several channels") {
+  const Folder folder;
+  constexpr int w = 70, h = 45;
+  std::vector<float> planes[4];
+  for (int c = 0; c < 4; ++c)
+    for (int i = 0; i < w * h; ++i) planes[c].push_back(c == 3 ? 1.f : float((i * (c + 3)) % 256) / 255);
+  std::vector<Layer> layers;
+  for (int c = 0; c < 4; ++c) layers.push_back({std::string(1, "RGBA"[c]), planes[c].data()});
+  write_exr(folder.path / "a.exr", w, h, layers);
+  OIIO::ImageSpec spec(w, h, 4, OIIO::TypeDesc::FLOAT);
+  spec.tile_width = spec.tile_height = 16;
+  std::vector<float> mixed;
+  for (int i = 0; i < w * h; ++i)
+    for (const auto& plane : planes) mixed.push_back(plane[std::size_t(i)]);
+  const auto output = OIIO::ImageOutput::create("openexr");
+  REQUIRE(output->open((folder.path / "tiles.exr").string(), spec));
+  REQUIRE(output->write_image(OIIO::TypeDesc::FLOAT, mixed.data()));
+  output->close();
+  const Image lines = read_image(folder.path / "a.exr"), tiles = read_image(folder.path / "tiles.exr");
+  for (int i = 0; i < w * h; ++i) CHECK(lines.pixels[std::size_t(4 * i + 1)] == (i * 4) % 256);
+  CHECK(lines.pixels == tiles.pixels);
+  CHECK(read_exr_layer(folder.path / "tiles.exr", "G") == planes[1]);
+}
+
+TEST_CASE("an EXR that a few bytes promise is refused before it is decoded") {
+  const Folder folder;
+  OIIO::ImageSpec spec(64, 64, 3, OIIO::TypeDesc::FLOAT);
+  spec.tile_width = spec.tile_height = 32;
+  const std::vector<float> values(64 * 64 * 3, 0.5f);
+  const auto output = OIIO::ImageOutput::create("openexr");
+  REQUIRE(output->open((folder.path / "a.exr").string(), spec));
+  REQUIRE(output->write_image(OIIO::TypeDesc::FLOAT, values.data()));
+  output->close();
+  const Bytes sound = bytes_of(folder.path / "a.exr");
+  const auto with = [&](std::int32_t width, std::int32_t height, std::int32_t tile_width, std::int32_t tile_height) {
+    Bytes all = sound;
+    const auto change = [&](std::vector<std::int32_t> from, std::vector<std::int32_t> to) {
+      const auto* old = reinterpret_cast<const std::uint8_t*>(from.data());
+      const auto* now = reinterpret_cast<const std::uint8_t*>(to.data());
+      for (auto at = all.begin(); (at = std::search(at, all.end(), old, old + 4 * from.size())) != all.end(); ++at)
+        std::copy(now, now + 4 * to.size(), at);
+    };
+    change({0, 0, 63, 63}, {0, 0, width - 1, height - 1});
+    change({32, 32}, {tile_width, tile_height});
+    put(folder.path / "b.exr", all);
+    return error_of([&] { read_image(folder.path / "b.exr"); });
+  };
+  CHECK(with(64, 64, 32, 32) == "no error");
+  CHECK(holds(with(8192, 5461, 8192, 5461), "but the file has only"));     // one tile, half a gigabyte
+  CHECK(holds(with(100000, 100000, 1, 1), "promises 10000000000 parts"));  // a table of 80 GB
+  CHECK(holds(with(64, 64, 8192, 4096), "blocks of 8192x4096 pixels"));
+  put(folder.path / "b.exr", sound);
+}
+
+TEST_CASE("a large EXR takes little more memory than its bytes") {
+  const Folder folder;
+  constexpr int side = 2048;
+  {
+    std::vector<float> values(std::size_t(side) * side);
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = float(i % 251) / 251;
+    write_exr(folder.path / "a.exr", side, side,
+              {{"R", values.data()}, {"G", values.data()}, {"B", values.data()}, {"A", values.data()}});
+  }
+  const auto kilobytes = [](const std::string& key) {
+    std::ifstream status("/proc/self/status");
+    for (std::string line; std::getline(status, line);)
+      if (line.starts_with(key)) return std::stol(line.substr(key.size() + 1));
+    return 0L;
+  };
+  read_image_size(folder.path / "a.exr");  // the library's own beginnings
+  std::ofstream("/proc/self/clear_refs") << 5;
+  const long before = kilobytes("VmRSS");
+  CHECK(read_image(folder.path / "a.exr").pixels.size() == std::size_t(4) * side * side);
+  const long most = kilobytes("VmHWM");
+  CHECK(most - before < 48 * 1024);  // 16 MB of bytes; as floats alone they would be 64 MB
+}
+
+TEST_CASE("an EXR that shows a part of its picture is refused") {
+  const Folder folder;
+  OIIO::ImageSpec spec(8, 8, 3, OIIO::TypeDesc::FLOAT);
+  spec.full_width = 16;
+  const std::vector<float> values(8 * 8 * 3, 0.5f);
+  const auto output = OIIO::ImageOutput::create("openexr");
+  REQUIRE(output->open((folder.path / "a.exr").string(), spec));
+  REQUIRE(output->write_image(OIIO::TypeDesc::FLOAT, values.data()));
+  output->close();
+  CHECK(holds(error_of([&] { read_image(folder.path / "a.exr"); }), "data window (8x8 at 0, 0)"));
+}
+
+TEST_CASE("a PNG of nothing but zeros that would fill the memory is refused; a large mask is not") {
+  const Folder folder;
+  write_png(folder.path / "mask.png", {8192, 4096, 1, Bytes(std::size_t(8192) * 4096)});
+  CHECK(read_image(folder.path / "mask.png").width == 8192);
+  write_png(folder.path / "bomb.png", {16384, 8192, 1, Bytes(std::size_t(16384) * 8192)});
+  CHECK(holds(error_of([&] { read_image_size(folder.path / "bomb.png"); }), "but the file has only"));
 }
 
 TEST_CASE("a real JPEG reads, and cut in the middle it is an error") {

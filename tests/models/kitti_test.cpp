@@ -266,12 +266,12 @@ TEST_CASE("KITTI: broken files are named") {
   broken(oxts, "49 8.4 110 0 nan 0.3", "oxts/data/0000000001.txt: looked for a finite number, found 'nan'");
   broken(oxts, "49 8.4 110", "looked for 6 numbers, found 3");
   broken(oxts, "90 8.4 110 0 0 0", "latitude 90");
-  broken(oxts, "49 12 110 0 0 0", "m away from its first pose");
+  broken(oxts, "49 12 110 0 0 0", "m away from its first position");
   broken(cameras, "R_rect_00: 1 0 0 0 1 0 0 0 1\n", "P_rect_02 is missing");
   broken(cameras, "P_rect_02: 1\n", "R_rect_00 is missing");
   const std::string rotation = "R_rect_00: 1 0 0 0 1 0 0 0 1\n";
-  broken(cameras, rotation + "P_rect_02: 1 1 1 1 1 1 1 1 1 1 1 1\n", "no projection of a rectified image");
-  broken(cameras, rotation + "P_rect_02: 0 0 9 0 0 9 9 0 0 0 1 0\n", "makes no sense");
+  broken(cameras, rotation + "P_rect_02: 1 1 1 1 1 1 1 1 1 1 1 1\n", "not the projection of a rectified image");
+  broken(cameras, rotation + "P_rect_02: 0 0 9 0 0 9 9 0 0 0 1 0\n", "implausible intrinsics");
   broken(cameras, rotation + "S_rect_02: 1e9 5\nP_rect_02: 9 0 9 0 0 9 9 0 0 0 1 0\n", "S_rect_02 is 1e+09 by 5");
   broken(day / "calib_velo_to_cam.txt", "R: 1 0 0 0 1 0 0 0 -1\nT: 0 0 0\n", "mirrored");
   broken(drive / "image_02/timestamps.txt", "yesterday\n", "image_02/timestamps.txt, line 1");
@@ -279,13 +279,38 @@ TEST_CASE("KITTI: broken files are named") {
   fs::rename(day / "calib_imu_to_velo.txt", day / "away");
   CHECK(holds(error_of([&] { read_scene(drive); }), "calib_imu_to_velo.txt is missing: a drive needs its day's"));
   fs::create_symlink("/etc/hostname", day / "calib_imu_to_velo.txt");
-  CHECK(holds(error_of([&] { read_scene(drive); }), "leaves the folder by a link"));
+  const std::string linked = error_of([&] { read_scene(drive); });
+  CHECK(holds(linked, "calib_imu_to_velo.txt: R is missing"));  // says nothing of what the link leads to
   fs::rename(day / "away", day / "calib_imu_to_velo.txt");
   const Scene scene = read_scene(drive);
   for (const std::size_t size : {1, 15, 17}) {
     write_text(drive / "velodyne_points/data/0000000000.bin", std::string(size, 'x'));
     CHECK(holds(error_of([&] { load_sweep(scene, scene.sweeps[0]); }), "want a multiple of 16"));
   }
+}
+
+TEST_CASE("KITTI: linked folders are followed, without boxes and LiDAR it says so, links are not quoted") {
+  const Folder folder, other;
+  const fs::path drive = write_drive(folder.path);
+  fs::rename(drive / "image_02", other.path / "images");
+  fs::create_directory_symlink(other.path / "images", drive / "image_02");
+  const Scene scene = read_scene(drive);
+  CHECK(scene.warnings.empty());
+  CHECK(load_images(scene, Split::train).frames.size() == kSteps);
+  fs::create_directory_symlink(drive, other.path / "drive");
+  CHECK(read_scene(other.path / "drive").frames.size() == kSteps);
+  write_text(other.path / "secret", "hunter2 1 2 3 4 5\n");
+  fs::rename(drive / "oxts/data/0000000001.txt", other.path / "away");
+  fs::create_symlink(other.path / "secret", drive / "oxts/data/0000000001.txt");
+  const std::string message = error_of([&] { read_scene(drive); });
+  CHECK_MESSAGE(holds(message, "0000000001.txt: the file that this link leads to"), message);
+  CHECK_FALSE(holds(message, "hunter2"));
+  fs::remove(drive / "oxts/data/0000000001.txt");
+  fs::rename(other.path / "away", drive / "oxts/data/0000000001.txt");
+  fs::remove(drive / "tracklet_labels.xml");
+  fs::remove_all(drive / "velodyne_points");
+  CHECK(read_scene(drive).warnings == std::vector<std::string>{"no LiDAR sweeps: looked for velodyne_points/data/*.bin",
+                                                               "no boxes of actors: looked for tracklet_labels.xml"});
 }
 
 TEST_CASE("KITTI: hostile tracklets") {
@@ -301,7 +326,7 @@ TEST_CASE("KITTI: hostile tracklets") {
     CHECK(error_with(sound.substr(0, size)) != "no error");
   }
   CHECK(holds(error_with(tracklets("nan")), "tracklet 000: <h>: looked for a finite number, found 'nan'"));
-  CHECK(holds(error_with(tracklets("-1")), "a box of"));
+  CHECK(holds(error_with(tracklets("-1")), "implausible box size"));
   CHECK(holds(error_with(tracklets("")), "<h>"));
   std::string bomb = "<!DOCTYPE b [<!ENTITY a0 \"1\">";
   for (int i = 1; i < 40; ++i) {

@@ -131,12 +131,12 @@ TEST_CASE("photos are turned where the capture lists the turned size, and else u
   CHECK(near(turned.frames[0].rgba[0], photo.pixels[15 * 32]));  // top left: what was stored at the bottom left
   CHECK(near(turned.frames[0].rgba[4 * 15], photo.pixels[0]));
   REQUIRE(turned.warnings.size() == 1);
-  CHECK(holds(turned.warnings[0], "1 images (images/a.jpg, ...) are turned"));
+  CHECK(holds(turned.warnings[0], "1 images (images/a.jpg, ...) are rotated"));
   const Pixels stored = load(R"("w":32,"h":16)");
   CHECK(stored.frames.at(0).width == 32);
   CHECK(near(stored.frames[0].rgba[0], photo.pixels[0]));
   REQUIRE(stored.warnings.size() == 1);
-  CHECK(holds(stored.warnings[0], "not followed"));
+  CHECK(holds(stored.warnings[0], "is ignored"));
   const Pixels small = load(R"("w":8,"h":16)");  // another size of the same camera
   CHECK(small.frames.at(0).width == 16);
   CHECK(small.warnings.size() == 2);

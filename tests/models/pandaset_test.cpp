@@ -13,6 +13,7 @@
 #include "models/data/check_log.h"
 #include "models/data/data_frame.h"
 #include "models/data/load_images.h"
+#include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
 #include "models/data/write_pandaset.h"
 #include "models/scene/split.h"
@@ -171,7 +172,7 @@ TEST_CASE("a box of the LiDAR that looks ahead is dropped, as are those that nob
   CHECK(read_scene(log, {true}).warnings.size() == 1);
   rewrite("yaw", 0);
   rewrite("dimensions.y", -1);
-  CHECK(holds(error_of([&] { read_scene(log); }), "a box of"));
+  CHECK(holds(error_of([&] { read_scene(log); }), "implausible box size"));
 }
 
 TEST_CASE("what is missing in a log is warned of; what is broken is named") {
@@ -216,6 +217,45 @@ TEST_CASE("what is missing in a log is warned of; what is broken is named") {
   CHECK(holds(error_of([&] { load_sweep(scene, sweep); }), "lidar/01.pkl.gz: byte 0: looked for a pickle"));
 }
 
+TEST_CASE("a log whose folders and files are links reads as the log; what a link leads to is not quoted") {
+  const Folder folder, other;
+  const fs::path log = written_log(folder.path);
+  fs::rename(log / "lidar", other.path / "lidar");
+  fs::create_directory_symlink(other.path / "lidar", log / "lidar");
+  for (const char* file : {"camera/front_camera/00.jpg", "annotations/cuboids/01.pkl.gz", "lidar/02.pkl.gz"}) {
+    const std::string blob = std::to_string(std::hash<std::string>()(file));  // no extension, as in caches
+    fs::rename(log / file, other.path / blob);
+    fs::create_symlink(other.path / blob, log / file);
+  }
+  const Scene scene = read_scene(log);
+  CHECK(scene.warnings.empty());
+  CHECK(scene.actors.size() == 2);
+  CHECK(load_images(scene, Split::train).frames.size() == 2 * kSteps);
+  for (const Sweep& sweep : scene.sweeps) CHECK(load_sweep(scene, sweep).size() == 10);
+  // A pickle that asks for a class of that name.
+  write_text(other.path / "secret", "chunter2\nsecond line\n.");
+  fs::remove(log / "annotations/cuboids/01.pkl.gz");
+  fs::create_symlink(other.path / "secret", log / "annotations/cuboids/01.pkl.gz");
+  const std::string message = error_of([&] { read_scene(log); });
+  CHECK_MESSAGE(holds(message, "01.pkl.gz: the file that this link leads to"), message);
+  CHECK_FALSE(holds(message, "hunter2"));
+}
+
+TEST_CASE("a log without LiDAR, boxes, or a camera's poses says what it looked for") {
+  const Folder folder;
+  const fs::path log = written_log(folder.path);
+  fs::remove_all(log / "lidar");
+  fs::remove_all(log / "annotations");
+  fs::remove(log / "camera/left_camera/poses.json");
+  fs::create_directories(log / "camera/frontcamera");
+  const std::vector<std::string> warnings = read_scene(log).warnings;
+  REQUIRE(warnings.size() == 4);
+  CHECK(warnings[0] == "camera/frontcamera is left out: PandaSet has no camera of that name");
+  CHECK(warnings[1] == "camera/left_camera is left out: it has no poses.json");
+  CHECK(warnings[2] == "no LiDAR sweeps: looked for lidar/poses.json");
+  CHECK(warnings[3] == "no boxes of actors: looked for annotations/cuboids/*.pkl.gz");
+}
+
 TEST_CASE("points that are no numbers are counted and dropped") {
   const Folder folder;
   const Scene log = read_scene(written_log(folder.path));
@@ -245,8 +285,8 @@ TEST_CASE("check_log: time stamps, boxes without points") {
   log.sweeps[2].timestamp = log.sweeps[1].timestamp;
   report = check_log(log);
   REQUIRE(report.warnings.size() == 3);
-  CHECK(holds(report.warnings[0], "front_camera: its images are 0.3"));
-  CHECK(holds(report.warnings[2], "lidar: 0 s from step 1 to step 2: time does not go on"));
+  CHECK(holds(report.warnings[0], "front_camera: its images are taken 0.3"));
+  CHECK(holds(report.warnings[2], "lidar: 0 s from step 1 to step 2: time stamps must increase"));
 }
 
 TEST_CASE("pandaset-mini: all logs, and LiDAR that fits the images") {

@@ -1,0 +1,23 @@
+// Where missing files may be instead: renamed, in other letter case, in another folder, or of a kind that is not read.
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace cloam {
+
+/// For the end of a message about files that a list names and that `root` lacks: "; images/a.JPG is there instead of
+/// images/a.jpg (and 3 more like it): rename ...", or "" where nothing is near.
+std::string near_misses(const std::filesystem::path& root, const std::vector<std::string>& missing);
+
+/// Photos of telephones (.heic, .heif), which are not read. In any letter case.
+bool is_heic_name(const std::filesystem::path& path);
+/// What to do about them.
+inline constexpr char kConvertHeic[] = "convert HEIC photos to JPEG first: mogrify -format jpg *.heic (ImageMagick)";
+
+/// By the extension: a film, from which frames have to be taken. In any letter case.
+bool is_video_name(const std::filesystem::path& path);
+/// The command that takes frames from a film.
+std::string frames_command(const std::filesystem::path& video);
+
+}  // namespace cloam
