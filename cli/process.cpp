@@ -3,7 +3,9 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdio>
+#include <cstring>
 #include <deque>
 #include <fstream>
 #include <memory>
@@ -138,6 +140,7 @@ class Colmap {
   void run(const Stage& stage) {
     progress_.begin(stage.told);
     std::ofstream log(layout_.log(), std::ios::app);
+    if (!log) throw Error(Fault::write, text("cannot open ", layout_.log().string(), ": ", std::strerror(errno)));
     log << "\ncolmap";
     for (const std::string& word : stage.words) log << " " << quoted(word);
     log << "\n";
@@ -153,10 +156,14 @@ class Colmap {
       if (const auto share = share_in(line, images_)) progress_.draw(*share);
     });
     progress_.end_line();
-    if (!log.flush()) throw Error(Fault::write, layout_.log().string() + ": cannot be written: is the disk full?");
+    if (!log.flush())
+      throw Error(Fault::write, text("cannot write ", layout_.log().string(), "; ", space_advice(layout_.work())));
     if (code == 0 || stop_signal.load() != 0) return;
     std::string words;
     for (const std::string& line : last) words += "\n    " + line;
+    if (is_of_full_disk(words))
+      throw Error(Fault::write, text("colmap ", stage.words.front(), " cannot write: ", space_advice(layout_.work()),
+                                     "; it said:", words));
     throw Error(
         Fault::data,
         text("colmap ", stage.words.front(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
