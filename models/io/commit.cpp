@@ -49,7 +49,8 @@ fs::path mount_point(const fs::path& folder) {
   return found;
 }
 
-bool is_about_space(int code) { return code == ENOSPC || code == EDQUOT || code == EFBIG; }
+/// EIO: what std::filesystem::copy_file says where a copy finds no room.
+bool is_about_space(int code) { return code == ENOSPC || code == EDQUOT || code == EFBIG || code == EIO; }
 
 /// The file that stands where a folder must be, if there is one.
 fs::path file_in_the_way(const fs::path& folder) {
