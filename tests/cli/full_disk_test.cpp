@@ -137,8 +137,8 @@ TEST_CASE("a place to write to that is none: exit 2 before any work, and it stay
            {{"simulate", run, "-o", "-"}, "name a folder"},
            {{"simulate", run, "-o", inside}, "is a file, no folder"},
            {{"synth", "-o", "-"}, "name a folder"},
-           {{"demo", "-o", "-"}, "name a folder"},
-           {{"demo", "-o", file.string()}, "is a file; name a folder"},
+           {{"demo", "-o", "-", "--features", "none"}, "name a folder"},
+           {{"demo", "-o", file.string(), "--features", "none"}, "is a file; name a folder"},
            {{"edit", run, "--list", "-o", "-"}, "name a folder"},
            {{"process", run, "-o", "-"}, "name a folder"},
            {{"export", run, "-o", "-"}, "name a file or folder"},
@@ -147,7 +147,7 @@ TEST_CASE("a place to write to that is none: exit 2 before any work, and it stay
            {{"convert", "a.ply", folder.string()}, "is a folder; name a file"},
            {{"eval", run, "--images", file.string()}, "is a file; name a folder"},
            {{"render", run, "-o", folder.string(), "--profile-trace", folder.string()}, "is a folder; name a file"},
-           {{"bench", "--report", "/dev/null"}, "is a device or a pipe"},
+           {{"bench", "no such row", "--report", "/dev/null"}, "is a device or a pipe"},
        }) {
     std::string line;
     for (const std::string& word : row.words) line += " " + word;
