@@ -49,7 +49,7 @@ fs::path mount_point(const fs::path& folder) {
   return found;
 }
 
-/// EIO: what std::filesystem::copy_file says where a copy finds no room.
+/// EIO: what a copy by std::filesystem says where it finds no room.
 bool is_about_space(int code) { return code == ENOSPC || code == EDQUOT || code == EFBIG || code == EIO; }
 
 /// The file that stands where a folder must be, if there is one.
