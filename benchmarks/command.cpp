@@ -1,9 +1,12 @@
 // See command.h.
 #include "benchmarks/command.h"
 
+#include <cerrno>
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <system_error>
 
 #include "benchmarks/report.h"
 #include "benchmarks/scaling.h"
@@ -14,10 +17,20 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// Whole or not at all. models/io/commit.h is not linked here: cloam-benchmarks needs the runtime alone.
 void write(const fs::path& path, const std::string& content) {
-  std::ofstream file(path, std::ios::binary);
-  file << content << std::flush;
-  if (!file) throw Error(Fault::write, text(path.string(), " cannot be written"));
+  const fs::path fresh = path.string() + ".new";
+  std::error_code problem;
+  errno = 0;
+  std::ofstream file(fresh, std::ios::binary);
+  file << content;
+  file.close();
+  if (!file) problem.assign(errno, std::generic_category());
+  if (file) fs::rename(fresh, path, problem);
+  if (file && !problem) return;
+  std::error_code ignored;
+  fs::remove(fresh, ignored);
+  throw Error(Fault::write, text("cannot write ", path.string(), ": ", problem.message()));
 }
 
 /// docs/performance.md and docs/performance-scaling.svg.
@@ -39,7 +52,7 @@ void bench_command(const Workloads& all, const BenchRequest& request) {
   for (const std::string& note : report.notes) std::fprintf(stderr, "warning: %s\n", note.c_str());
   const std::string out = request.json ? json_of(report) : table_of(report);
   if (std::fwrite(out.data(), 1, out.size(), stdout) != out.size() || std::fflush(stdout) != 0)
-    throw Error(Fault::write, "stdout cannot be written");
+    throw Error(Fault::write, text("cannot write to standard output: ", std::strerror(errno)));
   if (!request.report.empty()) write_page(report, request.report);
 }
 

@@ -30,7 +30,7 @@ struct TuneResult {
 
 /// Times the candidates of every choice that a workload makes and that has more than one, in alternation. Before it
 /// may win, a candidate must pass the op rows that make the choice, with the bits of the built-in variant. A winner is
-/// faster by 3 % or more. From then on winners serve in this process; store them with save_tuned(). `before` hears what
+/// faster by 3 % or more. From then on winners serve in this process; keep them with with_tuned(). `before` hears what
 /// comes next.
 std::vector<TuneResult> tune(const Workloads& workloads, const TuneOptions& options,
                              const std::function<void(const std::string& what, size_t done, size_t all)>& before);

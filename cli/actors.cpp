@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "cli/common.h"
 #include "models/data/paths.h"
+#include "models/io/draw_text.h"
 #include "models/scene/asset_class.h"
 #include "runtime/error.h"
 
@@ -92,6 +94,21 @@ std::string spelled(const Scenes& scenes, const AssetName& name) {
   return scenes.size() > 1 ? text(name.scene, ":", name.actor_id) : name.actor_id;
 }
 
+std::string short_id(const Scenes& scenes, const AssetName& name) {
+  constexpr std::size_t kLeast = 4;
+  const std::string& id = name.actor_id;
+  const std::vector<Actor>& actors = scenes[static_cast<std::size_t>(name.scene)].actors;
+  const auto is_enough = [&](std::size_t length) {
+    const bool cuts_letter = (static_cast<unsigned char>(id[length]) & 0xC0) == 0x80;  // within UTF-8
+    const std::string beginning = id.substr(0, length);
+    return !cuts_letter && std::count_if(actors.begin(), actors.end(),
+                                         [&](const Actor& actor) { return actor.id.starts_with(beginning); }) == 1;
+  };
+  std::size_t length = std::min(kLeast, id.size());
+  while (length < id.size() && !is_enough(length)) ++length;
+  return spelled(scenes, {name.scene, id.substr(0, length)});
+}
+
 std::string seen_label(const StoredRun& run, const AssetName& name) {
   const AssetName looks = looks_of(run.scenes, name);
   const auto scene = static_cast<std::size_t>(looks.scene);
@@ -99,6 +116,11 @@ std::string seen_label(const StoredRun& run, const AssetName& name) {
   const int worn = run.generated.assets.at(scene - run.scenes.size()).asset_class;
   const std::string& own = actor_of(run.scenes, name).label;
   return asset_class(own) == worn ? own : kAssetClasses[worn];
+}
+
+void warn_without_font() {
+  if (!can_draw_text())
+    warn("the sheet has no captions: the font DejaVu Sans is not installed (apt-get install fonts-dejavu-core)");
 }
 
 bool is_vehicle(int asset_class) {

@@ -31,4 +31,11 @@ bool is_vehicle(int asset_class);
 /// The run's street. Fault::usage for a method that knows no actors.
 Street& street_of(const RestoredRun& run);
 
+/// The shortest beginning, of four letters or more, by which find_actor knows the actor; with its log as spelled() has
+/// it.
+std::string short_id(const Scenes& scenes, const AssetName& name);
+
+/// Of a sheet of pictures that was to have captions.
+void warn_without_font();
+
 }  // namespace cloam

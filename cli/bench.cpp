@@ -2,6 +2,7 @@
 #include "benchmarks/command.h"
 #include "benchmarks/tune.h"
 #include "cli/commands.h"
+#include "cli/output_path.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -66,7 +67,8 @@ Command add_bench(CLI::App& program) {
   parser->add_option("--suite", arguments->suite, "ops, train or all")->check(CLI::IsMember({"ops", "train", "all"}));
   parser->add_option("--rounds", options.rounds, "Samples of each; default nine, five of what is slow")
       ->check(CLI::Range(1, 1000));
-  parser->add_option("--report", arguments->request.report, "Write a page of markdown, and its plot beside it");
+  parser->add_option("--report", arguments->request.report, "Write a page of markdown, and its plot beside it")
+      ->check(output_file());
   parser->add_option("--explain", arguments->explained, "Say which variants an op or workload runs with, and why");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*arguments, *common); }};

@@ -7,6 +7,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
@@ -127,6 +128,12 @@ int run_child(const ChildProgram& program, const std::function<void(const std::s
     if (stop_signal.load() != 0) kill(-child.id, SIGTERM);
   }
   return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+}
+
+bool is_of_full_disk(const std::string& said) {
+  const char* const words[] = {std::strerror(ENOSPC), std::strerror(EDQUOT), std::strerror(EFBIG), "disk is full"};
+  return std::any_of(std::begin(words), std::end(words),
+                     [&](const char* word) { return said.find(word) != std::string::npos; });
 }
 
 }  // namespace cloam

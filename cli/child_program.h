@@ -21,4 +21,7 @@ struct ChildProgram {
 /// dies with us. Fault::internal if it cannot be started.
 int run_child(const ChildProgram& program, const std::function<void(const std::string& line)>& seen);
 
+/// Whether a program that failed tells of a disk that is full.
+bool is_of_full_disk(const std::string& said);
+
 }  // namespace cloam

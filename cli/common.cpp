@@ -4,17 +4,21 @@
 #include <time.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <charconv>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <ctime>
 #include <fstream>
 #include <sstream>
 
+#include "cli/output_path.h"
 #include "cli/profile.h"
 #include "cli/run_words.h"
 #include "runtime/error.h"
+#include "runtime/kernel_cache.h"
 
 namespace cloam {
 namespace {
@@ -62,7 +66,11 @@ void add_common(CLI::App& parser, Common& common) {
   parser.add_flag("-v,--verbose", common.verbose, "More detail")->group(group);
   parser.add_flag("--profile", common.profile, "At the end, tell what each kernel and each step cost")->group(group);
   parser.add_option("--profile-trace", common.profile_trace, "The same, and a timeline for Perfetto in this file")
-      ->group(group);
+      ->group(group)
+      ->check(output_file());
+  // Of the commands' own -o alone that of export may be a file, and it knows more of it.
+  if (CLI::Option* out = parser.get_option_no_throw("--out"))
+    out->check(parser.get_name() == "export" ? output_path() : output_folder());
 }
 
 namespace {
@@ -83,6 +91,10 @@ void tell_of_builds(const Common& common) {
 void open_device(const Common& common) {
   tell_of_builds(common);
   choose_device({common.device, common.max_memory.empty() ? 0 : parse_bytes(common.max_memory)});
+  static bool told = false;  // a demo opens the device for each of its commands
+  const bool is_pocl = !device().pinning.empty();
+  if (!told && is_pocl && !kernel_cache().note.empty()) say(common, kernel_cache().note);
+  told = true;
   begin_profile(common);
 }
 
@@ -94,7 +106,8 @@ void warn(const std::string& warning) { std::fprintf(stderr, "warning: %s\n", wa
 
 void put(std::string_view data) {
   const bool written = std::fwrite(data.data(), 1, data.size(), stdout) == data.size();
-  if (!written || std::fflush(stdout) != 0) throw Error(Fault::write, "standard output cannot be written");
+  if (!written || std::fflush(stdout) != 0)
+    throw Error(Fault::write, text("cannot write to standard output: ", std::strerror(errno)));
 }
 
 double parse_duration(const std::string& given) {

@@ -1,10 +1,12 @@
 // cloam convert: files of gaussians from one format to another, read again after writing.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/output_path.h"
 #include "models/splat/files/formats.h"
 #include "models/splat/files/spz.h"
 #include "runtime/error.h"
@@ -53,8 +55,16 @@ std::string lines_of(const SplatErrors& errors) {
       errors.position, 100 * errors.scale, errors.rotation, errors.opacity, errors.colour, errors.harmonics);
 }
 
+/// Also through links: what is read must not be replaced.
+void check_other_file(const ConvertRequest& request) {
+  std::error_code ignored;
+  if (std::filesystem::equivalent(request.in, request.out, ignored))
+    throw Error(Fault::usage, text(request.out, " is the file that is read; name another one to write"));
+}
+
 int run_command(const ConvertRequest& request, const Common& common) {
   splat_format(request.out);  // an unknown name is told before anything is read
+  check_other_file(request);
   SplatFile file = read_gaussians(request.in);
   Gaussians& gaussians = file.gaussians;
   for (const std::string& warning : file.warnings) warn(warning);
@@ -87,7 +97,9 @@ Command add_convert(CLI::App& program) {
   const auto request = std::make_shared<ConvertRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("IN", request->in, "File to read: .ply, .splat, .spz or .glb")->required();
-  parser->add_option("OUT", request->out, "File to write: .ply, .splat, .spz or .glb")->required();
+  parser->add_option("OUT", request->out, "File to write: .ply, .splat, .spz or .glb")
+      ->required()
+      ->check(output_file());
   parser->add_option("--up", request->up, "The axis of IN that points up: x, y, z, -x, -y, -z (what IN says; -y)");
   parser->add_option("--spz-version", request->spz_version, "2 for old readers (3)")->check(CLI::Range(2, 3));
   add_common(*parser, *common);

@@ -10,7 +10,6 @@
 #include "cli/commands.h"
 #include "models/data/path_file.h"
 #include "models/data/paths.h"
-#include "models/scene/orbit.h"
 #include "models/train/asset_maker.h"
 #include "models/train/edit_run.h"
 #include "models/train/pictures.h"
@@ -22,12 +21,12 @@ namespace {
 namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 
-constexpr int kThumbnail = 96, kColumns = 8;
+constexpr int kThumbnail = 128, kColumns = 8;
 constexpr char kGenerated[] = "generated";
 constexpr char kExamples[] = R"(List the actors of a trained street, or write a run in which they are elsewhere.
 
 Examples:
-  cloam edit runs/street --list                                    who is there; thumbnails in runs/street/edit
+  cloam edit runs/street --list                                    who is there; their pictures in runs/street/edit
   cloam edit runs/street --actor 3f2a:shift=2,0,0 -o runs/edited   2 m to its right
   cloam edit runs/street --actor 3f2a:rotate=90,shift=0,-5,0 --actor 1:77:remove -o runs/edited
   cloam edit runs/street --actor 3f2a:replace=0:c4 -o runs/edited  with the looks of another, of any log
@@ -171,8 +170,10 @@ std::string words_for_looks(const Scenes& scenes, const AssetName& looks) {
 
 Report row_of(const Scenes& scenes, int log, const Actor& actor, std::size_t place) {
   const Scene& scene = scenes[static_cast<std::size_t>(log)];
-  Report row = {{"log", log},
+  Report row = {{"number", place + 1},
+                {"log", log},
                 {"actor", actor.id},
+                {"short_id", short_id(scenes, {log, actor.id})},
                 {"label", actor.label},
                 {"size_m", {actor.size.x(), actor.size.y(), actor.size.z()}},
                 {"boxes", actor.boxes.size()},
@@ -202,39 +203,41 @@ Report report_of(const RestoredRun& run) {
 
 void put_table(const Report& report) {
   char line[200];
-  std::snprintf(line, sizeof line, "%-4s %-38s %-18s %-18s %5s %6s  %-7s %s\n", "log", "actor", "label",
-                "size w l h (m)", "boxes", "images", "thumb", "");
+  std::snprintf(line, sizeof line, "%4s  %-4s %-38s %-18s %-18s %5s %6s\n", "nr", "log", "actor", "label",
+                "size w l h (m)", "boxes", "images");
   std::string out = line;
   for (const Report& a : report["actors"]) {
-    char size[40], thumb[24];
+    char size[40];
     std::snprintf(size, sizeof size, "%.2f %.2f %.2f", a["size_m"][0].get<double>(), a["size_m"][1].get<double>(),
                   a["size_m"][2].get<double>());
-    std::snprintf(thumb, sizeof thumb, "%d,%d", a["row"].get<int>(), a["column"].get<int>());
     const std::string notes = std::string(a["boxes"] == 0               ? "removed"
                                           : a["stationary"].get<bool>() ? "stands"
                                                                         : "moves") +
                               (a["looks_of"].is_null() ? "" : ", looks of " + a["looks_of"].get<std::string>());
-    std::snprintf(line, sizeof line, "%-4d %-38.38s %-18.18s %-18s %5d %6d  %-7s ", a["log"].get<int>(),
-                  a["actor"].get<std::string>().c_str(), a["label"].get<std::string>().c_str(), size,
-                  a["boxes"].get<int>(), a["images"].get<int>(), thumb);
+    std::snprintf(line, sizeof line, "%4d  %-4d %-38.38s %-18.18s %-18s %5d %6d  ", a["number"].get<int>(),
+                  a["log"].get<int>(), a["actor"].get<std::string>().c_str(), a["label"].get<std::string>().c_str(),
+                  size, a["boxes"].get<int>(), a["images"].get<int>());
     out += line + notes + "\n";
   }
   put(out);
 }
 
-fs::path write_thumbnails(const RestoredRun& run, const fs::path& folder) {
-  const Camera camera = turntable_camera(kThumbnail, kThumbnail);
+/// Below each actor what the list says of it: number, beginning of the id, label.
+fs::path write_thumbnails(const RestoredRun& run, const Report& rows, const fs::path& folder) {
   std::vector<Image> images;
+  std::vector<Caption> captions;
   for (std::size_t log = 0; log < run.scenes.size(); ++log) {
     for (const Actor& actor : run.scenes[log].actors) {
-      const Eigen::Matrix4d aside = turntable_poses(actor.size, camera, 8)[1];
       const AssetName looks = actor.asset.value_or(AssetName{static_cast<int>(log), actor.id});
-      const Picture picture = street_of(run).render_asset(looks, camera, aside);
-      images.push_back(to_image(picture.rgb, picture.width, picture.height));
+      images.push_back(three_quarter_picture(street_of(run), looks, actor.size, kThumbnail));
     }
   }
+  for (const Report& row : rows)
+    captions.push_back(
+        {text(row["number"], "  ", row["short_id"].get<std::string>()), row["label"].get<std::string>()});
   const fs::path path = folder / "actors.png";
-  write_png(path, contact_sheet(images, kColumns));
+  write_png(path, contact_sheet(images, kColumns, captions));
+  warn_without_font();
   return path;
 }
 
@@ -245,14 +248,14 @@ int list_actors(const EditRequest& request, const Common& common) {
   street_of(run);
   Report report = report_of(run);
   if (report["actors"].empty()) throw Error(Fault::data, "the logs of the run " + request.run + " have no actors");
-  const fs::path sheet =
-      write_thumbnails(run, request.out.empty() ? RunPaths{request.run}.edit() : fs::path(request.out));
+  const fs::path sheet = write_thumbnails(run, report["actors"],
+                                          request.out.empty() ? RunPaths{request.run}.edit() : fs::path(request.out));
   report["thumbnails"] = sheet.string();
   if (common.json)
     put(report.dump(-1, ' ', false, Report::error_handler_t::replace) + "\n");
   else
     put_table(report);
-  say(common, text("thumbnails (row,column as listed) in ", sheet.string()));
+  say(common, text("a picture of each, with its number, in ", sheet.string()));
   return 0;
 }
 
@@ -294,13 +297,13 @@ Command add_edit(CLI::App& program) {
   const auto request = std::make_shared<EditRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_flag("--list", request->list, "Lists the actors and draws a thumbnail of each");
+  parser->add_flag("--list", request->list, "Lists the actors and draws a sheet of them");
   parser->add_option("--actor", request->actors, "[LOG:]ID:OPERATION,... (may be repeated)")->allow_extra_args(false);
   parser->add_option("--prior", request->prior, "Run of diffusion that makes what replace=generated asks for");
   parser->add_option("--seed", request->wish.seed, "Of what is generated (0)");
   parser->add_option("--guidance", request->wish.guidance, "1: the condition alone; above: closer to it (1)")
       ->check(CLI::Range(0.0, 100.0));
-  parser->add_option("-o,--out", request->out, "Folder of the edited run; with --list of the thumbnails (RUN/edit)");
+  parser->add_option("-o,--out", request->out, "Folder of the edited run; with --list of the sheet (RUN/edit)");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

@@ -11,6 +11,7 @@
 #include "cli/eval_photos.h"
 #include "cli/eval_prior.h"
 #include "cli/eval_report.h"
+#include "cli/output_path.h"
 #include "cli/set_report.h"
 #include "models/data/turned_log.h"
 #include "models/io/image.h"
@@ -268,7 +269,8 @@ Command add_eval(CLI::App& program) {
       ->add_option("--protocol", request->protocol, "Of driving logs: sparse, novel or rotate360 (default: the run's)")
       ->check(CLI::IsMember(protocol_names()));
   parser->add_option("--features", request->features, "Weights of a feature network, or random: feature distances too");
-  parser->add_option("--images", request->images, "Folder for the pictures (default RUN/eval/images)");
+  parser->add_option("--images", request->images, "Folder for the pictures (default RUN/eval/images)")
+      ->check(output_folder());
   add_common(*parser, *common);
   return {parser, [=] { return run_eval(*request, *common); }};
 }

@@ -5,6 +5,7 @@
 #include "cli/actors.h"
 #include "cli/commands.h"
 #include "cli/export_splats.h"
+#include "cli/output_path.h"
 #include "models/data/paths.h"
 #include "models/io/gif.h"
 #include "models/mesh/asset_mesh.h"
@@ -128,12 +129,35 @@ void tell(const Scenes& scenes, const std::vector<Exported>& done, const Common&
   if (common.json) put(json.dump() + "\n");
 }
 
+void check_file(const ExportRequest& request) {
+  if (const std::string problem = output_file()(request.out); !problem.empty())
+    throw Error(Fault::usage, "--out: " + problem);
+}
+
+/// One mesh: its name may say the format.
+void take_file(ExportRequest& request) {
+  check_file(request);
+  const std::string extension = CLI::detail::to_lower(fs::path(request.out).extension().string());
+  if (request.format.empty() && (extension.empty() || extension == ".glb")) request.format = "glb";
+  if (request.format.empty() && extension == ".ply") request.format = "ply";
+  if (request.format.empty())
+    throw Error(Fault::usage, text("-o ", request.out, ": cannot write ", extension, "; meshes are .glb or .ply"));
+  request.out = with_format(request.out, request.format).string();
+}
+
+void check_folder(ExportRequest& request) {
+  if (request.format.empty()) request.format = "glb";
+  if (const std::string problem = output_folder()(request.out); !problem.empty())
+    throw Error(Fault::usage, text("--out: ", problem, request.actor.empty() ? "; or one actor: --actor ID" : ""));
+}
+
 int export_actors(const RestoredRun& run, ExportRequest request, const Common& common) {
   street_of(run);
-  if (request.format.empty()) request.format = "glb";
   if (request.format == "splat" || request.format == "spz")
     throw Error(Fault::usage,
                 text("--format ", request.format, ": this run has actors, no gaussians; want glb, ply or turntable"));
+  const bool is_file = !request.actor.empty() && request.format != "turntable";
+  is_file ? take_file(request) : check_folder(request);
   if (request.actor.empty()) {
     tell(run.scenes, export_all(run, request, common), common);
     return 0;
@@ -159,6 +183,7 @@ int run_command(const ExportRequest& request, const Common& common) {
   if (!request.actor.empty()) throw Error(Fault::usage, "--actor: this run has gaussians and no actors");
   if (request.format == "turntable")
     throw Error(Fault::usage, "--format turntable: of gaussians, cloam render RUN --path orbit makes one");
+  check_file(request);
   return export_splats(run, *gaussians, {request.format, request.out}, common);
 }
 

@@ -5,6 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "cli/output_path.h"
 #include "models/metrics/psnr.h"
 #include "models/render/undistort.h"
 #include "models/splat/draw.h"
@@ -18,12 +19,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kViews = 3;  // that a file is looked at from
-
-fs::path path_of(const SplatExport& request) {
-  fs::path path = request.out;
-  if (!request.format.empty() && path.extension() != "." + request.format) path += "." + request.format;
-  return path;
-}
 
 std::vector<float> picture(const Gaussians& gaussians, const Scene& scene, const Frame& frame) {
   const Camera camera = pinhole_around(scene.cameras[static_cast<std::size_t>(frame.camera)]);
@@ -46,7 +41,7 @@ double likeness_of(const Gaussians& written, const Gaussians& model, const Scene
 
 int export_splats(const RestoredRun& run, const Gaussians& gaussians, const SplatExport& request,
                   const Common& common) {
-  const fs::path path = path_of(request);
+  const fs::path path = with_format(request.out, request.format);
   write_gaussians(path, gaussians);
   const SplatFile read = read_gaussians(path);
   for (const std::string& warning : read.warnings) warn(warning);

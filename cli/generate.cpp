@@ -29,7 +29,7 @@ const std::map<std::string, CodeSource> kCodeSources = {
     {"sampled", CodeSource::sampled}, {"random", CodeSource::random}, {"training", CodeSource::training}};
 
 constexpr int kFramesPerSecond = 12;
-constexpr char kPictures[] = "pictures";
+constexpr char kPictures[] = "pictures", kRecord[] = "generate.json";
 constexpr char kExamples[] = R"(Make new assets of a run of diffusion.
 
 Examples:
@@ -145,6 +145,7 @@ void write_pictures(const GenerateRequest& request, std::size_t asset, const std
 Json write_assets(const GenerateRequest& request, const Made& made, const Common& common) {
   Json rows = Json::array();
   std::vector<Image> grid;
+  std::vector<Caption> captions;
   for (std::size_t i = 0; i < made.assets.size(); ++i) {
     Json row = described(made, i);
     const std::vector<Image> turn =
@@ -154,7 +155,8 @@ Json write_assets(const GenerateRequest& request, const Made& made, const Common
     how.update(made.how);
     write_gif(gif, turn, kFramesPerSecond, how.dump());
     row["turntable"] = gif.filename().string();
-    grid.push_back(turn[turn.size() / 8]);  // from the front and a side
+    grid.push_back(three_quarter_picture(made.street, made.names[i], made.assets[i].size, request.size));
+    captions.push_back({text(i, "  ", kAssetClasses[made.assets[i].asset_class]), time_of_day(made.assets[i].night)});
     if (request.pictures) write_pictures(request, i, turn);
     if (!request.no_meshes) add_mesh(request, made, i, row);
     say(common, text("generate ", i + 1, "/", made.assets.size(), "  ", kAssetClasses[made.assets[i].asset_class], ", ",
@@ -162,7 +164,8 @@ Json write_assets(const GenerateRequest& request, const Made& made, const Common
     rows.push_back(row);
   }
   const int columns = static_cast<int>(std::ceil(std::sqrt(static_cast<double>(grid.size()))));
-  write_png(fs::path(request.out) / "grid.png", contact_sheet(grid, columns), made.how.dump());
+  write_png(fs::path(request.out) / "grid.png", contact_sheet(grid, columns, captions), made.how.dump());
+  warn_without_font();
   return rows;
 }
 
@@ -183,11 +186,12 @@ int run_command(GenerateRequest request, const Common& common) {
   for (const NewAsset& asset : made.assets) made.names.push_back(made.street.add_asset(asset));
   const fs::path folder = request.out;
   std::error_code error;
-  fs::remove_all(folder / kPictures, error);  // of an earlier generation, which may have had more
+  // Of an earlier generation, which may have had more; a folder that something else made is left alone.
+  if (fs::exists(folder / kRecord, error)) fs::remove_all(folder / kPictures, error);
   write_latents(folder / "latents.safetensors", made, prior.method->prior()->code_shape());
   Json all = {{"schema_version", 1}, {"made", made.how}};
   all["assets"] = write_assets(request, made, common);
-  commit_text(folder / "generate.json", all.dump(2) + "\n");
+  commit_text(folder / kRecord, all.dump(2) + "\n");
   if (common.json) {
     all["folder"] = request.out;
     put(all.dump() + "\n");

@@ -35,12 +35,12 @@ std::string verdict(const DeviceInfo& info) {
 }
 
 /// The device that a command would take; none (with the reason) if it cannot be chosen.
-std::optional<DeviceInfo> chosen_device(const Common& common, std::string& why_not) {
+std::optional<DeviceInfo> chosen_device(const Common& common, std::optional<Error>& why_not) {
   try {
     open_device(common);
     return device();
   } catch (const Error& error) {
-    why_not = error.what();
+    why_not = error;
     return std::nullopt;
   }
 }
@@ -109,13 +109,13 @@ void put_json(const std::vector<DeviceInfo>& devices, const std::optional<Device
 
 int run_command(const Common& common) {
   const std::vector<DeviceInfo> devices = list_devices();
-  std::string why_not;
+  std::optional<Error> why_not;
   const std::optional<DeviceInfo> chosen = chosen_device(common, why_not);
   if (common.json)
     put_json(devices, chosen);
   else
     put_table(devices, chosen);
-  if (!chosen) throw Error(Fault::device, why_not);
+  if (why_not) throw Error(*why_not);
   return 0;
 }
 

@@ -159,6 +159,7 @@ class Colmap {
   void run(const Stage& stage) {
     progress_.begin(stage.told);
     std::ofstream log(layout_.log(), std::ios::app);
+    if (!log) throw Error(Fault::write, text("cannot open ", layout_.log().string(), ": ", std::strerror(errno)));
     log << "\ncolmap";
     for (const std::string& word : stage.words) log << " " << quoted(word);
     log << "\n";
@@ -175,10 +176,13 @@ class Colmap {
     });
     progress_.end_line();
     if (!log.flush())
-      throw Error(Fault::write, text(layout_.log().string(), ": cannot be written: ", std::strerror(errno)));
+      throw Error(Fault::write, text("cannot write ", layout_.log().string(), "; ", space_advice(layout_.work())));
     if (code == 0 || stop_signal.load() != 0) return;
     std::string words;
     for (const std::string& line : last) words += "\n    " + line;
+    if (is_of_full_disk(words))
+      throw Error(Fault::write, text("colmap ", stage.words.front(), " cannot write: ", space_advice(layout_.work()),
+                                     "; it said:", words));
     throw Error(
         Fault::data,
         text("colmap ", stage.words.front(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),

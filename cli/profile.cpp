@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "models/io/commit.h"
 #include "runtime/device.h"
 #include "runtime/limits.h"
 #include "runtime/profile.h"
@@ -64,7 +65,7 @@ void end_profile() {
   if (!profiling()) return;
   const Profile profile = cloam::profile();
   if (!trace_file().empty()) {
-    write_trace(trace_file());
+    commit_text(trace_file(), trace());
     std::fprintf(stderr, "\ntrace     %s (open it in https://ui.perfetto.dev)\n", trace_file().c_str());
   }
   const DeviceLimits limits = measure_limits();

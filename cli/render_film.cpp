@@ -27,7 +27,7 @@ std::string without_places(const std::string& path) {
 
 /// Paths begin with a slash: ffmpeg takes what stands before a colon for a protocol.
 void encode(const fs::path& ffmpeg, const std::vector<std::string>& input, const fs::path& film) {
-  std::vector<std::string> words = {"-nostdin", "-hide_banner", "-loglevel", "error", "-y"};
+  std::vector<std::string> words = {"-nostdin", "-hide_banner", "-loglevel", "error", "-xerror", "-y"};
   words.insert(words.end(), input.begin(), input.end());
   for (const char* word : {"-vf", kFilter, "-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc",
                            "iec61966-2-1", "-movflags", "+faststart"})
@@ -41,8 +41,11 @@ void encode(const fs::path& ffmpeg, const std::vector<std::string>& input, const
   if (code == 0) return;
   std::string said;
   for (const std::string& line : last) said += "\n    " + line;
-  throw Error(Fault::write, text(ffmpeg.string(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
-                                 said.empty() ? "; it said nothing" : "; it said:", said));
+  if (is_of_full_disk(said))
+    throw Error(Fault::write,
+                text("cannot write the film: ", space_advice(film.parent_path()), "; ffmpeg said:", said));
+  throw Error(Fault::data, text(ffmpeg.string(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
+                                said.empty() ? "; it said nothing" : "; it said:", said));
 }
 
 }  // namespace
@@ -63,6 +66,7 @@ bool write_film(const fs::path& folder, const std::string& name, std::size_t cou
              temp);
     });
   } catch (const Error& error) {
+    if (error.fault() == Fault::write) throw;
     warn(text("no ", film.string(), ": ", error.what()));
     return false;
   }

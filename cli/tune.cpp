@@ -3,9 +3,11 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "models/io/commit.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -56,9 +58,19 @@ std::string json_of(const std::vector<TuneResult>& results) {
 }
 
 int forget(const Common& common) {
-  const bool was = std::remove(tuned_file().c_str()) == 0;
+  std::error_code problem;
+  const bool was = std::filesystem::remove(tuned_file(), problem);
+  if (problem) throw Error(Fault::write, text("cannot remove ", tuned_file(), ": ", problem.message()));
   say(common, (was ? "forgot " : "there was no ") + tuned_file());
   return 0;
+}
+
+void keep(const std::string& choices) {
+  try {
+    commit_text(tuned_file(), choices);
+  } catch (const Error& error) {
+    throw Error(error.fault(), text(error.what(), "\n  fix: CLOAM_CACHE_DIR names another folder for what tune finds"));
+  }
 }
 
 int run_command(const Options& options) {
@@ -74,7 +86,7 @@ int run_command(const Options& options) {
     kept.push_back({result.family, result.size, result.trials[result.winner].variant, "tuned"});
   }
   if (options.common.json) put(json_of(results));
-  save_tuned(kept);
+  keep(with_tuned(kept));
   const auto changed = std::count_if(results.begin(), results.end(), [](const TuneResult& r) { return r.winner > 0; });
   say(options.common,
       text(results.size(), " choices, ", changed, " differ from the built-in table; kept in ", tuned_file()));

@@ -10,6 +10,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/kernel_cache.h"
 
 namespace cloam {
 namespace {
@@ -66,6 +67,7 @@ std::string pin_pocl_threads() {
 
 std::vector<Candidate> candidates() {
   const std::string pinning = pin_pocl_threads();
+  kernel_cache();
   std::vector<Candidate> out;
   std::vector<cl::Platform> platforms;
   try {
@@ -105,6 +107,7 @@ bool matches(const Candidate& c, size_t position, const std::string& wish) {
 int rank(const Candidate& c) { return c.info.is_cpu ? 1 : 0; }
 
 Candidate choose(const std::vector<Candidate>& all, const std::string& wish) {
+  if (all.empty() && !kernel_cache().usable) throw Error(Fault::write, kernel_cache().note);
   if (all.empty())
     throw Error(Fault::device,
                 text("no OpenCL device found. Looked for drivers in ",
@@ -131,6 +134,7 @@ void open_device() {
   const char* environment = std::getenv("CLOAM_DEVICE");
   const std::string wish = wanted.device == "auto" && environment ? environment : wanted.device;
   const Candidate c = choose(candidates(), wish);
+  if (!c.info.pinning.empty() && !kernel_cache().usable) throw Error(Fault::write, kernel_cache().note);
   try {
     cl::Context context(c.device);
     cl::CommandQueue queue(context, c.device, debug().kernels ? CL_QUEUE_PROFILING_ENABLE : 0);

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <chrono>
 #include <deque>
-#include <fstream>
 #include <map>
 #include <optional>
+#include <sstream>
 
 #include "runtime/cl.h"
 
@@ -154,10 +154,10 @@ Profile profile() {
   return out;
 }
 
-void write_trace(const std::string& path) {
+std::string trace() {
   finish();
   collect_launches();
-  std::ofstream out(path);
+  std::ostringstream out;
   out << std::fixed;
   out.precision(3);
   out << R"({"displayTimeUnit":"ms","traceEvents":[
@@ -165,7 +165,7 @@ void write_trace(const std::string& path) {
 {"ph":"M","pid":1,"tid":2,"name":"thread_name","args":{"name":"device"}})";
   for (const Span& span : recorder()->spans) write_span(out, span, recorder()->began_us);
   out << "\n]}\n";
-  if (!out.flush()) throw Error(Fault::write, text("the trace ", path, " cannot be written"));
+  return out.str();
 }
 
 HostSpan::HostSpan(const char* name) : name_(name), begin_(profiling() && recorder()->timeline ? host_us() : 0) {}

@@ -24,15 +24,15 @@ struct Profile {
   double seconds = 0, device_seconds = 0, wait_seconds = 0, build_seconds = 0;
 };
 
-/// From here on launches are recorded; keep_timeline: each by itself, for write_trace().
+/// From here on launches are recorded; keep_timeline: each by itself, for trace().
 void start_profile(bool keep_timeline = false);
 bool profiling();
 /// Says that a step of training (or a picture) is done.
 void profile_step();
 /// Everything so far. Waits for the device.
 Profile profile();
-/// The timeline as Chrome's trace events, which Perfetto and chrome://tracing show. Throws Fault::write.
-void write_trace(const std::string& path);
+/// The timeline as Chrome's trace events, which Perfetto and chrome://tracing show.
+std::string trace();
 
 /// What the host does from here to the end of the scope, as a span of the timeline.
 class HostSpan {

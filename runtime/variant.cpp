@@ -1,14 +1,11 @@
 // Reading variant rows out of kernel texts, choosing among them, and remembering what tuning found.
 #include "runtime/variant.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <deque>
-#include <filesystem>
 #include <fstream>
 #include <map>
 #include <optional>
@@ -86,7 +83,7 @@ std::vector<const Variant*> fitting(const std::string& family, const std::string
                                     size, ", and no reference"));
 }
 
-/// family|size|kernel NAME=VALUE ..., as save_tuned() writes it.
+/// family|size|kernel NAME=VALUE ..., as with_tuned() writes it.
 using Tuned = std::map<std::pair<std::string, std::string>, std::string>;
 
 Tuned read_tuned() {
@@ -199,20 +196,13 @@ std::string tuned_file() {
   return cache_folder() + name;
 }
 
-void save_tuned(const std::vector<Choice>& tuned) {
+std::string with_tuned(const std::vector<Choice>& tuned) {
   Tuned all = read_tuned();
   for (const Choice& choice : tuned) all[{choice.family, choice.size}] = choice.variant->row();
-  const std::string path = tuned_file(), fresh = text(path, ".", getpid());
-  std::error_code ignored;
-  std::filesystem::create_directories(cache_folder(), ignored);
-  std::ofstream file(fresh);
-  file << "# " << device().name << ", driver " << device().driver << ": written by cloam tune; delete it to forget\n";
-  for (const auto& [place, row] : all) file << place.first << '|' << place.second << '|' << row << '\n';
-  file.close();
-  if (!file || std::rename(fresh.c_str(), path.c_str()) != 0) {
-    std::filesystem::remove(fresh, ignored);
-    throw Error(Fault::write, text("cannot write ", path, "; set CLOAM_CACHE_DIR to a folder that can be written"));
-  }
+  std::string out =
+      text("# ", device().name, ", driver ", device().driver, ": written by cloam tune; delete it to forget\n");
+  for (const auto& [place, row] : all) out += text(place.first, '|', place.second, '|', row, '\n');
+  return out;
 }
 
 }  // namespace cloam

@@ -56,9 +56,9 @@ bool states_kernel(const Variant& variant);
 /// Where tuned choices of this device and driver lie: $CLOAM_CACHE_DIR or $XDG_CACHE_HOME/cloam or ~/.cache/cloam.
 /// CLOAM_TUNE=off ignores the file. Rows that the kernel files no longer state are passed over.
 std::string tuned_file();
-/// Adds the choices to tuned_file(), in the place of earlier ones of the same family and size; the file is replaced
-/// whole or not at all. Throws Fault::write.
-void save_tuned(const std::vector<Choice>& tuned);
+/// What tuned_file() is to hold from now on: its choices, with these in the place of earlier ones of the same family
+/// and size.
+std::string with_tuned(const std::vector<Choice>& tuned);
 
 void record_choices(std::vector<Choice>* into);  // null: stop
 

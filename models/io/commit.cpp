@@ -15,6 +15,7 @@
 #include <cstdint>
 #include <cstring>
 #include <string>
+#include <system_error>
 #include <utility>
 
 #include "runtime/error.h"
@@ -26,27 +27,58 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kTemporaryMark = ".tmp-";
 
-std::string space_advice(const fs::path& folder, uint64_t needed) {
-  struct statvfs disk {};
-  std::string advice = "; free space on that disk or choose another folder";
-  if (statvfs(folder.c_str(), &disk) == 0) {
-    advice = text(", ", uint64_t{disk.f_bavail} * disk.f_frsize, " bytes are free", advice);
-  }
-  return needed > 0 ? text("; needs ", needed, " bytes", advice) : advice;
+fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : fs::path("."); }
+
+/// The nearest folder on the way up that exists.
+fs::path existing_folder(const fs::path& folder) {
+  std::error_code problem;
+  fs::path found = fs::absolute(folder, problem).lexically_normal();
+  while (found.has_relative_path() && !fs::is_directory(found, problem)) found = found.parent_path();
+  return found;
+}
+
+/// Where the disk is mounted that the folder lies on.
+fs::path mount_point(const fs::path& folder) {
+  struct stat here {};
+  struct stat above {};
+  std::error_code problem;
+  fs::path found = fs::canonical(folder, problem);
+  if (problem || ::stat(found.c_str(), &here) != 0) return folder;
+  while (found.has_relative_path() && ::stat(found.parent_path().c_str(), &above) == 0 && above.st_dev == here.st_dev)
+    found = found.parent_path();
+  return found;
+}
+
+/// EIO: what a copy by std::filesystem says where it finds no room.
+bool is_about_space(int code) { return code == ENOSPC || code == EDQUOT || code == EFBIG || code == EIO; }
+
+/// The file that stands where a folder must be, if there is one.
+fs::path file_in_the_way(const fs::path& folder) {
+  std::error_code problem;
+  for (fs::path part = folder; !part.empty() && part != part.parent_path(); part = part.parent_path())
+    if (fs::exists(part, problem)) return fs::is_directory(part, problem) ? fs::path() : part;
+  return {};
 }
 
 [[noreturn]] void fail(std::string_view action, const fs::path& path, int code, uint64_t needed = 0) {
   std::string message = text("cannot ", action, " ", path.string(), ": ", std::strerror(code));
-  if (code == ENOSPC || code == EDQUOT || code == EFBIG) message += space_advice(path.parent_path(), needed);
-  if (code == EACCES || code == EROFS) message += "; choose a folder that you may write to";
+  if (is_about_space(code)) {
+    if (needed > 0) message += text("; needs ", needed, " bytes");
+    message += "; " + space_advice(folder_of(path));
+  }
+  if (code == EACCES || code == EPERM || code == EROFS) message += "; choose a folder that you may write to";
+  const fs::path file = code == ENOTDIR || code == EEXIST ? file_in_the_way(path) : fs::path();
+  if (!file.empty()) message += text("; ", file.string(), " is a file: name another folder");
   throw Error(Fault::write, message);
 }
 
-/// A file descriptor that is closed on all ways out; close() is the way that reports.
+/// A file descriptor that is closed on all ways out; close() is the way that reports. Errors name `told`, the file that
+/// the user knows of.
 class Descriptor {
  public:
-  Descriptor(const fs::path& path, int flags) : path_(path), file_(::open(path.c_str(), flags | O_CLOEXEC, 0666)) {
-    if (file_ < 0) fail("open", path, errno);
+  Descriptor(const fs::path& path, int flags, const fs::path& told)
+      : path_(told), file_(::open(path.c_str(), flags | O_CLOEXEC, 0666)) {
+    if (file_ < 0) fail("write", told, errno);
   }
   ~Descriptor() {
     if (file_ >= 0) ::close(file_);
@@ -76,8 +108,6 @@ struct TemporaryFile {
   }
 };
 
-fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : fs::path("."); }
-
 fs::path temporary_name(const fs::path& path) {
   static std::atomic<uint64_t> count{0};
   const std::string stem = path.stem().string().substr(0, 160);  // names longer than 255 bytes are refused by the disk
@@ -90,8 +120,8 @@ void make_folder(const fs::path& folder) {
   if (problem) fail("make the folder", folder, problem.value());
 }
 
-void sync_path(const fs::path& path, int flags) {
-  Descriptor file(path, O_RDONLY | flags);
+void sync_path(const fs::path& path, int flags, const fs::path& told) {
+  Descriptor file(path, O_RDONLY | flags, told);
   file.sync();
   file.close();
 }
@@ -99,7 +129,9 @@ void sync_path(const fs::path& path, int flags) {
 void call_writer(const fs::path& path, const fs::path& temp, const std::function<void(const fs::path&)>& write) {
   try {
     write(temp);
-  } catch (const Error&) { throw; } catch (const std::exception& problem) {
+  } catch (const Error&) { throw; } catch (const std::system_error& problem) {
+    fail("write", path, problem.code().value());
+  } catch (const std::exception& problem) {
     throw Error(Fault::write, text("cannot write ", path.string(), ": ", problem.what()));
   }
 }
@@ -111,6 +143,14 @@ void write_all(const Descriptor& file, const fs::path& path, std::span<const std
     if (count <= 0) fail("write", path, count < 0 ? errno : EIO, needed);
     bytes = bytes.subspan(static_cast<size_t>(count));
   }
+}
+
+void commit_pieces(const fs::path& path, uint64_t needed, const std::function<void(const ByteSink&)>& write) {
+  commit_file(path, [&](const fs::path& temp) {
+    Descriptor file(temp, O_WRONLY | O_CREAT | O_EXCL, path);
+    write([&](std::span<const std::byte> bytes) { write_all(file, path, bytes, needed); });
+    file.close();
+  });
 }
 
 /// The process id in the name of a temporary file, 0 for any other file.
@@ -141,23 +181,28 @@ bool is_same_file(const fs::path& path, int file) {
 }  // namespace
 
 void commit_file(const fs::path& path, const std::function<void(const fs::path& temp)>& write) {
+  std::error_code ignored;
+  if (fs::is_other(path, ignored))  // a file would take the place of /dev/null
+    throw Error(Fault::write, text("cannot write ", path.string(), ": it is a device or a pipe; name a file"));
   const fs::path folder = folder_of(path);
   make_folder(folder);
   TemporaryFile temp{temporary_name(path)};
   call_writer(path, temp.path, write);
-  sync_path(temp.path, 0);
+  sync_path(temp.path, 0, path);
   if (::rename(temp.path.c_str(), path.c_str()) != 0) fail("put in place", path, errno);
   temp.path.clear();
-  sync_path(folder, O_DIRECTORY);
+  sync_path(folder, O_DIRECTORY, path);
+}
+
+void commit_stream(const fs::path& path, const std::function<void(const ByteSink& sink)>& write) {
+  commit_pieces(path, 0, write);
 }
 
 void commit_bytes(const fs::path& path, std::span<const std::span<const std::byte>> parts) {
   uint64_t needed = 0;
   for (const auto& part : parts) needed += part.size();
-  commit_file(path, [&](const fs::path& temp) {
-    Descriptor file(temp, O_WRONLY | O_CREAT | O_EXCL);
-    for (const auto& part : parts) write_all(file, path, part, needed);
-    file.close();
+  commit_pieces(path, needed, [&](const ByteSink& sink) {
+    for (const auto& part : parts) sink(part);
   });
 }
 
@@ -167,6 +212,15 @@ void commit_bytes(const fs::path& path, std::span<const std::byte> bytes) {
 
 void commit_text(const fs::path& path, std::string_view content) {
   commit_bytes(path, std::as_bytes(std::span(content)));
+}
+
+std::string space_advice(const fs::path& folder) {
+  struct statvfs disk {};
+  const fs::path existing = existing_folder(folder);
+  const std::string advice = "free space there or choose another folder";
+  if (::statvfs(existing.c_str(), &disk) != 0) return advice;
+  return text(uint64_t{disk.f_bavail} * disk.f_frsize, " bytes are free on ", mount_point(existing).string(), "; ",
+              advice);
 }
 
 void remove_stale_temporaries(const fs::path& folder) {
@@ -194,6 +248,7 @@ FolderLock::FolderLock(const fs::path& folder) : path_(folder / ".lock") {
   const std::string holder = text(::getpid(), "\n");
   if (::ftruncate(file_, 0) != 0 || ::pwrite(file_, holder.data(), holder.size(), 0) < 0) {
     const int code = errno;
+    ::unlink(path_.c_str());
     ::close(file_);
     fail("write the lock", path_, code);
   }

@@ -1,15 +1,18 @@
 // GIF through OpenImageIO: each frame is one more subimage.
 #include "models/io/gif.h"
 
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
-#include <fstream>
+#include <span>
 
 #include "models/io/commit.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
+
+constexpr char kTrailer = 0x3B;
 
 void check(const std::vector<Image>& frames) {
   if (frames.empty()) throw Error(Fault::internal, "a GIF of no frames");
@@ -19,7 +22,7 @@ void check(const std::vector<Image>& frames) {
   }
 }
 
-bool write_frames(OIIO::ImageOutput& output, const std::string& name, const std::vector<Image>& frames, int rate) {
+bool encode(OIIO::ImageOutput& output, const std::vector<Image>& frames, int rate) {
   OIIO::ImageSpec spec(frames[0].width, frames[0].height, 3, OIIO::TypeDesc::UINT8);
   spec.attribute("oiio:Movie", 1);
   spec.attribute("gif:LoopCount", 0);
@@ -27,7 +30,7 @@ bool write_frames(OIIO::ImageOutput& output, const std::string& name, const std:
   spec.attribute("FramesPerSecond", OIIO::TypeRational, fraction);
   auto mode = OIIO::ImageOutput::Create;
   for (const Image& frame : frames) {
-    if (!output.open(name, spec, mode)) return false;
+    if (!output.open("in memory", spec, mode)) return false;
     if (!output.write_image(OIIO::TypeDesc::UINT8, frame.pixels.data())) return false;
     mode = OIIO::ImageOutput::AppendSubimage;
   }
@@ -35,21 +38,16 @@ bool write_frames(OIIO::ImageOutput& output, const std::string& name, const std:
 }
 
 /// A comment extension (GIF89a, section 24) in the place of the trailer, and the trailer again.
-bool add_comment(const std::filesystem::path& path, const std::string& comment) {
-  constexpr char kTrailer = 0x3B;
+void add_comment(std::vector<unsigned char>& gif, const std::string& comment) {
   constexpr std::size_t kBlock = 255;
-  std::fstream file(path, std::ios::binary | std::ios::in | std::ios::out);
-  file.seekg(-1, std::ios::end);
-  if (file.get() != kTrailer) return false;
   std::string bytes = "\x21\xFE";
   for (std::size_t at = 0; at < comment.size(); at += kBlock) {
     const std::string block = comment.substr(at, kBlock);
     bytes += static_cast<char>(block.size()) + block;
   }
   bytes += {'\0', kTrailer};
-  file.seekp(-1, std::ios::end);
-  file << bytes << std::flush;
-  return file.good();
+  gif.pop_back();
+  gif.insert(gif.end(), bytes.begin(), bytes.end());
 }
 
 }  // namespace
@@ -57,15 +55,16 @@ bool add_comment(const std::filesystem::path& path, const std::string& comment) 
 void write_gif(const std::filesystem::path& path, const std::vector<Image>& frames, int frames_per_second,
                const std::string& comment) {
   check(frames);
-  commit_file(path, [&](const std::filesystem::path& temp) {
-    const auto output = OIIO::ImageOutput::create("gif");
-    if (output && write_frames(*output, temp.string(), frames, frames_per_second)) {
-      if (comment.empty() || add_comment(temp, comment)) return;
-      throw Error(Fault::write, text(path.string(), ": its comment cannot be written"));
-    }
+  OIIO::Filesystem::IOVecOutput memory;  // as image.cpp does
+  const auto output = OIIO::ImageOutput::create("gif");
+  const bool done = output && output->set_ioproxy(&memory) && encode(*output, frames, frames_per_second) &&
+                    !memory.buffer().empty() && memory.buffer().back() == kTrailer;
+  if (!done) {
     throw Error(Fault::write,
-                text(path.string(), ": cannot be written: ", output ? output->geterror() : OIIO::geterror()));
-  });
+                text(path.string(), ": cannot be encoded: ", output ? output->geterror() : OIIO::geterror()));
+  }
+  if (!comment.empty()) add_comment(memory.buffer(), comment);
+  commit_bytes(path, std::as_bytes(std::span(memory.buffer())));
 }
 
 }  // namespace cloam

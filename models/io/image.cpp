@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <span>
 
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
@@ -323,16 +324,18 @@ Bytes straight_8_bit(Decoder& decoder) {
   return pixels;
 }
 
+/// Encoded in memory: OpenImageIO's writers do not tell when the disk refuses what they have buffered.
 template <class Value>
 void write(const std::filesystem::path& path, const char* format, const OIIO::ImageSpec& spec, const Value* values) {
-  commit_file(path, [&](const std::filesystem::path& temp) {
-    const auto output = OIIO::ImageOutput::create(format);
-    const bool done = output && output->open(temp.string(), spec) &&
-                      output->write_image(OIIO::BaseTypeFromC<Value>::value, values) && output->close();
-    if (done) return;
+  OIIO::Filesystem::IOVecOutput memory;
+  const auto output = OIIO::ImageOutput::create(format);
+  const bool done = output && output->set_ioproxy(&memory) && output->open(path.string(), spec) &&
+                    output->write_image(OIIO::BaseTypeFromC<Value>::value, values) && output->close();
+  if (!done) {
     throw Error(Fault::write,
-                text(path.string(), ": cannot be written: ", output ? output->geterror() : OIIO::geterror()));
-  });
+                text(path.string(), ": cannot be encoded: ", output ? output->geterror() : OIIO::geterror()));
+  }
+  commit_bytes(path, std::as_bytes(std::span(memory.buffer())));
 }
 
 }  // namespace

@@ -295,18 +295,15 @@ void write_ply_rows(const std::filesystem::path& path, const PlyHeader& header,
   start += "end_header\n";
   const std::size_t width = header.properties.size();
   const std::size_t rows = std::max<std::size_t>(1, kBlock / sizeof(float) / std::max<std::size_t>(1, width));
-  commit_file(path, [&](const std::filesystem::path& temp) {
-    std::ofstream file(temp, std::ios::binary);
-    file << start;
+  commit_stream(path, [&](const ByteSink& sink) {
+    sink(std::as_bytes(std::span(start)));
     std::vector<float> block;
-    for (std::size_t done = 0; done < header.count && file; done += rows) {
+    for (std::size_t done = 0; done < header.count; done += rows) {
       const std::size_t count = std::min<std::size_t>(rows, header.count - done);
       block.resize(count * width);
       for (std::size_t row = 0; row < count; ++row) fill(done + row, std::span(block).subspan(row * width, width));
-      file.write(reinterpret_cast<const char*>(block.data()), static_cast<std::streamsize>(4 * block.size()));
+      sink(std::as_bytes(std::span(block)));
     }
-    file.close();
-    if (!file) throw Error(Fault::write, text("cannot write ", path.string(), ": is the disk full?"));
   });
 }
 

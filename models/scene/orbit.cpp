@@ -119,4 +119,8 @@ std::vector<Eigen::Matrix4d> turntable_poses(const Vector3d& size, const Camera&
   return poses;
 }
 
+Eigen::Matrix4d three_quarter_pose(const Vector3d& size, const Camera& camera) {
+  return turntable_poses(size, camera, 8)[1];
+}
+
 }  // namespace cloam

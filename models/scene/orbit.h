@@ -21,4 +21,7 @@ Camera turntable_camera(int width, int height);
 /// counter-clockwise, a little above it, as far away as makes any box fit into the view of the camera.
 std::vector<Eigen::Matrix4d> turntable_poses(const Eigen::Vector3d& size, const Camera& camera, int count);
 
+/// Where assets show most of themselves: from the front left, as turntable_poses have it.
+Eigen::Matrix4d three_quarter_pose(const Eigen::Vector3d& size, const Camera& camera);
+
 }  // namespace cloam

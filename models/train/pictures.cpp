@@ -5,12 +5,14 @@
 #include <cmath>
 #include <set>
 
+#include "models/io/draw_text.h"
 #include "models/scene/orbit.h"
 
 namespace cloam {
 namespace {
 
 constexpr int kGap = 4;
+constexpr int kLetters = 12, kLine = 15, kBelow = 4;  // heights of letters, of a line, and from its baseline to its end
 constexpr float kErrorGain = 4;
 
 std::uint8_t byte(float value) { return static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.f, 1.f))); }
@@ -21,6 +23,19 @@ void paste(Image& sheet, const Image& image, int left, int top) {
     std::copy(from, from + std::size_t(image.width) * 3,
               sheet.pixels.data() + (std::size_t(top + row) * sheet.width + left) * 3);
   }
+}
+
+/// The beginning of the line that fits.
+std::string shortened(const std::string& line, int width) {
+  if (text_width(line, kLetters) <= width) return line;
+  std::string cut = line;
+  while (!cut.empty() && text_width(cut + "...", kLetters) > width) cut.pop_back();
+  return cut + "...";
+}
+
+void write_caption(Image& sheet, const Caption& caption, int left, int top, int width) {
+  draw_text(sheet, shortened(caption.first, width), left, top + kLine - kBelow, kLetters);
+  draw_text(sheet, shortened(caption.second, width), left, top + 2 * kLine - kBelow, kLetters);
 }
 
 std::string flat_name(const std::string& image) {
@@ -55,20 +70,30 @@ Image error_image(const std::vector<float>& a, const std::vector<float>& b, int 
   return to_image(error, width, height);
 }
 
-Image contact_sheet(const std::vector<Image>& images, int columns) {
+Image contact_sheet(const std::vector<Image>& images, int columns, const std::vector<Caption>& captions) {
   int width = 0, height = 0;
   for (const Image& image : images) {
     width = std::max(width, image.width);
     height = std::max(height, image.height);
   }
+  const bool has_captions = !captions.empty() && can_draw_text();
+  const int cell = height + (has_captions ? 2 * kLine : 0);
   const int count = static_cast<int>(images.size()), wide = std::min(columns, count);
   const int rows = (count + columns - 1) / columns;
-  Image sheet{wide * (width + kGap) - kGap, rows * (height + kGap) - kGap, 3, {}};
+  Image sheet{wide * (width + kGap) - kGap, rows * (cell + kGap) - kGap, 3, {}};
   sheet.pixels.assign(std::size_t(sheet.width) * sheet.height * 3, 255);
   for (int i = 0; i < count; ++i) {
-    paste(sheet, images[static_cast<std::size_t>(i)], i % columns * (width + kGap), i / columns * (height + kGap));
+    const int left = i % columns * (width + kGap), top = i / columns * (cell + kGap);
+    paste(sheet, images[static_cast<std::size_t>(i)], left, top);
+    if (has_captions) write_caption(sheet, captions.at(static_cast<std::size_t>(i)), left, top + height, width);
   }
   return sheet;
+}
+
+Image three_quarter_picture(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int pixels) {
+  const Camera camera = turntable_camera(pixels, pixels);
+  const Picture picture = street.render_asset(looks, camera, three_quarter_pose(size, camera));
+  return to_image(picture.rgb, picture.width, picture.height);
 }
 
 std::vector<Image> turntable(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int count,

@@ -18,8 +18,17 @@ Image to_image(const std::vector<float>& values, int width, int height);
 /// The absolute difference of two [H,W,3], four times as bright so that small errors show.
 Image error_image(const std::vector<float>& a, const std::vector<float>& b, int width, int height);
 
-/// RGB images in rows of `columns`, with a gap of white; cells have the size of the largest.
-Image contact_sheet(const std::vector<Image>& images, int columns);
+/// Two lines below a picture of a sheet, cut to its width.
+struct Caption {
+  std::string first, second;
+};
+
+/// RGB images in rows of `columns`, with a gap of white; cells have the size of the largest. captions: one an image, or
+/// none; they are left out where there is no font (draw_text.h).
+Image contact_sheet(const std::vector<Image>& images, int columns, const std::vector<Caption>& captions = {});
+
+/// An asset of that size alone on white, from its front left and a little above.
+Image three_quarter_picture(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int pixels);
 
 /// `count` pictures of pixels x pixels all around an asset of that size, alone on white, from its front
 /// counter-clockwise (orbit.h: turntable_poses).

@@ -1,8 +1,10 @@
 // Streets through the program with the model itself: measured, listed, exported, compared.
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <set>
 
 #include "models/io/image.h"
 #include "models/train/run_folder.h"
@@ -86,7 +88,30 @@ TEST_CASE("edit --list draws the actors that the model shows") {
   const auto scene = json_of(RunPaths{small_street_run()}.scene()).at("scenes").at(0);
   CHECK(json.at("actors").size() == scene.at("actors").size());
   CHECK(json.at("actors").at(0).at("actor") == first_actor());
-  CHECK(read_image_size(json.at("thumbnails").get<std::string>()).width > 8 * 96);
+  const Image sheet = read_image(json.at("thumbnails").get<std::string>());
+  constexpr int kSide = 128, kGap = 4, kColumns = 8;
+  const int actors = static_cast<int>(json.at("actors").size()), rows = (actors + kColumns - 1) / kColumns;
+  CHECK(sheet.width == kColumns * (kSide + kGap) - kGap);
+  const int cell = (sheet.height + kGap) / rows, strip = cell - kGap - kSide;
+  REQUIRE(strip > 20);
+  std::set<std::string> captions;  // number, beginning of the id and label: no two are alike
+  for (int i = 0; i < actors; ++i) {
+    std::string caption;
+    for (int row = 0; row < strip; ++row) {
+      const int top = i / kColumns * cell + kSide + row, left = i % kColumns * (kSide + kGap);
+      const auto* from = &sheet.pixels[(std::size_t(top) * sheet.width + left) * 3];
+      caption.append(from, from + 3 * kSide);
+    }
+    CHECK(std::count(caption.begin(), caption.end(), '\xff') < std::ssize(caption));
+    captions.insert(caption);
+    CHECK(json.at("actors").at(static_cast<std::size_t>(i)).at("number") == i + 1);
+  }
+  CHECK(captions.size() == json.at("actors").size());
+  const std::string last = json.at("actors").back().at("short_id");
+  const fs::path edited = scratch() / "edited_by_short_id";
+  CHECK(cloam_with({"edit", small_street_run().string(), "--actor", last + ":remove", "-o", edited.string()}).code ==
+        0);
+  CHECK(json_of(RunPaths{edited}.scene()).at("scenes").at(0).at("actors").back().at("boxes").empty());
 }
 
 TEST_CASE("export writes a mesh that glTF readers take, or tells that there is no surface; and a turntable") {

@@ -66,6 +66,17 @@ TEST_CASE("cameras on one side: the path stays on that side and sweeps it") {
   CHECK(std::abs(most - 1.625) < 0.02);
 }
 
+TEST_CASE("an asset is shown from its front left and a little above") {
+  const Camera camera = turntable_camera(80, 80);
+  const Eigen::Matrix4d pose = three_quarter_pose({2, 5, 1.5}, camera);
+  const Vector3d eye = pose.topRightCorner<3, 1>();
+  CHECK(eye.y() > 0);                           // before the front
+  CHECK(eye.x() == doctest::Approx(-eye.y()));  // as far to the left
+  CHECK(eye.z() > 0.2 * eye.head<2>().norm());  // above it
+  CHECK(eye.z() < 0.6 * eye.head<2>().norm());
+  CHECK((pose.block<3, 1>(0, 2) + eye.normalized()).norm() < 1e-9);  // it looks at the middle
+}
+
 TEST_CASE("a turntable around a box: from the front counter-clockwise, all of the box in view and large in it") {
   const Camera camera = turntable_camera(80, 60);
   const Vector3d size(2, 5, 1.5);

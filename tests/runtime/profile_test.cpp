@@ -5,9 +5,6 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <filesystem>
-#include <fstream>
-#include <iterator>
 
 #include "runtime/device.h"
 #include "runtime/ops.h"
@@ -44,14 +41,10 @@ TEST_CASE("child: a profile of six steps" * doctest::skip()) {
   CHECK(found.step.launches * 6 == static_cast<double>(calls));
   CHECK(found.step.device_ms > 0);
   CHECK(found.step.device_ms < found.step.ms * device().compute_units);
-  const std::string path = (std::filesystem::temp_directory_path() / "cloam-trace-test.json").string();
-  write_trace(path);
-  std::ifstream file(path);
-  const std::string trace((std::istreambuf_iterator<char>(file)), {});
-  CHECK(std::count(trace.begin(), trace.end(), '\n') >= calls);
-  CHECK(trace.find("\"tid\":2,\"name\":\"") != std::string::npos);
-  CHECK(trace.find("\"tid\":1,\"name\":\"eval\"") != std::string::npos);
-  std::filesystem::remove(path);
+  const std::string events = trace();
+  CHECK(std::count(events.begin(), events.end(), '\n') >= calls);
+  CHECK(events.find("\"tid\":2,\"name\":\"") != std::string::npos);
+  CHECK(events.find("\"tid\":1,\"name\":\"eval\"") != std::string::npos);
   std::printf("profile done\n");
 }
 

@@ -1,0 +1,90 @@
+// Without a folder of its own for compiled kernels the program takes a temporary one, says so, and works.
+#include <doctest/doctest.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "tests/cli/process.h"
+#include "tests/small_disk.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+
+namespace {
+
+bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
+
+/// Empty is as unset.
+Words environment(const fs::path& temporary, const Words& more) {
+  Words all = {"TMPDIR=" + temporary.string()};
+  for (const char* name : {"HOME=", "XDG_CACHE_HOME=", "POCL_CACHE_DIR="}) {
+    std::string line = name;
+    for (const std::string& word : more)
+      if (word.starts_with(name)) line = word;
+    all.push_back(line);
+  }
+  return all;
+}
+
+fs::path kernels_in(const fs::path& temporary) { return temporary / ("cloam-kernels-" + std::to_string(geteuid())); }
+
+}  // namespace
+
+TEST_CASE("no folder for compiled kernels: a temporary one serves, for this user alone, and a line says so") {
+  write_text(scratch() / "no-folder", "");
+  const std::string file = (scratch() / "no-folder").string();
+  int number = 0;
+  for (const Words& places : std::vector<Words>{{},
+                                                {"HOME=/proc"},
+                                                {"HOME=" + file},
+                                                {"HOME=/proc", "XDG_CACHE_HOME=" + file},
+                                                {"POCL_CACHE_DIR=/proc/kernels"}}) {
+    const fs::path temporary = scratch() / ("temporary" + std::to_string(number++));
+    fs::create_directories(temporary);
+    const Outcome outcome = cloam_with({"info"}, environment(temporary, places));
+    CHECK_MESSAGE(outcome.code == 0, outcome.err);
+    const std::string line = "compiled kernels are kept in " + kernels_in(temporary).string();
+    CHECK_MESSAGE(contains(outcome.err, line), outcome.err);
+    struct stat found {};
+    REQUIRE(stat(kernels_in(temporary).c_str(), &found) == 0);
+    CHECK((found.st_mode & 0777) == 0700);
+  }
+}
+
+TEST_CASE("kernels are compiled into the temporary folder") {
+  const fs::path temporary = scratch() / "compiled", run = scratch() / "homeless";
+  fs::create_directories(temporary);
+  const Outcome outcome =
+      cloam_with(small_training(small_scene(), run, {"--steps", "1"}), environment(temporary, {"HOME=/proc"}));
+  CHECK_MESSAGE(outcome.code == 0, outcome.err);
+  CHECK(contains(outcome.err, kernels_in(temporary).string()));
+  CHECK_FALSE(fs::is_empty(kernels_in(temporary)));
+}
+
+TEST_CASE("a full disk under the folder for kernels") {
+  const fs::path temporary = scratch() / "beside-full";
+  fs::create_directories(temporary);
+  const FullDisk disk(scratch() / "full-cache", 64);
+  if (!disk.mounted()) {
+    MESSAGE("skipped: no rights to mount");
+    return;
+  }
+  const Outcome outcome =
+      cloam_with({"info"}, environment(temporary, {"POCL_CACHE_DIR=" + (scratch() / "full-cache").string()}));
+  CHECK_MESSAGE(outcome.code == 0, outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "only 0 MB are free there"), outcome.err);
+}
+
+TEST_CASE("a temporary folder that others may write to is not trusted") {
+  const fs::path temporary = scratch() / "shared";
+  fs::create_directories(kernels_in(temporary));
+  fs::permissions(kernels_in(temporary), fs::perms::all);
+  const Outcome outcome = cloam_with({"info"}, environment(temporary, {"HOME=/proc"}));
+  CHECK(outcome.code == 8);
+  CHECK_MESSAGE(contains(outcome.err, "is no folder of this user alone"), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "POCL_CACHE_DIR"), outcome.err);
+  fs::remove(kernels_in(temporary));
+  fs::create_directories(scratch() / "elsewhere");
+  fs::create_directory_symlink(scratch() / "elsewhere", kernels_in(temporary));
+  CHECK(cloam_with({"info"}, environment(temporary, {"HOME=/proc"})).code == 8);
+  CHECK(fs::is_empty(scratch() / "elsewhere"));
+}
