@@ -265,13 +265,13 @@ TEST_CASE("simulate tells the time left of images and sweeps apart until both we
   CHECK(matches(outcome.err, "\nsimulate \\d/3  sweep \\d  (\\d+s left)").size() == 3);
 }
 
-TEST_CASE("seconds of compiling are told where no terminal shows them, and nothing with -q or --json") {
+TEST_CASE("seconds of compiling are told where no terminal shows them, and not with -q") {
   const fs::path pictures = scratch() / "compiled-pictures";
   REQUIRE(cloam_with({"synth", "-o", pictures.string(), "--logs", "1", "--frames", "2", "--size", "48x48", "--cameras",
                       "front", "--no-truth", "-q"})
               .code == 0);
   const std::string folder = (pictures / "001/camera/front_camera").string();
-  for (const char* quiet : {"", "-q", "--json"}) {
+  for (const char* quiet : {"", "-q"}) {
     const fs::path cache = scratch() / ("cache" + std::string(quiet));
     fs::create_directories(cache);
     Words words = {"distance", folder, folder, "--features", "random", "--profile"};
