@@ -138,12 +138,15 @@ Shell run(const std::string& line, const fs::path& folder) {
 
 /// The actor that most images show, by what `edit --list --json` prints.
 std::string actor_of(const std::string& run_name, const fs::path& folder) {
+  static std::map<fs::path, std::string> known;
+  std::string& id = known[folder / run_name];
+  if (!id.empty()) return id;
   const Shell listed = run("cloam edit " + run_name + " --list --json", folder);
   REQUIRE_MESSAGE(listed.code == 0, listed.err);
   const auto actors = nlohmann::json::parse(listed.out).at("actors");
   const auto most = std::max_element(actors.begin(), actors.end(),
                                      [](const auto& a, const auto& b) { return a.at("images") < b.at("images"); });
-  return most->at("actor");
+  return id = most->at("actor");
 }
 
 /// Two steps learn no surfaces, which meshes need.
