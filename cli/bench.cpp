@@ -10,11 +10,11 @@ namespace {
 
 constexpr char kExamples[] =
     R"(Time kernels and training steps against the device's measured limits and other libraries.
-Run it on a machine that does nothing else.
+Run it on an otherwise idle machine.
 
 Examples:
   cloam bench                                    everything, without peers
-  cloam bench matmul conv --peers                rows with these parts in their names, beside OpenBLAS, oneDNN, libtorch
+  cloam bench matmul conv --peers                rows whose names contain these words, beside OpenBLAS, oneDNN, libtorch
   cloam bench --suite train                      whole training steps
   cloam bench --peers --report docs/performance.md
   cloam bench --explain matmul                   which variant of a kernel runs here, and why)";
@@ -62,14 +62,15 @@ Command add_bench(CLI::App& program) {
   const auto arguments = std::make_shared<BenchArguments>();
   const auto common = std::make_shared<Common>();
   BenchOptions& options = arguments->request.options;
-  parser->add_option("PATTERN", options.patterns, "Parts of names; all rows without");
-  parser->add_flag("--peers", options.peers, "Take turns with other libraries (those that the build found)");
-  parser->add_option("--suite", arguments->suite, "ops, train or all")->check(CLI::IsMember({"ops", "train", "all"}));
-  parser->add_option("--rounds", options.rounds, "Samples of each; default nine, five of what is slow")
-      ->check(CLI::Range(1, 1000));
-  parser->add_option("--report", arguments->request.report, "Write a page of markdown, and its plot beside it")
+  parser->add_option("PATTERN", options.patterns, "Parts of names of rows (all)");
+  parser->add_flag("--peers", options.peers, "Alternate with other libraries (those that the build found)");
+  parser->add_option("--suite", arguments->suite, "ops, train or all (all)")->check(one_of({"ops", "train", "all"}));
+  parser->add_option("--rounds", options.rounds, "Samples of each row (9; 5 for slow rows)")
+      ->check(whole_number(1, 1000));
+  parser->add_option("--report", arguments->request.report, "Write a Markdown report, with a plot beside it")
       ->check(output_file());
-  parser->add_option("--explain", arguments->explained, "Say which variants an op or workload runs with, and why");
+  parser->add_option("--explain", arguments->explained,
+                     "Show which kernel variants an operation or workload uses, and why");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*arguments, *common); }};
 }

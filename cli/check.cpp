@@ -13,13 +13,13 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Check a capture and show what a training would take from it.
+constexpr char kExamples[] = R"(Check a capture and show what training would use of it.
 
 Examples:
   cloam check data/fox
   cloam check data/fox --downscale 4 --holdout 8
   cloam check data/fox --json
-  cloam check data/pandaset/001          # a driving log: also time stamps, boxes, LiDAR on images
+  cloam check data/pandaset/001          # a driving log: also time stamps, boxes, LiDAR
   cloam check data/2011_09_26_drive_0005_sync)";
 
 struct CheckRequest {
@@ -154,10 +154,13 @@ Command add_check(CLI::App& program) {
   const auto request = std::make_shared<CheckRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("DATA", request->data, "Folder of the capture")->required();
-  parser->add_option("--downscale", request->downscale, "As in train")->check(CLI::Range(1, 256));
-  parser->add_option("--holdout", request->holdout, "As in train")->check(CLI::Range(2, 1 << 20));
-  parser->add_option("--masks", request->masks, "As in train")->check(CLI::IsMember({"ignore", "transparent"}));
-  parser->add_flag("--skip-bad", request->skip_bad, "Skip damaged images with a warning instead of stopping");
+  parser->add_option("--downscale", request->downscale, "As for train: shrink the images by this factor (1)")
+      ->check(whole_number(1, 256));
+  parser->add_option("--holdout", request->holdout, "As for train: hold out every Nth image")
+      ->check(whole_number(2, 1 << 20));
+  parser->add_option("--masks", request->masks, "As for train: ignore or transparent (ignore)")
+      ->check(one_of({"ignore", "transparent"}));
+  parser->add_flag("--skip-bad", request->skip_bad, "Warn about damaged images instead of stopping");
   add_allow_outside(*parser, request->allow_outside);
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};

@@ -1,6 +1,7 @@
 // The commands. Each adds its parser to the program's and returns what runs when it was named; one file each.
 #pragma once
 #include "cli/common.h"
+#include "cli/options.h"
 
 namespace cloam {
 

@@ -13,6 +13,7 @@
 #include <ctime>
 #include <fstream>
 #include <sstream>
+#include <utility>
 
 #include "cli/output_path.h"
 #include "cli/profile.h"
@@ -58,14 +59,15 @@ double take_number(std::string_view& rest) {
 
 void add_common(CLI::App& parser, Common& common) {
   const char* group = "Device and output";
-  parser.add_option("--device", common.device, "auto, cpu, gpu, N, P:D or a part of a name (cloam info lists them)")
+  parser.add_option("--device", common.device, "auto, cpu, gpu, N, P:D or part of a name (cloam info lists them)")
       ->group(group);
-  parser.add_option("--max-memory", common.max_memory, "Budget of device memory, as 600M or 6G")->group(group);
-  parser.add_flag("--json", common.json, "Data for programs on stdout")->group(group);
-  parser.add_flag("-q,--quiet", common.quiet, "Errors and warnings only")->group(group);
-  parser.add_flag("-v,--verbose", common.verbose, "More detail")->group(group);
-  parser.add_flag("--profile", common.profile, "At the end, tell what each kernel and each step cost")->group(group);
-  parser.add_option("--profile-trace", common.profile_trace, "The same, and a timeline for Perfetto in this file")
+  parser.add_option("--max-memory", common.max_memory, "Device memory to use at most, such as 600M or 6G")
+      ->group(group);
+  parser.add_flag("--json", common.json, "Machine-readable output on stdout")->group(group);
+  parser.add_flag("-q,--quiet", common.quiet, "Print only errors and warnings")->group(group);
+  parser.add_flag("-v,--verbose", common.verbose, "Print more detail")->group(group);
+  parser.add_flag("--profile", common.profile, "Print what each kernel and each step cost at the end")->group(group);
+  parser.add_option("--profile-trace", common.profile_trace, "Also write a timeline for Perfetto to this file")
       ->group(group)
       ->check(output_file());
   // Of the commands' own -o alone that of export may be a file, and it knows more of it.
@@ -75,15 +77,38 @@ void add_common(CLI::App& parser, Common& common) {
 
 namespace {
 
-/// A first run compiles for many seconds in which nothing else can be shown; drivers keep what was compiled.
+/// A first run compiles for many seconds in which nothing else can be shown; drivers keep what was compiled. On a
+/// terminal a line is rewritten; elsewhere one says that it began and one, before the next news, that it is done.
+struct BuildNews {
+  double from = 1;  // seconds of compiling: below, the driver had them
+  bool open = false;
+
+  void tell(const DeviceStats& stats) {
+    if (stats.build_seconds < from) return;
+    if (isatty(STDERR_FILENO)) {
+      std::fprintf(stderr, "\rcompiling kernels: %lld, kept for the next run \033[K\r",
+                   static_cast<long long>(stats.kernels_built));
+    } else if (!std::exchange(open, true)) {
+      std::fprintf(stderr, "compiling kernels for this device (kept for the next run) ...\n");
+    }
+  }
+  void end() {
+    if (!std::exchange(open, false)) return;
+    const DeviceStats& stats = device_stats();
+    std::fprintf(stderr, "compiled %lld kernels in %s\n", static_cast<long long>(stats.kernels_built),
+                 words_for_seconds(stats.build_seconds).c_str());
+    from = stats.build_seconds + 1;
+  }
+};
+
+BuildNews& build_news() {
+  static BuildNews news;
+  return news;
+}
+
 void tell_of_builds(const Common& common) {
-  constexpr double kFrom = 1;  // seconds: below, the driver had them
-  if (common.quiet || common.json || !isatty(STDERR_FILENO)) return;
-  on_build([](const DeviceStats& stats) {
-    if (stats.build_seconds < kFrom) return;
-    std::fprintf(stderr, "\rcompiling kernels: %lld, kept for the next run \033[K\r",
-                 static_cast<long long>(stats.kernels_built));
-  });
+  if (common.quiet || common.json) return;
+  on_build([](const DeviceStats& stats) { build_news().tell(stats); });
 }
 
 }  // namespace
@@ -98,13 +123,20 @@ void open_device(const Common& common) {
   begin_profile(common);
 }
 
+void end_build_news() { build_news().end(); }
+
 void say(const Common& common, const std::string& line) {
+  end_build_news();
   if (!common.quiet) std::fprintf(stderr, "%s\n", line.c_str());
 }
 
-void warn(const std::string& warning) { std::fprintf(stderr, "warning: %s\n", warning.c_str()); }
+void warn(const std::string& warning) {
+  end_build_news();
+  std::fprintf(stderr, "warning: %s\n", warning.c_str());
+}
 
 void put(std::string_view data) {
+  end_build_news();
   const bool written = std::fwrite(data.data(), 1, data.size(), stdout) == data.size();
   if (!written || std::fflush(stdout) != 0)
     throw Error(Fault::write, text("cannot write to standard output: ", std::strerror(errno)));
@@ -117,11 +149,12 @@ double parse_duration(const std::string& given) {
     const double value = take_number(rest);
     const char unit = rest.empty() ? 's' : rest.front();
     const double factor = unit == 's' ? 1 : unit == 'm' ? 60 : unit == 'h' ? 3600 : -1;
-    if (value < 0 || factor < 0) throw Error(Fault::usage, text("\"", given, "\" is no time: want 90s, 5m or 1h30m"));
+    if (value < 0 || factor < 0)
+      throw Error(Fault::usage, text("\"", given, "\" is not a duration: want 90s, 5m or 1h30m"));
     seconds += value * factor;
     if (!rest.empty()) rest.remove_prefix(1);
   }
-  if (seconds <= 0) throw Error(Fault::usage, text("\"", given, "\" is no time above 0: want 90s, 5m or 1h30m"));
+  if (seconds <= 0) throw Error(Fault::usage, text("\"", given, "\" is not a duration above 0: want 90s, 5m or 1h30m"));
   return seconds;
 }
 
@@ -137,8 +170,10 @@ uint64_t parse_bytes(const std::string& given) {
   }
   const bool ended = rest.empty() || rest == "B" || rest == "iB";
   if (value <= 0 || factor < 0 || !ended || value * factor > 1e18) {
-    throw Error(Fault::usage, text("\"", given, "\" is no size: want 600M or 6G"));
+    throw Error(Fault::usage, text("\"", given, "\" is not a size: want 600M or 6G"));
   }
+  if (factor == 1 && value < 1 << 20)  // the unit was forgotten
+    throw Error(Fault::usage, text("\"", given, "\" is ", given, " bytes: want 600M or 6G"));
   return static_cast<uint64_t>(value * factor);
 }
 

@@ -33,6 +33,8 @@ void open_device(const Common& common);
 /// A line on stderr, unless -q.
 void say(const Common& common, const std::string& line);
 void warn(const std::string& warning);
+/// Says that compiling is done, if it was said that it began: before news that do not go through say().
+void end_build_news();
 /// Data on stdout, at once. Fault::write if it cannot be written.
 void put(std::string_view data);
 

@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 using Cells = std::vector<std::string>;
 
-constexpr char kExamples[] = R"(Put the evaluations of runs side by side; those that are missing are made first.
+constexpr char kExamples[] = R"(Show the evaluations of runs side by side; runs without one are evaluated first.
 
 Examples:
   cloam compare runs/a runs/b
@@ -29,7 +29,7 @@ Examples:
   cloam compare runs/nerf-* runs/splat-* --across-data
   cloam compare runs/a runs/b --json
 
-Runs of the same data and settings that differ by their seeds are also averaged (mean +- standard deviation).)";
+Runs with the same data and settings but different seeds are also averaged (mean +- standard deviation).)";
 
 struct CompareRequest {
   std::vector<std::string> runs;
@@ -79,7 +79,7 @@ std::optional<Report> kept_eval(const CompareRequest& request, const RunPaths& r
     if (!asked || !same_network || number(json, "step", path.string()) < static_cast<double>(step)) return {};
     return Report(json);
   } catch (const Error& error) {
-    warn(text(error.what(), "\n  the run is evaluated anew"));
+    warn(text(error.what(), "\n  the run is evaluated again"));
     return {};
   }
 }
@@ -271,7 +271,8 @@ void warn_of_differences(const std::vector<Compared>& runs) {
     std::set<std::string> words;
     for (const Compared& run : runs) words.insert(word(run.eval, key));
     if (words.size() > 1)
-      warn(text("the runs were not measured alike (", key, "): give ", key[0] == 'p' ? "--protocol" : "--features"));
+      warn(text("the runs were measured differently (", key, "): choose one with ",
+                key[0] == 'p' ? "--protocol" : "--features"));
   }
 }
 
@@ -284,7 +285,7 @@ int run_command(const CompareRequest& request, const Common& common) {
   else
     put(table(runs, groups));
   const std::string network = word(runs.front().eval, "feature_network");
-  say(common, text("masked: over actors alone; right of the features: guesses that a figure must clear",
+  say(common, text("masked: over actors alone; columns right of the features: baselines to beat",
                    network.empty() ? "" : "; features: distances by " + network));
   return 0;
 }
@@ -296,10 +297,13 @@ Command add_compare(CLI::App& program) {
   const auto request = std::make_shared<CompareRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->runs, "Run folders")->required();
-  parser->add_option("--protocol", request->protocol, "Evaluates by sparse, novel or rotate360 what is not yet")
-      ->check(CLI::IsMember(protocol_names()));
-  parser->add_option("--features", request->features, "Weights of a feature network, or random: feature distances too");
-  parser->add_flag("--across-data", request->across_data, "Averages runs of different data, too");
+  parser
+      ->add_option("--protocol", request->protocol,
+                   "Evaluate by sparse, novel or rotate360 first, where that is missing")
+      ->check(one_of(protocol_names()));
+  parser->add_option("--features", request->features,
+                     "Also compare feature distances, with these network weights or with random ones (random)");
+  parser->add_flag("--across-data", request->across_data, "Also average runs of different data");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

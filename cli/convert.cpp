@@ -15,15 +15,15 @@ namespace cloam {
 namespace {
 
 constexpr char kExamples[] =
-    R"(Convert files of Gaussian splats; the extensions say the formats: .ply, .splat, .spz, .glb.
+    R"(Convert Gaussian splats between .ply, .splat, .spz and .glb; the extensions choose the formats.
 
 Examples:
   cloam convert scene.ply scene.spz
   cloam convert scene.spz scene.glb
-  cloam convert points.ply scene.ply --up z       # a cloud of coloured points becomes round gaussians
+  cloam convert points.ply scene.ply --up z       # a coloured point cloud becomes round Gaussians
   cloam convert scene.ply scene.spz --spz-version 2
 
-What was written is read again; the largest error of each quantity is printed.)";
+The output is read back, and the largest error of each quantity is printed.)";
 
 struct ConvertRequest {
   std::string in, out, up;
@@ -96,12 +96,11 @@ Command add_convert(CLI::App& program) {
   CLI::App* parser = program.add_subcommand("convert", kExamples);
   const auto request = std::make_shared<ConvertRequest>();
   const auto common = std::make_shared<Common>();
-  parser->add_option("IN", request->in, "File to read: .ply, .splat, .spz or .glb")->required();
-  parser->add_option("OUT", request->out, "File to write: .ply, .splat, .spz or .glb")
-      ->required()
-      ->check(output_file());
-  parser->add_option("--up", request->up, "The axis of IN that points up: x, y, z, -x, -y, -z (what IN says; -y)");
-  parser->add_option("--spz-version", request->spz_version, "2 for old readers (3)")->check(CLI::Range(2, 3));
+  parser->add_option("IN", request->in, "Input file: .ply, .splat, .spz or .glb")->required();
+  parser->add_option("OUT", request->out, "Output file: .ply, .splat, .spz or .glb")->required()->check(output_file());
+  parser->add_option("--up", request->up, "Axis of IN that points up: x, y, z, -x, -y or -z (as IN says, else -y)");
+  parser->add_option("--spz-version", request->spz_version, "Version of .spz to write: 3, or 2 for old readers (3)")
+      ->check(whole_number(2, 3));
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

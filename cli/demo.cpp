@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <filesystem>
 #include <map>
 #include <set>
@@ -15,6 +16,7 @@
 #include "cli/distance.h"
 #include "cli/eval.h"
 #include "cli/run_words.h"
+#include "cli/stop_signal.h"
 #include "models/data/json.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"
@@ -34,13 +36,13 @@ constexpr std::size_t kClasses = 3, kSwapped = 6;
 constexpr int kAllOfTraining = 1000;
 constexpr char kEach[] = "2";  // new vehicles of a class and time of day
 constexpr char kExamples[] =
-    R"(Make streets, reconstruct them, learn what their vehicles are like, generate new ones and put
-them into a street. It ends with a page of pictures and figures: demo/index.html.
+    R"(Make synthetic streets, reconstruct them, learn what their vehicles are like, generate new ones and put
+them into a street. The result is a page of pictures and metrics: demo/index.html.
 
 Examples:
   cloam demo
   cloam demo -o showcase --time-budget 20m
-  cloam demo --features inception.safetensors      feature distances are FID then)";
+  cloam demo --features inception.safetensors      measures FID)";
 
 struct DemoRequest {
   std::string out = "demo", time_budget = "9m", size = "160x90", features = "random";
@@ -80,8 +82,12 @@ std::map<std::string, std::size_t> pixels_of(const fs::path& folder, const std::
   return pixels;
 }
 
-/// What leaves at once is a signal outside of a training, which handles it itself; every file is whole at any time.
-extern "C" void leave(int signal) { _exit(128 + signal); }
+/// For signals between commands, which handle them themselves; every file is whole at any time.
+extern "C" void leave(int signal) {
+  constexpr char kTold[] = "\nstopped: what is done is in the folder of the demo\n";
+  [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, kTold, sizeof kTold - 1);
+  _exit(128 + signal);
+}
 
 class Demo {
  public:
@@ -95,8 +101,9 @@ class Demo {
  private:
   struct Part {
     const char* what;
-    double seconds;  // on two cores of 2023, trainings aside
-    double share;    // of the time budget
+    double seconds;                // with the default sizes on two cores of 2023, trainings aside
+    double (Demo::*size)() const;  // of what takes these seconds, 1 by default
+    double share;                  // of the time budget
     int (Demo::*run)();
   };
   static const std::vector<Part> kParts;
@@ -118,7 +125,12 @@ class Demo {
   void note(const Words& words, double seconds_before);
   Json record() const;
   void tell(std::size_t part) const;
-  double training_seconds(const Part& part) const { return request_.steps > 0 ? 0 : part.share * budget_; }
+  std::string time_left(std::size_t part) const;
+  /// How long the trainings took that ran so far.
+  double trained() const;
+  double pictures() const;
+  double assets() const { return (request_.assets / 48.0 + request_.logs / 4.0) / 2; }
+  double one() const { return 1; }
   double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count(); }
   /// With the options that all commands have.
   Words with_common(Words words, bool quiet) const;
@@ -127,17 +139,20 @@ class Demo {
   const Common common_;
   DemoRecord made_;
   double budget_ = 0;
-  double expected_ = 0, took_ = 0;  // of the parts so far, trainings aside
+  double expected_ = 0;  // of the parts so far, trainings aside
   const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
 };
 
 const std::vector<Demo::Part> Demo::kParts = {
-    {"making streets: driving logs with cameras, LiDAR and boxes", 10, 0, &Demo::make_streets},
-    {"reconstructing them; a sixth of the pictures is held out and measured", 20, kStreetShare, &Demo::reconstruct},
-    {"learning what their assets are like: a diffusion of their latent codes", 5, kPriorShare, &Demo::learn_assets},
-    {"generating assets: new ones, and from random latents to compare with", 60, 0, &Demo::generate},
-    {"swapping vehicles of a street for generated ones", 30, 0, &Demo::swap_vehicles},
-    {"writing the page", 1, 0, &Demo::write_page}};
+    {"making synthetic streets: driving logs with cameras, LiDAR and boxes", 10, &Demo::pictures, 0,
+     &Demo::make_streets},
+    {"reconstructing them; a sixth of the images is held out for measuring", 20, &Demo::pictures, kStreetShare,
+     &Demo::reconstruct},
+    {"learning what their assets are like: diffusion of their latent codes", 5, &Demo::one, kPriorShare,
+     &Demo::learn_assets},
+    {"generating assets, and a baseline from random latents", 60, &Demo::assets, 0, &Demo::generate},
+    {"replacing vehicles of a street by generated ones", 30, &Demo::pictures, 0, &Demo::swap_vehicles},
+    {"writing the page", 1, &Demo::one, 0, &Demo::write_page}};
 
 Words Demo::with_common(Words words, bool quiet) const {
   if (common_.device != Common().device) words.insert(words.end(), {"--device", common_.device});
@@ -295,7 +310,7 @@ void Demo::clear() const {
   if (!fs::exists(f.root, error) || fs::is_empty(f.root, error)) return;
   if (!fs::exists(f.record(), error))
     throw Error(Fault::usage,
-                text(f.root.string(), " exists and holds what is no demo; name another folder with -o, or remove it"));
+                text(f.root.string(), " exists and is not a demo; name another folder with -o, or remove it"));
   for (const fs::path& path : {f.page(), f.logs(), f.street(), f.prior(), f.training(), f.samples(), f.random(),
                                f.assets(), f.before(), f.edited(), f.after()}) {
     fs::remove_all(path, error);
@@ -317,13 +332,35 @@ Json Demo::record() const {
   return json;
 }
 
-/// What is left is told by how fast this machine was so far.
+double Demo::pictures() const {
+  int width = 160, height = 90;
+  std::sscanf(request_.size.c_str(), "%5dx%5d", &width, &height);
+  return request_.logs * request_.frames * static_cast<double>(width * height) / (4 * 12 * 160 * 90);
+}
+
+double Demo::trained() const {
+  double sum = 0;
+  for (const DemoCommand& command : made_.commands)
+    if (command.line.starts_with("cloam train")) sum += command.seconds;
+  return sum;
+}
+
+/// By how fast this machine was so far; as parts differ, a range. Nothing while trainings of unknown length are ahead.
+std::string Demo::time_left(std::size_t part) const {
+  constexpr double kQuicker = 0.6, kSlower = 1.6;
+  double work = 0, training = 0;
+  for (std::size_t i = part; i < kParts.size(); ++i) {
+    work += kParts[i].seconds * (this->*kParts[i].size)();
+    training += kParts[i].share * budget_;
+  }
+  if (request_.steps > 0 && training > 0) return "";
+  if (expected_ > 0) work *= (seconds() - trained()) / expected_;
+  return text("; ", words_for_seconds(training + kQuicker * work), " to ", words_for_seconds(training + kSlower * work),
+              " left in all");
+}
+
 void Demo::tell(std::size_t part) const {
-  const double slower = expected_ > 0 ? took_ / expected_ : 1;
-  double left = 0;
-  for (std::size_t i = part; i < kParts.size(); ++i) left += kParts[i].seconds * slower + training_seconds(kParts[i]);
-  say(common_, text("[", part + 1, "/", kParts.size(), "] ", kParts[part].what, "; about ", words_for_seconds(left),
-                    " left in all"));
+  say(common_, text("[", part + 1, "/", kParts.size(), "] ", kParts[part].what, time_left(part)));
 }
 
 int Demo::run() {
@@ -331,15 +368,13 @@ int Demo::run() {
   commit_text(made_.folders.record(), record().dump(2) + "\n");
   for (std::size_t i = 0; i < kParts.size(); ++i) {
     tell(i);
-    const double before = seconds();
     const int code = (this->*kParts[i].run)();
     commit_text(made_.folders.record(), record().dump(2) + "\n");
     if (code != 0) {
       say(common_, text("what is done is in ", request_.out));
       return code;
     }
-    expected_ += kParts[i].seconds;
-    took_ += std::max(0.0, seconds() - before - training_seconds(kParts[i]));
+    expected_ += kParts[i].seconds * (this->*kParts[i].size)();
   }
   if (common_.json) put(record().dump() + "\n");
   say(common_, text("done in ", words_for_seconds(seconds()), "\n", made_.folders.page().string()));
@@ -351,7 +386,11 @@ int run_command(const DemoRequest& request, const Common& common) {
   features_named(request.features);  // a wrong file is told before minutes of work
   std::signal(SIGINT, leave);
   std::signal(SIGTERM, leave);
-  return Demo(request, common).run();
+  try {
+    return Demo(request, common).run();
+  } catch (const Interrupted& interrupted) {
+    throw Interrupted(interrupted.signal(), text(interrupted.what(), "\nwhat is done is in ", request.out));
+  }
 }
 
 }  // namespace
@@ -360,16 +399,18 @@ Command add_demo(CLI::App& program) {
   CLI::App* parser = program.add_subcommand("demo", kExamples);
   const auto request = std::make_shared<DemoRequest>();
   const auto common = std::make_shared<Common>();
-  parser->add_option("-o,--out", request->out, "Folder for everything it makes (demo)");
-  parser->add_option("--time-budget", request->time_budget, "Of both trainings together (9m); all else takes minutes");
-  parser->add_option("--features", request->features, "Weights of the feature network that measures (random)");
-  parser->add_option("--logs", request->logs, "How many streets (4)")->check(CLI::Range(2, 100));
-  parser->add_option("--frames", request->frames, "Steps of each (12)")->check(CLI::Range(2, 200));
-  parser->add_option("--size", request->size, "Of the pictures (160x90)");
-  parser->add_option("--assets", request->assets, "How many are compared (48)")->check(CLI::Range(2, 1000));
-  parser->add_option("--steps", request->steps, "Of each training, instead of a time budget")
-      ->check(CLI::PositiveNumber);
-  parser->add_option("--set", request->settings, "key=value for the training on the streets, may be repeated")
+  parser->add_option("-o,--out", request->out, "Output folder (demo)");
+  parser->add_option("--time-budget", request->time_budget,
+                     "For both training runs together (9m); the rest takes some minutes more");
+  parser->add_option("--features", request->features, "Weights of the feature network for distances (random)");
+  parser->add_option("--logs", request->logs, "Number of streets (4)")->check(whole_number(2, 100));
+  parser->add_option("--frames", request->frames, "Time steps of each street (12)")->check(whole_number(2, 200));
+  parser->add_option("--size", request->size, "Image size, WIDTHxHEIGHT (160x90)");
+  parser->add_option("--assets", request->assets, "Number of assets to generate for the comparison (48)")
+      ->check(whole_number(2, 1000));
+  parser->add_option("--steps", request->steps, "Steps of each training run, instead of a time budget")
+      ->check(whole_number(1));
+  parser->add_option("--set", request->settings, "key=value for training on the streets, may be repeated")
       ->allow_extra_args(false);
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};

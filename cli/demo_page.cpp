@@ -83,21 +83,21 @@ std::vector<Figure> figures_of(const DemoRecord& r) {
   const double samples = frechet_of(r.samples), random = frechet_of(r.random);
   const Json& metres = r.street.at("lidar_median_error_m");
   return {
-      {"Held-out pictures, PSNR", decibels(r.street, "psnr"),
-       decibels(r.street, "baseline_blend_psnr") + " (mean of the pictures before and after)", "22 dB or more"},
+      {"Held-out images, PSNR", decibels(r.street, "psnr"),
+       decibels(r.street, "baseline_blend_psnr") + " (blend of the images before and after)", "22 dB or more"},
       {"Actors in them, PSNR", decibels(r.street, "masked_psnr"),
        decibels(r.street, "baseline_blend_masked_psnr") + " (the same)", ""},
       {"LiDAR depth, median error", metres.is_number() ? fmt::format("{:.2f} m", metres.get<double>()) : "-", "", ""},
       {"Held-out codes, v-loss", fmt::format("{:.3f}", r.prior.at("v_loss").get<double>()),
        fmt::format("{:.3f} (predicting zero)", r.prior.at("baseline_zero_v_loss").get<double>()), ""},
-      {text("Feature distance of new assets to those learned from (",
+      {text("Feature distance of new assets to the training assets (",
             r.samples.at("feature_network").get<std::string>(), ")"),
        fmt::format("{:.4g}", samples), fmt::format("{:.4g} (random latents)", random),
-       fmt::format("lower by half or more; it is lower by {:.0f} %", 100 * (1 - samples / random))}};
+       fmt::format("target -50 %; got {:+.0f} %", 100 * (samples / random - 1))}};
 }
 
 std::string table(const std::vector<Figure>& figures) {
-  std::string out = "<table><tr><th></th><th>here</th><th>without learning</th><th>wanted</th></tr>\n";
+  std::string out = "<table><tr><th></th><th>here</th><th>baseline</th><th>target</th></tr>\n";
   for (const Figure& f : figures)
     out += fmt::format("<tr><td>{}</td><td class=\"number\"><b>{}</b></td><td>{}</td><td>{}</td></tr>\n",
                        escaped(f.what), escaped(f.here), escaped(f.other), escaped(f.wanted));
@@ -106,8 +106,8 @@ std::string table(const std::vector<Figure>& figures) {
 
 std::string streets(const DemoRecord& r) {
   std::string out =
-      "<h2>Streets, reconstructed</h2>\n<p>Pictures that the training did not see: reconstruction, photo, error four "
-      "times as bright; and the depth, near is bright.</p>\n";
+      "<h2>Streets, reconstructed</h2>\n<p>Held-out images: reconstruction, photo, error (four times as bright) "
+      "and depth (near is bright).</p>\n";
   for (const fs::directory_entry& log : fs::directory_iterator(r.folders.logs())) {
     const std::string name = log.path().filename().string();
     const std::vector<fs::path> depths = files_in(r.folders.before(), name + "_camera_front_camera_", ".exr");
@@ -121,8 +121,8 @@ std::string streets(const DemoRecord& r) {
 
 std::string sets(const DemoRecord& r) {
   return "<h2>What the diffusion learned</h2>\n<p>Assets of the reconstructed streets, new ones from the diffusion of "
-         "their codes, and what the decoder makes of random codes.</p>\n" +
-         row_of(figure(r.folders.training() / "grid.png", "learned from", 380) +
+         "their codes, and random codes decoded.</p>\n" +
+         row_of(figure(r.folders.training() / "grid.png", "training assets", 380) +
                 figure(r.folders.samples() / "grid.png", "generated", 380) +
                 figure(r.folders.random() / "grid.png", "random latents", 380));
 }
@@ -140,9 +140,8 @@ std::string assets(const DemoRecord& r) {
 
 std::string swap(const DemoRecord& r) {
   std::string out = fmt::format(
-      "<h2>Before and after</h2>\n<p>The street {} as it was reconstructed, and the same frames with {} of its "
-      "vehicles "
-      "swapped for generated ones.</p>\n",
+      "<h2>Before and after</h2>\n<p>Street {} as reconstructed, and the same frames with {} of its vehicles "
+      "replaced by generated ones.</p>\n",
       escaped(r.swapped_log), r.swapped.size());
   const std::vector<fs::path> after = files_in(r.folders.after(), "", ".png");
   for (std::size_t i = 0; i < std::min(after.size(), kFramesShown); ++i)
@@ -158,7 +157,7 @@ std::string commands(const DemoRecord& r) {
     lines += fmt::format("{}   # {:.1f} s\n", escaped(command.line), command.seconds);
     all += command.seconds;
   }
-  return fmt::format("<h2>How to make it again</h2>\n<p>These commands were run; they took {}.</p>\n<pre>{}</pre>\n",
+  return fmt::format("<h2>How to repeat it</h2>\n<p>These commands were run; they took {}.</p>\n<pre>{}</pre>\n",
                      words_for_seconds(all), lines);
 }
 

@@ -7,6 +7,7 @@
 #include "cli/commands.h"
 #include "cli/eval.h"
 #include "cli/set_report.h"
+#include "cli/stop_signal.h"
 #include "models/data/load_images.h"
 #include "models/io/image.h"
 #include "models/train/evaluate.h"
@@ -18,14 +19,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kExamples[] = R"(Measure how alike the pictures of two folders are, as sets: FID and KID.
+constexpr char kExamples[] = R"(Measure the distance between two folders of images as sets: FID and KID.
 
 Examples:
   cloam distance samples photos --features inception.safetensors
-  cloam distance samples photos --features squeezenet.npz      # the same statistics, but no FID and KID
+  cloam distance samples photos --features squeezenet.npz      # the same statistics with another network
   cloam distance samples photos --features random --json
 
-docs/formats.md says how to get a file with Inception's weights.)";
+docs/formats.md says how to get a file with Inception weights.)";
 
 std::vector<fs::path> images_in(const fs::path& folder) {
   if (!fs::is_directory(folder)) throw Error(Fault::data, text(folder.string(), ": not a folder of images"));
@@ -53,7 +54,10 @@ Eigen::MatrixXd features_of(const fs::path& file, const FeatureNetwork& network)
 Eigen::MatrixXd features_of(const std::vector<fs::path>& files, const FeatureNetwork& network, const Common& common) {
   constexpr std::size_t kTold = 200;
   Eigen::MatrixXd rows;
+  const StopOnSignal signals("finishing this image");
   for (std::size_t i = 0; i < files.size(); ++i) {
+    check_stop(
+        [&] { return text(i, " of ", files.size(), " images of ", files[i].parent_path().string(), " were read"); });
     const Eigen::MatrixXd row = features_of(files[i], network);
     if (i == 0) rows.resize(static_cast<Eigen::Index>(files.size()), row.cols());
     rows.row(static_cast<Eigen::Index>(i)) = row;

@@ -23,27 +23,28 @@ using Report = nlohmann::ordered_json;
 
 constexpr int kThumbnail = 128, kColumns = 8;
 constexpr char kGenerated[] = "generated";
-constexpr char kExamples[] = R"(List the actors of a trained street, or write a run in which they are elsewhere.
+constexpr char kExamples[] = R"(List the actors of a trained street, or move, turn, remove or replace them in a new run.
 
 Examples:
-  cloam edit runs/street --list                                    who is there; their pictures in runs/street/edit
+  cloam edit runs/street --list                                    the actors; thumbnails in runs/street/edit
   cloam edit runs/street --actor 3f2a:shift=2,0,0 -o runs/edited   2 m to its right
   cloam edit runs/street --actor 3f2a:rotate=90,shift=0,-5,0 --actor 1:77:remove -o runs/edited
-  cloam edit runs/street --actor 3f2a:replace=0:c4 -o runs/edited  with the looks of another, of any log
+  cloam edit runs/street --actor 3f2a:replace=0:c4 -o runs/edited  with the appearance of another, of any log
   cloam edit runs/street --actor 3f2a:path=drive.csv -o runs/edited
   cloam edit runs/street --actor 3f2a:replace=generated --prior runs/assets --seed 7 -o runs/edited
-  cloam render runs/edited -o pictures                             what it looks like
+  cloam render runs/edited -o pictures                             see the result
 
 --actor [LOG:]ID:OPERATION,... applies from left to right, and may be repeated:
-  shift=X,Y,Z     metres along the actor's own axes: right, forward, up (shift=X/Y/Z too)
-  rotate=DEGREES  about its own z axis, counter-clockwise from above
-  remove          it is gone, and the LiDAR with it
-  replace=OTHER   looks and size that another actor ([LOG:]ID) has in RUN, standing on the same ground
+  shift=X,Y,Z     metres along the actor's own axes: right, forward, up (or shift=X/Y/Z)
+  rotate=DEGREES  around its own z axis, counter-clockwise seen from above
+  remove          remove it, and its LiDAR points
+  replace=OTHER   give it the appearance and size of another actor ([LOG:]ID), on the same ground
   replace=generated
-                  a new asset of its class and the log's time of day, of the run of diffusion that --prior names:
-                  of eight samples the one whose box is most like its own
-  path=FILE       CSV or JSON of time, x, y, z, yaw in the log's world (docs/formats.md); no comma in the name
-ID is the beginning (or any part) of an id that no other has; LOG the number or the name of its log, where there are several.)";
+                  replace it by a new asset of its class, for the log's time of day, from the diffusion run
+                  --prior: of eight samples, the one with the most similar box
+  path=FILE       move it along a CSV or JSON file of time, x, y, z, yaw in the log's world
+                  (docs/formats.md); no comma in the name
+ID is any unique part of an actor's id; LOG is the number or name of its log, if there are several.)";
 
 struct EditRequest {
   std::string run, out, prior;
@@ -297,13 +298,16 @@ Command add_edit(CLI::App& program) {
   const auto request = std::make_shared<EditRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_flag("--list", request->list, "Lists the actors and draws a sheet of them");
-  parser->add_option("--actor", request->actors, "[LOG:]ID:OPERATION,... (may be repeated)")->allow_extra_args(false);
-  parser->add_option("--prior", request->prior, "Run of diffusion that makes what replace=generated asks for");
-  parser->add_option("--seed", request->wish.seed, "Of what is generated (0)");
-  parser->add_option("--guidance", request->wish.guidance, "1: the condition alone; above: closer to it (1)")
-      ->check(CLI::Range(0.0, 100.0));
-  parser->add_option("-o,--out", request->out, "Folder of the edited run; with --list of the sheet (RUN/edit)");
+  parser->add_flag("--list", request->list, "List the actors and draw a sheet of thumbnails");
+  parser->add_option("--actor", request->actors, "Edit of one actor, [LOG:]ID:OPERATION,... (may be repeated)")
+      ->allow_extra_args(false);
+  parser->add_option("--prior", request->prior, "Diffusion run, for replace=generated");
+  parser->add_option("--seed", request->wish.seed, "Random seed, for replace=generated (0)")->check(whole_number(0));
+  parser
+      ->add_option("--guidance", request->wish.guidance,
+                   "Classifier-free guidance; above 1 follows class and time more closely (1)")
+      ->check(number_from(0, 100));
+  parser->add_option("-o,--out", request->out, "Folder of the edited run; with --list, of the thumbnails (RUN/edit)");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

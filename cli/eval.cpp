@@ -13,6 +13,7 @@
 #include "cli/eval_report.h"
 #include "cli/output_path.h"
 #include "cli/set_report.h"
+#include "cli/stop_signal.h"
 #include "models/data/turned_log.h"
 #include "models/io/image.h"
 #include "models/metrics/feature_distance.h"
@@ -26,7 +27,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kLeastPixels = 16;  // of an actor that an image shows
-constexpr char kExamples[] = R"(Measure a run on photos that it was not trained on.
+constexpr char kExamples[] = R"(Measure a run on held-out photos: PSNR, SSIM and baselines.
 
 Examples:
   cloam eval runs/fox
@@ -34,7 +35,7 @@ Examples:
   cloam eval runs/fox --data data/fox-evening --images pictures
   cloam eval runs/street --protocol novel
   cloam eval runs/street --protocol rotate360 --features squeezenet.npz
-  cloam eval runs/assets                                    a run of diffusion: its loss on codes held out)";
+  cloam eval runs/assets                                    a diffusion run: its loss on held-out codes)";
 
 struct Evaluator {
   const Common& common;
@@ -44,6 +45,8 @@ struct Evaluator {
   std::size_t done = 0;
 
   void show(const EvaluatedImage& image, const std::string& name) {
+    check_stop(
+        [&] { return text(done, " pictures are complete in ", pictures.string(), "; no metrics were written"); });
     const int w = image.frame.width, h = image.frame.height;
     const auto& rgb = image.picture.rgb;
     write_png(
@@ -225,6 +228,7 @@ EvalResult measure_and_report(EvalRequest request, const Common& common) {
   RestoredRun run = restore_run(request.run);
   if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
   take_own_data(run, request, common);
+  const StopOnSignal signals("finishing this picture");
   Evaluator evaluator{common, pictures_of(request)};
   EvalResult result = measure(request, run, evaluator);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -263,14 +267,14 @@ Command add_eval(CLI::App& program) {
   const auto request = std::make_shared<EvalRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_option("--data", request->other, "Other photos in the same coordinates: their test split, else all");
+  parser->add_option("--data", request->other,
+                     "Other photos in the same coordinates: their test split, or all of them");
   add_allow_outside(*parser, request->allow_outside);
-  parser
-      ->add_option("--protocol", request->protocol, "Of driving logs: sparse, novel or rotate360 (default: the run's)")
-      ->check(CLI::IsMember(protocol_names()));
-  parser->add_option("--features", request->features, "Weights of a feature network, or random: feature distances too");
-  parser->add_option("--images", request->images, "Folder for the pictures (default RUN/eval/images)")
-      ->check(output_folder());
+  parser->add_option("--protocol", request->protocol, "Driving logs: sparse, novel or rotate360 (default: the run's)")
+      ->check(one_of(protocol_names()));
+  parser->add_option("--features", request->features,
+                     "Also measure feature distances, with these network weights or with random ones (random)");
+  parser->add_option("--images", request->images, "Folder for the pictures (RUN/eval/images)")->check(output_folder());
   add_common(*parser, *common);
   return {parser, [=] { return run_eval(*request, *common); }};
 }

@@ -10,6 +10,7 @@
 
 #include "cli/actors.h"
 #include "cli/set_report.h"
+#include "cli/stop_signal.h"
 #include "models/diffusion/code_figures.h"
 #include "models/io/commit.h"
 #include "models/scene/orbit.h"
@@ -104,6 +105,7 @@ class Showroom {
 
  private:
   std::vector<Picture> views_of(const NewAsset& asset) {
+    check_stop([&] { return text(shown_, " of ", expected_, " assets were measured; no metrics were written"); });
     const Camera camera = turntable_camera(kPixels, kPixels);
     const AssetName name = street_.add_asset(asset);
     std::vector<Picture> views;
@@ -251,6 +253,7 @@ void add_picture_figures(AssetPrior& prior, const RestoredRun& decoder, const Fe
 
 nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& common) {
   check_options(request);
+  const StopOnSignal signals("finishing this asset");
   const double start = seconds_since_start();
   open_device(common);
   const RestoredRun run = restore_run(request.run);

@@ -6,6 +6,7 @@
 #include "cli/commands.h"
 #include "cli/export_splats.h"
 #include "cli/output_path.h"
+#include "cli/stop_signal.h"
 #include "models/data/paths.h"
 #include "models/io/gif.h"
 #include "models/mesh/asset_mesh.h"
@@ -20,16 +21,16 @@ namespace fs = std::filesystem;
 
 constexpr int kFramesPerSecond = 12;
 constexpr char kExamples[] =
-    R"(Write what was learned as files that other programs open: actors of a street, or gaussians.
+    R"(Write the actors of a street, or Gaussian splats, as files for other programs.
 
 Examples:
   cloam export runs/street --format glb --actor 3f2a -o car.glb           a mesh with colours, in glTF's axes
-  cloam export runs/street --format glb -o cars                           all actors, a file each
+  cloam export runs/street --format glb -o cars                           all actors, one file each
   cloam export runs/street --format turntable --actor 1:3f2a -o turn      pictures all around, and a GIF
   cloam export runs/street --format ply --actor 3f2a -o car.ply --resolution 256
-  cloam export runs/garden -o garden.ply                                  gaussians; also .splat, .spz and .glb
+  cloam export runs/garden -o garden.ply                                  Gaussian splats; also .splat, .spz and .glb
 
-An actor is [LOG:]ID: the beginning (or any part) of an id that no other has; LOG is the number or name of its log.)";
+An actor is [LOG:]ID, where ID is any unique part of its id and LOG the number or name of its log.)";
 
 struct ExportRequest {
   std::string run, format, actor, out;
@@ -98,8 +99,10 @@ std::string file_name(const Scenes& scenes, const AssetName& name, const std::st
 
 std::vector<Exported> export_all(const RestoredRun& run, const ExportRequest& request, const Common& common) {
   std::vector<Exported> done;
+  const StopOnSignal signals("finishing this actor");
   for (std::size_t scene = 0; scene < run.scenes.size(); ++scene) {
     for (const Actor& actor : run.scenes[scene].actors) {
+      check_stop([&] { return text(done.size(), " actors are complete in ", request.out); });
       const AssetName name{static_cast<int>(scene), actor.id};
       try {
         done.push_back(
@@ -194,15 +197,17 @@ Command add_export(CLI::App& program) {
   const auto request = std::make_shared<ExportRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_option("-o,--out", request->out, "File; a folder for turntables and for all actors")->required();
+  parser->add_option("-o,--out", request->out, "Output file; a folder for turntables and for all actors")->required();
   parser->add_option("--format", request->format,
-                     "Actors: glb (mesh, the default), ply (mesh) or turntable (PNG and GIF); gaussians: ply, splat, "
-                     "spz, glb (by the file's name)");
-  parser->add_option("--actor", request->actor, "[LOG:]ID (all actors)");
-  parser->add_option("--resolution", request->resolution, "Cells along the longest side of a mesh (128)")
-      ->check(CLI::Range(8, 512));
-  parser->add_option("--frames", request->frames, "Pictures of a turntable (36)")->check(CLI::Range(1, 10000));
-  parser->add_option("--size", request->size, "Pixels a side of a turntable (256)")->check(CLI::Range(16, 4096));
+                     "Actors: glb or ply (mesh), turntable (PNG and GIF); splats: ply, splat, spz, glb "
+                     "(default: by the file's name)");
+  parser->add_option("--actor", request->actor, "Actor to export, [LOG:]ID (all)");
+  parser->add_option("--resolution", request->resolution, "Grid cells along the longest side of a mesh (128)")
+      ->check(whole_number(8, 512));
+  parser->add_option("--frames", request->frames, "Number of pictures of a turntable (36)")
+      ->check(whole_number(1, 10000));
+  parser->add_option("--size", request->size, "Width and height of a turntable's pictures (256)")
+      ->check(whole_number(16, 4096));
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

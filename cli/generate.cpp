@@ -9,6 +9,7 @@
 
 #include "cli/actors.h"
 #include "cli/commands.h"
+#include "cli/stop_signal.h"
 #include "models/data/paths.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
@@ -29,18 +30,18 @@ const std::map<std::string, CodeSource> kCodeSources = {
     {"sampled", CodeSource::sampled}, {"random", CodeSource::random}, {"training", CodeSource::training}};
 
 constexpr int kFramesPerSecond = 12;
-constexpr char kPictures[] = "pictures", kRecord[] = "generate.json";
-constexpr char kExamples[] = R"(Make new assets of a run of diffusion.
+constexpr char kPictures[] = "pictures", kGrid[] = "grid.png", kRecord[] = "generate.json";
+constexpr char kExamples[] = R"(Generate new assets with a diffusion run.
 
 Examples:
   cloam generate runs/assets -n 16 -o assets
   cloam generate runs/assets -n 4 --class Car --time night --seed 7 --guidance 2 -o cars
-  cloam generate runs/assets -n 60 --pictures --no-meshes --codes random -o random    as training and samples: which
-  cloam distance samples/pictures training/pictures --features random                 are nearer to training?
+  cloam generate runs/assets -n 60 --pictures --no-meshes --codes random -o random    a baseline to compare
+  cloam distance random/pictures training/pictures --features random                  samples with
 
-Writes latents.safetensors, grid.png, generate.json and for each asset a turntable (GIF) and a mesh (GLB). The same seed
-gives the same files. Without --class and --time both are drawn as often as training had them. An asset has
-the box of the training actor of its class whose code is nearest.)";
+Writes latents.safetensors, grid.png, generate.json and, for each asset, a turntable (GIF) and a mesh (GLB). The same seed
+gives the same files. Without --class and --time, both are drawn as often as they occur in the training data. Each asset
+takes the box of the training actor of its class with the nearest code.)";
 
 struct GenerateRequest {
   std::string run, out, asset_class, time, codes = "sampled";
@@ -145,8 +146,13 @@ void write_pictures(const GenerateRequest& request, std::size_t asset, const std
 Json write_assets(const GenerateRequest& request, const Made& made, const Common& common) {
   Json rows = Json::array();
   std::vector<Image> grid;
+  const StopOnSignal signals("finishing this asset");
   std::vector<Caption> captions;
   for (std::size_t i = 0; i < made.assets.size(); ++i) {
+    check_stop([&] {
+      return text(i, " of ", made.assets.size(), " assets are complete in ", request.out, ", without ", kGrid, " and ",
+                  kRecord);
+    });
     Json row = described(made, i);
     const std::vector<Image> turn =
         turntable(made.street, made.names[i], made.assets[i].size, request.frames, request.size);
@@ -164,7 +170,7 @@ Json write_assets(const GenerateRequest& request, const Made& made, const Common
     rows.push_back(row);
   }
   const int columns = static_cast<int>(std::ceil(std::sqrt(static_cast<double>(grid.size()))));
-  write_png(fs::path(request.out) / "grid.png", contact_sheet(grid, columns, captions), made.how.dump());
+  write_png(fs::path(request.out) / kGrid, contact_sheet(grid, columns, captions), made.how.dump());
   warn_without_font();
   return rows;
 }
@@ -196,8 +202,7 @@ int run_command(GenerateRequest request, const Common& common) {
     all["folder"] = request.out;
     put(all.dump() + "\n");
   }
-  say(common,
-      text(made.assets.size(), " assets in ", request.out, ", seen together in ", (folder / "grid.png").string()));
+  say(common, text(made.assets.size(), " assets in ", request.out, ", shown together in ", (folder / kGrid).string()));
   return 0;
 }
 
@@ -207,25 +212,29 @@ Command add_generate(CLI::App& program) {
   CLI::App* parser = program.add_subcommand("generate", kExamples);
   const auto request = std::make_shared<GenerateRequest>();
   const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Run folder of diffusion")->required();
+  parser->add_option("RUN", request->run, "Folder of a diffusion run")->required();
   parser->add_option("-o,--out", request->out, "Folder for the files")->required();
-  parser->add_option("-n,--count", request->wish.count, "How many assets (1)")->check(CLI::Range(1, 1000));
-  parser->add_option("--class", request->asset_class, "Car, Truck, Bus, ... (as in training)");
-  parser->add_option("--time", request->time, "day or night (as in training)")->check(CLI::IsMember({"day", "night"}));
-  parser->add_option("--seed", request->wish.seed, "Of all that is drawn (0)");
-  parser->add_option("--guidance", request->wish.guidance, "1: the condition alone; above: closer to it (1)")
-      ->check(CLI::Range(0.0, 100.0));
-  parser->add_option("--steps", request->wish.steps, "Denoising steps of DDIM (50)")->check(CLI::PositiveNumber);
+  parser->add_option("-n,--count", request->wish.count, "Number of assets (1)")->check(whole_number(1, 1000));
+  parser->add_option("--class", request->asset_class, "Car, Truck, Bus, ... (default: as often as in training)");
+  parser->add_option("--time", request->time, "day or night (default: as often as in training)")
+      ->check(one_of({"day", "night"}));
+  parser->add_option("--seed", request->wish.seed, "Random seed (0)")->check(whole_number(0));
+  parser
+      ->add_option("--guidance", request->wish.guidance,
+                   "Classifier-free guidance; above 1 follows class and time more closely (1)")
+      ->check(number_from(0, 100));
+  parser->add_option("--steps", request->wish.steps, "DDIM denoising steps (50)")->check(whole_number(1));
   parser
       ->add_option("--codes", request->codes,
-                   "sampled; random: of a normal distribution, what samples must beat; training: those learned from")
-      ->check(CLI::IsMember(kCodeSources));
-  parser->add_flag("--pictures", request->pictures, "Each picture of the turntables as PNG too, in DIR/pictures");
-  parser->add_flag("--no-meshes", request->no_meshes, "No GLB");
-  parser->add_option("--frames", request->frames, "Pictures of a turntable (12)")->check(CLI::Range(1, 10000));
-  parser->add_option("--size", request->size, "Pixels a side of a picture (128)")->check(CLI::Range(16, 4096));
-  parser->add_option("--resolution", request->resolution, "Cells along the longest side of a mesh (96)")
-      ->check(CLI::Range(8, 512));
+                   "sampled, random (the baseline to beat) or training (the codes trained on) (sampled)")
+      ->check(one_of({"sampled", "random", "training"}));
+  parser->add_flag("--pictures", request->pictures, "Also write the turntables' pictures as PNG, to DIR/pictures");
+  parser->add_flag("--no-meshes", request->no_meshes, "Write no meshes (GLB)");
+  parser->add_option("--frames", request->frames, "Number of pictures of a turntable (12)")
+      ->check(whole_number(1, 10000));
+  parser->add_option("--size", request->size, "Width and height of the pictures (128)")->check(whole_number(16, 4096));
+  parser->add_option("--resolution", request->resolution, "Grid cells along the longest side of a mesh (96)")
+      ->check(whole_number(8, 512));
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

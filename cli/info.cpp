@@ -12,7 +12,7 @@ namespace {
 
 using Report = nlohmann::ordered_json;
 
-constexpr char kExamples[] = R"(Show the OpenCL devices and which one runs.
+constexpr char kExamples[] = R"(Show the OpenCL devices and which one is used.
 
 Examples:
   cloam info
@@ -68,14 +68,14 @@ void put_table(const std::vector<DeviceInfo>& devices, const std::optional<Devic
   std::string out = head;
   for (const DeviceInfo& info : devices) out += row(info, chosen && chosen->id == info.id);
   if (chosen) {
-    out += text("default: ", chosen->id, " (",
-                chosen->is_cpu ? "no GPU was found, or the CPU was asked for" : "a GPU goes before a CPU",
-                "). The same again: ", device_spelling(*chosen), "\n");
+    out += text("selected: ", chosen->id, " (",
+                chosen->is_cpu ? "no GPU was found, or the CPU was asked for" : "a GPU is preferred over a CPU",
+                "); to select it explicitly: ", device_spelling(*chosen), "\n");
     out += "memory budget " + words_for_bytes(memory_budget()) + " (--max-memory changes it), driver " +
            chosen->driver + ", " + chosen->cl_version + "\n";
   }
   put(out + "version " + kVersion + ", gcc " + __VERSION__ + "; environment:" + environment() +
-      "\ncloam selftest --quick checks that the device computes right\n");
+      "\ncloam selftest --quick checks that the device computes correctly\n");
 }
 
 Report to_json(const DeviceInfo& info) {

@@ -5,8 +5,10 @@
 #include <new>
 #include <stdexcept>
 
+#include "cli/options.h"
 #include "cli/profile.h"
 #include "cli/run_words.h"
+#include "cli/stop_signal.h"
 #include "models/data/paths.h"
 #include "runtime/error.h"
 
@@ -16,29 +18,34 @@ namespace {
 constexpr char kIntroduction[] =
     R"(cloam makes 3D scenes from photos on any OpenCL device. It needs no CUDA and no Python.
 
-  cloam demo                                     ten minutes: from streets that it makes itself to new cars in them
-  cloam info                                     which devices there are, and which one would run
-  cloam process PHOTOS -o DATA                   find the camera poses of photos (with COLMAP)
-  cloam check DATA                               is this folder a capture that can be trained?
-  cloam train nerf DATA -o runs/my               learn the scene (Ctrl-C saves; --resume goes on)
-  cloam train nerf DATA -o runs/my --time-budget 5m
-  cloam eval runs/my                             PSNR and SSIM on photos that were held out
-  cloam compare runs/my runs/other               the figures of several runs side by side
-  cloam distance samples photos --features FILE  FID and KID of two folders of pictures
-  cloam render runs/my -o pictures --path orbit  new views, and a turntable
-  cloam synth -o streets                         invented driving logs, with masks, depth and turned actors as truth
-  cloam edit runs/street --list                  the actors of a street; --actor moves, turns, removes, swaps them
-  cloam simulate runs/edited -o logs/edited      the edited street as a log: images, LiDAR and boxes
-  cloam export runs/street --actor ID -o car.glb an actor as a mesh
-  cloam convert scene.ply scene.spz              Gaussian splats from one file format to another
-  cloam train diffusion runs/street -o runs/new  learn what such actors are like ...
-  cloam generate runs/new -n 8 -o cars           ... and make new ones: pictures and meshes
-  cloam selftest --quick                         does this device compute right?
-  cloam bench                                    how fast is it here?
+See what it does:
+  cloam demo                                      the whole pipeline on synthetic streets, in about 12 minutes
+Photos:
+  cloam process PHOTOS -o DATA                    find the camera poses of photos, with COLMAP
+  cloam check DATA                                can this folder be trained on?
+  cloam train nerf DATA -o runs/my                learn the scene; Ctrl-C saves, --resume continues
+  cloam train splat DATA -o runs/my --time-budget 5m
+  cloam eval runs/my                              PSNR and SSIM on held-out photos
+  cloam render runs/my -o pictures --path orbit   new views, and a turntable
+  cloam export runs/my -o scene.ply               Gaussian splats as a file
+  cloam convert scene.ply scene.spz               ... in another format
+Driving logs:
+  cloam synth -o logs                             make synthetic logs to try it with
+  cloam train genassets logs/001 -o runs/street   reconstruct the street and its actors
+  cloam edit runs/street --list                   list the actors; --actor moves, turns, removes or replaces them
+  cloam simulate runs/edited -o logs/edited       write the edited street as a log: images, LiDAR and boxes
+  cloam train diffusion runs/street -o runs/new   learn what the actors are like ...
+  cloam generate runs/new -n 8 -o cars            ... and make new ones: pictures and meshes
+Measure:
+  cloam compare runs/my runs/other                metrics of several runs side by side
+  cloam distance samples photos --features FILE   FID and KID between two folders of images
+  cloam info                                      the devices, and which one is used
+  cloam selftest --quick                          does this device compute correctly?
+  cloam bench                                     how fast is it? (cloam tune makes it faster)
 
-DATA is what process makes, or any capture with a sparse model of COLMAP's; a folder with transforms.json (instant-ngp,
-nerfstudio) or transforms_train.json (NeRF-synthetic); a driving log.
-"cloam COMMAND --help" shows examples and options.
+DATA is a folder that process made, one with a COLMAP model, transforms.json (instant-ngp, nerfstudio) or
+transforms_train.json (NeRF-synthetic), or a driving log (PandaSet, KITTI raw, rig.json).
+"cloam help COMMAND" shows examples and options.
 )";
 
 int report(int code, std::string message) {
@@ -74,16 +81,31 @@ int unknown_words(const CLI::App& program) {
   for (const CLI::App* command : program.get_subcommands({})) names.push_back(command->get_name());
   const std::vector<std::string> words = program.remaining();
   const std::string word = words.empty() ? "" : words.front();
-  return report(2, "there is no command " + word + did_you_mean(word, names) + "\n  see cloam --help");
+  return report(2, "unknown command " + word + did_you_mean(word, names) + "\n  see cloam --help");
 }
 
-int parse(CLI::App& program, int argc, char** argv) {
+int introduce() {
+  put(kIntroduction);
+  return 0;
+}
+
+/// `help COMMAND` and `version` are what people try first; CLI11 knows `COMMAND --help` and `--version`.
+std::vector<std::string> spelled_out(std::vector<std::string> words) {
+  if (words.front() == "version") words.front() = "--version";
+  if (words.front() != "help") return words;
+  words.erase(words.begin());
+  words.push_back("--help");
+  return words;
+}
+
+int parse(CLI::App& program, const std::vector<std::string>& words) {
   try {
-    program.parse(argc, argv);
+    program.parse(std::vector<std::string>(words.rbegin(), words.rend()));  // in the order in which CLI11 takes them
     return -1;
   } catch (const CLI::ExtrasError&) { return unknown_words(program); } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return program.exit(error);  // --help, --version
-    return report(2, error.what());
+    if (error.get_exit_code() != 0) return report(2, complaint(error, program));
+    if (!program.get_subcommands().empty() || program.count("--version") > 0) return program.exit(error);
+    return program.remaining().empty() ? introduce() : unknown_words(program);
   }
 }
 
@@ -92,12 +114,15 @@ int run(const std::function<int()>& command) {
     const int code = command();
     end_profile();
     return code;
+  } catch (const Interrupted& interrupted) {
+    std::fprintf(stderr, "%s\n", interrupted.what());
+    return interrupted.code();
   } catch (const Error& error) {
     return report(static_cast<int>(error.fault()), error.what());
   } catch (const std::bad_alloc&) {
-    return report(5, "the machine's memory is full; a larger --downscale needs less");
+    return report(5, "out of memory; a larger --downscale needs less");
   } catch (const std::length_error&) {
-    return report(5, "a size is beyond what any memory holds; smaller sizes among the settings or in the data fit");
+    return report(5, "a size is beyond what any memory holds; use smaller sizes in the settings or the data");
   } catch (const std::exception& error) {
     return report(1, std::string("internal error: ") + error.what() +
                          "\n  please report this with the command and the output of cloam info");
@@ -107,18 +132,14 @@ int run(const std::function<int()>& command) {
 int main_of(int argc, char** argv) {
   std::signal(SIGPIPE, SIG_IGN);  // a reader of our output that goes away must not end a training
   seconds_since_start();
-  command_line() = typed({argv + 1, argv + argc});
-  if (argc == 1) {
-    return run([] {
-      put(kIntroduction);
-      return 0;
-    });
-  }
+  const std::vector<std::string> words(argv + 1, argv + argc);
+  command_line() = typed(words);
+  if (words.empty()) return run(introduce);
   CLI::App program("3D scenes from photos on any OpenCL device", "cloam");
   program.set_version_flag("--version", std::string("cloam ") + kVersion);
   program.require_subcommand(0, 1);
   const std::vector<Command> commands = add_commands(program);
-  const int parsed = parse(program, argc, argv);
+  const int parsed = parse(program, spelled_out(words));
   if (parsed >= 0) return parsed;
   for (const Command& command : commands) {
     if (command.parser->parsed()) return run(command.run);

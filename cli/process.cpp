@@ -29,11 +29,11 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr char kExamples[] = R"(Find the camera poses of photos with COLMAP (apt-get install colmap), on the CPU.
-The result is a capture that train and check read: images/, and sparse/0 with cameras, poses and points.
+The result is a capture for train and check: images/, and sparse/0 with cameras, poses and points.
 
 Examples:
   cloam process photos -o data/walk
-  cloam process frames -o data/walk --matching sequential      # frames of a video, named in order
+  cloam process frames -o data/walk --matching sequential      # video frames, in order of name
   cloam process photos -o data/walk --camera-model OPENCV --undistort)";
 
 constexpr std::size_t kMostExhaustive = 150;  // images: the pairs to match grow with the square
@@ -324,7 +324,7 @@ int run_command(const ProcessRequest& request, const Common& common) {
   const Layout layout{request.out};
   prepare_folder(request, layout);
   const FolderLock lock(layout.work());
-  const StopOnSignal signals;
+  const StopOnSignal signals("ending COLMAP");
   say(common, text(names.size(), " photos, ", one_camera ? "one camera" : "several cameras"));
   Progress progress(common, request.undistort ? 4 : 3);
   Colmap colmap(program, layout, names.size(), progress, common.verbose);
@@ -353,23 +353,22 @@ Command add_process(CLI::App& program) {
   CLI::App* parser = program.add_subcommand("process", kExamples);
   const auto request = std::make_shared<ProcessRequest>();
   const auto common = std::make_shared<Common>();
-  parser->add_option("IMAGES", request->images, "Folder of photos, subfolders included")->required();
-  parser->add_option("-o,--out", request->out, "Folder of the capture")->required();
+  parser->add_option("IMAGES", request->images, "Folder of photos, including its subfolders")->required();
+  parser->add_option("-o,--out", request->out, "Output folder for the capture")->required();
   parser
       ->add_option("--matching", request->matching,
-                   "exhaustive: all pairs; sequential: neighbours by name; auto: all pairs up to 150 photos (auto)")
-      ->check(CLI::IsMember({"auto", "exhaustive", "sequential"}));
+                   "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos) (auto)")
+      ->check(one_of({"auto", "exhaustive", "sequential"}));
   parser
       ->add_option("--camera-model", request->camera_model,
                    "COLMAP's camera model, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)")
-      ->check(CLI::IsMember({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE",
-                             "FULL_OPENCV", "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
-  parser
-      ->add_option("--max-size", request->max_size,
-                   "Longest side of the images in feature extraction, in pixels (1600)")
-      ->check(CLI::Range(100, 1 << 14));
+      ->check(one_of({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV",
+                      "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
+  parser->add_option("--max-size", request->max_size, "Longest image side for finding features (1600)")
+      ->check(whole_number(100, 1 << 14));
   parser->add_flag("--undistort", request->undistort, "Undistort the images");
-  parser->add_flag("--overwrite", request->overwrite, "Replace a model, finished or not, that the folder holds");
+  parser->add_flag("--overwrite", request->overwrite,
+                   "Start over in a folder that already holds a model or part of one");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

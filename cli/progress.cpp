@@ -120,6 +120,7 @@ std::string ProgressView::line() const {
 
 void ProgressView::draw() {
   if (undrawn_.steps == 0) return;
+  end_build_news();
   const bool bar = style_ == ProgressStyle::bar;
   const std::string now = bar ? line().substr(0, static_cast<std::size_t>(columns() - 1)) : line();
   const char* format = !bar ? "%s\n" : coloured() ? "\r\033[36m%s\033[0m\033[K" : "\r%s\033[K";

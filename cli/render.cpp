@@ -8,6 +8,7 @@
 #include "cli/commands.h"
 #include "cli/render_film.h"
 #include "cli/render_views.h"
+#include "cli/stop_signal.h"
 #include "models/data/paths.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
@@ -76,7 +77,9 @@ std::vector<Image> render_all(const RestoredRun& run, const std::vector<NamedVie
   const bool film = !film_name(views, request).empty();
   std::vector<Image> images;
   std::size_t done = 0;
+  const StopOnSignal signals("finishing this picture");
   for (const auto& [name, view] : views) {
+    check_stop([&] { return text(done, " of ", views.size(), " pictures are complete in ", request.out); });
     const Picture picture = run.method->render(view);
     const Image image = to_image(picture.rgb, picture.width, picture.height);
     write_png(fs::path(request.out) / (name + ".png"), image);
@@ -105,6 +108,7 @@ void render_sweep(Street& street, const SweepRays& sweep, const fs::path& path) 
 /// The sweeps of the split or step. Only their directions are read from the data.
 std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, const Common& common) {
   std::size_t done = 0;
+  const StopOnSignal signals("finishing this sweep");
   for (const int index : scenes_asked_for(run, request)) {
     const RunData& data = run.record.data[static_cast<std::size_t>(index)];
     const fs::path folder = request.data.empty() ? find_data(request.run, data) : fs::path(request.data);
@@ -112,6 +116,7 @@ std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, c
     for (const Sweep& sweep : scene.sweeps) {
       const bool in_split = request.split == "all" || (sweep.split == Split::test) == (request.split == "test");
       if (request.step ? sweep.step != *request.step : !in_split) continue;
+      check_stop([&] { return text(done, " sweeps are complete in ", request.out); });
       const std::string prefix = run.scenes.size() > 1 ? log_name(run, index) + "_" : "";
       const std::string name = prefix + "lidar_" + fs::path(sweep.file).stem().stem().string() + ".ply";
       render_sweep(*run.method->street(), sweep_rays(sweep, load_sweep(scene, sweep), index),
@@ -182,24 +187,26 @@ Command add_render(CLI::App& program) {
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->run, "Run folder")->required();
   parser->add_option("-o,--out", request->out, "Folder for the pictures")->required();
-  parser->add_option("--split", request->split, "test (held-out views), train or all");
+  parser->add_option("--split", request->split, "test (held-out views), train or all (test)");
   parser->add_option("--path", request->path,
-                     "orbit: a circle around what the cameras look at; interpolated: through the cameras, by name");
-  parser->add_option("--frames", request->frames, "Pictures of the path (60)")->check(CLI::Range(1, 10000));
-  parser->add_option("--log", request->log, "Of a run of several logs: the number (from 0) or name of one");
-  parser->add_option("--camera-name", request->camera_name, "Of a log: the views of one camera, as front_camera");
-  parser->add_option("--step", request->step, "Of a log: the views of one step, whatever the split");
-  parser->add_option(
-      "--time", request->time,
-      "Of a log: a camera (front, or --camera-name) at this second of its clock, or +1.5 after its start");
-  parser->add_option("--size", request->size, "WIDTHxHEIGHT instead of the images' own");
-  parser->add_flag("--masks", request->masks, "Also which actor each pixel shows, NAME_actor.png and actors.json");
-  parser->add_flag("--lidar", request->lidar, "LiDAR sweeps along the recorded rays as PLY, no pictures");
-  parser->add_flag("--exr", request->exr, "Also EXR: R G B A, depth.Z (along the ray), opacity.A");
-  parser->add_option("--data", request->data, "Views of another capture in the same coordinates");
+                     "orbit: a circle around what the cameras look at; interpolated: from camera to camera");
+  parser->add_option("--frames", request->frames, "Number of pictures along the path (60)")
+      ->check(whole_number(1, 10000));
+  parser->add_option("--log", request->log, "Runs of several logs: number (from 0) or name of one log");
+  parser->add_option("--camera-name", request->camera_name, "Driving logs: only this camera, such as front_camera");
+  parser->add_option("--step", request->step, "Driving logs: only this step, whatever the split")
+      ->check(whole_number(0));
+  parser->add_option("--time", request->time,
+                     "Driving logs: one camera at this second of its clock, or +1.5 after its first image");
+  parser->add_option("--size", request->size, "Picture size, WIDTHxHEIGHT (that of the images)");
+  parser->add_flag("--masks", request->masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
+  parser->add_flag("--lidar", request->lidar,
+                   "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");
+  parser->add_flag("--exr", request->exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");
+  parser->add_option("--data", request->data, "Render the views of another capture in the same coordinates");
   add_allow_outside(*parser, request->allow_outside);
   parser->add_option("--camera", request->camera,
-                     "JSON with one camera or a list (as transforms.json); of a list a GIF and an MP4 too");
+                     "Cameras from a JSON file like transforms.json; several also make a GIF and an MP4");
   add_common(*parser, *common);
   return {parser, [=] { return run_render(*request, *common); }};
 }

@@ -11,7 +11,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Check every op of the device against float64 on the host.
+constexpr char kExamples[] = R"(Compare every operation on the device with float64 on the host.
 
 Examples:
   cloam selftest --quick
@@ -35,8 +35,7 @@ std::string worst_of(const std::vector<SelftestRow>& rows) {
 
 int run_command(bool quick, const Common& common) {
   open_device(common);
-  say(common,
-      text("device ", device().name, " (", device().platform, "); the same again: ", device_spelling(device())));
+  say(common, text("device ", device().name, " (", device().platform, "); to select it: ", device_spelling(device())));
   const std::vector<SelftestRow> rows = run_selftest(quick, [&](const SelftestRow& row, std::size_t, std::size_t) {
     const bool shown = !row.result.passed || !common.quiet;
     if (!common.json && shown) put(line_of(row));
@@ -55,7 +54,7 @@ Command add_selftest(CLI::App& program) {
   CLI::App* parser = program.add_subcommand("selftest", kExamples);
   const auto quick = std::make_shared<bool>(false);
   const auto common = std::make_shared<Common>();
-  parser->add_flag("--quick", *quick, "Dense inputs only");
+  parser->add_flag("--quick", *quick, "Test dense inputs only");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*quick, *common); }};
 }

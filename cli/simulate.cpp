@@ -2,7 +2,6 @@
 #include "models/train/simulate.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -11,6 +10,7 @@
 #include "cli/actors.h"
 #include "cli/capture.h"
 #include "cli/commands.h"
+#include "cli/stop_signal.h"
 #include "models/data/pandaset.h"
 #include "models/data/read_scene.h"
 #include "models/data/write_pandaset.h"
@@ -28,7 +28,7 @@ namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 
 constexpr char kExamples[] =
-    R"(Write a log of a trained street, as edited, in PandaSet's layout: images, LiDAR and boxes that fit together.
+    R"(Write a trained, edited street as a driving log in PandaSet's layout: consistent images, LiDAR and boxes.
 
 Examples:
   cloam simulate runs/edited -o logs/without_car
@@ -36,11 +36,11 @@ Examples:
   cloam check logs/without_car
   cloam simulate runs/street --augment 20 --prior runs/assets -o logs/augmented   20 logs with other vehicles
 
-Images are rendered at every frame. LiDAR returns that the edit does not touch are the recorded ones; where an actor was,
-they are what lies behind it; where it is now, they are its own. docs/formats.md says how.
+Every frame's image is rendered. LiDAR returns that the edit does not affect stay as recorded; where an actor was, they come
+from what is behind it; where it is now, they come from the actor. docs/formats.md says how.
 
---augment N writes N logs, DIR/001 and so on: the same street and the same ways, but each vehicle is a new asset of its class
-and the log's time of day, in the box that belongs to it. It is what replace=generated of cloam edit makes of them.)";
+--augment N writes N logs, DIR/001 and so on: the same street and trajectories, but every vehicle is replaced by a new asset
+of its class for the log's time of day, as replace=generated of cloam edit does.)";
 
 struct SimulateRequest {
   std::string run, out, log, cameras, size, data, prior;
@@ -133,7 +133,7 @@ void check_log(const Scene& log, const std::string& run) {
 void check_out(const fs::path& out) {
   std::error_code error;
   if (!fs::exists(out, error) || (fs::is_directory(out, error) && fs::is_empty(out, error))) return;
-  throw Error(Fault::usage, text(out.string(), " exists; logs must not mix: name a new folder with -o"));
+  throw Error(Fault::usage, text(out.string(), " exists; name a new folder with -o"));
 }
 
 struct Count {
@@ -181,33 +181,66 @@ class Simulation {
   Count write(const RestoredRun& run, const fs::path& folder) {
     const Scene out = output_log(run, log_, request_, common_);
     const Scene& edited = run.scenes.at(static_cast<std::size_t>(log_));
+    begin(out);
     Count count;
     const auto image = [&](const Frame& frame) {
-      Image picture = rendered(run, out, frame, log_);
       ++count.images;
-      tell(frame, out.frames.size() * static_cast<std::size_t>(std::max(1, request_.augment)));
-      return picture;
+      return timed(images_, text(frame.sensor, " ", frame.step), [&] { return rendered(run, out, frame, log_); });
     };
-    const auto points = [&](const Sweep& sweep) { return measured(run, {recorded_, edited, log_}, sweep, count); };
-    write_pandaset(folder, out, {image, points});
+    const auto points = [&](const Sweep& sweep) {
+      return timed(sweeps_, text("sweep ", sweep.step), [&] {
+        return measured(run, {recorded_, edited, log_}, sweep, count);
+      });
+    };
+    const StopOnSignal signals("finishing this image or sweep");
+    try {
+      write_pandaset(folder, out, {image, points});
+    } catch (const Interrupted& interrupted) {
+      std::error_code error;
+      fs::remove_all(folder, error);  // it is new: check_out
+      throw Interrupted(interrupted.signal(),
+                        text(interrupted.what(), "; ", folder.string(), " was not complete and is removed"));
+    }
     return count;
   }
 
  private:
-  void tell(const Frame& frame, std::size_t all) {
-    ++images_;
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count();
-    const double left = seconds / static_cast<double>(images_) * static_cast<double>(all - images_);
-    say(common_, text("simulate ", images_, "/", all, "  ", frame.sensor, " ", frame.step, "  ",
-                      words_for_seconds(left), " left"));
+  struct Work {
+    std::size_t done = 0, all = 0;
+    double seconds = 0;
+    double left() const { return seconds / static_cast<double>(done) * static_cast<double>(all - done); }
+  };
+
+  void begin(const Scene& out) {
+    const auto logs = static_cast<std::size_t>(std::max(1, request_.augment));
+    images_.all = logs * out.frames.size();
+    sweeps_.all = logs * out.sweeps.size();
+  }
+
+  /// Does one image or sweep and says what is left.
+  template <class Do>
+  std::invoke_result_t<Do> timed(Work& work, const std::string& name, const Do& one) {
+    check_stop([&] { return text(images_.done, " of ", images_.all, " images were rendered"); });
+    const auto seconds = [] { return seconds_since_start() - device_stats().build_seconds; };  // kernels: only once
+    const double before = seconds();
+    auto result = one();
+    work.seconds += seconds() - before;
+    ++work.done;
+    say(common_, text("simulate ", work.done, "/", work.all, "  ", name, "  ", left()));
+    return result;
+  }
+
+  /// Images and sweeps take different times: what was not measured yet is not guessed.
+  std::string left() const {
+    if (sweeps_.done > 0 || sweeps_.all == 0) return words_for_seconds(images_.left() + sweeps_.left()) + " left";
+    return text(words_for_seconds(images_.left()), " left for images, then ", sweeps_.all, " sweeps");
   }
 
   const SimulateRequest& request_;
   const Common& common_;
   const int log_;
   const Scene recorded_;
-  const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
-  std::size_t images_ = 0;
+  Work images_, sweeps_;
 };
 
 int write_one(const SimulateRequest& request, const Common& common, Simulation& simulation, StoredRun stored) {
@@ -239,11 +272,11 @@ std::size_t swap_vehicles(AssetMaker& maker, const MakerWish& wish, int log, Sto
       ++swapped;
     } catch (const Error& error) {
       if (error.fault() != Fault::usage) throw;
-      if (told.insert(kind).second) warn(text(kAssetClasses[kind], " stays as it is: ", error.what()));
+      if (told.insert(kind).second) warn(text(kAssetClasses[kind], " is not replaced: ", error.what()));
     }
   }
   if (swapped > 0) return swapped;
-  throw Error(Fault::data, "no vehicle of the log can be swapped: none is of a class that the run of --prior learned");
+  throw Error(Fault::data, "no vehicle of the log can be replaced: the --prior run learned none of their classes");
 }
 
 int write_augmented(const SimulateRequest& request, const Common& common, int log, Simulation& simulation,
@@ -275,7 +308,7 @@ int write_augmented(const SimulateRequest& request, const Common& common, int lo
 void check_request(const SimulateRequest& request) {
   check_has_views(read_record(request.run));
   if ((request.augment > 0) == request.prior.empty())
-    throw Error(Fault::usage, text("--augment N and --prior RUN2 go together: RUN2, a run of diffusion, makes the ",
+    throw Error(Fault::usage, text("--augment N and --prior RUN2 go together: RUN2, a diffusion run, makes the ",
                                    "vehicles\n  example: cloam simulate RUN --augment 20 --prior RUN2 -o DIR"));
   if (!request.prior.empty()) check_is_prior(read_record(request.prior), request.prior);
   check_out(request.out);
@@ -306,17 +339,21 @@ Command add_simulate(CLI::App& program) {
   const auto request = std::make_shared<SimulateRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->run, "Run folder, edited or not")->required();
-  parser->add_option("-o,--out", request->out, "Folder of the log; with --augment of the logs")->required();
-  parser->add_option("--log", request->log, "Number or name of the run's log (0)");
+  parser->add_option("-o,--out", request->out, "Folder for the log; with --augment, for the logs")->required();
+  parser->add_option("--log", request->log, "Number or name of one of the run's logs (0)");
   parser->add_option("--cameras", request->cameras, "Cameras, separated by commas (all)");
   parser->add_option("--size", request->size, "Size of the images, WIDTHxHEIGHT (as trained)");
-  parser->add_option("--augment", request->augment, "Writes so many logs, each with other vehicles in the same places")
-      ->check(CLI::Range(1, 100000));
-  parser->add_option("--prior", request->prior, "Run of diffusion that makes the vehicles");
-  parser->add_option("--seed", request->wish.seed, "Of what is generated (0)");
-  parser->add_option("--guidance", request->wish.guidance, "1: the condition alone; above: closer to it (1)")
-      ->check(CLI::Range(0.0, 100.0));
-  parser->add_option("--data", request->data, "Where the recorded log lies now");
+  parser
+      ->add_option("--augment", request->augment,
+                   "Number of logs to write, each with other vehicles in the same places")
+      ->check(whole_number(1, 100000));
+  parser->add_option("--prior", request->prior, "With --augment: diffusion run that makes the vehicles");
+  parser->add_option("--seed", request->wish.seed, "With --augment: random seed (0)")->check(whole_number(0));
+  parser
+      ->add_option("--guidance", request->wish.guidance,
+                   "With --augment: classifier-free guidance; above 1 follows the class more closely (1)")
+      ->check(number_from(0, 100));
+  parser->add_option("--data", request->data, "Where the recorded log is now, if it was moved");
   add_allow_outside(*parser, request->allow_outside);
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};

@@ -3,21 +3,34 @@
 
 #include <unistd.h>
 
+#include <cstring>
+
 namespace cloam {
 
 std::atomic<int> stop_signal{0};
 
 namespace {
 
+std::atomic<const char*> what_comes_first{""};
+
+/// Only what may be called in a handler of signals.
+void tell(const char* words) {
+  [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, words, std::strlen(words));
+}
+
 extern "C" void ask_to_stop(int signal) {
   if (stop_signal.load() != 0) _exit(128 + signal);
   stop_signal.store(signal);
+  tell("\nstopping: ");  // a line may be open on a terminal
+  tell(what_comes_first.load());
+  tell("; Ctrl-C again ends at once\n");
 }
 
 }  // namespace
 
-StopOnSignal::StopOnSignal() {
+StopOnSignal::StopOnSignal(const char* soon) {
   stop_signal.store(0);
+  what_comes_first.store(soon);
   struct sigaction action {};
   action.sa_handler = ask_to_stop;
   sigaction(SIGINT, &action, &old_interrupt_);

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/stop_signal.h"
 #include "models/data/pandaset.h"
 #include "models/data/paths.h"
 #include "models/data/street_log.h"
@@ -18,8 +19,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kExamples[] = R"(Make driving logs of invented streets in PandaSet's layout, with actor masks, depth and
-the same frames with all actors turned. Equal options give equal bytes.
+constexpr char kExamples[] =
+    R"(Make synthetic driving logs in PandaSet's layout, with ground truth: actor masks, depth, and
+the same frames with all actors rotated. Equal options give equal bytes.
 
 Examples:
   cloam synth -o streets
@@ -67,6 +69,13 @@ fs::path log_folder(const SynthRequest& request, int log) {
   return fs::path(request.out) / std::to_string(1001 + log).substr(1);
 }
 
+/// What write_street_log makes in a log's folder.
+void remove_log(const fs::path& folder) {
+  std::error_code error;
+  for (const char* part : {"camera", "lidar", "annotations", "meta", "truth"}) fs::remove_all(folder / part, error);
+  fs::remove(folder, error);  // if nothing else is in it
+}
+
 /// Logs of an earlier call must not mix with these.
 void check_folders(const SynthRequest& request) {
   for (int log = 0; log < request.logs; ++log) {
@@ -76,7 +85,7 @@ void check_folders(const SynthRequest& request) {
     if (!request.overwrite) {
       throw Error(Fault::usage, text(folder.string(), " exists; add --overwrite, or name another folder with -o"));
     }
-    for (const char* part : {"camera", "lidar", "annotations", "meta", "truth"}) fs::remove_all(folder / part, error);
+    remove_log(folder);
   }
 }
 
@@ -111,6 +120,14 @@ class Progress {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
+/// Ends the command after a signal, without the log that it was at.
+void check_stop_in(const fs::path& folder, const SynthRequest& request, std::size_t complete) {
+  check_stop([&] {
+    remove_log(folder);
+    return text(complete, " of ", request.logs, " logs are complete in ", request.out, "; the one begun was removed");
+  });
+}
+
 int run_command(SynthRequest request, const Common& common) {
   request.log.cameras = camera_list(request.cameras);
   read_size(request.size, request.log);
@@ -118,13 +135,17 @@ int run_command(SynthRequest request, const Common& common) {
   check_folders(request);
   std::vector<std::string> folders;
   {
+    const StopOnSignal signals("finishing this picture");
     Progress progress(request.logs * street_log_pictures(request.log), common);
     for (int log = 0; log < request.logs; ++log) {
       const fs::path folder = log_folder(request, log);
       StreetLogOptions options = request.log;
       options.seed = street_log_seed(request.log.seed, log);
       options.night = street_log_night(request.log.seed, log, request.night);
-      write_street_log(folder, options, [&] { progress.count(folder); });
+      write_street_log(folder, options, [&] {
+        progress.count(folder);
+        check_stop_in(folder, request, folders.size());
+      });
       progress.end_log(folder);
       folders.push_back(folder.string());
     }
@@ -133,7 +154,7 @@ int run_command(SynthRequest request, const Common& common) {
     const nlohmann::ordered_json json = {{"schema_version", 1}, {"logs", folders}};
     put(json.dump() + "\n");
   }
-  say(common, text(request.logs, " logs in ", request.out, ". next: cloam check ", quoted(folders.front())));
+  say(common, text(request.logs, " logs in ", request.out, ". next: cloam check ", cloam::quoted(folders.front())));
   return 0;
 }
 
@@ -144,23 +165,27 @@ Command add_synth(CLI::App& program) {
   const auto request = std::make_shared<SynthRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("-o,--out", request->out, "Folder for the logs 001, 002, ...")->required();
-  parser->add_option("--logs", request->logs, "How many (2)")->check(CLI::Range(1, 999));
-  parser->add_option("--frames", request->log.frames, "Steps of each (20)")->check(CLI::Range(1, 200));
-  parser->add_option("--rate", request->log.rate, "Steps a second (10); the fewer, the more sides of an actor are seen")
-      ->check(CLI::Range(1.0, 10.0));
-  parser->add_option("--seed", request->log.seed, "Of streets, traffic and noise (0)")->check(CLI::NonNegativeNumber);
+  parser->add_option("--logs", request->logs, "Number of logs (2)")->check(whole_number(1, 999));
+  parser->add_option("--frames", request->log.frames, "Time steps of each log (20)")->check(whole_number(1, 200));
+  parser
+      ->add_option("--rate", request->log.rate,
+                   "Steps per second (10); at lower rates, more sides of the actors are seen")
+      ->check(number_from(1, 10));
+  parser->add_option("--seed", request->log.seed, "Random seed (0)")->check(whole_number(0));
   parser->add_option("--cameras", request->cameras,
-                     "Some of front, front_left, front_right, left, right, back (front,front_left)");
-  parser->add_option("--size", request->size, "Of the pictures (320x180)");
-  parser->add_option("--night", request->night, "Probability that a log is at night (0.25)")
-      ->check(CLI::Range(0.0, 1.0));
-  parser->add_option("--clouds", request->log.clouds, "By day: 0 is a clear sky, at 1 nothing has a shadow (0)")
-      ->check(CLI::Range(0.0, 1.0));
-  parser->add_option("--beams", request->log.beams, "Of the LiDAR (32)")->check(CLI::Range(1, 256));
+                     "List of front, front_left, front_right, left, right, back (front,front_left)");
+  parser->add_option("--size", request->size, "Image size, WIDTHxHEIGHT (320x180)");
+  parser->add_option("--night", request->night, "Share of the logs that are at night, 0 to 1 (0.25)")
+      ->check(number_from(0, 1));
+  parser
+      ->add_option("--clouds", request->log.clouds,
+                   "By day: 0 for a clear sky, 1 for an overcast one without shadows (0)")
+      ->check(number_from(0, 1));
+  parser->add_option("--beams", request->log.beams, "Number of LiDAR beams (32)")->check(whole_number(1, 256));
   parser->add_flag("--rolling-shutter", request->log.rolling_shutter,
-                   "Pictures take 30 ms from top to bottom, sweeps 100 ms around");
-  parser->add_flag("--no-truth", request->no_truth, "No masks, depth or turned actors");
-  parser->add_flag("--overwrite", request->overwrite, "Replace logs that are there");
+                   "Images take 30 ms from top to bottom, sweeps 100 ms around");
+  parser->add_flag("--no-truth", request->no_truth, "Write no masks, depth or rotated actors");
+  parser->add_flag("--overwrite", request->overwrite, "Replace existing logs");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kExamples[] = R"(Learn scenes from photos or driving logs.
+constexpr char kExamples[] = R"(Train a scene from photos or driving logs.
 
 Examples:
   cloam train nerf data/fox -o runs/fox --downscale 4 --holdout 8
@@ -243,7 +243,7 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   const TrainOptions options = options_of(job, request);
   TrainResult result;
   {
-    const StopOnSignal signals;
+    const StopOnSignal signals("finishing this step, then saving");
     result = train_and_record(job, run, options, common.verbose, view, log);
     view.finish();
     end_record(job, state_of(result), result);
@@ -316,6 +316,13 @@ int run_train(TrainRequest request, const Common& common) {
 
 namespace {
 
+void resolve_alias(TrainRequest& request, const Common& common) {
+  const std::string method = method_of_alias(request.method);
+  if (method == request.method) return;
+  say(common, text(request.method, " is called ", method, " here: training ", method));
+  request.method = method;
+}
+
 /// --resume takes a value or not, and the run folder may be told by it or by -o.
 void resolve_resume(TrainRequest& request, const CLI::Option& option) {
   request.resume = option.count() > 0;
@@ -328,29 +335,28 @@ void resolve_resume(TrainRequest& request, const CLI::Option& option) {
 
 void add_data_options(CLI::App& parser, TrainRequest& r) {
   const char* group = "Data";
-  parser.add_option("--downscale", r.downscale, "Shrink the images by this factor")
-      ->check(CLI::Range(1, 256))
+  parser.add_option("--downscale", r.downscale, "Shrink the images by this factor (1)")
+      ->check(whole_number(1, 256))
       ->group(group);
-  parser.add_option("--holdout", r.holdout, "Hold out every Nth image, sorted by name")
-      ->check(CLI::Range(2, 1 << 20))
+  parser.add_option("--holdout", r.holdout, "Hold out every Nth image, in order of name")
+      ->check(whole_number(2, 1 << 20))
       ->group(group);
-  parser.add_flag("--skip-bad", r.skip_bad, "Drop damaged images with a warning")->group(group);
+  parser.add_flag("--skip-bad", r.skip_bad, "Skip damaged images with a warning")->group(group);
   add_allow_outside(parser, r.allow_outside)->group(group);
   parser
-      .add_option("--masks", r.masks,
-                  "What black in masks means: ignore (the default) or transparent: empty background")
-      ->check(CLI::IsMember({"ignore", "transparent"}))
+      .add_option("--masks", r.masks, "What black mask pixels mean: ignore (the default), or transparent (empty space)")
+      ->check(one_of({"ignore", "transparent"}))
       ->group(group);
-  parser.add_option("--protocol", r.protocol, "Of driving logs: sparse, novel or rotate360 choose the training images")
-      ->check(CLI::IsMember(protocol_names()))
+  parser.add_option("--protocol", r.protocol, "Driving logs: choose the training images by sparse, novel or rotate360")
+      ->check(one_of(protocol_names()))
       ->group(group);
-  parser.add_option("--sparse-every", r.sparse_every, "Steps between the training images of sparse")
-      ->check(CLI::Range(2, 1 << 20))
+  parser.add_option("--sparse-every", r.sparse_every, "With --protocol sparse: steps between training images")
+      ->check(whole_number(2, 1 << 20))
       ->group(group);
   parser
-      .add_option("--image", r.image, "Of a driving log: one image alone, such as front_camera/05, and its LiDAR sweep")
+      .add_option("--image", r.image, "Driving log: train on one image, such as front_camera/05, and its LiDAR sweep")
       ->group(group);
-  parser.add_option("--data", r.new_data, "Where a resumed run finds its data now; one for each folder of the run")
+  parser.add_option("--data", r.new_data, "With --resume: where the data is now; repeat for each folder of the run")
       ->allow_extra_args(false)
       ->group(group);
 }
@@ -358,22 +364,20 @@ void add_data_options(CLI::App& parser, TrainRequest& r) {
 void add_run_options(CLI::App& parser, TrainRequest& r) {
   const char* group = "Run";
   parser.add_option("-o,--out", r.out, "Run folder (default runs/DATA-METHOD)")->group(group);
-  parser.add_option("--steps", r.steps, "Steps in all; schedules are stretched over them")
-      ->check(CLI::PositiveNumber)
+  parser.add_option("--steps", r.steps, "Number of steps; learning rates and other schedules span them")
+      ->check(whole_number(1))
       ->group(group);
-  parser.add_option("--time-budget", r.time_budget, "Be done in 90s, 5m, 1h30m, counted from the program's start")
+  parser.add_option("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included")
       ->group(group);
-  parser.add_option("--stop-after", r.stop_after, "Stop (and save) after this step")
-      ->check(CLI::PositiveNumber)
+  parser.add_option("--stop-after", r.stop_after, "Save and stop after this step; --resume continues")
+      ->check(whole_number(1))
       ->group(group);
   parser.add_option("--save-every", r.save_every, "Save a checkpoint every N steps")
-      ->check(CLI::PositiveNumber)
+      ->check(whole_number(1))
       ->group(group);
-  parser.add_option("--seed", r.seed, "Of all random numbers (default 42)")
-      ->check(CLI::NonNegativeNumber)
-      ->group(group);
-  parser.add_flag("--overwrite", r.overwrite, "Replace the run in the folder")->group(group);
-  parser.add_flag("--dry-run", r.dry_run, "Check the data, show the plan, write nothing")->group(group);
+  parser.add_option("--seed", r.seed, "Random seed (42)")->check(whole_number(0))->group(group);
+  parser.add_flag("--overwrite", r.overwrite, "Replace an existing run in the folder")->group(group);
+  parser.add_flag("--dry-run", r.dry_run, "Check the data and show the plan; write nothing")->group(group);
   parser.add_option("--progress", r.progress, "auto, bar, plain, jsonl or none")->group(group);
 }
 
@@ -393,15 +397,14 @@ void add_method_options(CLI::App& parser, TrainRequest& r) {
   const char* group = "Method";
   parser.add_option("METHOD", r.method, joined(method_names()));
   parser.add_option("DATA", r.data,
-                    "Folders of the captures; several logs are one run. Of diffusion: a run of genassets");
-  parser.add_option("--preset", r.preset, joined(preset_names()) + " (default: named as the method)")->group(group);
+                    "Folder of the capture; several driving logs make one run; for diffusion, a genassets run");
+  parser.add_option("--preset", r.preset, joined(preset_names()) + " (default: the method's name)")->group(group);
   parser
       .add_option("--networks", r.networks,
-                  "A run whose networks are taken as they are: only what is new in DATA is learned")
+                  "Take the networks of this genassets run, frozen, and learn only what is new in DATA")
       ->group(group);
   parser
-      .add_option("--prior", r.prior,
-                  "A run of diffusion that learned from those networks: new actors are held to what it knows")
+      .add_option("--prior", r.prior, "With --networks: a diffusion run of those networks, as a prior for new actors")
       ->group(group);
   parser.add_option("--config", r.config_file, "TOML file with settings")->group(group);
   parser.add_option("--set", r.settings, "key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
@@ -417,10 +420,14 @@ Command add_train(CLI::App& program) {
   const auto common = std::make_shared<Common>();
   add_method_options(*parser, *request);
   add_run_options(*parser, *request);
-  const CLI::Option* resume = parser->add_option("--resume", "Go on with a run")->expected(0, 1)->group("Run");
+  const CLI::Option* resume = parser->add_option("--resume", "Continue a run that was interrupted or stopped")
+                                  ->expected(0, 1)
+                                  ->option_text("[RUN]")
+                                  ->group("Run");
   add_data_options(*parser, *request);
   add_common(*parser, *common);
   return {parser, [=] {
+            resolve_alias(*request, *common);
             resolve_resume(*request, *resume);
             return run_train(*request, *common);
           }};

@@ -234,9 +234,9 @@ void check_memory(const MemoryPlan& plan, const TrainJob& job, const Captures& c
     fix = text("fix: --downscale ", factor, " fits (", words_for_bytes(model + images), ")");
     break;
   }
-  throw Error(Fault::memory,
-              text("training needs ", words_for_bytes(plan.total()), ", the budget is ",
-                   words_for_bytes(memory_budget()), "\n  ", fix, "\n  or: --max-memory, if the machine has more"));
+  throw Error(Fault::memory, text("training needs ", words_for_bytes(plan.total()), ", the budget is ",
+                                  words_for_bytes(memory_budget()), "\n  ", fix, "\n  or: --max-memory ",
+                                  (plan.total() >> 20) + 1, "M, if the machine has that much"));
 }
 
 std::string schedule_text(const TrainJob& job) {

@@ -53,7 +53,7 @@ void adopt_prior(TrainJob& job, const TrainRequest& request) {
   if (!learned_from_run(read_record(folder)))
     throw Error(Fault::usage, text("--prior ", folder.string(), " is a run of ", read_record(folder).method,
                                    ", want one of diffusion\n  fix: cloam train diffusion ",
-                                   quoted(job.record.networks->given), " makes one"));
+                                   cloam::quoted(job.record.networks->given), " makes one"));
   StoredRun stored = read_run(folder);
   const std::string now = fingerprint(stored);
   std::string& then = job.record.prior->fingerprint;

@@ -14,7 +14,7 @@ namespace cloam {
 namespace {
 
 constexpr char kExamples[] =
-    R"(Measure the kernels' variants on this device and keep the fastest. Results stay the same, bit for bit.
+    R"(Measure the kernel variants on this device and keep the fastest. Results stay the same, bit for bit.
 
 Examples:
   cloam tune
@@ -98,9 +98,9 @@ int run_command(const Options& options) {
 Command add_tune(CLI::App& program) {
   CLI::App* parser = program.add_subcommand("tune", kExamples);
   const auto options = std::make_shared<Options>();
-  parser->add_option("PATTERN", options->pattern, "Only workloads whose name contains this");
-  parser->add_option("--rounds", options->rounds, "Alternating rounds a candidate")->check(CLI::Range(1, 99));
-  parser->add_flag("--forget", options->forget, "Delete what was tuned for this device");
+  parser->add_option("PATTERN", options->pattern, "Only workloads whose name contains this (all)");
+  parser->add_option("--rounds", options->rounds, "Alternating rounds per candidate (5)")->check(whole_number(1, 99));
+  parser->add_flag("--forget", options->forget, "Delete the choices kept for this device");
   add_common(*parser, options->common);
   return {parser, [=] { return run_command(*options); }};
 }

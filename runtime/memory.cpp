@@ -90,10 +90,10 @@ cl::Buffer fresh(size_t bytes) {
 
 [[noreturn]] void too_much(size_t bytes, const char* why) {
   const DeviceStats& s = device_stats();
-  throw Error(Fault::memory,
-              text("out of memory: ", why, " for a buffer of ", bytes >> 20, " MiB; in use ", s.live_bytes >> 20,
-                   " MiB of a budget of ", memory_budget() >> 20,
-                   " MiB.\n  fix: a smaller --batch, a larger --downscale, or --max-memory if the machine has more"));
+  throw Error(Fault::memory, text("out of memory: ", why, " for a buffer of ", bytes >> 20, " MiB; in use ",
+                                  s.live_bytes >> 20, " MiB of a budget of ", memory_budget() >> 20,
+                                  " MiB.\n  fix: train with a larger --downscale or smaller --set batch.*, or raise "
+                                  "--max-memory if the machine has more"));
 }
 
 /// A free buffer of this class or of one up to half as large again; `index` becomes its class.

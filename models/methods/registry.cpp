@@ -25,6 +25,13 @@ const MethodRow kMethods[] = {
     {"diffusion", [] { return std::unique_ptr<Method>(std::make_unique<Diffusion>()); }},
 };
 
+/// What the same method is called elsewhere.
+const std::pair<const char*, const char*> kAliases[] = {
+    {"3dgs", "splat"},    {"splatfacto", "splat"}, {"gaussian-splatting", "splat"},
+    {"gsplat", "splat"},  {"instant-ngp", "nerf"}, {"ngp", "nerf"},
+    {"nerfacto", "nerf"},
+};
+
 /// A preset that differs from another, named first.
 struct Variant {
   std::string base;
@@ -59,6 +66,14 @@ std::vector<Preset> with_variants(std::vector<Preset> rows) {
     rows.push_back(preset);
   }
   return rows;
+}
+
+[[noreturn]] void unknown(const char* what, const std::string& name, const std::vector<std::string>& names) {
+  const std::string nearest = nearest_name(name, names);
+  std::string known;
+  for (const std::string& one : names) known += (known.empty() ? "" : ", ") + one;
+  throw Error(Fault::usage, text("unknown ", what, " ", name, nearest.empty() ? "" : "; did you mean " + nearest + "?",
+                                 "\n  want one of ", known));
 }
 
 }  // namespace
@@ -127,27 +142,25 @@ std::vector<std::string> method_names() {
   return names;
 }
 
+std::string method_of_alias(const std::string& name) {
+  for (const auto& [alias, method] : kAliases)
+    if (name == alias) return method;
+  return name;
+}
+
 const Preset& find_preset(const std::string& name) {
   std::vector<std::string> names;
   for (const Preset& preset : presets()) {
     if (name == preset.name) return preset;
     names.push_back(preset.name);
   }
-  std::string known;
-  for (const std::string& n : names) known += " " + n;
-  const std::string nearest = nearest_name(name, names);
-  throw Error(Fault::usage, text("there is no preset ", name, nearest.empty() ? "" : "; did you mean ", nearest,
-                                 "? Presets:", known));
+  unknown("preset", name, names);
 }
 
 std::unique_ptr<Method> make_method(const std::string& name) {
   for (const MethodRow& row : kMethods)
     if (name == row.name) return row.create();
-  const std::string nearest = nearest_name(name, method_names());
-  std::string known;
-  for (const std::string& n : method_names()) known += " " + n;
-  throw Error(Fault::usage, text("there is no method ", name, nearest.empty() ? "" : "; did you mean ", nearest,
-                                 "? Methods:", known));
+  unknown("method", name, method_names());
 }
 
 }  // namespace cloam

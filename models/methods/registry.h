@@ -24,5 +24,7 @@ const std::vector<Preset>& presets();
 const Preset& find_preset(const std::string& name);
 std::unique_ptr<Method> make_method(const std::string& name);
 std::vector<std::string> method_names();
+/// The method that other programs know by this name ("3dgs", "instant-ngp"); the name itself if none is.
+std::string method_of_alias(const std::string& name);
 
 }  // namespace cloam

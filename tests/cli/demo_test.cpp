@@ -50,6 +50,11 @@ TEST_CASE("a demo ends with one page that holds its figures and pictures") {
   CHECK(contains(outcome.err, (out / "index.html").string()));
   const auto told = nlohmann::json::parse(outcome.out);  // one object and nothing else
   CHECK(told.at("page") == (out / "index.html").string());
+  // How long trainings of so many steps take is not known before they ran.
+  const std::size_t generating = outcome.err.find("[4/6]");
+  REQUIRE(generating != std::string::npos);
+  CHECK_FALSE(contains(outcome.err.substr(0, generating), "left in all"));
+  CHECK(contains(outcome.err.substr(generating, outcome.err.find('\n', generating) - generating), "left in all"));
 
   const auto street = json_of(out / "street" / "eval" / "eval.json"), prior = json_of(out / "prior/eval/eval.json");
   for (const char* key : {"psnr", "baseline_blend_psnr", "masked_psnr"})
@@ -60,6 +65,8 @@ TEST_CASE("a demo ends with one page that holds its figures and pictures") {
                random = distance_between(out / "random", out / "training");
   CHECK(contains(html, fmt::format("<b>{:.4g}</b>", samples)));
   CHECK(contains(html, fmt::format("{:.4g} (random latents)", random)));
+
+  CHECK(contains(html, fmt::format("target -50 %; got {:+.0f} %", 100 * (samples / random - 1))));
 
   const std::vector<std::string> fetched = references(html);
   CHECK(fetched.size() > 10);
@@ -87,6 +94,6 @@ TEST_CASE("a demo leaves alone what is no demo") {
   const auto before = snapshot(out);
   const Outcome outcome = cloam_with(small_demo(out));
   CHECK(outcome.code == 2);
-  CHECK(contains(outcome.err, "no demo"));
+  CHECK(contains(outcome.err, "not a demo"));
   CHECK(snapshot(out) == before);
 }

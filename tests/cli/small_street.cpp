@@ -10,17 +10,12 @@
 namespace cloam {
 namespace fs = std::filesystem;
 
-namespace {
-
-/// Eight steps leave space empty: matter wherever the field begins.
 void give_surfaces(const fs::path& checkpoint) {
   SafetensorsFile file = read_safetensors(checkpoint);
   const float offset = -1;
   std::memcpy(file.tensors.at("param.networks.field.offset").data.data(), &offset, sizeof offset);
   write_safetensors(checkpoint, file);
 }
-
-}  // namespace
 
 const fs::path& small_street() {
   static const fs::path log = [] {

@@ -12,6 +12,8 @@ const std::filesystem::path& small_street_run();
 
 /// genassets of two streets, one of them at night, that has seen most of its actors; there is matter in them.
 const std::filesystem::path& two_streets_run();
+/// Eight steps leave space empty: matter wherever the field begins, for what needs a surface.
+void give_surfaces(const std::filesystem::path& checkpoint);
 /// `train diffusion` on the run `source` into `run`, in the least sizes.
 Words small_diffusion(const std::filesystem::path& source, const std::filesystem::path& run, const Words& more = {});
 const Words kDiffusionSteps = {"--steps", "60", "--save-every", "20"};

@@ -73,18 +73,19 @@ SplatErrors compare(const Gaussians& given, const Gaussians& found) {
 
 std::span<const SplatFormat> splat_formats() { return kFormats; }
 
-const SplatFormat& splat_format(const fs::path& path) {
+const SplatFormat& splat_format(const fs::path& path, bool write) {
   std::string extension = path.extension().string();
   for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   for (const SplatFormat& format : kFormats) {
     if (extension == format.extension) return format;
   }
-  throw Error(Fault::usage, text(path.string(), ": '", extension, "' is no extension of files of gaussians; read are ",
-                                 extensions(false), ", written ", extensions(true)));
+  throw Error(Fault::usage,
+              text(path.string(), ": cannot ", write ? "write " : "read ",
+                   extension.empty() ? "a file without an extension" : extension, "; supported: ", extensions(write)));
 }
 
 SplatFile read_gaussians(const fs::path& path) {
-  const SplatFormat& format = splat_format(path);
+  const SplatFormat& format = splat_format(path, false);
   if (!format.read) {
     throw Error(Fault::data, text(path.string(), ": ", format.name, " is not read; save the scene as one of ",
                                   extensions(false), " with the program that made it"));

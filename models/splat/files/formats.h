@@ -24,7 +24,7 @@ struct SplatFormat {
 std::span<const SplatFormat> splat_formats();
 
 /// By the extension, in any case. Fault::usage that lists those that there are.
-const SplatFormat& splat_format(const std::filesystem::path& path);
+const SplatFormat& splat_format(const std::filesystem::path& path, bool write = true);
 
 /// World axes are the file's; `up` is what the file or its format says of them. Gaussians with values that are not
 /// finite, or a rotation of length 0, are left out with a warning. Fault::data for a damaged file, one of another

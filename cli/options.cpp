@@ -1,0 +1,143 @@
+// See options.h.
+#include "cli/options.h"
+
+#include <charconv>
+#include <sstream>
+
+#include "models/data/paths.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+template <class Value>
+bool read_whole(const std::string& word, Value& value) {
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+  return error == std::errc() && end == word.data() + word.size();
+}
+
+/// "above 0", "of 2 or more", "from 1 to 256".
+std::string range_words(int64_t least, int64_t most) {
+  if (most < std::numeric_limits<int64_t>::max()) return text("from ", least, " to ", most);
+  return least == 1 ? "above 0" : text("of ", least, " or more");
+}
+
+/// A check without a description, which --help would show.
+CLI::Validator check(std::function<std::string(std::string&)> wrong) { return {std::move(wrong), ""}; }
+
+std::string either(const std::vector<std::string>& words) {
+  std::string out;
+  for (std::size_t i = 0; i < words.size(); ++i) out += (i == 0 ? "" : i + 1 < words.size() ? ", " : " or ") + words[i];
+  return out;
+}
+
+/// The first of a command's examples; its description begins with them.
+std::string example_of(const CLI::App& command) {
+  const std::string& description = command.get_description();
+  const std::string head = "Examples:\n  ";
+  const std::size_t at = description.find(head);
+  if (at == std::string::npos) return "";
+  const std::size_t begin = at + head.size(), end = description.find('\n', begin);
+  const std::string line = description.substr(begin, end - begin);
+  return "\n  example: " + line.substr(0, std::min(line.find("   "), line.find("  #")));
+}
+
+std::string help_of(const CLI::App& command) { return "\n  see cloam " + command.get_name() + " --help"; }
+
+/// What is wanted for an option or argument that is missing or has no value.
+std::string missing(const CLI::App& command, const std::string& name, const std::string& verb) {
+  const CLI::Option* option = command.get_option_no_throw(name);
+  return verb + " " + name + (option ? ": " + option->get_description() : "") + example_of(command) + help_of(command);
+}
+
+class HelpFormat : public CLI::Formatter {
+ public:
+  HelpFormat() {
+    column_width(28);
+    label("Positionals", "Arguments");
+    for (const char* number : {"INT", "UINT", "FLOAT"}) label(number, "N");
+  }
+  std::string make_usage(const CLI::App* app, std::string name) const override {
+    return "\n" + CLI::Formatter::make_usage(app, name);
+  }
+  /// Groups are one blank line apart.
+  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override {
+    std::string help = CLI::Formatter::make_help(app, name, mode);
+    for (std::size_t at; (at = help.find("\n\n\n")) != std::string::npos;) help.erase(at, 1);
+    return help.erase(help.find_last_not_of('\n') + 1) + "\n";
+  }
+  /// Descriptions that are long go on below themselves.
+  std::string make_option(const CLI::Option* option, bool is_positional) const override {
+    constexpr std::size_t kWidth = 120;
+    const std::size_t indent = get_column_width();
+    std::string out = "  " + make_option_name(option, is_positional) + make_option_opts(option), line;
+    out += out.size() < indent ? std::string(indent - out.size(), ' ') : "\n" + std::string(indent, ' ');
+    std::istringstream words(make_option_desc(option));
+    for (std::string word; words >> word;) {
+      if (!line.empty() && indent + line.size() + word.size() >= kWidth) {
+        out += line + "\n" + std::string(indent, ' ');
+        line.clear();
+      }
+      line += (line.empty() ? "" : " ") + word;
+    }
+    return out + line + "\n";
+  }
+  std::string make_option_opts(const CLI::Option* option) const override {
+    if (!option->get_option_text().empty()) return " " + option->get_option_text();
+    if (option->get_type_size() == 0) return "";
+    const bool many = option->get_expected_max() == CLI::detail::expected_max_vector_size;
+    const std::string value = option->get_positional() ? "" : " " + get_label(option->get_type_name());
+    return value + (many ? " ..." : "") + (option->get_required() ? " (required)" : "");
+  }
+};
+
+}  // namespace
+
+CLI::Validator whole_number(int64_t least, int64_t most) {
+  return check([=](std::string& word) {
+    int64_t value = 0;
+    if (read_whole(word, value) && value >= least && value <= most) return std::string();
+    return text(word, ": want a whole number ", range_words(least, most));
+  });
+}
+
+CLI::Validator number_from(double least, double most) {
+  return check([=](std::string& word) {
+    double value = 0;
+    if (read_whole(word, value) && value >= least && value <= most) return std::string();
+    return text(word, ": want a number from ", least, " to ", most);
+  });
+}
+
+CLI::Validator one_of(const std::vector<std::string>& words) {
+  return check([=](std::string& word) {
+    if (std::find(words.begin(), words.end(), word) != words.end()) return std::string();
+    const std::string near = nearest_name(word, words);
+    return text(word, ": want ", either(words), near.empty() ? "" : "; did you mean " + near + "?");
+  });
+}
+
+std::shared_ptr<CLI::Formatter> help_format() { return std::make_shared<HelpFormat>(); }
+
+std::string complaint(const CLI::ParseError& error, const CLI::App& program) {
+  std::string said = error.what();
+  if (program.get_subcommands().empty()) return said;
+  const CLI::App& command = *program.get_subcommands().front();
+  const std::string name = said.substr(0, said.find_first_of(": "));
+  if (dynamic_cast<const CLI::ValidationError*>(&error)) {  // "--steps: ten: want ..."
+    const std::size_t colon = said.find(": ");
+    return colon == std::string::npos ? said : said.erase(colon, 1);
+  }
+  if (dynamic_cast<const CLI::RequiredError*>(&error))
+    return missing(command, name, "cloam " + command.get_name() + " needs");
+  if (dynamic_cast<const CLI::ArgumentMismatch*>(&error)) return missing(command, name, "a value is missing for");
+  if (dynamic_cast<const CLI::ConversionError*>(&error)) {  // "Could not convert: --seed = 1e99"
+    const std::size_t colon = said.find(": "), equals = said.find(" = ");
+    if (colon != std::string::npos && equals != std::string::npos && equals > colon)
+      return said.substr(colon + 2, equals - colon - 2) + " " + said.substr(equals + 3) +
+             ": not a number that this option can take" + help_of(command);
+  }
+  return said + help_of(command);
+}
+
+}  // namespace cloam

@@ -1,0 +1,191 @@
+// What the documents tell to type is typed here: every sh block of README.md and docs/, from top to bottom, from an
+// empty folder. Budgets are cut to a few steps and sizes to the least by the rules below; nothing else is changed.
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <iostream>
+#include <regex>
+#include <sstream>
+
+#include "models/data/synthetic_scene.h"
+#include "tests/cli/process.h"
+#include "tests/cli/small_street.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+
+namespace {
+
+struct Rule {
+  const char *pattern, *replacement;
+};
+
+/// In this order, on each line.
+const Rule kRules[] = {
+    // Steps, pictures and sizes.
+    {" --time-budget \\S+", " --steps 2"},
+    {" --steps \\d+", " --steps 2"},
+    {"^(cloam train genassets (?!.*--networks).*) --steps 2", "$1 --steps 8"},  // most actors are seen
+    {" --downscale \\d+", " --downscale 1"},
+    {" --augment \\d+", " --augment 1"},
+    {" --logs \\d\\d+", " --logs 2"},
+    {" --frames \\d+", ""},
+    {" --size \\S+", ""},
+    {" --cameras \\S+", ""},
+    {" -n \\d+", " -n 2"},
+    {"^cloam synth", "cloam synth --frames 6 --size 48x27 --cameras front --beams 24"},
+    {"^cloam render (.*) --path orbit", "cloam render $1 --path orbit --frames 2"},
+    {"^cloam render (.*) --time", "cloam render $1 --size 48x27 --time"},
+    {"^cloam generate", "cloam generate --frames 2 --size 16 --resolution 8 --steps 2"},
+    {"^cloam export (.*) --actor", "cloam export $1 --resolution 8 --actor"},
+    {"^cloam simulate (.*) --augment", "cloam simulate $1 --size 24x16 --augment"},
+    // Models.
+    {" --set (batch|background)\\.\\S+", ""},
+    {"^cloam train nerf",
+     "cloam train nerf --set field.log2_rows=10 --set field.levels=4 --set batch.rays=64 --set batch.samples=4096"
+     " --set occupancy.side=16 --set occupancy.cells=512"},
+    {"^cloam train splat", "cloam train splat --set initial.random=200"},
+    {"^cloam train genassets (?!.*--networks)",
+     "cloam train genassets --set background.side=32 --set batch.patches=2 --set batch.patch_side=8"
+     " --set batch.lidar_rays=32 --set code.side=4 --set code.channels=4 --set decoder.middle=16"
+     " --set decoder.widths=16,8,8 --set decoder.groups=4 --set weight.perceptual=0 --set prior.steps=2 "},
+    {"^cloam train genassets (?=.*--networks)", "cloam train genassets --set prior.steps=2 "},
+    {"^cloam train diffusion", "cloam train diffusion --set unet.base=8 --set unet.groups=4 --set batch.codes=8"},
+    // Places: what the reader has and the test makes.
+    {"\\bDATA\\b", "@/photos"},
+    {"\\bLOG\\.\\.\\.", "@/logs/001 @/logs/002"},
+    {"\\bNEWLOG\\b|\\bLOG\\b", "@/logs/003"},
+    {"\\bPANDASET/00\\[1-8\\]", "@/logs/00[12]"},
+    {" --set perceptual.weights=SQUEEZENET| --features SQUEEZENET", ""},
+};
+
+struct Exception {
+  const char *line, *reason;
+};
+
+/// Lines that are not run, by their beginnings.
+const Exception kExceptions[] = {
+    {"script/demo", "builds the program; demo_test.cpp runs cloam demo"},
+    {"script/test", "runs this test"},
+    {"cloam process photos -o DATA", "needs COLMAP and photos of one thing; colmap_test.cpp runs it"},
+};
+
+std::vector<fs::path> documents() {
+  const fs::path source = CLOAM_SOURCE;
+  std::vector<fs::path> files = {source / "README.md"};
+  for (const auto& entry : fs::recursive_directory_iterator(source / "docs"))
+    if (entry.path().extension() == ".md") files.push_back(entry.path());
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+/// The commands of the sh blocks, with continued lines joined and comments gone. Other blocks hold no command of ours.
+std::vector<std::string> commands_in(const fs::path& document) {
+  std::istringstream text(content_of(document));
+  std::vector<std::string> commands;
+  std::string fence, joined;
+  for (std::string line; std::getline(text, line);) {
+    if (line.starts_with("```")) {
+      fence = fence.empty() ? line : "";
+      continue;
+    }
+    if (fence.empty()) continue;
+    CHECK_MESSAGE((fence == "```sh" || !line.starts_with("cloam ")), document.string()
+                                                                         << ": a block without sh: " << line);
+    if (fence != "```sh") continue;
+    const std::size_t comment = line.find(" #");
+    line = joined + line.substr(0, comment);
+    line.erase(line.find_last_not_of(' ') + 1);
+    joined = line.ends_with('\\') ? line.substr(0, line.size() - 1) : "";
+    if (!line.empty() && joined.empty()) commands.push_back(line);
+  }
+  return commands;
+}
+
+/// Photos, and three logs as README makes them.
+const fs::path& places() {
+  static const fs::path folder = [] {
+    const fs::path made = scratch() / "places";
+    write_synthetic_scene(made / "photos", {.train = 8, .test = 2, .size = 32});
+    const Outcome logs = cloam_with({"synth", "-o", (made / "logs").string(), "--logs", "3", "--frames", "6", "--size",
+                                     "48x27", "--cameras", "front", "--beams", "24", "--night", "0.4", "-q"});
+    REQUIRE_MESSAGE(logs.code == 0, logs.err);
+    return made;
+  }();
+  return folder;
+}
+
+std::string cut_down(std::string line) {
+  for (const Rule& rule : kRules) line = std::regex_replace(line, std::regex(rule.pattern), rule.replacement);
+  for (std::size_t at; (at = line.find('@')) != std::string::npos;) line.replace(at, 1, places().string());
+  return line;
+}
+
+struct Shell {
+  int code;
+  std::string out, err;
+};
+
+Shell run(const std::string& line, const fs::path& folder) {
+  const fs::path out = scratch() / "shell-out", err = scratch() / "shell-err";
+  const std::string bin = fs::path(CLOAM_BINARY).parent_path().string();
+  const std::string whole = "cd '" + folder.string() + "' && PATH='" + bin + "':$PATH && { " + line + "\n} >'" +
+                            out.string() + "' 2>'" + err.string() + "'";
+  const int code = std::system(whole.c_str());
+  return {code, content_of(out), content_of(err)};
+}
+
+/// The actor that most images show, by what `edit --list --json` prints.
+std::string actor_of(const std::string& run_name, const fs::path& folder) {
+  static std::map<fs::path, std::string> known;
+  std::string& id = known[folder / run_name];
+  if (!id.empty()) return id;
+  const Shell listed = run("cloam edit " + run_name + " --list --json", folder);
+  REQUIRE_MESSAGE(listed.code == 0, listed.err);
+  const auto actors = nlohmann::json::parse(listed.out).at("actors");
+  const auto most = std::max_element(actors.begin(), actors.end(),
+                                     [](const auto& a, const auto& b) { return a.at("images") < b.at("images"); });
+  return id = most->at("actor");
+}
+
+/// Two steps learn no surfaces, which meshes need.
+void give_surfaces_to(const std::string& line, const fs::path& folder) {
+  std::smatch match;
+  if (!std::regex_search(line, match, std::regex("^cloam train genassets (?!.*--networks).* -o (\\S+)"))) return;
+  const fs::path checkpoints = folder / match[1].str() / "ckpt";
+  std::string latest = content_of(checkpoints / "latest.txt");
+  latest.erase(latest.find_last_not_of("\n ") + 1);
+  give_surfaces(checkpoints / latest);
+}
+
+void type(const std::string& command, const fs::path& folder) {
+  std::string line = cut_down(command);
+  std::smatch match;
+  if (std::regex_search(line, match, std::regex("^cloam (?:edit|export) (\\S+).*\\bID\\b")))
+    line = std::regex_replace(line, std::regex("\\bID\\b"), actor_of(match[1], folder));
+  const Shell shell = run(line, folder);
+  CHECK_MESSAGE(shell.code == 0, command << "\n  as " << line << "\n" << shell.err);
+  give_surfaces_to(line, folder);
+}
+
+}  // namespace
+
+TEST_CASE("every sh block of README and docs runs as typed, from an empty folder") {
+  std::vector<std::string> left_out;
+  for (const fs::path& document : documents()) {
+    const fs::path folder = scratch() / ("typed-" + document.stem().string());
+    fs::create_directories(folder);
+    for (const std::string& command : commands_in(document)) {
+      const auto exception = std::find_if(std::begin(kExceptions), std::end(kExceptions),
+                                          [&](const Exception& e) { return command.starts_with(e.line); });
+      if (exception != std::end(kExceptions))
+        left_out.push_back(exception->line);
+      else
+        type(command, folder);
+    }
+  }
+  for (const Exception& exception : kExceptions)
+    CHECK_MESSAGE(std::count(left_out.begin(), left_out.end(), std::string(exception.line)) == 1,
+                  exception.line << " is no longer in the documents");
+}
