@@ -109,7 +109,7 @@ void expect_masks(Scene& scene) {
 
 CLI::Option* add_allow_outside(CLI::App& parser, bool& allowed) {
   return parser.add_flag("--allow-outside", allowed,
-                         "Also read images and points that the data's own files name outside their folder");
+                         "Also read images and points that the capture lists outside its folder");
 }
 
 Reading reading_for(const RunRecord& record, bool other, bool allow_outside) {
