@@ -110,5 +110,7 @@ TEST_CASE("splat: what does not fit or cannot be is told before anything is done
   const fs::path file = scratch() / "model.splat";
   CHECK(cloam_with({"export", trained().string(), "-o", file.string(), "--actor", "a"}).code == 2);
   CHECK(cloam_with({"export", trained().string(), "-o", file.string(), "--format", "plly"}).code == 2);
+  CHECK(cloam_with({"export", trained().string(), "-o", file.string(), "--format", "spz"}).code == 2);
+  CHECK(!fs::exists(file.string() + ".spz"));
   CHECK(!fs::exists(file));
 }
