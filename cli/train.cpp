@@ -57,8 +57,7 @@ PreviewFrame preview_frame(const Captures& captures) {
 
 /// A checkpoint to go on from; none (with a warning) if the run was ended before its first.
 std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView& view) {
-  std::error_code error;
-  if (!fs::exists(RunPaths{job.folder}.checkpoints(), error)) {
+  if (!has_checkpoints(RunPaths{job.folder}.checkpoints())) {
     view.warning("the run has no checkpoint yet; training starts at the first step");
     return std::nullopt;
   }
@@ -97,7 +96,7 @@ void check_data_unchanged(const TrainJob& job, const std::vector<DataNow>& data)
 void adopt_networks(TrainJob& job, const TrainRequest& request) {
   if (!job.record.networks) return;
   std::error_code error;
-  const bool own = request.resume && fs::exists(RunPaths{job.folder}.checkpoints(), error);
+  const bool own = request.resume && has_checkpoints(RunPaths{job.folder}.checkpoints());
   fs::path source = own ? job.folder : fs::path(job.record.networks->given);
   if (request.resume && !own) source = find_data(job.folder, *job.record.networks);
   job.method->adopt_networks(parameters_in(load_latest_checkpoint(RunPaths{source}.checkpoints()).file));

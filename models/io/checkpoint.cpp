@@ -85,6 +85,8 @@ fs::path save_checkpoint(const fs::path& folder, int64_t step, const Safetensors
   return path;
 }
 
+bool has_checkpoints(const fs::path& folder) { return !list_steps(folder).empty(); }
+
 LoadedCheckpoint load_latest_checkpoint(const fs::path& folder) {
   std::vector<int64_t> steps = list_steps(folder);
   if (const auto latest = latest_step(folder)) {

@@ -22,6 +22,9 @@ struct LoadedCheckpoint {
   std::string warning;
 };
 
+/// Whether the folder holds any checkpoint, sound or not.
+bool has_checkpoints(const std::filesystem::path& folder);
+
 /// Loads the checkpoint that latest.txt names, or the newest whole one. Fault::data when there is none.
 LoadedCheckpoint load_latest_checkpoint(const std::filesystem::path& folder);
 

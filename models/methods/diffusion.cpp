@@ -49,26 +49,25 @@ void check(const DiffusionConfig& c) {
 }  // namespace
 
 void Diffusion::configure(Config& c) {
-  c.bind("code.channels", config_.channels, "channels of a code; as the run has it that is learned from", {1, 4096});
-  c.bind("code.side", config_.side, "side of a code; as the run has it that is learned from", {1, 256});
-  c.bind("unet.base", config_.base, "width at full size", {1, 4096});
-  c.bind("unet.multipliers", config_.multipliers, "of the width; the code halves between one and the next");
-  c.bind("unet.blocks", config_.blocks, "residual blocks a level", {1, 64});
-  c.bind("unet.groups", config_.groups, "of its group norms", {1, 4096});
-  c.bind("schedule.betas", config_.betas, "linear, cosine or scaled-linear");
-  c.bind("schedule.times", config_.times, "diffusion times", {2, 100000});
-  c.bind("batch.codes", config_.batch, "codes a step", {1, 1 << 20});
-  c.bind("condition.drop", config_.drop, "share of the codes that lose class and time of day, for guidance",
-         kShareBelowOne);
-  c.bind("data.held_out", config_.held_out, "share of the codes that are measured instead of trained on",
-         kShareBelowOne);
-  c.bind("data.drawn", config_.drawn, "codes are drawn by their own variance, if they have one; false: their means");
-  c.bind("data.least_steps", config_.least_steps, "actors that fewer steps of the run have seen are left out",
-         {0, 1 << 30});
-  c.bind("weight.min_snr", config_.min_snr, "gamma of the min-SNR weights; 0: all times weigh the same", kFromZero);
+  c.bind("code.channels", config_.channels, "channels of a code (taken from the source run)", {1, 4096});
+  c.bind("code.side", config_.side, "side of a code (taken from the source run)", {1, 256});
+  c.bind("unet.base", config_.base, "channels of the U-Net at full resolution", {1, 4096});
+  c.bind("unet.multipliers", config_.multipliers,
+         "channel multiplier of each U-Net level; each level halves the resolution");
+  c.bind("unet.blocks", config_.blocks, "residual blocks per level", {1, 64});
+  c.bind("unet.groups", config_.groups, "groups of the U-Net's group norms", {1, 4096});
+  c.bind("schedule.betas", config_.betas, "noise schedule: linear, cosine or scaled-linear");
+  c.bind("schedule.times", config_.times, "timesteps of the noise schedule", {2, 100000});
+  c.bind("batch.codes", config_.batch, "codes per step", {1, 1 << 20});
+  c.bind("condition.drop", config_.drop,
+         "share of the codes trained without class and time of day (classifier-free guidance)", kShareBelowOne);
+  c.bind("data.held_out", config_.held_out, "share of the codes held out for evaluation", kShareBelowOne);
+  c.bind("data.drawn", config_.drawn, "sample each code from its own variance, if it has one; false: use the mean");
+  c.bind("data.least_steps", config_.least_steps, "leave out actors that fewer training steps have seen", {0, 1 << 30});
+  c.bind("weight.min_snr", config_.min_snr, "gamma of the min-SNR loss weights; 0: equal weights", kFromZero);
   c.bind("train.rate", config_.rate, "learning rate", kFromZero);
-  c.bind("train.final_rate", config_.final_rate, "factor on the rate at the last step", kFromZero);
-  c.bind("train.average", config_.average, "decay of the averaged network, which is what samples", kShareBelowOne);
+  c.bind("train.final_rate", config_.final_rate, "learning rate at the last step, as a share of train.rate", kFromZero);
+  c.bind("train.average", config_.average, "decay of the EMA weights, which are used for sampling", kShareBelowOne);
 }
 
 void Diffusion::build(const Scenes&, uint64_t seed) {

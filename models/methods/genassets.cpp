@@ -29,63 +29,72 @@ Tensor column(const Tensor& x, int64_t at) { return reshape(slice(x, 1, at, at +
 }  // namespace
 
 void GenAssets::configure(Config& c) {
-  c.bind("planes.channels", config_.field.plane_channels, "channels of a plane", {1, 1024});
-  c.bind("background.side", config_.background_side, "texels a side of the background's planes", {1, 8192});
+  c.bind("planes.channels", config_.field.plane_channels, "channels per plane", {1, 1024});
+  c.bind("background.side", config_.background_side, "texels per side of the background planes", {1, 8192});
   c.bind("code.side", config_.code_side, "side of an actor's latent code", {1, 256});
   c.bind("code.channels", config_.code_channels, "channels of an actor's latent code", {1, 4096});
-  c.bind("code.variational", config_.variational, "codes as mean and variance, with the KL term");
-  c.bind("decoder.use", config_.decoder, "false: actors' planes are learned directly");
-  c.bind("decoder.widths", config_.decoder_widths, "of its blocks; planes double before each but the first");
-  c.bind("decoder.middle", config_.decoder_middle, "width of its first blocks and its attention", {1, 4096});
-  c.bind("decoder.groups", config_.decoder_groups, "of its group norms", {1, 4096});
-  c.bind("field.width", config_.field.width, "width of both networks", {1, 4096});
-  c.bind("field.distance_layers", config_.field.distance_layers, "hidden layers to the signed distance", {1, 64});
-  c.bind("field.feature_layers", config_.field.feature_layers, "hidden layers to the feature", {1, 64});
-  c.bind("field.sharpness", config_.field.sharpness, "beta of the opacity at the start", kFromZero);
+  c.bind("code.variational", config_.variational, "variational codes (mean and variance) with a KL term");
+  c.bind("decoder.use", config_.decoder, "decode codes to planes; false: learn each actor's planes directly");
+  c.bind("decoder.widths", config_.decoder_widths,
+         "channels of the decoder's blocks; each block after the first doubles the planes");
+  c.bind("decoder.middle", config_.decoder_middle, "channels of the decoder's first blocks and attention", {1, 4096});
+  c.bind("decoder.groups", config_.decoder_groups, "groups of the decoder's group norms", {1, 4096});
+  c.bind("field.width", config_.field.width, "width of both field networks", {1, 4096});
+  c.bind("field.distance_layers", config_.field.distance_layers, "hidden layers of the signed distance network",
+         {1, 64});
+  c.bind("field.feature_layers", config_.field.feature_layers, "hidden layers of the feature network", {1, 64});
+  c.bind("field.sharpness", config_.field.sharpness, "initial beta of the opacity function", kFromZero);
   c.bind("image.width", config_.image.width, "channels of the image decoder", {1, 4096});
-  c.bind("image.side", config_.image.side, "side of its kernels", {1, 31});
-  c.bind("image.blocks", config_.image.blocks, "its residual blocks", {0, 64});
-  c.bind("image.doublings", config_.image.doublings, "how often it doubles the map", {0, 5});
+  c.bind("image.side", config_.image.side, "kernel size of the image decoder", {1, 31});
+  c.bind("image.blocks", config_.image.blocks, "residual blocks of the image decoder", {0, 64});
+  c.bind("image.doublings", config_.image.doublings, "times that the image decoder doubles the resolution", {0, 5});
   c.bind("steps.background", config_.steps.background, "metres between samples in occupied voxels", kMetres);
   c.bind("steps.actor", config_.steps.actor, "metres between samples in actors", kMetres);
-  c.bind("steps.sky", config_.steps.sky, "samples of the sky", {1, 4096});
-  c.bind("space.voxel", config_.space.voxel, "metres, of the LiDAR's occupancy grid", kMetres);
-  c.bind("space.dilate", config_.space.dilate, "voxels around occupied ones that count as well", {0, 64});
-  c.bind("actors.symmetric", config_.symmetric, "the left of actors is their right, mirrored");
-  c.bind("view.drop", config_.view_drop, "share of the steps in which actors are seen without a view direction",
+  c.bind("steps.sky", config_.steps.sky, "samples per ray in the sky", {1, 4096});
+  c.bind("space.voxel", config_.space.voxel, "voxel size of the LiDAR occupancy grid, in metres", kMetres);
+  c.bind("space.dilate", config_.space.dilate, "voxels by which occupied regions are dilated", {0, 64});
+  c.bind("actors.symmetric", config_.symmetric, "mirror each actor's planes: left and right sides are the same");
+  c.bind("view.drop", config_.view_drop, "share of the steps in which actors are rendered without a view direction",
          {0, 1});
   c.bind("shadows", config_.shadows, "actors cast shadows on the ground below their boxes");
-  c.bind("batch.whole_images", config_.whole_images, "a whole image a step, computed in tiles, instead of patches");
-  c.bind("batch.tile_rays", config_.tile_rays, "whole images: rays in memory at a time", {1, 1 << 24});
-  c.bind("batch.tile_side", config_.tile_side, "whole images: rays a side of what is decoded to pixels at a time",
-         {1, 1 << 14});
-  c.bind("batch.patches", config_.patches, "image patches a step", {1, 4096});
-  c.bind("batch.patch_side", config_.patch_side, "rays a side of a patch", {1, 4096});
-  c.bind("batch.lidar_rays", config_.lidar_rays, "LiDAR returns a step", {0, 1 << 24});
-  c.bind("weight.rgb", config_.weight_rgb, "of the squared colour error", kFromZero);
-  c.bind("weight.perceptual", config_.weight_perceptual, "of the perceptual loss", kFromZero);
-  c.bind("weight.adversarial", config_.weight_adversarial, "of fooling the discriminator; 0: there is none", kFromZero);
-  c.bind("adversarial.widths", config_.discriminator_widths, "of the discriminator's blocks");
-  c.bind("weight.lidar", config_.weight_lidar, "of the LiDAR depth error, squared up to a metre", kFromZero);
-  c.bind("weight.stray", config_.weight_stray, "of matter along LiDAR rays that is not near their return", kFromZero);
-  c.bind("weight.kl", config_.weight_kl, "of the codes' KL term, a mean over their numbers", kFromZero);
-  c.bind("weight.prior", config_.prior.weight, "with a prior: share that its gradient by codes has of the others'",
+  c.bind("batch.whole_images", config_.whole_images,
+         "train on a whole image per step, computed in tiles, instead of patches");
+  c.bind("batch.tile_rays", config_.tile_rays, "whole images: rays per tile", {1, 1 << 24});
+  c.bind("batch.tile_side", config_.tile_side, "whole images: rays per side of a decoded window", {1, 1 << 14});
+  c.bind("batch.patches", config_.patches, "image patches per step", {1, 4096});
+  c.bind("batch.patch_side", config_.patch_side, "rays per side of a patch", {1, 4096});
+  c.bind("batch.lidar_rays", config_.lidar_rays, "LiDAR returns per step", {0, 1 << 24});
+  c.bind("weight.rgb", config_.weight_rgb, "weight of the squared colour error", kFromZero);
+  c.bind("weight.perceptual", config_.weight_perceptual, "weight of the perceptual loss", kFromZero);
+  c.bind("weight.adversarial", config_.weight_adversarial, "weight of the adversarial loss; 0: no discriminator",
          kFromZero);
-  c.bind("prior.through_network", config_.prior.through_network, "the term's gradients go through the denoiser too");
-  c.bind("prior.steps", config_.prior.steps, "of denoising, which one image alone begins with; 0: none", {0, 1000});
-  c.bind("prior.guidance", config_.prior.guidance, "how far rendering moves a denoising step, in its noise levels",
+  c.bind("adversarial.widths", config_.discriminator_widths, "channels of the discriminator's blocks");
+  c.bind("weight.lidar", config_.weight_lidar, "weight of the LiDAR depth error (squared up to one metre, then linear)",
          kFromZero);
-  c.bind("prior.noise", config_.prior.noise, "deviation of what denoising begins with; 0: what is usual, 1: a draw",
-         {0, 1});
-  c.bind("perceptual.weights", config_.perceptual_weights, "file with a pretrained network; empty: random features");
+  c.bind("weight.stray", config_.weight_stray, "weight of the opacity along LiDAR rays away from their return",
+         kFromZero);
+  c.bind("weight.kl", config_.weight_kl, "weight of the codes' KL term (mean over their elements)", kFromZero);
+  c.bind("weight.prior", config_.prior.weight,
+         "with --prior: norm of the prior's gradient, relative to the other losses", kFromZero);
+  c.bind("prior.through_network", config_.prior.through_network, "back-propagate the prior through the denoiser");
+  c.bind("prior.steps", config_.prior.steps, "with --prior and --image: denoising steps before training; 0: none",
+         {0, 1000});
+  c.bind("prior.guidance", config_.prior.guidance, "rendering guidance of each denoising step, in noise levels",
+         kFromZero);
+  c.bind("prior.noise", config_.prior.noise,
+         "standard deviation of the initial noise; 0: start at the mean, 1: a full sample", {0, 1});
+  c.bind("perceptual.weights", config_.perceptual_weights,
+         "file with weights of a pretrained network; empty: random features");
   c.bind("train.rate_codes", config_.rate_codes, "learning rate of codes", kFromZero);
   c.bind("train.rate_decoder", config_.rate_decoder, "learning rate of the asset decoder", kFromZero);
   c.bind("train.rate_field", config_.rate_field, "learning rate of the field's networks", kFromZero);
   c.bind("train.rate_image", config_.rate_image, "learning rate of the image decoder", kFromZero);
-  c.bind("train.rate_background", config_.rate_background, "learning rate of planes", kFromZero);
-  c.bind("train.decay_background", config_.decay_background, "weight decay of the background's planes", kFromZero);
-  c.bind("train.final_rate", config_.final_rate, "factor on the rates at the last step", kFromZero);
-  c.bind("train.decay_start", config_.decay_start, "share of the steps before the rates fall", kShareBelowOne);
+  c.bind("train.rate_background", config_.rate_background, "learning rate of the background planes", kFromZero);
+  c.bind("train.decay_background", config_.decay_background, "weight decay of the background planes", kFromZero);
+  c.bind("train.final_rate", config_.final_rate, "learning rates at the last step, as a share of the initial ones",
+         kFromZero);
+  c.bind("train.decay_start", config_.decay_start, "share of the steps before the learning rates decay",
+         kShareBelowOne);
 }
 
 namespace {

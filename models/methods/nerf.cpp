@@ -26,6 +26,7 @@ constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, dist
 constexpr float kLeastTransmittance = 1e-3f;
 constexpr double kRenderSamples = 400000;         // samples in memory while rendering
 constexpr int64_t kMostRays = int64_t{16} << 22;  // a step, of any batch.rays
+constexpr float kLeastStep = 1e-5f;               // normalised units: a ray takes 100,000 of them
 constexpr int64_t kAllLit = 1000;
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
@@ -33,38 +34,43 @@ RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.s
 }  // namespace
 
 void Nerf::configure(Config& c) {
-  c.bind("field.kind", config_.field.kind, "hash | frequency | triplane");
+  c.bind("field.kind", config_.field.kind, "radiance field: hash, frequency or triplane");
   c.bind("field.levels", config_.field.levels, "hash grid: levels", {1, 32});
-  c.bind("field.features", config_.field.features, "hash grid: features a level (1, 2 or 4)", {1, 4});
-  c.bind("field.log2_rows", config_.field.log2_rows, "hash grid: 2^n rows a level", {1, 28});
-  c.bind("field.coarsest", config_.field.coarsest, "hash grid: cells an axis of the first level", {1, 1 << 16});
-  c.bind("field.finest", config_.field.finest, "hash grid: cells an axis of the last level", {1, 1 << 20});
+  c.bind("field.features", config_.field.features, "hash grid: features per level (1, 2 or 4)", {1, 4});
+  c.bind("field.log2_rows", config_.field.log2_rows, "hash grid: log2 of the table rows per level", {1, 28});
+  c.bind("field.coarsest", config_.field.coarsest, "hash grid: cells per axis at the coarsest level", {1, 1 << 16});
+  c.bind("field.finest", config_.field.finest, "hash grid: cells per axis at the finest level", {1, 1 << 20});
   c.bind("field.width", config_.field.width, "width of the networks", {1, 4096});
-  c.bind("field.depth", config_.field.depth, "frequency: layers", {1, 64});
-  c.bind("field.point_frequencies", config_.field.point_frequencies, "frequency: L of the position", {0, 32});
-  c.bind("field.direction_frequencies", config_.field.direction_frequencies, "frequency: L of the direction", {0, 32});
-  c.bind("field.plane_channels", config_.field.plane_channels, "triplane: channels a plane", {1, 1024});
-  c.bind("field.plane_side", config_.field.plane_side, "triplane: texels an axis", {2, 8192});
-  c.bind("sampling", config_.sampling, "occupancy (march through a grid) | importance (coarse and fine network)");
-  c.bind("background", config_.background, "auto | white | random | none");
-  c.bind("batch.rays", config_.batch_rays, "rays a step (occupancy sampling: at the start)", {1, 1 << 22});
-  c.bind("batch.samples", config_.batch_samples, "occupancy sampling: samples a step aims at", {1, 1 << 28});
-  c.bind("samples.coarse", config_.coarse_samples, "importance sampling: stratified samples a ray", {1, 4096});
-  c.bind("samples.fine", config_.fine_samples, "importance sampling: further samples a ray", {1, 4096});
-  c.bind("march.min_step", config_.min_step, "smallest step in normalised units, 0: by the kind of scene", {0, 1});
-  c.bind("march.cone", config_.cone, "unbounded scenes: step over distance", {0, 1});
-  c.bind("occupancy.side", config_.occupancy.side, "cells an axis", {2, 512});
-  c.bind("occupancy.cells", config_.occupancy.cells_per_update, "cells looked into an update", {1, 1 << 27});
-  c.bind("occupancy.threshold", config_.occupancy.threshold, "density below which a cell is empty", kFromZero);
-  c.bind("occupancy.every", config_.occupancy_every, "steps between updates", {1, 1 << 30});
-  c.bind("occupancy.start", config_.occupancy_start, "first step with an update", {0, 1 << 30});
+  c.bind("field.depth", config_.field.depth, "frequency encoding: layers", {1, 64});
+  c.bind("field.point_frequencies", config_.field.point_frequencies, "frequency encoding: frequencies of the position",
+         {0, 32});
+  c.bind("field.direction_frequencies", config_.field.direction_frequencies,
+         "frequency encoding: frequencies of the direction", {0, 32});
+  c.bind("field.plane_channels", config_.field.plane_channels, "tri-plane: channels per plane", {1, 1024});
+  c.bind("field.plane_side", config_.field.plane_side, "tri-plane: texels per axis", {2, 8192});
+  c.bind("sampling", config_.sampling, "occupancy (march through a grid) or importance (coarse and fine network)");
+  c.bind("background", config_.background, "background colour: auto, white, random or none");
+  c.bind("batch.rays", config_.batch_rays, "rays per step (occupancy sampling: initially)", {1, 1 << 22});
+  c.bind("batch.samples", config_.batch_samples, "occupancy sampling: target samples per step", {1, 1 << 28});
+  c.bind("samples.coarse", config_.coarse_samples, "importance sampling: stratified samples per ray", {1, 4096});
+  c.bind("samples.fine", config_.fine_samples, "importance sampling: additional samples per ray", {1, 4096});
+  c.bind("march.min_step", config_.min_step, "smallest step in normalised units; 0: chosen from the scene", {0, 1});
+  c.bind("march.cone", config_.cone, "unbounded scenes: step length divided by distance", {0, 1});
+  c.bind("occupancy.side", config_.occupancy.side, "occupancy grid: cells per axis", {2, 512});
+  c.bind("occupancy.cells", config_.occupancy.cells_per_update, "occupancy grid: cells visited per update",
+         {64, 1 << 27});
+  c.bind("occupancy.threshold", config_.occupancy.threshold, "occupancy grid: density below which a cell is empty",
+         kFromZero);
+  c.bind("occupancy.every", config_.occupancy_every, "occupancy grid: steps between updates", {1, 1 << 30});
+  c.bind("occupancy.start", config_.occupancy_start, "occupancy grid: step of the first update", {0, 1 << 30});
   c.bind("train.rate", config_.learning_rate, "learning rate of Adam", kFromZero);
-  c.bind("train.final_rate", config_.final_rate, "factor on the rate at the last step", kFromZero);
-  c.bind("train.decay_start", config_.decay_start, "share of the steps before the rate falls", kShareBelowOne);
-  c.bind("train.decay_steps", config_.decay_steps, "steps to the final rate, whatever the horizon (0: the horizon)",
+  c.bind("train.final_rate", config_.final_rate, "learning rate at the last step, as a share of train.rate", kFromZero);
+  c.bind("train.decay_start", config_.decay_start, "share of the steps before the learning rate decays",
+         kShareBelowOne);
+  c.bind("train.decay_steps", config_.decay_steps, "steps until the final learning rate; 0: the length of the training",
          {0, 1 << 30});
   c.bind("train.distortion", config_.distortion, "weight of the distortion loss", kFromZero);
-  c.bind("train.loss", config_.loss, "square | charbonnier");
+  c.bind("train.loss", config_.loss, "pixel loss: square or charbonnier");
 }
 
 void Nerf::build(const Scenes& scenes, uint64_t seed) {
@@ -72,6 +78,8 @@ void Nerf::build(const Scenes& scenes, uint64_t seed) {
   const Scene& scene = scenes.front();
   if (config_.sampling != "occupancy" && config_.sampling != "importance")
     throw Error(Fault::usage, text("setting sampling: \"", config_.sampling, "\", want occupancy or importance"));
+  if (config_.min_step > 0 && config_.min_step < kLeastStep)
+    throw Error(Fault::usage, text("setting march.min_step: ", config_.min_step, ", want 0 or ", kLeastStep, " to 1"));
   seed_ = seed;
   frame_ = fit_scene(scene);
   has_alpha_ = scene.has_alpha;

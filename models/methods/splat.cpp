@@ -51,40 +51,44 @@ Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int 
 }  // namespace
 
 void Splat::configure(Config& c) {
-  c.bind("initial", config_.initial,
-         "where gaussians begin: auto | points | lidar | random | a file of points or splats");
-  c.bind("initial.random", config_.initial_random, "how many, where they begin anywhere", {1, 1 << 28});
-  c.bind("background", config_.background, "auto | black | white | random");
-  c.bind("antialiased", config_.antialiased, "opacities shrink by what the pixel's blur widens (Mip-Splatting)");
-  c.bind("near", config_.near, "nearest distance that is drawn, of the cameras' radius", kFromZero);
+  c.bind("initial", config_.initial, "initial gaussians: auto, points, lidar, random, or a file of points or splats");
+  c.bind("initial.random", config_.initial_random, "number of initial gaussians if they are random", {1, 1 << 28});
+  c.bind("background", config_.background, "background colour: auto, black, white or random");
+  c.bind("antialiased", config_.antialiased, "reduce opacities by the widening of the pixel filter (Mip-Splatting)");
+  c.bind("near", config_.near, "near plane, relative to the cameras' radius", kFromZero);
   c.bind("sh.degree", config_.sh_degree, "degree of the colours' spherical harmonics", {0, kSphericalBands});
-  c.bind("sh.every", config_.sh_every, "steps before the next degree is used (at most a tenth of all)", {1, 1 << 30});
-  c.bind("weight.ssim", config_.ssim, "of 1 - SSIM; the rest is the absolute difference's", {0, 1});
-  c.bind("train.rate_means", config_.rate_means, "learning rate, times the cameras' radius", kFromZero);
-  c.bind("train.final_means", config_.final_means, "factor on it at the last step", kFromZero);
-  c.bind("train.rate_first", config_.rate_first, "of colours", kFromZero);
-  c.bind("train.rate_rest", config_.rate_rest, "of what in colours depends on the direction", kFromZero);
-  c.bind("train.rate_opacities", config_.rate_opacities, "of opacities", kFromZero);
-  c.bind("train.rate_scales", config_.rate_scales, "of deviations", kFromZero);
-  c.bind("train.rate_rotations", config_.rate_rotations, "of rotations", kFromZero);
-  c.bind("exposure", config_.exposure, "learn a gain and an offset of each image's channels; their means stay 1 and 0");
-  c.bind("train.rate_exposure", config_.rate_exposure, "of these; at the last step a tenth", kFromZero);
-  c.bind("growth.strategy", config_.growth.strategy, "densify (the paper) | mcmc");
-  c.bind("growth.from", config_.growth.from, "first step that changes the number of gaussians", {0, 1 << 30});
-  c.bind("growth.every", config_.growth.every, "steps between such changes", {1, 1 << 30});
-  c.bind("growth.most", config_.growth.most, "gaussians, at most", {1, 1 << 28});
-  c.bind("growth.gradient", config_.growth.gradient, "densify: gradient of means that asks for more", kFromZero);
-  c.bind("growth.absolute", config_.growth.absolute, "densify: sums of absolute gradients, pixel by pixel (AbsGS)");
-  c.bind("growth.small", config_.growth.small, "densify: deviation, of the cameras' radius, above which one is split",
+  c.bind("sh.every", config_.sh_every, "steps before the next degree is used (at most a tenth of all steps)",
+         {1, 1 << 30});
+  c.bind("weight.ssim", config_.ssim, "weight of 1 - SSIM; the rest is the weight of L1", {0, 1});
+  c.bind("train.rate_means", config_.rate_means, "learning rate of the means, relative to the cameras' radius",
          kFromZero);
+  c.bind("train.final_means", config_.final_means,
+         "learning rate of the means at the last step, as a share of train.rate_means", kFromZero);
+  c.bind("train.rate_first", config_.rate_first, "learning rate of the colours", kFromZero);
+  c.bind("train.rate_rest", config_.rate_rest, "learning rate of the view-dependent colours", kFromZero);
+  c.bind("train.rate_opacities", config_.rate_opacities, "learning rate of the opacities", kFromZero);
+  c.bind("train.rate_scales", config_.rate_scales, "learning rate of the scales", kFromZero);
+  c.bind("train.rate_rotations", config_.rate_rotations, "learning rate of the rotations", kFromZero);
+  c.bind("exposure", config_.exposure, "learn a gain and an offset per image and channel, with means 1 and 0");
+  c.bind("train.rate_exposure", config_.rate_exposure, "learning rate of the exposures; it falls to a tenth",
+         kFromZero);
+  c.bind("growth.strategy", config_.growth.strategy, "densify (the paper) or mcmc");
+  c.bind("growth.from", config_.growth.from, "step after which the number of gaussians may change", {0, 1 << 30});
+  c.bind("growth.every", config_.growth.every, "steps between changes of the number of gaussians", {1, 1 << 30});
+  c.bind("growth.most", config_.growth.most, "largest number of gaussians", {1, 1 << 28});
+  c.bind("growth.gradient", config_.growth.gradient, "densify: mean gradient above which a gaussian is cloned or split",
+         kFromZero);
+  c.bind("growth.absolute", config_.growth.absolute, "densify: sum the absolute gradients of the pixels (AbsGS)");
+  c.bind("growth.small", config_.growth.small,
+         "densify: scale, relative to the cameras' radius, above which a gaussian is split", kFromZero);
   c.bind("growth.large", config_.growth.large,
-         "densify: deviation, of the radius or of how far away it is, above which one is removed", kFromZero);
-  c.bind("growth.faint", config_.growth.faint, "opacity below which a gaussian goes", {0, 1});
+         "densify: scale, relative to the radius or its distance, above which a gaussian is removed", kFromZero);
+  c.bind("growth.faint", config_.growth.faint, "opacity below which a gaussian is removed or moved", {0, 1});
   c.bind("growth.reset_every", config_.growth.reset_every, "densify: steps between resets of the opacities",
          {1, 1 << 30});
-  c.bind("growth.noise", config_.growth.noise, "mcmc: noise on means, times their rate", kFromZero);
+  c.bind("growth.noise", config_.growth.noise, "mcmc: noise on the means, relative to their learning rate", kFromZero);
   c.bind("growth.weight_opacity", config_.growth.weight_opacity, "mcmc: weight of the mean opacity", kFromZero);
-  c.bind("growth.weight_scale", config_.growth.weight_scale, "mcmc: weight of the mean deviation", kFromZero);
+  c.bind("growth.weight_scale", config_.growth.weight_scale, "mcmc: weight of the mean scale", kFromZero);
 }
 
 void Splat::build(const Scenes& scenes, uint64_t seed) {
