@@ -86,8 +86,8 @@ AssetName find_actor(const Scenes& scenes, const std::vector<std::string>& logs,
   const std::vector<AssetName>& found = !whole.empty() ? whole : !begun.empty() ? begun : with;
   if (found.empty()) no_actor(scenes, all, word, id);
   if (found.size() == 1) return found.front();
-  throw Error(Fault::usage, text("the actor ", word, " could be ", list(scenes, found), "; name it with more letters",
-                                 scenes.size() > 1 ? ", or with its log (LOG:ID)" : ""));
+  throw Error(Fault::usage, text("'", word, "' matches ", found.size(), " actors: ", list(scenes, found),
+                                 "; type more of the id", scenes.size() > 1 ? ", or name its log (LOG:ID)" : ""));
 }
 
 std::string spelled(const Scenes& scenes, const AssetName& name) {

@@ -81,7 +81,8 @@ std::vector<double> numbers_of(const std::string& list, std::size_t count, const
     try {
       values.push_back(std::stod(word, &used));
     } catch (const std::exception&) {}
-    if (used == 0 || used != word.size() || !std::isfinite(values.back())) bad_operation(given, word + " is no number");
+    if (used == 0 || used != word.size() || !std::isfinite(values.back()))
+      bad_operation(given, word + " is not a number");
   }
   if (values.size() != count) bad_operation(given, text("want ", count, " numbers, found ", values.size()));
   return values;

@@ -29,9 +29,9 @@ bool is_file_name(const fs::path& path) {
 }
 
 std::string problem_of_place(const std::string& given, const char* wanted) {
-  if (given == "-") return text("nothing is written to standard output (\"-\"): name ", wanted);
+  if (given == "-") return text("-: nothing is written to standard output; name ", wanted);
   const fs::path file = file_above(given);
-  return file.empty() ? "" : text(given, ": ", file.string(), " is a file, no folder; name another place");
+  return file.empty() ? "" : text(given, ": ", file.string(), " is a file, not a folder; name another place");
 }
 
 std::string problem_of_folder(const std::string& given) {

@@ -97,8 +97,8 @@ Protocol protocol_of(const TrainRequest& request) {
 void take_networks(const TrainRequest& request, TrainJob& job) {
   const RunRecord other = read_record(request.networks);
   if (!request.method.empty() && request.method != other.method)
-    throw Error(Fault::usage, text("--networks needs a run of ", request.method, "; ", request.networks,
-                                   " is a run of ", other.method));
+    throw Error(Fault::usage,
+                text("--networks needs a ", request.method, " run; ", request.networks, " is ", other.method));
   same("--preset", if_given(request.preset), other.preset);
   job.record.preset = other.preset;
   job.record.reading.downscale = other.reading.downscale;

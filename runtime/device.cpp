@@ -65,7 +65,7 @@ std::string pin_pocl_threads() {
   return text("POCL_AFFINITY=", std::getenv("POCL_AFFINITY"), by_user ? " (set by the user)" : " (set by cloam)");
 }
 
-std::vector<Candidate> candidates() {
+std::vector<Candidate> find_candidates() {
   const std::string pinning = pin_pocl_threads();
   kernel_cache();
   std::vector<Candidate> out;
@@ -87,6 +87,12 @@ std::vector<Candidate> candidates() {
     }
   }
   return out;
+}
+
+/// Found once: PoCL ends the process when it is asked again after it could not begin.
+const std::vector<Candidate>& candidates() {
+  static const auto* const all = new std::vector<Candidate>(find_candidates());  // drivers may go before statics do
+  return *all;
 }
 
 std::string table(const std::vector<Candidate>& all) {

@@ -65,7 +65,7 @@ std::string problem_of_private(const fs::path& folder) {
   struct stat found {};
   const bool is_own = ::lstat(folder.c_str(), &found) == 0 && S_ISDIR(found.st_mode) && found.st_uid == ::geteuid() &&
                       (found.st_mode & 077) == 0;
-  return is_own ? problem_inside(folder) : "it is there but is no folder of this user alone";
+  return is_own ? problem_inside(folder) : "it exists but is not a private folder of this user";
 }
 
 KernelCache decide() {

@@ -90,7 +90,7 @@ std::string misnamed_manifest(const fs::path& entry) {
       return text(name, " is not a regular file, or is a link to one that is gone");
     if (plain.starts_with(known + ".")) return text("unpack ", name, " to ", known);
   }
-  if (name == "transforms_test.json") return "add transforms_train.json, which transforms_test.json goes with";
+  if (name == "transforms_test.json") return "add transforms_train.json, which belongs to transforms_test.json";
   return "";
 }
 

@@ -12,8 +12,7 @@ std::unique_ptr<Field> make_field(const Scope& scope, const FieldOptions& option
   if (options.kind == "hash") return std::make_unique<HashField>(scope, options);
   if (options.kind == "frequency") return std::make_unique<FrequencyField>(scope, options);
   if (options.kind == "triplane") return std::make_unique<TriplaneField>(scope, options);
-  throw Error(Fault::usage,
-              text("setting field.kind: \"", options.kind, "\", want hash, frequency or triplane"));
+  throw Error(Fault::usage, text("setting field.kind: \"", options.kind, "\", want hash, frequency or triplane"));
 }
 
 }  // namespace cloam

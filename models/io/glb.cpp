@@ -100,7 +100,7 @@ GlbChunks read_glb_chunks(const std::filesystem::path& path) {
   const auto bytes = read_file(path, kMostBytes);
   const auto fail = [&](const std::string& why) { throw Error(Fault::data, path.string() + ": " + why); };
   ByteReader reader(bytes, path.string());
-  if (reader.little<std::uint32_t>("the GLB header") != kMagic) fail("is no GLB: it does not begin with glTF");
+  if (reader.little<std::uint32_t>("the GLB header") != kMagic) fail("is not a GLB file: it does not begin with glTF");
   const auto version = reader.little<std::uint32_t>("the GLB header");
   if (version != 2) fail(text("is glTF of version ", version, ", want 2"));
   const auto size = reader.little<std::uint32_t>("the GLB header");

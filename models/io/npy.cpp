@@ -190,7 +190,8 @@ NpyArray parse_npy(std::span<const std::uint8_t> bytes, const std::string& name)
   const auto magic = reader.take(std::min(kMagic.size(), reader.remaining()), "the first bytes");
   if (!std::equal(magic.begin(), magic.end(), kMagic.begin(), kMagic.end(),
                   [](std::uint8_t a, char b) { return a == static_cast<std::uint8_t>(b); })) {
-    throw Error(Fault::data, text(name, ": is no .npy: it does not begin with \\x93NUMPY; save it with numpy.save"));
+    throw Error(Fault::data,
+                text(name, ": is not an .npy file: it does not begin with \\x93NUMPY; save it with numpy.save"));
   }
   const auto version = reader.little<std::uint8_t>("the version");
   reader.skip(1, "the version");

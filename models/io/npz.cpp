@@ -51,7 +51,7 @@ Bytes Zip::end_record() const {
     ByteReader reader(bytes_.subspan(bytes_.size() - back), name_);
     if (reader.little<std::uint32_t>("the end record") == kEndMark) return bytes_.subspan(bytes_.size() - back);
   }
-  fail("no directory at its end: it is no zip file, or was cut short; copy it again");
+  fail("no directory at its end: it is not a zip file, or was cut short; copy it again");
 }
 
 Entry Zip::next_entry(ByteReader& reader) const {

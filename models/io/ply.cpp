@@ -120,7 +120,7 @@ class Parser {
     std::size_t left = kLongestHeader;
     for (bool first = true;; first = false) {
       const std::string found = line(left).value_or("");
-      if (first && found != "ply\n" && found != "ply\r\n") fail("is no .ply: its first line is not 'ply'");
+      if (first && found != "ply\n" && found != "ply\r\n") fail("is not a .ply file: its first line is not 'ply'");
       if (!found.ends_with('\n')) fail(text("the .ply header has no end within ", kLongestHeader, " bytes"));
       left -= found.size();
       const auto words = words_of(std::string_view(found).substr(0, found.size() - 1));
@@ -222,7 +222,7 @@ class Parser {
     double value = 0;  // 1e99 is a number, if none that a float holds
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
     if (error != std::errc() || end != word.data() + word.size()) {
-      fail(text("vertex ", row, ": '", printable(word), "' is no number"));
+      fail(text("vertex ", row, ": '", printable(word), "' is not a number"));
     }
     return static_cast<float>(value);
   }

@@ -88,7 +88,8 @@ std::string read_header(const InputFile& file) {
   }
   std::string header(length, '\0');
   file.read(8, std::as_writable_bytes(std::span(header)));
-  if (header.empty() || header[0] != '{') file.fail(8, "the header must begin with '{'; this is no safetensors file");
+  if (header.empty() || header[0] != '{')
+    file.fail(8, "the header must begin with '{'; this is not a safetensors file");
   // The JSON library takes NUL for the end of its input, which would hide what follows.
   if (const size_t nul = header.find('\0'); nul != std::string::npos) file.fail(8 + nul, "NUL byte in the header");
   if (is_sealed(header) && header.substr(kSealStart.size(), kBlankSeal.size()) != header_checksum(header)) {

@@ -100,7 +100,7 @@ class HeaderEvents : public nlohmann::json_sax<json> {
   }
 
   bool parse_error(size_t, const std::string&, const json::exception& problem) override {
-    throw Error(Fault::data, "the header is no valid JSON: " + std::string(problem.what()).substr(0, 300));
+    throw Error(Fault::data, "the header is not valid JSON: " + std::string(problem.what()).substr(0, 300));
   }
 
  private:

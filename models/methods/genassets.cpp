@@ -78,7 +78,7 @@ void GenAssets::configure(Config& c) {
          "with --prior: norm of the prior's gradient, relative to the other losses", kFromZero);
   c.bind("prior.through_network", config_.prior.through_network, "back-propagate the prior through the denoiser");
   c.bind("prior.steps", config_.prior.steps, "with --prior and --image: denoising steps before training; 0: none",
-         {0, 1000});
+         {0, 100000});
   c.bind("prior.guidance", config_.prior.guidance, "rendering guidance of each denoising step, in noise levels",
          kFromZero);
   c.bind("prior.noise", config_.prior.noise,

@@ -154,7 +154,7 @@ Tensor permute(const Tensor& x, const Shape& axes) {
   }
   if (!complete)
     throw Error(Fault::internal,
-                text("[permute] ", to_string(axes), " is no order of the axes of ", to_string(x.shape())));
+                text("[permute] ", to_string(axes), " is not an order of the axes of ", to_string(x.shape())));
   return view_of<Permute>(x, to, axes);
 }
 

@@ -112,7 +112,7 @@ TEST_CASE("edit writes a run of its own, and edits of edits compose") {
 TEST_CASE("edit's mistakes: one line that says what would do, and nothing is written") {
   const fs::path run = street_run("mistaken"), out = scratch() / "never";
   const std::pair<const char*, const char*> cases[] = {
-      {"abc:remove", "could be 0:abc-1, 1:abc-1"}, {"trukc:remove", "did you mean 1:truck-9?"},
+      {"abc:remove", "'abc' matches 2 actors: 0:abc-1, 1:abc-1; type more of the id"}, {"trukc:remove", "did you mean 1:truck-9?"},
       {"x:shfit=1,0,0", "did you mean shift?"},    {"x:shift=1,0", "want 3 numbers, found 2"},
       {"x", "example: --actor 3f2a:shift=2,0,0"},  {"x:remove,shift=1,0,0", "no boxes to move"},
   };

@@ -80,7 +80,7 @@ TEST_CASE("a temporary folder that others may write to is not trusted") {
   fs::permissions(kernels_in(temporary), fs::perms::all);
   const Outcome outcome = cloam_with({"info"}, environment(temporary, {"HOME=/proc"}));
   CHECK(outcome.code == 8);
-  CHECK_MESSAGE(contains(outcome.err, "is no folder of this user alone"), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "is not a private folder of this user"), outcome.err);
   CHECK_MESSAGE(contains(outcome.err, "POCL_CACHE_DIR"), outcome.err);
   fs::remove(kernels_in(temporary));
   fs::create_directories(scratch() / "elsewhere");

@@ -177,6 +177,10 @@ TEST_CASE("methods for one capture refuse several, and networks of others") {
       cloam_with({"train", "nerf", b.string(), "--networks", run.string(), "-o", (scratch() / "adopting").string()});
   CHECK(networks.code == 2);
   CHECK(networks.err.find("no networks that several scenes share") != std::string::npos);
+  const Outcome method = cloam_with(
+      {"train", "genassets", b.string(), "--networks", run.string(), "-o", (scratch() / "adopting").string()});
+  CHECK(method.code == 2);
+  CHECK(method.err.find("--networks needs a genassets run; " + run.string() + " is nerf") != std::string::npos);
   CHECK_FALSE(fs::exists(scratch() / "adopting"));
 }
 

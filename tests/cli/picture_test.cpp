@@ -93,7 +93,7 @@ TEST_CASE("eval of a run without held-out photos says that they are the training
   const Outcome outcome = cloam_with({"eval", run.string(), "--json"});
   REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
   CHECK(nlohmann::json::parse(outcome.out).at("protocol") == "train-images");
-  CHECK(contains(outcome.err, "training photos"));
+  CHECK(contains(outcome.err, "the training images are measured"));
 }
 
 TEST_CASE("--holdout N is the protocol holdout-N: every Nth by name") {

@@ -110,7 +110,7 @@ std::vector<std::pair<std::string, std::string>> program_literals() {
 /// Options in our literals that are those of other programs.
 const std::map<std::string, std::string> kForeignOptions = {
     {"--database_path", "colmap"}, {"--image_path", "colmap"},  {"--input_path", "colmap"},
-    {"--output_path", "colmap"},   {"--output_type", "colmap"},
+    {"--output_path", "colmap"},   {"--output_type", "colmap"}, {"--output-dir", "ns-process-data"},
 };
 
 const std::string kOption = "(?:^|[^A-Za-z0-9_-])(--[a-z][a-z0-9_-]*)";

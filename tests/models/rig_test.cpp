@@ -264,7 +264,7 @@ TEST_CASE("ply: hostile and foreign files are named, nothing is allocated for th
   CHECK(holds(error_for(replaced(binary_ply(), "little", "big")), "want ascii or binary_little_endian"));
   CHECK(holds(error_for(replaced(ascii_ply(), "uchar intensity", "list uchar int intensity")), "of type list"));
   CHECK(holds(error_for(replaced(ascii_ply(), "float y", "float x")), "two properties x"));
-  CHECK(holds(error_for(replaced(ascii_ply(), "2e1", "two")), "vertex 1: 'two' is no number"));
+  CHECK(holds(error_for(replaced(ascii_ply(), "2e1", "two")), "vertex 1: 'two' is not a number"));
   CHECK(holds(error_for(replaced(ascii_ply(), "1 2 3 51", "1 2 3")), "vertex 0 has 3 numbers, want 4"));
   CHECK(holds(error_for(replaced(ascii_ply(), "vertex 3", "point 3")), "its first element is point"));
   CHECK(holds(error_for("ply\nformat ascii 1.0\nend_header\n"), "no element 'vertex'"));

@@ -158,7 +158,7 @@ void check_extension(const Document& document, const Json& primitive, std::vecto
     document.fail(
         "its gaussians are compressed by a further extension, which is not read: save it without compression");
   }
-  if (document.whole(primitive, "mode", 4) != kPoints) document.fail("its gaussians are no points (mode 0)");
+  if (document.whole(primitive, "mode", 4) != kPoints) document.fail("its gaussians are not points (mode 0)");
   if (string(extension, "colorSpace", document.name()) != "srgb_rec709_display") {
     warnings.push_back(document.name() + ": its colours are not sRGB, they are taken as they stand");
   }
@@ -222,7 +222,7 @@ Eigen::Matrix<double, size, 1> numbers(const Document& document, const Json& nod
   if (list.size() != size) document.fail(text("a node's ", key, " has ", list.size(), " numbers, want ", size));
   for (int i = 0; i < size; ++i) {
     const Json& value = list[static_cast<std::size_t>(i)];
-    if (!value.is_number()) document.fail(text("a node's ", key, " holds what is no number"));
+    if (!value.is_number()) document.fail(text("a node's ", key, " holds a value that is not a number"));
     result[i] = value.get<double>();
   }
   return result;
@@ -278,10 +278,11 @@ class SceneReader {
   }
 
   void visit(const Json& named, const Matrix4d& world_from_parent) {
-    if (!named.is_number_unsigned()) document_.fail("a scene or node names a node by what is no whole number");
+    if (!named.is_number_unsigned())
+      document_.fail("a scene or node names a node by a value that is not a whole number");
     const auto index = named.get<std::uint64_t>();
     const Json& node = document_.item("nodes", index);
-    if (!node.is_object()) document_.fail(text("nodes ", index, " is no object"));
+    if (!node.is_object()) document_.fail(text("nodes ", index, " is not an object"));
     if (!visited_.insert(index).second) document_.fail(text("nodes ", index, " stands at two places of the scene"));
     const Matrix4d world_from_node = world_from_parent * parent_from_node(document_, node);
     if (node.contains("mesh")) read_mesh(document_.item("meshes", document_.whole(node, "mesh")), world_from_node);

@@ -45,7 +45,7 @@ std::size_t rotation_bytes(const Header& header) { return header.version == 2 ? 
 Header read_header(ByteReader& reader, const std::string& file) {
   Header header;
   std::memcpy(&header, reader.take(sizeof header, "the header of an .spz").data(), sizeof header);
-  if (header.magic != Header().magic) fail(file, "is no .spz: it does not begin with NGSP");
+  if (header.magic != Header().magic) fail(file, "is not an .spz file: it does not begin with NGSP");
   if (header.version != 2 && header.version != 3) {
     fail(file, text("is an .spz of version ", header.version,
                     ", read are versions 2 and 3: save it anew as one of these ", "or as .ply"));
