@@ -65,9 +65,9 @@ std::string pin_pocl_threads() {
   return text("POCL_AFFINITY=", std::getenv("POCL_AFFINITY"), by_user ? " (set by the user)" : " (set by cloam)");
 }
 
-std::vector<Candidate> find_candidates() {
+std::vector<Candidate> candidates() {
   const std::string pinning = pin_pocl_threads();
-  kernel_cache();
+  if (!kernel_cache().usable) throw Error(Fault::write, kernel_cache().note);  // PoCL would end the process
   std::vector<Candidate> out;
   std::vector<cl::Platform> platforms;
   try {
@@ -89,12 +89,6 @@ std::vector<Candidate> find_candidates() {
   return out;
 }
 
-/// Found once: PoCL ends the process when it is asked again after it could not begin.
-const std::vector<Candidate>& candidates() {
-  static const auto* const all = new std::vector<Candidate>(find_candidates());  // drivers may go before statics do
-  return *all;
-}
-
 std::string table(const std::vector<Candidate>& all) {
   std::string out;
   for (const Candidate& c : all) out += text("\n  ", c.info.id, "  ", c.info.name, " (", c.info.platform, ")");
@@ -113,7 +107,6 @@ bool matches(const Candidate& c, size_t position, const std::string& wish) {
 int rank(const Candidate& c) { return c.info.is_cpu ? 1 : 0; }
 
 Candidate choose(const std::vector<Candidate>& all, const std::string& wish) {
-  if (all.empty() && !kernel_cache().usable) throw Error(Fault::write, kernel_cache().note);
   if (all.empty())
     throw Error(Fault::device,
                 text("no OpenCL device found. Looked for drivers in ",
@@ -140,7 +133,6 @@ void open_device() {
   const char* environment = std::getenv("CLOAM_DEVICE");
   const std::string wish = wanted.device == "auto" && environment ? environment : wanted.device;
   const Candidate c = choose(candidates(), wish);
-  if (!c.info.pinning.empty() && !kernel_cache().usable) throw Error(Fault::write, kernel_cache().note);
   try {
     cl::Context context(c.device);
     cl::CommandQueue queue(context, c.device, debug().kernels ? CL_QUEUE_PROFILING_ENABLE : 0);
