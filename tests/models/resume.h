@@ -42,12 +42,14 @@ inline std::vector<SavedStep> train_step_by_step(const Resumable& what, const st
   return saved;
 }
 
-/// Names of the tensors that differ; "" if none does.
+/// What differs: names of tensors, their number, the metadata; "" if nothing does.
 inline std::string differences(const SafetensorsFile& a, const SafetensorsFile& b) {
-  std::string names;
+  std::string found;
   for (const auto& [name, tensor] : a.tensors)
-    if (!b.tensors.contains(name) || !(b.tensors.at(name) == tensor)) names += " " + name;
-  return a == b ? "" : names + (a.tensors.size() == b.tensors.size() ? "" : " and their number");
+    if (!b.tensors.contains(name) || !(b.tensors.at(name) == tensor)) found += " " + name;
+  if (a.tensors.size() != b.tensors.size()) found += " the number of tensors";
+  if (a.metadata != b.metadata) found += " the metadata";
+  return found;
 }
 
 inline void check_resumes_from_every_step(const Resumable& what) {
