@@ -9,6 +9,7 @@
 #include "cli/stop_signal.h"
 #include "models/data/paths.h"
 #include "models/io/gif.h"
+#include "models/io/words.h"
 #include "models/mesh/asset_mesh.h"
 #include "models/mesh/write_mesh.h"
 #include "models/train/pictures.h"
@@ -140,7 +141,7 @@ void check_file(const ExportRequest& request) {
 /// One mesh: its name may say the format.
 void take_file(ExportRequest& request) {
   check_file(request);
-  const std::string extension = CLI::detail::to_lower(fs::path(request.out).extension().string());
+  const std::string extension = lower_case(fs::path(request.out).extension().string());
   if (request.format.empty() && (extension.empty() || extension == ".glb")) request.format = "glb";
   if (request.format.empty() && extension == ".ply") request.format = "ply";
   if (request.format.empty())

@@ -13,6 +13,7 @@
 #include "models/data/paths.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
+#include "models/io/words.h"
 #include "models/mesh/asset_mesh.h"
 #include "models/mesh/write_mesh.h"
 #include "models/train/asset_prior.h"
@@ -58,16 +59,11 @@ struct Made {
   Json how;
 };
 
-std::string lower(std::string word) {
-  std::transform(word.begin(), word.end(), word.begin(), [](unsigned char c) { return std::tolower(c); });
-  return word;
-}
-
 int class_named(const std::string& given) {
   const std::vector<std::string> names(std::begin(kAssetClasses), std::end(kAssetClasses));
   std::string all;
   for (std::size_t i = 0; i < names.size(); ++i) {
-    if (lower(names[i]) == lower(given)) return static_cast<int>(i);
+    if (lower_case(names[i]) == lower_case(given)) return static_cast<int>(i);
     all += (i ? ", " : "") + names[i];
   }
   const std::string near = nearest_name(given, names);

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "models/io/commit.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -15,22 +17,14 @@ const char* const kFileExtensions[] = {".avi",         ".csv",  ".exr",   ".gif"
                                        ".jpg",         ".json", ".mov",   ".mp4",  ".npz", ".ply",  ".png",
                                        ".safetensors", ".spz",  ".splat", ".webm", ".zip"};
 
-/// The nearest part on the way up that is there, if it is no folder.
-fs::path file_above(const fs::path& path) {
-  std::error_code ignored;
-  for (fs::path part = path.parent_path(); !part.empty() && part != part.parent_path(); part = part.parent_path())
-    if (fs::exists(part, ignored)) return fs::is_directory(part, ignored) ? fs::path() : part;
-  return {};
-}
-
 bool is_file_name(const fs::path& path) {
-  const std::string extension = CLI::detail::to_lower(path.extension().string());
+  const std::string extension = lower_case(path.extension().string());
   return std::find(std::begin(kFileExtensions), std::end(kFileExtensions), extension) != std::end(kFileExtensions);
 }
 
 std::string problem_of_place(const std::string& given, const char* wanted) {
   if (given == "-") return text("-: nothing is written to standard output; name ", wanted);
-  const fs::path file = file_above(given);
+  const fs::path file = file_in_the_way(fs::path(given).parent_path());
   return file.empty() ? "" : text(given, ": ", file.string(), " is a file, not a folder; name another place");
 }
 
@@ -61,7 +55,7 @@ CLI::Validator output_path() {
 
 fs::path with_format(const fs::path& path, const std::string& format) {
   const std::string extension = "." + format;
-  if (format.empty() || CLI::detail::to_lower(path.extension().string()) == extension) return path;
+  if (format.empty() || lower_case(path.extension().string()) == extension) return path;
   if (!is_file_name(path)) return path.string() + extension;
   throw Error(Fault::usage,
               text("--format ", format, " contradicts -o ", path.string(), ": leave out --format, or name the file ",

@@ -5,6 +5,7 @@
 #include <map>
 #include <set>
 
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -14,11 +15,6 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kMostFiles = 50000;  // that are looked at
 constexpr int kDeepest = 4;                // folders in folders, and rings of links
-
-std::string lower(std::string word) {
-  std::transform(word.begin(), word.end(), word.begin(), [](unsigned char c) { return std::tolower(c); });
-  return word;
-}
 
 /// Written on Windows, perhaps.
 fs::path with_slashes(std::string name) {
@@ -40,18 +36,18 @@ class Files {
       ++count_;
       if (hidden || !entry->is_regular_file(error)) continue;
       const fs::path name = entry->path().lexically_relative(root);
-      by_stem_[lower(name.stem().string())].insert(name.generic_string());
+      by_stem_[lower_case(name.stem().string())].insert(name.generic_string());
     }
   }
 
   /// Of the same stem, in the same folder or, where none is named or there is no such folder, in any; "" if none is.
   std::string like(const std::string& missing) const {
     const fs::path wanted = with_slashes(missing);
-    const auto found = by_stem_.find(lower(wanted.stem().string()));
+    const auto found = by_stem_.find(lower_case(wanted.stem().string()));
     if (found == by_stem_.end()) return "";
-    const std::string folder = lower(wanted.parent_path().generic_string());
+    const std::string folder = lower_case(wanted.parent_path().generic_string());
     for (const std::string& name : found->second)
-      if (lower(fs::path(name).parent_path().generic_string()) == folder) return name;
+      if (lower_case(fs::path(name).parent_path().generic_string()) == folder) return name;
     std::error_code error;
     const bool right_folder = !folder.empty() && fs::is_directory(root_ / wanted.parent_path(), error);
     return right_folder ? "" : *found->second.begin();
@@ -64,7 +60,7 @@ class Files {
 };
 
 bool has_extension(const fs::path& path, std::initializer_list<const char*> extensions) {
-  const std::string own = lower(path.extension().string());
+  const std::string own = lower_case(path.extension().string());
   return std::any_of(extensions.begin(), extensions.end(), [&](const char* known) { return own == known; });
 }
 

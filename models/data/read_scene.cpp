@@ -15,6 +15,7 @@
 #include "models/data/rig.h"
 #include "models/data/transforms_json.h"
 #include "models/io/image.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -76,14 +77,9 @@ std::string summary(const std::vector<fs::path>& content) {
                         : result.substr(0, std::min<std::size_t>(result.size() - 2, 300));
 }
 
-std::string lower(std::string word) {
-  std::transform(word.begin(), word.end(), word.begin(), [](unsigned char c) { return std::tolower(c); });
-  return word;
-}
-
 // transforms.JSON, rig.json.gz and the like.
 std::string misnamed_manifest(const fs::path& entry) {
-  const std::string name = entry.filename().string(), plain = lower(name);
+  const std::string name = entry.filename().string(), plain = lower_case(name);
   for (const std::string known : {"transforms.json", "transforms_train.json", "rig.json"}) {
     if (plain == known && name != known) return text("rename ", name, " to ", known);
     if (plain == known && !is_file(entry))
@@ -120,7 +116,9 @@ std::string app_folder(const fs::path& root) {
               " --output-dir DATA (nerfstudio) makes a capture from it");
 }
 
-bool is_photo_name(const fs::path& path) { return is_image_name(path) && lower(path.extension().string()) != ".exr"; }
+bool is_photo_name(const fs::path& path) {
+  return is_image_name(path) && lower_case(path.extension().string()) != ".exr";
+}
 
 std::string advice_on_files(const fs::path& root, const std::vector<fs::path>& content) {
   const auto any = [&](bool (*is_kind)(const fs::path&)) {
@@ -161,7 +159,7 @@ std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
 
 // DATA is a file.
 [[noreturn]] void not_a_folder(const fs::path& path) {
-  const std::string kind = lower(path.extension().string());
+  const std::string kind = lower_case(path.extension().string());
   const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
   if (kind == ".json") refuse(path, "is a file; give its folder: " + folder.string());
   for (const char* archive : {".zip", ".tar", ".gz", ".tgz", ".xz", ".bz2", ".zst", ".7z", ".rar", ".r3d"})

@@ -52,14 +52,6 @@ fs::path mount_point(const fs::path& folder) {
 /// EIO: what a copy by std::filesystem says where it finds no room.
 bool is_about_space(int code) { return code == ENOSPC || code == EDQUOT || code == EFBIG || code == EIO; }
 
-/// The file that stands where a folder must be, if there is one.
-fs::path file_in_the_way(const fs::path& folder) {
-  std::error_code problem;
-  for (fs::path part = folder; !part.empty() && part != part.parent_path(); part = part.parent_path())
-    if (fs::exists(part, problem)) return fs::is_directory(part, problem) ? fs::path() : part;
-  return {};
-}
-
 [[noreturn]] void fail(std::string_view action, const fs::path& path, int code, uint64_t needed = 0) {
   std::string message = text("cannot ", action, " ", path.string(), ": ", std::strerror(code));
   if (is_about_space(code)) {
@@ -212,6 +204,13 @@ void commit_bytes(const fs::path& path, std::span<const std::byte> bytes) {
 
 void commit_text(const fs::path& path, std::string_view content) {
   commit_bytes(path, std::as_bytes(std::span(content)));
+}
+
+fs::path file_in_the_way(const fs::path& folder) {
+  std::error_code problem;
+  for (fs::path part = folder; !part.empty() && part != part.parent_path(); part = part.parent_path())
+    if (fs::exists(part, problem)) return fs::is_directory(part, problem) ? fs::path() : part;
+  return {};
 }
 
 std::string space_advice(const fs::path& folder) {

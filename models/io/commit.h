@@ -30,6 +30,9 @@ void commit_bytes(const std::filesystem::path& path, std::span<const std::span<c
 void commit_bytes(const std::filesystem::path& path, std::span<const std::byte> bytes);
 void commit_text(const std::filesystem::path& path, std::string_view content);
 
+/// The file that stands where a folder must be, on the way to `folder` or there; empty: none does.
+std::filesystem::path file_in_the_way(const std::filesystem::path& folder);
+
 /// What an error says of the disk that `folder` lies on: "0 bytes are free on /mnt/usb", and what to do. `folder` need
 /// not exist.
 std::string space_advice(const std::filesystem::path& folder);

@@ -13,6 +13,7 @@
 
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -66,9 +67,7 @@ std::string format_of(const Bytes& bytes) {
 }
 
 std::string format_of_name(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
+  const std::string extension = lower_case(path.extension().string());
   if (extension == ".png") return "png";
   if (extension == ".jpg" || extension == ".jpeg") return "jpeg";
   if (extension == ".exr") return "openexr";

@@ -5,13 +5,10 @@
 #include <cctype>
 #include <utility>
 
+#include "models/io/words.h"
+
 namespace cloam {
 namespace {
-
-std::string lower(std::string word) {
-  std::transform(word.begin(), word.end(), word.begin(), [](unsigned char c) { return std::tolower(c); });
-  return word;
-}
 
 // The first entry whose words a label begins with decides.
 const std::pair<const char*, int> kBeginnings[] = {
@@ -43,7 +40,7 @@ bool begins(const std::string& label, const std::string& words) {
 }  // namespace
 
 int asset_class(const std::string& label) {
-  const std::string word = lower(label);
+  const std::string word = lower_case(label);
   for (const auto& [beginning, index] : kBeginnings)
     if (begins(word, beginning)) return index;
   return kAssetClassCount - 1;

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "models/io/words.h"
 #include "models/splat/files/dot_splat.h"
 #include "models/splat/files/gaussian_glb.h"
 #include "models/splat/files/gaussian_ply.h"
@@ -74,8 +75,7 @@ SplatErrors compare(const Gaussians& given, const Gaussians& found) {
 std::span<const SplatFormat> splat_formats() { return kFormats; }
 
 const SplatFormat& splat_format(const fs::path& path, bool write) {
-  std::string extension = path.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  const std::string extension = lower_case(path.extension().string());
   for (const SplatFormat& format : kFormats) {
     if (extension == format.extension) return format;
   }
