@@ -96,7 +96,7 @@ void measure_scene(Method& method, const Photos& photos, bool several, Evaluator
       evaluate(method, {photos.index, photos.scene, photos.measured, guesses, masks ? &*masks : nullptr}, options);
   if (scene.truth_masks > 0 && scene.truth_masks < scene.images.size())
     warn(text(photos.name, ": ", scene.truth_masks, " of ", scene.images.size(),
-              " images have masks of actors in truth/; in the others the outlines of boxes stand for them"));
+              " images have masks of actors in truth/; box outlines are used in the others"));
   // Always the run's own held-out sweeps: what it was trained on is no measure, whatever the protocol.
   if (Street* street = method.street()) scene.lidar_errors = lidar_errors(*street, photos.train_scene, photos.index);
   result.scenes.push_back(std::move(scene));
@@ -158,7 +158,7 @@ void require_images(const EvalResult& result, const std::string& why) {
 
 void measure_rotations(const EvalRequest& request, const RestoredRun& trained, Evaluator& evaluator,
                        EvalResult& result) {
-  const std::vector<std::size_t> scenes = scenes_of(trained, request);
+  const std::vector<std::size_t> scenes = scenes_to_measure(trained, request);
   result.scenes.resize(scenes.size());
   std::vector<std::size_t> possible(scenes.size());  // images, if there were truth for all
   for (int degrees = kTurnStep; degrees < kFullTurn; degrees += kTurnStep) {
@@ -182,8 +182,8 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     const SceneResult& scene = result.scenes[i];
     if (scene.images.size() < possible[i])
-      warn(text(scene.name, ": ", scene.images.size(), " of ", possible[i],
-                " images of turned actors are in truth/; those are measured"));
+      warn(text(scene.name, ": truth/ has ", scene.images.size(), " of ", possible[i],
+                " images of turned actors; only those are measured"));
   }
   require_images(result, "turned actors hold the camera at all angles, or truth/ has no image of this moment");
   if (evaluator.rendered.rows() < 2 || evaluator.source.rows() < 2) return;
@@ -192,7 +192,7 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
 }
 
 void measure_photos(const EvalRequest& request, const RestoredRun& run, Evaluator& evaluator, EvalResult& result) {
-  const std::vector<std::size_t> scenes = scenes_of(run, request);
+  const std::vector<std::size_t> scenes = scenes_to_measure(run, request);
   for (const std::size_t scene : scenes)
     measure_scene(*run.method, photos_of(run, request, scene), scenes.size() > 1, evaluator, result);
   require_images(result,
@@ -273,7 +273,7 @@ Command add_eval(CLI::App& program) {
   parser->add_option("--protocol", request->protocol, "Driving logs: sparse, novel or rotate360 (default: the run's)")
       ->check(one_of(protocol_names()));
   parser->add_option("--features", request->features,
-                     "Also measure feature distances, with these network weights or with random ones (random)");
+                     "Also measure feature distances; a file with network weights, or random");
   parser->add_option("--images", request->images, "Folder for the pictures (RUN/eval/images)")->check(output_folder());
   add_common(*parser, *common);
   return {parser, [=] { return run_eval(*request, *common); }};

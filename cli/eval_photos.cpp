@@ -120,7 +120,7 @@ std::string protocol_of(const RestoredRun& run, const EvalRequest& request) {
   return request.protocol.empty() ? run.record.reading.protocol.name : request.protocol;
 }
 
-std::vector<std::size_t> scenes_of(const RestoredRun& run, const EvalRequest& request) {
+std::vector<std::size_t> scenes_to_measure(const RestoredRun& run, const EvalRequest& request) {
   if (request.scene) return {*request.scene};
   std::vector<std::size_t> all(request.other.empty() ? run.record.data.size() : 1);
   std::iota(all.begin(), all.end(), std::size_t{0});

@@ -22,8 +22,8 @@ struct Photos {
 /// The protocol that is measured: the one asked for, else the run's own; empty: what the run held out.
 std::string protocol_of(const RestoredRun& run, const EvalRequest& request);
 
-/// The run's scenes that there are to measure.
-std::vector<std::size_t> scenes_of(const RestoredRun& run, const EvalRequest& request);
+/// Places among the run's scenes.
+std::vector<std::size_t> scenes_to_measure(const RestoredRun& run, const EvalRequest& request);
 
 /// With --data: data of the fingerprint of one of the run's scenes are that scene's, in another place. Then the request
 /// becomes one for that scene without --data, and the record in memory names the new place. Fault::data.

@@ -87,7 +87,7 @@ void check_data_unchanged(const TrainJob& job, const std::vector<DataNow>& data)
     if (before.empty() || before == now) continue;
     throw Error(Fault::data,
                 text(job.data[i].string(), " is not what the run was trained on (", before, "; this has ", now,
-                     ").\n  fix: name the place of the run's own data with --data; other data are ",
+                     ").\n  fix: name the place of the run's own data with --data; to train on other data, start ",
                      "another run: cloam train ", job.record.method, " ", quoted(job.data[i].string()), " -o RUN"));
   }
 }
@@ -271,14 +271,10 @@ void record_places(TrainJob& job, const Common& common) {
     if (!job.source) captures.push_back({read_scene_as_listed(data, job.record.reading), {}, {}, {}});
   const std::vector<DataNow> now = data_now(job, captures);
   check_data_unchanged(job, now);
-  const std::vector<RunData> before = read_record(job.folder).data;
+  const FolderLock lock(job.folder);
   note_places(job, now);
-  for (std::size_t i = 0; i < now.size(); ++i) {
-    if (before[i].relative == job.record.data[i].relative) continue;
-    const FolderLock lock(job.folder);
-    write_record(job.folder, job.record);
-    say(common, text("recorded: the run's data are now in ", now[i].root.string()));
-  }
+  write_record(job.folder, job.record);
+  for (const DataNow& data : now) say(common, text("recorded: the run's data is in ", data.root.string()));
 }
 
 int end_finished(TrainJob& job, const Common& common) {

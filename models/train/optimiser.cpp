@@ -137,6 +137,7 @@ void Optimiser::move_rows(const Params& parameters, const RowMoves& moves, const
   }
 }
 
+/// NaN and infinity times 0 are NaN, and so is a sum with one of them.
 bool Optimiser::finite(const Params& parameters) const {
   Tensors sums;
   for (const Group& group : groups_) sums.push_back(sum(group.parameters.all * 0.f));
