@@ -10,7 +10,7 @@ namespace cloam {
 
 struct SplatInput {
   int width = 0, height = 0;
-  std::vector<float> means, conics, colours, opacities;  // as Splats of runtime/ops.h
+  std::vector<float> means, conics, colours, opacities;  // as Splats of runtime/ops/splat.h
   std::vector<int32_t> ids, offsets;                     // as SplatTiles
 };
 

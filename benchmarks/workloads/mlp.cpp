@@ -4,6 +4,7 @@
 #include "benchmarks/workload.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
+#include "runtime/ops/fields.h"
 
 namespace cloam {
 namespace {

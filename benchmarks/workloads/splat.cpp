@@ -1,4 +1,6 @@
 // Blending of Gaussian splats, over three decades of pairs of tile and gaussian at one density.
+#include "runtime/ops/splat.h"
+
 #include "benchmarks/splat_input.h"
 #include "benchmarks/workload.h"
 #include "runtime/ops.h"

@@ -1,4 +1,6 @@
 // Pictures compared: the loss of Gaussian splatting, three channels.
+#include "runtime/ops/ssim.h"
+
 #include "benchmarks/workload.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"

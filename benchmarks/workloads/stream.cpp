@@ -2,6 +2,7 @@
 #include "benchmarks/workload.h"
 #include "runtime/flat.h"
 #include "runtime/ops.h"
+#include "runtime/ops/adam.h"
 
 namespace cloam {
 namespace {

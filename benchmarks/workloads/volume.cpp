@@ -1,4 +1,6 @@
 // Volume rendering along rays: marching, compositing and the occupancy grid.
+#include "runtime/ops/volume.h"
+
 #include <cmath>
 #include <memory>
 

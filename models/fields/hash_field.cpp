@@ -1,6 +1,9 @@
 // Hash-grid field.
 #include "models/fields/hash_field.h"
 
+#include "runtime/ops/fields.h"
+#include "runtime/ops/volume.h"
+
 namespace cloam {
 
 Tensor density_activation(const Tensor& feature) { return exp(clamp(feature - 3.f, -15.f, 15.f)); }

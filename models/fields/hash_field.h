@@ -3,6 +3,7 @@
 #include "models/fields/field.h"
 #include "models/nn/layers.h"
 #include "runtime/ops.h"
+#include "runtime/ops/fields.h"
 
 namespace cloam {
 

@@ -1,6 +1,8 @@
 // Tri-plane field.
 #include "models/fields/triplane_field.h"
 
+#include "runtime/ops/fields.h"
+
 namespace cloam {
 
 TriplaneField::TriplaneField(const Scope& scope, const FieldOptions& o)

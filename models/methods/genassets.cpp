@@ -10,6 +10,9 @@
 #include "models/scene/assets.h"
 #include "models/train/tensors.h"
 #include "runtime/error.h"
+#include "runtime/ops/fields.h"
+#include "runtime/ops/street.h"
+#include "runtime/ops/volume.h"
 
 namespace cloam {
 namespace {

@@ -12,6 +12,7 @@
 #include "models/nn/patch_discriminator.h"
 #include "models/render/street_data.h"
 #include "models/train/method.h"
+#include "runtime/ops/street.h"
 
 namespace cloam {
 

@@ -2,6 +2,7 @@
 #include "models/methods/code_denoising.h"
 #include "models/methods/genassets.h"
 #include "runtime/error.h"
+#include "runtime/ops/street.h"
 
 namespace cloam {
 

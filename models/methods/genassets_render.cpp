@@ -5,6 +5,9 @@
 #include "models/methods/genassets.h"
 #include "models/scene/asset_class.h"
 #include "runtime/error.h"
+#include "runtime/ops/fields.h"
+#include "runtime/ops/street.h"
+#include "runtime/ops/volume.h"
 
 namespace cloam {
 namespace {

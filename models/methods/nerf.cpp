@@ -7,6 +7,7 @@
 #include "models/train/tensors.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
+#include "runtime/ops/volume.h"
 
 namespace cloam {
 namespace {

@@ -8,6 +8,7 @@
 #include "models/render/occupancy.h"
 #include "models/render/rays.h"
 #include "models/train/method.h"
+#include "runtime/ops/volume.h"
 
 namespace cloam {
 

@@ -11,6 +11,7 @@
 #include "models/train/tensors.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
+#include "runtime/ops/ssim.h"
 
 namespace cloam {
 namespace {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "runtime/error.h"
+#include "runtime/ops/fields.h"
 namespace cloam {
 
 Linear::Linear(const Scope& scope, int64_t in, int64_t out, float gain)

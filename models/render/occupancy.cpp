@@ -6,6 +6,7 @@
 
 #include "models/train/tensors.h"
 #include "runtime/error.h"
+#include "runtime/ops/volume.h"
 
 namespace cloam {
 namespace {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "runtime/error.h"
+#include "runtime/ops/volume.h"
 
 namespace cloam {
 namespace {

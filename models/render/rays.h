@@ -3,6 +3,7 @@
 #include "models/render/scene_frame.h"
 #include "models/train/method.h"
 #include "runtime/ops.h"
+#include "runtime/ops/volume.h"
 
 namespace cloam {
 

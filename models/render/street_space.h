@@ -6,6 +6,7 @@
 #include "models/io/safetensors.h"
 #include "models/scene/scene.h"
 #include "runtime/ops.h"
+#include "runtime/ops/street.h"
 
 namespace cloam {
 

@@ -1,6 +1,8 @@
 // Projection, tiles and blending, one after another.
 #include "models/splat/draw.h"
 
+#include "runtime/ops/splat.h"
+
 namespace cloam {
 
 SplatModel splat_model(const Gaussians& g) {

@@ -5,6 +5,7 @@
 #include "models/scene/camera.h"
 #include "models/splat/gaussians.h"
 #include "runtime/ops.h"
+#include "runtime/ops/splat.h"
 
 namespace cloam {
 

@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "runtime/error.h"
+#include "runtime/ops/splat.h"
 
 namespace cloam {
 namespace {

@@ -8,6 +8,7 @@
 #include "models/splat/gaussians.h"
 #include "models/train/method.h"
 #include "runtime/ops.h"
+#include "runtime/ops/splat.h"
 
 namespace cloam {
 

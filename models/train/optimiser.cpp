@@ -8,6 +8,7 @@
 #include "runtime/error.h"
 #include "runtime/op.h"
 #include "runtime/ops.h"
+#include "runtime/ops/adam.h"
 
 namespace cloam {
 

@@ -3,6 +3,7 @@
 #include "models/train/method.h"
 #include "runtime/flat.h"
 #include "runtime/ops.h"
+#include "runtime/ops/adam.h"
 
 namespace cloam {
 

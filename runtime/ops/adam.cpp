@@ -1,4 +1,6 @@
 // The Adam step in place: one launch a parameter, no new memory.
+#include "runtime/ops/adam.h"
+
 #include <cmath>
 
 #include "runtime/ops.h"

@@ -4,6 +4,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/ops.h"
+#include "runtime/ops/fields.h"
 #include "runtime/ops/share.h"
 
 namespace cloam {

@@ -3,6 +3,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/ops.h"
+#include "runtime/ops/fields.h"
 
 namespace cloam {
 namespace {

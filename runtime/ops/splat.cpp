@@ -1,4 +1,6 @@
 // Blending of 2D Gaussians, tile by tile.
+#include "runtime/ops/splat.h"
+
 #include <algorithm>
 #include <bit>
 

@@ -5,6 +5,7 @@
 #include "runtime/cl.h"
 #include "runtime/ops.h"
 #include "runtime/ops/scan.h"
+#include "runtime/ops/splat.h"
 
 namespace cloam {
 namespace {

@@ -1,4 +1,6 @@
 // Two pictures compared: mean difference and structural similarity, with the gradient in the first of them.
+#include "runtime/ops/ssim.h"
+
 #include "runtime/cl.h"
 #include "runtime/ops.h"
 #include "runtime/ops/share.h"

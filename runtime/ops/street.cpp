@@ -1,4 +1,6 @@
 // Samples along rays through a street with moving boxes, and their compositing by opacities.
+#include "runtime/ops/street.h"
+
 #include "runtime/cl.h"
 #include "runtime/ops.h"
 #include "runtime/ops/scan.h"

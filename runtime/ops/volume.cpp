@@ -1,4 +1,6 @@
 // Marching, compositing and occupancy: the ops of volume rendering.
+#include "runtime/ops/volume.h"
+
 #include <algorithm>
 
 #include "runtime/cl.h"

@@ -9,6 +9,7 @@
 #include "models/metrics/ssim.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
+#include "runtime/ops/ssim.h"
 
 using namespace cloam;
 

@@ -13,6 +13,7 @@
 #include "models/train/trainer.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
+#include "runtime/ops/volume.h"
 #include "tests/models/resume.h"
 
 using namespace cloam;

@@ -9,6 +9,7 @@
 
 #include "models/scene/asset_class.h"
 #include "runtime/error.h"
+#include "runtime/ops/street.h"
 #include "tests/models/toy_street.h"
 
 using namespace cloam;

@@ -3,6 +3,8 @@
 #include <array>
 #include <cmath>
 
+#include "runtime/ops/fields.h"
+#include "runtime/ops/volume.h"
 #include "tests/op_cases/cases.h"
 
 namespace cloam {

@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 
+#include "runtime/ops/splat.h"
 #include "tests/op_cases/cases.h"
 #include "tests/op_cases/inputs.h"
 

@@ -1,6 +1,7 @@
 // Rows of the comparison of pictures.
 #include <cmath>
 
+#include "runtime/ops/ssim.h"
 #include "tests/op_cases/cases.h"
 
 namespace cloam {

@@ -1,6 +1,7 @@
 // Row of the compositing by opacities.
 #include <cmath>
 
+#include "runtime/ops/street.h"
 #include "tests/op_cases/cases.h"
 
 namespace cloam {

@@ -1,4 +1,6 @@
 // The Adam step against the paper's recurrences in double.
+#include "runtime/ops/adam.h"
+
 #include <doctest/doctest.h>
 
 #include <cmath>

@@ -6,6 +6,7 @@
 #include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
+#include "runtime/ops/adam.h"
 
 using namespace cloam;
 

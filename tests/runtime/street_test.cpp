@@ -1,5 +1,7 @@
 // Samples along rays through streets run at once and have no rows: here against a walk in double precision that tries
 // every step of every ray.
+#include "runtime/ops/street.h"
+
 #include <doctest/doctest.h>
 
 #include <algorithm>

@@ -1,4 +1,6 @@
 // Marching, visibility and the occupancy cells run at once and have no rows: here against loops on the host.
+#include "runtime/ops/volume.h"
+
 #include <doctest/doctest.h>
 
 #include <algorithm>
