@@ -6,7 +6,7 @@
 // Grid, 16 numbers: corner (3), voxel size, counts (3), centre (3) and half sizes (3) of what is not contracted, far
 // distance of the sky.
 
-#define MOST_BOXES 48
+#define HITS 48
 #define BLOCK 8
 
 typedef struct {
@@ -97,45 +97,81 @@ INLINE void add_shadow(const Ray* ray, __global const float* b, int r, int write
   at->shadow++;
 }
 
-// First and last distance at which each box of a moment is met, sorted by the first; later ones begin where earlier end.
-INLINE int find_hits(const Ray* ray, __global const float* boxes, int first, int last, float2* spans, int* which) {
-  int hits = 0;
+// Boxes that a ray meets, HITS at a time, by the distance at which it enters them; ties go by number. Where boxes overlap,
+// later ones begin where earlier ones end.
+typedef struct {
+  float2 spans[HITS];  // first and last distance
+  int which[HITS];
+  int next, count, more;  // more: there are boxes behind these
+  float entered, end;     // the last of these was entered there; all end there
+  int last;               // its number
+  float begin;            // of box number `next`; INFINITY: there is none
+} Hits;
+
+// The boxes behind those that were found before.
+INLINE void find_hits(const Ray* ray, __global const float* boxes, int first, int last, Hits* hits) {
+  const float entered = hits->entered;
+  const int before = hits->last;
+  int count = 0, more = 0;
   for (int b = first; b < last; b++) {
     __global const float* box = boxes + 20 * b;
     const float2 span = inside(to_box(box, ray->origin - vload3(0, box + 9)), to_box(box, ray->direction), vload3(0, box + 12));
-    if (span.x >= span.y || hits == MOST_BOXES) continue;
-    int place = hits++;
-    for (; place > 0 && spans[place - 1].x > span.x; place--) {
-      spans[place] = spans[place - 1];
-      which[place] = which[place - 1];
+    if (span.x >= span.y) continue;
+    if (span.x < entered || (span.x == entered && b <= before)) continue;
+    more |= count == HITS;
+    if (count == HITS && hits->spans[HITS - 1].x <= span.x) continue;
+    int place = count < HITS ? count++ : HITS - 1;
+    for (; place > 0 && hits->spans[place - 1].x > span.x; place--) {
+      hits->spans[place] = hits->spans[place - 1];
+      hits->which[place] = hits->which[place - 1];
     }
-    spans[place] = span;
-    which[place] = b;
+    hits->spans[place] = span;
+    hits->which[place] = b;
   }
-  for (int i = 1; i < hits; i++) spans[i].x = fmax(spans[i].x, spans[i - 1].y), spans[i].y = fmax(spans[i].x, spans[i].y);
-  return hits;
+  hits->next = 0;
+  hits->count = count;
+  hits->more = more;
+  if (count > 0) {
+    hits->entered = hits->spans[count - 1].x;
+    hits->last = hits->which[count - 1];
+  }
+  for (int i = 0; i < count; i++) {
+    hits->spans[i].x = fmax(hits->spans[i].x, hits->end);
+    hits->end = hits->spans[i].y = fmax(hits->spans[i].x, hits->spans[i].y);
+  }
+}
+
+// On to the next box: number `next`, or the first of those behind.
+INLINE void pass(const Ray* ray, __global const float* boxes, int first, int last, int next, Hits* hits) {
+  hits->next = next;
+  if (next == hits->count && hits->more) find_hits(ray, boxes, first, last, hits);
+  hits->begin = hits->next < hits->count ? hits->spans[hits->next].x : INFINITY;
 }
 
 // All samples of a ray in the order of distance: counted, or written as well.
 INLINE void walk(const Ray* ray, int r, __global const float* boxes, int first, int last, __global const float* grid,
                  __global const uchar* cells, __global const uchar* blocks, const Steps* s, int write, Places* at, const Results* out) {
-  float2 spans[MOST_BOXES];
-  int which[MOST_BOXES];
-  const int hits = find_hits(ray, boxes, first, last, spans, which);
+  Hits hits;
+  hits.count = 0;
+  hits.more = first < last;
+  hits.entered = -1.0f;
+  hits.end = 0.0f;
+  hits.last = -1;
+  pass(ray, boxes, first, last, 0, &hits);
   const float voxel = grid[3];
   const int3 counts = (int3)((int)grid[4], (int)grid[5], (int)grid[6]);
   const int3 block_counts = (counts + BLOCK - 1) / BLOCK;
   const float3 size = (float3)((float)counts.x, (float)counts.y, (float)counts.z) * voxel;
   const float3 start = ray->origin - vload3(0, grid), d = ray->direction;
   const float2 range = inside(start - 0.5f * size, d, 0.5f * size);
-  int next = 0;
   float t_free = 0.0f;  // the background begins again behind the boxes met so far
   if (range.x < range.y) {
     int k = max(0, (int)ceil(range.x / s->step - ray->background_shift));
     for (float t = ((float)k + ray->background_shift) * s->step; t < range.y; t = ((float)k + ray->background_shift) * s->step) {
-      for (; next < hits && spans[next].x <= t; next++) {
-        add_actor(ray, boxes + 20 * which[next], spans[next].x, spans[next].y, s->actor_step, write, at, out);
-        t_free = spans[next].y;
+      for (; hits.begin <= t; pass(ray, boxes, first, last, hits.next + 1, &hits)) {
+        const float2 span = hits.spans[hits.next];
+        add_actor(ray, boxes + 20 * hits.which[hits.next], span.x, span.y, s->actor_step, write, at, out);
+        t_free = span.y;
       }
       const float3 p = (start + t * d) / voxel;
       const int3 c = clamp((int3)((int)p.x, (int)p.y, (int)p.z), (int3)(0), counts - 1), b = c / BLOCK;
@@ -151,10 +187,13 @@ INLINE void walk(const Ray* ray, int r, __global const float* boxes, int first, 
       k++;
     }
   }
-  for (; next < hits; next++) add_actor(ray, boxes + 20 * which[next], spans[next].x, spans[next].y, s->actor_step, write, at, out);
+  for (; hits.begin < INFINITY; pass(ray, boxes, first, last, hits.next + 1, &hits)) {
+    const float2 span = hits.spans[hits.next];
+    add_actor(ray, boxes + 20 * hits.which[hits.next], span.x, span.y, s->actor_step, write, at, out);
+  }
   // The sky's samples in even steps of 1 / distance from the edge of the grid on; they are seen at that edge,
   // and marked by a sign.
-  const float edge = fmax(range.x < range.y ? range.y : 1.0f, hits ? spans[hits - 1].y : 0.0f);
+  const float edge = fmax(range.x < range.y ? range.y : 1.0f, hits.end);
   for (int i = 0; i < s->sky; i++) {
     const float share = ((float)i + ray->background_shift) / (float)s->sky;
     add_background(ray, grid, r, 1.0f / ((1.0f - share) / edge + share / fmax(grid[13], 2.0f * edge)), -edge, write, at, out);

@@ -112,8 +112,8 @@ Walk walk(const World& world, const Ray& ray) {
   for (const Box& box : world.moments[ray.moment])
     if (const auto span = span_in(box.turned(ray.origin - box.centre), box.turned(ray.direction), box.half))
       out.spans.push_back({&box, *span});
-  std::sort(out.spans.begin(), out.spans.end(),
-            [](const auto& a, const auto& b) { return a.second.from < b.second.from; });
+  std::stable_sort(out.spans.begin(), out.spans.end(),
+                   [](const auto& a, const auto& b) { return a.second.from < b.second.from; });
   double taken = 0;
   for (auto& [box, span] : out.spans) {
     span.from = std::max(span.from, taken);
@@ -262,26 +262,22 @@ const StreetSamples& samples() {
   return taken;
 }
 
-/// Opacities by row, mostly low, some that nothing is seen behind.
-std::vector<float> random_alpha(size_t count) {
-  std::mt19937 random(3);
-  std::uniform_real_distribution<float> uniform(0, 1);
-  std::vector<float> alpha(count);
-  for (float& a : alpha) a = uniform(random) < 0.08f ? 0.97f : 0.15f * uniform(random);
-  return alpha;
-}
+/// What a comparison met: samples, boxes that begin in others, the most boxes on one ray.
+struct Compared {
+  size_t actors = 0, background = 0, covered = 0, most = 0;
+};
 
-}  // namespace
-
-TEST_CASE("street samples are those of a walk that tries every step") {
-  const Read s(samples());
-  size_t actors = 0, background = 0, covered = 0;
+Compared compare(const World& world, const StreetSamples& samples) {
+  const Read s(samples);
+  Compared out;
   std::vector<int> seen(s.t.size(), 0);
-  for (size_t r = 0; r < world().rays.size(); r++) {
+  for (size_t r = 0; r < world.rays.size(); r++) {
     CAPTURE(r);
-    const Ray& ray = world().rays[r];
-    Walk want = walk(world(), ray);
-    for (size_t i = 1; i < want.spans.size(); i++) covered += want.spans[i].second.from > want.spans[i].second.enters;
+    const Ray& ray = world.rays[r];
+    Walk want = walk(world, ray);
+    for (size_t i = 1; i < want.spans.size(); i++)
+      out.covered += want.spans[i].second.from > want.spans[i].second.enters;
+    out.most = std::max(out.most, want.spans.size());
     const size_t last = s.first(r + 1) - static_cast<size_t>(kSteps.sky);
     REQUIRE(s.first(r) <= last);
     double before = 0;
@@ -298,11 +294,11 @@ TEST_CASE("street samples are those of a walk that tries every step") {
       near->found = true;
       const Vec at = ray.origin + t * ray.direction;
       if (near->box == nullptr) {
-        background++;
+        out.background++;
         CHECK(s.ray[s.row(i)] == static_cast<int>(r));
         CHECK(apart(s.points, s.row(i), contracted(at)) < 1e-5);
       } else {
-        actors++;
+        out.actors++;
         const Box& box = *near->box;
         CHECK(apart(s.actor_points, s.actor_row(i), box.scale * box.turned(at - box.centre) + Vec{0.5, 0.5, 0.5}) <
               1e-5);
@@ -326,9 +322,56 @@ TEST_CASE("street samples are those of a walk that tries every step") {
   }
   CHECK(std::all_of(seen.begin(), seen.end(), [](int times) { return times == 1; }));
   CHECK(s.ray.size() + s.owners.size() == s.t.size());
-  CHECK(actors > 500);
-  CHECK(background > 500);
-  CHECK(covered > 10);
+  return out;
+}
+
+/// Opacities by row, mostly low, some that nothing is seen behind.
+std::vector<float> random_alpha(size_t count) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> uniform(0, 1);
+  std::vector<float> alpha(count);
+  for (float& a : alpha) a = uniform(random) < 0.08f ? 0.97f : 0.15f * uniform(random);
+  return alpha;
+}
+
+}  // namespace
+
+TEST_CASE("street samples are those of a walk that tries every step") {
+  const Compared met = compare(world(), samples());
+  CHECK(met.actors > 500);
+  CHECK(met.background > 500);
+  CHECK(met.covered > 10);
+}
+
+TEST_CASE("a ray through many boxes has samples in all of them") {
+  World crowd = world();
+  crowd.rays.resize(40);
+  const Box upright = {{Vec{1, 0, 0}, Vec{0, 1, 0}, Vec{0, 0, 1}}, {}, {}, 0.5 / 9, 0};
+  for (auto& boxes : crowd.moments) boxes.clear();
+  for (int owner = 0; owner < 170; owner++) {  // a queue along x that overlaps here and there, in no order
+    Box box = upright;
+    const int place = owner * 67 % 170;
+    box.centre = {-8.5 + 0.1 * place, 0.1 * std::sin(place), 1};
+    box.half = {place % 3 == 0 ? 0.073 : 0.041, 2, 1.5};
+    box.owner = owner;
+    crowd.moments[0].push_back(box);
+  }
+  for (int owner = 0; owner < 130; owner++) {  // one around the other: who starts within enters all at once
+    Box box = upright;
+    const double size = 0.3 + 0.031 * (owner * 29 % 130);
+    box.half = {size, size, size};
+    box.owner = owner;
+    crowd.moments[1].push_back(box);
+  }
+  for (size_t i = 0; i < crowd.rays.size(); i++) {
+    Ray& ray = crowd.rays[i];
+    const double slope = 0.003 * static_cast<double>(i);
+    if (i % 2 == 0) ray.origin = {-9.3, 0.1, 1.1}, ray.direction = unit({1, slope, -0.5 * slope});
+    if (i % 4 == 1) ray.origin = {0.1, 0.05, -0.1};
+  }
+  const Compared met = compare(crowd, samples_of(crowd, kSteps));
+  CHECK(met.most == 170);
+  CHECK(met.actors > 2000);
 }
 
 TEST_CASE("shadows' places lie on the ground below the boxes") {
