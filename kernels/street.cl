@@ -1,13 +1,17 @@
 // Rays through a street: a background known by voxels, actors in boxes that move, the sky behind. (GenAssets, supplement
 // A; UniSim, Yang et al. 2023.) A work-item a ray (a chunk of rays on CPU devices).
 //
-// Boxes, 20 numbers each: rotation (box from street, 9), centre (3), half sizes (3), scale, owner. Of each moment m the
-// boxes [first_box[m], first_box[m + 1]).
+// Of each moment m the boxes [first_box[m], first_box[m + 1]).
 // Grid, 16 numbers: corner (3), voxel size, counts (3), centre (3) and half sizes (3) of what is not contracted, far
 // distance of the sky.
 
 #define HITS 48
 #define BLOCK 8
+
+typedef struct {  // ops/street.h: StreetBox
+  float rotation[9], centre[3], half_size[3], cube_scale;
+  int owner;
+} Box;
 
 typedef struct {
   float step, actor_step;
@@ -30,9 +34,11 @@ typedef struct {
   int background_count;
 } Results;
 
-inline float3 to_box(__global const float* b, float3 v) {
+inline float3 turned(__global const Box* box, float3 v) {
+  __global const float* b = box->rotation;
   return (float3)(b[0] * v.x + b[1] * v.y + b[2] * v.z, b[3] * v.x + b[4] * v.y + b[5] * v.z, b[6] * v.x + b[7] * v.y + b[8] * v.z);
 }
+inline float3 to_box(__global const Box* b, float3 p) { return turned(b, p - vload3(0, b->centre)); }
 
 // Where a ray is within |p| < half; x > y: nowhere.
 inline float2 inside(float3 p, float3 d, float3 half_size) {
@@ -49,13 +55,13 @@ inline float3 contracted(float3 p, __global const float* grid) {
   return (norm > 1.0f ? x * ((2.0f - 1.0f / norm) / norm) : x) * 0.25f + 0.5f;
 }
 
-// A box's own coordinates in [0,1]^3; scale: 0.5 over the half size of the cube that they fill.
-inline float3 in_cube(__global const float* b, float3 p, float shrink) { return p * (b[15] * shrink) + 0.5f; }
+// A box's own coordinates in [0,1]^3.
+inline float3 in_cube(__global const Box* b, float3 p, float shrink) { return p * (b->cube_scale * shrink) + 0.5f; }
 
-INLINE void add_actor(const Ray* ray, __global const float* b, float from, float to, float step, int write, Places* at, const Results* out) {
-  const float3 p = to_box(b, ray->origin - vload3(0, b + 9)), d = to_box(b, ray->direction);
+INLINE void add_actor(const Ray* ray, __global const Box* b, float from, float to, float step, int write, Places* at, const Results* out) {
+  const float3 p = to_box(b, ray->origin), d = turned(b, ray->direction);
   // In whole steps from where the ray enters the box, whatever lies before it.
-  const float enters = inside(p, d, vload3(0, b + 12)).x;
+  const float enters = inside(p, d, vload3(0, b->half_size)).x;
   int k = max(0, (int)ceil((from - enters) / step - ray->actor_shift));
   for (float t = enters + ((float)k + ray->actor_shift) * step; t < to; k++, t = enters + ((float)k + ray->actor_shift) * step) {
     if (write) {
@@ -63,7 +69,7 @@ INLINE void add_actor(const Ray* ray, __global const float* b, float from, float
       out->rows[at->all] = out->background_count + at->actor;
       vstore3(in_cube(b, p + t * d, 1.0f), at->actor, out->actor_points);
       vstore3(d, at->actor, out->actor_directions);
-      out->owners[at->actor] = (int)b[16];
+      out->owners[at->actor] = b->owner;
     }
     at->all++;
     at->actor++;
@@ -82,15 +88,15 @@ INLINE void add_background(const Ray* ray, __global const float* grid, int r, fl
 }
 
 // The ground's part under a box, twice as large as it: where its shadow may fall.
-INLINE void add_shadow(const Ray* ray, __global const float* b, int r, int write, Places* at, const Results* out) {
-  const float3 p = to_box(b, ray->origin - vload3(0, b + 9)), d = to_box(b, ray->direction);
-  const float t = (-b[14] - p.z) / d.z;
+INLINE void add_shadow(const Ray* ray, __global const Box* b, int r, int write, Places* at, const Results* out) {
+  const float3 p = to_box(b, ray->origin), d = turned(b, ray->direction);
+  const float t = (-b->half_size[2] - p.z) / d.z;
   const float3 hit = p + t * d;
-  if (!(d.z < -1e-4f && t > 0.0f && fabs(hit.x) < 2.0f * b[12] && fabs(hit.y) < 2.0f * b[13])) return;
+  if (!(d.z < -1e-4f && t > 0.0f && fabs(hit.x) < 2.0f * b->half_size[0] && fabs(hit.y) < 2.0f * b->half_size[1])) return;
   if (write) {
     vstore3(in_cube(b, hit, 0.5f), at->shadow, out->shadow_points);
     vstore3(d, at->shadow, out->shadow_directions);
-    out->shadow_owners[at->shadow] = (int)b[16];
+    out->shadow_owners[at->shadow] = b->owner;
     out->shadow_t[at->shadow] = t;
     out->shadow_rays[at->shadow] = r;
   }
@@ -109,13 +115,13 @@ typedef struct {
 } Hits;
 
 // The boxes behind those that were found before.
-INLINE void find_hits(const Ray* ray, __global const float* boxes, int first, int last, Hits* hits) {
+INLINE void find_hits(const Ray* ray, __global const Box* boxes, int first, int last, Hits* hits) {
   const float entered = hits->entered;
   const int before = hits->last;
   int count = 0, more = 0;
   for (int b = first; b < last; b++) {
-    __global const float* box = boxes + 20 * b;
-    const float2 span = inside(to_box(box, ray->origin - vload3(0, box + 9)), to_box(box, ray->direction), vload3(0, box + 12));
+    __global const Box* box = boxes + b;
+    const float2 span = inside(to_box(box, ray->origin), turned(box, ray->direction), vload3(0, box->half_size));
     if (span.x >= span.y) continue;
     if (span.x < entered || (span.x == entered && b <= before)) continue;
     more |= count == HITS;
@@ -142,14 +148,14 @@ INLINE void find_hits(const Ray* ray, __global const float* boxes, int first, in
 }
 
 // On to the next box: number `next`, or the first of those behind.
-INLINE void pass(const Ray* ray, __global const float* boxes, int first, int last, int next, Hits* hits) {
+INLINE void pass(const Ray* ray, __global const Box* boxes, int first, int last, int next, Hits* hits) {
   hits->next = next;
   if (next == hits->count && hits->more) find_hits(ray, boxes, first, last, hits);
   hits->begin = hits->next < hits->count ? hits->spans[hits->next].x : INFINITY;
 }
 
 // All samples of a ray in the order of distance: counted, or written as well.
-INLINE void walk(const Ray* ray, int r, __global const float* boxes, int first, int last, __global const float* grid,
+INLINE void walk(const Ray* ray, int r, __global const Box* boxes, int first, int last, __global const float* grid,
                  __global const uchar* cells, __global const uchar* blocks, const Steps* s, int write, Places* at, const Results* out) {
   Hits hits;
   hits.count = 0;
@@ -170,7 +176,7 @@ INLINE void walk(const Ray* ray, int r, __global const float* boxes, int first, 
     for (float t = ((float)k + ray->background_shift) * s->step; t < range.y; t = ((float)k + ray->background_shift) * s->step) {
       for (; hits.begin <= t; pass(ray, boxes, first, last, hits.next + 1, &hits)) {
         const float2 span = hits.spans[hits.next];
-        add_actor(ray, boxes + 20 * hits.which[hits.next], span.x, span.y, s->actor_step, write, at, out);
+        add_actor(ray, boxes + hits.which[hits.next], span.x, span.y, s->actor_step, write, at, out);
         t_free = span.y;
       }
       const float3 p = (start + t * d) / voxel;
@@ -189,7 +195,7 @@ INLINE void walk(const Ray* ray, int r, __global const float* boxes, int first, 
   }
   for (; hits.begin < INFINITY; pass(ray, boxes, first, last, hits.next + 1, &hits)) {
     const float2 span = hits.spans[hits.next];
-    add_actor(ray, boxes + 20 * hits.which[hits.next], span.x, span.y, s->actor_step, write, at, out);
+    add_actor(ray, boxes + hits.which[hits.next], span.x, span.y, s->actor_step, write, at, out);
   }
   // The sky's samples in even steps of 1 / distance from the edge of the grid on; they are seen at that edge,
   // and marked by a sign.
@@ -199,7 +205,7 @@ INLINE void walk(const Ray* ray, int r, __global const float* boxes, int first, 
     add_background(ray, grid, r, 1.0f / ((1.0f - share) / edge + share / fmax(grid[13], 2.0f * edge)), -edge, write, at, out);
   }
   if (s->shadows)
-    for (int b = first; b < last; b++) add_shadow(ray, boxes + 20 * b, r, write, at, out);
+    for (int b = first; b < last; b++) add_shadow(ray, boxes + b, r, write, at, out);
 }
 
 INLINE Ray ray_at(int r, __global const float* origins, __global const float* directions, __global const float* jitter) {
@@ -209,7 +215,7 @@ INLINE Ray ray_at(int r, __global const float* origins, __global const float* di
 
 // counts [4][rays + 1]: all samples, those of the background, of actors, places of shadows; the last of each is 0.
 FAT __kernel void street_count(__global const float* restrict origins, __global const float* restrict directions, __global const float* restrict jitter,
-                               __global const int* restrict moments, __global const int* restrict first_box, __global const float* restrict boxes,
+                               __global const int* restrict moments, __global const int* restrict first_box, __global const Box* restrict boxes,
                                __global const float* restrict grid, __global const uchar* restrict cells, __global const uchar* restrict blocks,
                                __global int* restrict counts, int rays, float step, float actor_step, int sky, int shadows, int chunk) {
   const Steps s = {step, actor_step, sky, shadows};
@@ -230,7 +236,7 @@ FAT __kernel void street_count(__global const float* restrict origins, __global 
 
 // starts: the running sums of counts, one row each.
 FAT __kernel void street_write(__global const float* restrict origins, __global const float* restrict directions, __global const float* restrict jitter,
-                               __global const int* restrict moments, __global const int* restrict first_box, __global const float* restrict boxes,
+                               __global const int* restrict moments, __global const int* restrict first_box, __global const Box* restrict boxes,
                                __global const float* restrict grid, __global const uchar* restrict cells, __global const uchar* restrict blocks,
                                __global const int* restrict starts, __global float* restrict t, __global int* restrict rows,
                                __global float* restrict points, __global int* restrict ray_of, __global float* restrict actor_points,

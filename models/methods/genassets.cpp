@@ -202,14 +202,13 @@ void GenAssets::load_data(std::vector<TrainingData> data) {
 
 namespace {
 
-/// 20 numbers, as ops.h: StreetBoxes says. scale: GenAssets::cube_scale.
-void add_box(std::vector<float>& numbers, const Eigen::Matrix4d& street_from_box, const Eigen::Vector3d& size,
-             float scale, size_t owner) {
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) numbers.push_back(static_cast<float>(street_from_box(c, r)));
-  for (int k = 0; k < 3; ++k) numbers.push_back(static_cast<float>(street_from_box(k, 3)));
-  for (int k = 0; k < 3; ++k) numbers.push_back(static_cast<float>(size[k] / 2) + kPadding[k]);
-  numbers.insert(numbers.end(), {scale, static_cast<float>(owner), 0, 0, 0});
+/// scale: GenAssets::cube_scale. Columns of the rotation are rows of its inverse.
+StreetBox box_of(const Eigen::Matrix4d& street_from_box, const Eigen::Vector3d& size, float scale, size_t owner) {
+  StreetBox box{{}, {}, {}, scale, static_cast<int32_t>(owner)};
+  Eigen::Map<Eigen::Matrix3f>(box.box_from_street.data()) = street_from_box.topLeftCorner<3, 3>().cast<float>();
+  Eigen::Map<Eigen::Vector3f>(box.centre.data()) = street_from_box.topRightCorner<3, 1>().cast<float>();
+  Eigen::Map<Eigen::Vector3f>(box.half_size.data()) = (size / 2).cast<float>() + Eigen::Vector3f(kPadding);
+  return box;
 }
 
 }  // namespace
@@ -231,33 +230,30 @@ GenAssets::Stage GenAssets::street(const Log& log, const RayList& rays) const {
 
 /// One asset in its box's axes and nothing around it but the sky of its log.
 GenAssets::Stage GenAssets::alone(const Log& log, const AssetPlace& place) const {
-  std::vector<float> box, numbers = log.space->grid().numbers.to_host();
-  add_box(box, Eigen::Matrix4d::Identity(), size_of(place), cube_scale(size_of(place)), 0);
+  std::vector<float> numbers = log.space->grid().numbers.to_host();
+  const Eigen::Vector3d size = size_of(place);
   for (size_t k = 0; k < 3; ++k) numbers[k] = 1e6f, numbers[4 + k] = 1;  // a voxel that no ray meets
   const Tensor nothing = from_host(std::vector<uint8_t>{0}, {1, 1, 1});
   return {log,
-          {from_host(std::vector<int32_t>{0, 1}, {2}), from_host(box, {1, 20})},
+          pack_boxes({{box_of(Eigen::Matrix4d::Identity(), size, cube_scale(size), 0)}}),
           {nothing, nothing, from_host(numbers, {16})},
           {place}};
 }
 
-/// The boxes of every moment in street axes, as ops.h: StreetBoxes says. Owners are places in scene.actors.
+/// The boxes of every moment in street axes. Owners are places in scene.actors.
 StreetBoxes GenAssets::boxes_of(const Log& log, const RayList& rays) const {
-  std::vector<int32_t> first = {0};
-  std::vector<float> numbers;
+  std::vector<std::vector<StreetBox>> moments;
   for (const double time : rays.times) {
+    moments.emplace_back();
     for (size_t a = 0; a < log.scene.actors.size(); ++a) {
       const Actor& actor = log.scene.actors[a];
       if (!rays.actors.empty() && !rays.actors[a]) continue;
       const auto pose = world_from_box_at(actor, time);
       if (!pose) continue;
-      add_box(numbers, log.space->street_from_world() * *pose, actor.size, cube_scale(actor.size), a);
+      moments.back().push_back(box_of(log.space->street_from_world() * *pose, actor.size, cube_scale(actor.size), a));
     }
-    first.push_back(static_cast<int32_t>(numbers.size() / 20));
   }
-  if (numbers.empty()) numbers.resize(20);  // no buffer without bytes
-  return {from_host(first, {static_cast<int64_t>(first.size())}),
-          from_host(numbers, {static_cast<int64_t>(numbers.size() / 20), 20})};
+  return pack_boxes(moments);
 }
 
 GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, const Drawing& how, bool shadows,

@@ -10,7 +10,8 @@ namespace {
 
 const Registered kRegistered("street_blend");
 
-constexpr int64_t kBoxNumbers = 20, kGridNumbers = 16;
+constexpr int64_t kBoxNumbers = sizeof(StreetBox) / 4, kGridNumbers = 16;
+static_assert(sizeof(StreetBox) == 17 * 4, "kernels/street.cl: Box");
 
 int32_t value_at(const Tensor& values, int64_t place) {
   int32_t value = 0;
@@ -75,10 +76,12 @@ Marched prepare(const StreetRays& rays, const StreetBoxes& boxes, const StreetGr
                            {"jitter", rays.jitter, "R 2"},
                            {"moments", rays.moments, "R"},
                            {"first", boxes.first, "M"}});
-  if (boxes.boxes.rank() != 2 || boxes.boxes.dim(1) != kBoxNumbers || grid.numbers.numel() != kGridNumbers)
-    throw Error(Fault::internal,
-                text("[street_samples] boxes is ", to_string(boxes.boxes.shape()), " and the grid's numbers ",
-                     to_string(grid.numbers.shape()), ", want [B,20] and [16]"));
+  if (boxes.boxes.rank() != 2 || boxes.boxes.dim(1) != kBoxNumbers || boxes.boxes.dtype() != DType::u32)
+    throw Error(Fault::internal, text("[street_samples] boxes is ", to_string(boxes.boxes.shape()), " ",
+                                      name_of(boxes.boxes.dtype()), ", want what pack_boxes() makes"));
+  if (grid.numbers.numel() != kGridNumbers)
+    throw Error(Fault::internal, text("[street_samples] the grid's numbers are ", to_string(grid.numbers.shape()),
+                                      ", want [", kGridNumbers, "]"));
   eval({rays.origins, rays.directions, rays.jitter, rays.moments});
   return {{dense(rays.origins), dense(rays.directions), dense(rays.jitter), dense(rays.moments)},
           dense(boxes.first),
@@ -89,6 +92,18 @@ Marched prepare(const StreetRays& rays, const StreetBoxes& boxes, const StreetGr
 }
 
 }  // namespace
+
+StreetBoxes pack_boxes(const std::vector<std::vector<StreetBox>>& moments) {
+  std::vector<StreetBox> all;
+  std::vector<int32_t> first = {0};
+  for (const std::vector<StreetBox>& boxes : moments) {
+    all.insert(all.end(), boxes.begin(), boxes.end());
+    first.push_back(static_cast<int32_t>(all.size()));
+  }
+  if (all.empty()) all.push_back({});  // no buffer without bytes
+  return {from_host(first, {static_cast<int64_t>(first.size())}),
+          from_bytes(all.data(), DType::u32, {static_cast<int64_t>(all.size()), kBoxNumbers})};
+}
 
 StreetSamples street_samples(const StreetRays& rays, const StreetBoxes& boxes, const StreetGrid& grid,
                              const StreetSteps& steps) {

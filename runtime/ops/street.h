@@ -1,5 +1,7 @@
 // Streets: a background in voxels, actors in boxes, the sky (ops/street.cpp; kernels/street.cl has the layouts).
 #pragma once
+#include <array>
+
 #include "runtime/ops.h"
 
 namespace cloam {
@@ -10,11 +12,18 @@ struct StreetGrid {
   Tensor numbers;  // [16]: corner (3), voxel size, counts x y z, centre and half sizes (3 each) of what is not
                    // contracted, furthest distance of the sky
 };
+/// Where something stands at one moment; kernels read it as it lies.
+struct StreetBox {
+  std::array<float, 9> box_from_street;  // rotation, row by row
+  std::array<float, 3> centre, half_size;
+  float cube_scale;  // 0.5 / half side of the cube that the owner's planes fill
+  int32_t owner;
+};
 struct StreetBoxes {
   Tensor first;  // int32 [M+1]: the boxes of moment m are first[m] up to first[m+1]
-  Tensor boxes;  // [B,20]: rotation box_from_street (9), centre (3), half sizes (3), 0.5 / half side of the cube of the
-                 // owner's planes, owner
+  Tensor boxes;  // u32 [B, numbers of a StreetBox]; one that nobody meets where there are none
 };
+StreetBoxes pack_boxes(const std::vector<std::vector<StreetBox>>& moments);
 struct StreetRays {
   Tensor origins, directions;  // [R,3] in the grid's axes, metres; directions of length 1
   Tensor jitter;               // [R,2] in [0,1): shifts of the background's and of actors' steps

@@ -90,9 +90,7 @@ double distance(const Vector3d& way) {
 }
 
 StreetSamples samples(const Fan& rays, const StreetSpace& space) {
-  const StreetBoxes none = {from_host(std::vector<int32_t>{0, 0}, {2}),
-                            from_host(std::vector<float>(20, 0.f), {1, 20})};
-  return street_samples(rays.rays, none, space.grid(), {});
+  return street_samples(rays.rays, pack_boxes({{}}), space.grid(), {});
 }
 
 /// Depth and opacity of rays when the world is what the LiDAR saw of it and nothing else.

@@ -191,9 +191,17 @@ void append(std::vector<float>& to, const Vec& v) {
   for (const double x : v) to.push_back(static_cast<float>(x));
 }
 
+template <size_t count>
+std::array<float, count> rounded(const std::vector<Vec>& from) {
+  std::array<float, count> out;
+  for (size_t k = 0; k < count; k++) out[k] = static_cast<float>(from[k / 3][k % 3]);
+  return out;
+}
+
 StreetSamples samples_of(const World& world, const StreetSteps& steps) {
-  std::vector<float> origins, directions, jitter, numbers;
-  std::vector<int32_t> moments, first = {0};
+  std::vector<float> origins, directions, jitter;
+  std::vector<int32_t> moments;
+  std::vector<std::vector<StreetBox>> packed;
   for (const Ray& ray : world.rays) {
     append(origins, ray.origin);
     append(directions, ray.direction);
@@ -201,13 +209,10 @@ StreetSamples samples_of(const World& world, const StreetSteps& steps) {
     moments.push_back(static_cast<int32_t>(ray.moment));
   }
   for (const auto& boxes : world.moments) {
-    for (const Box& box : boxes) {
-      for (const Vec& axis : box.axes) append(numbers, axis);
-      append(numbers, box.centre);
-      append(numbers, box.half);
-      numbers.insert(numbers.end(), {static_cast<float>(box.scale), static_cast<float>(box.owner), 0, 0, 0});
-    }
-    first.push_back(static_cast<int32_t>(numbers.size() / 20));
+    packed.emplace_back();
+    for (const Box& box : boxes)
+      packed.back().push_back({rounded<9>({box.axes[0], box.axes[1], box.axes[2]}), rounded<3>({box.centre}),
+                               rounded<3>({box.half}), static_cast<float>(box.scale), box.owner});
   }
   std::vector<float> grid;
   append(grid, kCorner);
@@ -219,10 +224,9 @@ StreetSamples samples_of(const World& world, const StreetSteps& steps) {
   const auto count = static_cast<int64_t>(world.rays.size());
   const Shape cells = {kCounts[2], kCounts[1], kCounts[0]};
   const Shape blocks = {(kCounts[2] + 7) / 8, (kCounts[1] + 7) / 8, (kCounts[0] + 7) / 8};
-  const int64_t boxes = first.back();
   return street_samples({from_host(origins, {count, 3}), from_host(directions, {count, 3}),
                          from_host(jitter, {count, 2}), from_host(moments, {count})},
-                        {from_host(first, {3}), from_host(numbers, {boxes, 20})},
+                        pack_boxes(packed),
                         {from_host(world.cells, cells), from_host(world.blocks, blocks), from_host(grid, {16})}, steps);
 }
 
