@@ -254,69 +254,6 @@ FAT __kernel void street_write(__global const float* restrict origins, __global 
   }
 }
 
-// Front to back along a ray, with opacities instead of densities: w_i = alpha_i prod_{j<i} (1 - alpha_j); the last sample
-// takes what light is left. Sample i of the ray is row rows[i] of alpha and features.
-// out [rays, channels + 4]: sum of w f; depth, the sum of w |t|; opacity, the sum of w without the sky, whose t is below 0;
-// stray, the sum of w^2 of samples further than `near` from where the LiDAR saw something (ranges[r]; 0: it did not look);
-// the sum of w of actors, whose rows are those from `background` on.
-FAT __kernel void blend(__global const float* restrict alpha, __global const float* restrict features, __global const float* restrict t,
-                        __global const int* restrict rows, __global const int* restrict offsets, __global const float* restrict ranges,
-                        __global float* restrict out, int rays, int channels, int background, float near, int chunk) {
-  const int end = min(rays, ((int)get_global_id(0) + 1) * chunk);
-  for (int r = get_global_id(0) * chunk; r < end; r++) {
-    __global float* sum = out + (size_t)r * (channels + 4);
-    for (int c = 0; c < channels + 4; c++) sum[c] = 0.0f;
-    float through = 1.0f;
-    const int last = offsets[r + 1];
-    for (int i = offsets[r]; i < last; i++) {
-      const int row = rows[i];
-      const float w = through * (i + 1 == last ? 1.0f : alpha[row]);
-      __global const float* f = features + (size_t)row * channels;
-      for (int c = 0; c < channels; c++) sum[c] += w * f[c];
-      sum[channels] += w * fabs(t[i]);
-      if (t[i] >= 0.0f) sum[channels + 1] += w;
-      if (ranges[r] > 0.0f && fabs(fabs(t[i]) - ranges[r]) > near) sum[channels + 2] += w * w;
-      if (row >= background) sum[channels + 3] += w;
-      through *= 1.0f - alpha[row];
-    }
-  }
-}
-
-// Adjoint, from the back: with u_i the derivative by w_i,
-//   d alpha_i = T_i u_i - sum_{j>i} w_j u_j / (1 - alpha_i),  d f_i = w_i g.
-// dalpha [samples], and behind it df [samples, channels]. The sum from behind holds only what light reaches, so that samples which nothing is seen of get next to nothing.
-FAT __kernel void blend_grad(__global const float* restrict alpha, __global const float* restrict features, __global const float* restrict t,
-                             __global const int* restrict rows, __global const int* restrict offsets, __global const float* restrict ranges,
-                             __global const float* restrict g, __global float* restrict dalpha, int rays, int samples, int channels, int background,
-                             float near, int chunk) {
-  __global float* dfeatures = dalpha + samples;
-  const int end = min(rays, ((int)get_global_id(0) + 1) * chunk);
-  for (int r = get_global_id(0) * chunk; r < end; r++) {
-    __global const float* gr = g + (size_t)r * (channels + 4);
-    const int first = offsets[r], last = offsets[r + 1];
-    float through = 1.0f;
-    for (int i = first; i < last; i++) {
-      dalpha[rows[i]] = through;
-      through *= 1.0f - alpha[rows[i]];
-    }
-    float behind = 0.0f;
-    for (int i = last - 1; i >= first; i--) {
-      const int row = rows[i];
-      const float a = i + 1 == last ? 1.0f : alpha[row], T = dalpha[row], w = T * a;
-      __global const float* f = features + (size_t)row * channels;
-      __global float* df = dfeatures + (size_t)row * channels;
-      float u = fabs(t[i]) * gr[channels];
-      for (int c = 0; c < channels; c++) u += f[c] * gr[c];
-      for (int c = 0; c < channels; c++) df[c] = w * gr[c];
-      if (t[i] >= 0.0f) u += gr[channels + 1];
-      if (ranges[r] > 0.0f && fabs(fabs(t[i]) - ranges[r]) > near) u += 2.0f * w * gr[channels + 2];
-      if (row >= background) u += gr[channels + 3];
-      dalpha[row] = i + 1 == last ? 0.0f : T * u - behind / fmax(1.0f - a, 1e-6f);
-      behind += w * u;
-    }
-  }
-}
-
 // For each ray the owner of the actor that most light comes from (-1: none has half of it).
 FAT __kernel void blend_owners(__global const float* restrict alpha, __global const int* restrict rows, __global const int* restrict offsets,
                                __global const int* restrict owners, __global int* restrict seen, int rays, int background, int chunk) {

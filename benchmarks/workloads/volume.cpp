@@ -7,6 +7,7 @@
 #include "benchmarks/workload.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
+#include "runtime/ops/composite.h"
 
 namespace cloam {
 namespace {
@@ -76,9 +77,9 @@ Run prepare(const Composited& c) {
                t = reshape(cumsum(full({c.rays, c.samples}, 0.05f), 1), {n});
   const Tensor offsets = from_host(begins, {c.rays + 1}), g = random_normal({c.rays, 6}, {4});
   eval({t, dt, g, offsets});
-  if (!c.backward) return [=] { eval({composite({sigma, rgb, t, dt, offsets})}); };
+  if (!c.backward) return [=] { eval({composite({sigma, offsets, dt}, {rgb, t})}); };
   return [=] {
-    const Tensor seen = composite({sigma, rgb, t, dt, offsets});
+    const Tensor seen = composite({sigma, offsets, dt}, {rgb, t});
     const Tensors d = grad(seen, {sigma, rgb}, g);
     eval({seen, d[0], d[1]});
   };
@@ -92,6 +93,48 @@ void add_composite(Workloads& all, const Composited& c) {
                  samples * (c.backward ? 24 + 24 + 16 : 24),
                  [c] { return prepare(c); },
                  {}});
+}
+
+struct Street {
+  int64_t rays, samples, channels;  // samples: of each ray
+  bool backward;
+};
+
+/// Every ray sees the background (two thirds of its samples, in a list of their own), then an actor, then the sky.
+Run prepare(const Street& s) {
+  const int64_t n = s.rays * s.samples, background = s.rays * (s.samples - s.samples / 3);
+  const Tensor alpha = leaf(0.3f * random_uniform({n}, {1})), features = leaf(random_normal({n, s.channels}, {2}));
+  std::vector<int32_t> rows, begins = {0};
+  for (int64_t r = 0, near = 0, actor = background; r < s.rays; r++) {
+    for (int64_t i = 0; i < s.samples; i++)
+      rows.push_back(static_cast<int32_t>(i >= s.samples / 3 && i < 2 * (s.samples / 3) ? actor++ : near++));
+    begins.push_back(static_cast<int32_t>(rows.size()));
+  }
+  const Tensor t = reshape(cumsum(full({s.rays, s.samples}, 0.05f), 1), {n}), ranges = full({s.rays}, 1.f);
+  const Tensor rows_of = from_host(rows, {n}), offsets = from_host(begins, {s.rays + 1}),
+               g = random_normal({s.rays, s.channels + 5}, {4});
+  eval({t, ranges, g});
+  const auto seen = [=] {
+    return composite({alpha, offsets, {}, rows_of, true}, {features, t, ranges, 0.1f, background});
+  };
+  if (!s.backward) return [=] { eval({seen()}); };
+  return [=] {
+    const Tensor all = seen();
+    const Tensors d = grad(all, {alpha, features}, g);
+    eval({all, d[0], d[1]});
+  };
+}
+
+/// Bytes: opacity, features, place and row of a sample read; for the gradient once more, and all but place and row
+/// written.
+void add_street(Workloads& all, const Street& s) {
+  const double samples = static_cast<double>(s.rays * s.samples), row = 4.0 * static_cast<double>(s.channels + 1);
+  all.push_back(
+      {text("composite.rows.", s.rays / 1024, "kx", s.samples, "x", s.channels, s.backward ? ".fwdbwd" : ".fwd"),
+       0,
+       samples * (s.backward ? 3 * row + 16 : row + 8),
+       [s] { return prepare(s); },
+       {}});
 }
 
 /// A quarter of the cells. Bytes: shift read, number and point written; number and density read, the value changed.
@@ -120,6 +163,7 @@ void add_volume_workloads(Workloads& all) {
   for (bool backward : {false, true}) {
     add_composite(all, {"64k", 65536, 64, backward});
     add_composite(all, {"4k", 4096, 24, backward});
+    for (int64_t channels : {16, 32}) add_street(all, {8192, 48, channels, backward});
   }
   all.push_back(occupancy_workload());
 }

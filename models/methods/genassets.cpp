@@ -10,6 +10,7 @@
 #include "models/scene/assets.h"
 #include "models/train/tensors.h"
 #include "runtime/error.h"
+#include "runtime/ops/composite.h"
 #include "runtime/ops/fields.h"
 #include "runtime/ops/street.h"
 #include "runtime/ops/volume.h"
@@ -286,13 +287,14 @@ GenAssets::Shaded GenAssets::shade(const Stage& stage, const RayList& rays, cons
   const StreetField::Geometry geometry = field_->geometry(how.apart ? apart(texels, s) : texels);
   out.alpha = field_->opacity(geometry.distance);
   const int64_t wide = config_.field.features;
-  const Tensor blended = street_blend({out.alpha, field_->features(geometry.inner, harmonics), s.t, s.rows, s.offsets,
-                                       from_host(rays.ranges, {count}), s.points.dim(0), config_.near});
+  const Contents seen = {field_->features(geometry.inner, harmonics), s.t, from_host(rays.ranges, {count}),
+                         config_.near, s.points.dim(0)};
+  const Tensor blended = composite({out.alpha, s.offsets, {}, s.rows, true}, seen);
   out.features = columns(blended, 0, wide);
-  out.depth = column(blended, wide);
-  out.opacity = column(blended, wide + 1);
-  out.stray = column(blended, wide + 2);
-  out.actor_opacity = column(blended, wide + 3);
+  out.opacity = column(blended, wide);
+  out.depth = column(blended, wide + 1);
+  out.stray = column(blended, wide + 3);
+  out.actor_opacity = column(blended, wide + 4);
   if (s.shadow_owners.dim(0) > 0) out.shadow = shadows_of(log, out, decoded.planes, slots);
   return out;
 }

@@ -7,6 +7,7 @@
 #include "models/train/tensors.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
+#include "runtime/ops/composite.h"
 #include "runtime/ops/volume.h"
 
 namespace cloam {
@@ -145,7 +146,7 @@ Nerf::Rendered Nerf::shade_marched(const Rays& rays, const Sampling& how) const 
   const RaySamples all = march(rays, shift, occupancy_->values(), steps);
   const RaySamples s = how.skim ? visible(all, stop_gradient(field_->density(all.points)), kLeastTransmittance) : all;
   const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
-  return {composite({out.sigma, out.rgb, s.t, s.dt, s.offsets}), Tensor(), s.t.dim(0), all.t.dim(0)};
+  return {composite({out.sigma, s.offsets, s.dt}, {out.rgb, s.t}), Tensor(), s.t.dim(0), all.t.dim(0)};
 }
 
 /// One sample in each interval, at `place` [R,N] in [0,1) of it (NeRF eq. 2), composited.
@@ -161,8 +162,8 @@ Tensor Nerf::shade_edges(const Field& field, const Rays& rays, const Tensor& edg
   const Tensor offsets = from_host(first, {count + 1}), flat_length = reshape(length, {count * n});
   const FieldOutput out = field(unit_points(reshape(points, {count * n, 3}), frame_.contract), rays.directions,
                                 from_host(ray, {count * n}));
-  if (weights) *weights = reshape(composite_weights(out.sigma, flat_length, offsets), {count, n});
-  return composite({out.sigma, out.rgb, reshape(t, {count * n}), flat_length, offsets});
+  if (weights) *weights = reshape(composite_weights({out.sigma, offsets, flat_length}), {count, n});
+  return composite({out.sigma, offsets, flat_length}, {out.rgb, reshape(t, {count * n})});
 }
 
 Nerf::Rendered Nerf::shade_importance(const Rays& rays, const Sampling& how) const {

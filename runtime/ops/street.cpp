@@ -1,4 +1,4 @@
-// Samples along rays through a street with moving boxes, and their compositing by opacities.
+// Samples along rays through a street with moving boxes.
 #include "runtime/ops/street.h"
 
 #include "runtime/cl.h"
@@ -8,8 +8,6 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered("street_blend");
-
 constexpr int64_t kBoxNumbers = sizeof(StreetBox) / 4, kGridNumbers = 16;
 static_assert(sizeof(StreetBox) == 17 * 4, "kernels/street.cl: Box");
 
@@ -18,51 +16,6 @@ int32_t value_at(const Tensor& values, int64_t place) {
   read_buffer(*values.node()->storage.buffer, static_cast<size_t>(place) * 4, 4, &value);
   return value;
 }
-
-struct BlendScalars {
-  int64_t background;
-  float near;
-};
-
-/// in: alpha, features, t, rows, offsets, ranges, g -> [rows (1 + C)]: by alpha, then by features.
-struct StreetBlendGrad final : Op {
-  explicit StreetBlendGrad(const BlendScalars& with) : scalars(with) {}
-  const char* name() const override { return "street_blend_grad"; }
-  void run(const Tensors& in, Tensor& out) const override {
-    const int64_t rays = in[4].dim(0) - 1;
-    const auto [range, chunk] = chunks(rays, 64);
-    launch(kernel("street", "blend_grad"), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], in[6], out, rays,
-           in[0].dim(0), in[1].dim(1), scalars.background, scalars.near, chunk);
-  }
-  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
-    no_gradient("street_blend", "it is once differentiable");
-  }
-  BlendScalars scalars;
-};
-
-struct StreetBlend final : Op {
-  explicit StreetBlend(const BlendScalars& with) : scalars(with) {}
-  const char* name() const override { return "street_blend"; }
-  void run(const Tensors& in, Tensor& out) const override {
-    const int64_t rays = in[4].dim(0) - 1;
-    const auto [range, chunk] = chunks(rays, 64);
-    launch(kernel("street", "blend"), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], out, rays, in[1].dim(1),
-           scalars.background, scalars.near, chunk);
-  }
-  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    const int64_t rows = in[0].dim(0), channels = in[1].dim(1);
-    Tensors all = in;
-    all.push_back(g);
-    const Tensor both = make(std::make_shared<StreetBlendGrad>(scalars), {rows * (1 + channels)}, all);
-    return {slice(both, 0, 0, rows),
-            reshape(slice(both, 0, rows, rows * (1 + channels)), {rows, channels}),
-            Tensor(),
-            Tensor(),
-            Tensor(),
-            Tensor()};
-  }
-  BlendScalars scalars;
-};
 
 struct Marched {
   StreetRays rays;
@@ -164,17 +117,6 @@ StreetSamples street_lit(const StreetSamples& s, const Tensor& alpha, float leas
          s.actor_directions, s.owners, starts, out.rows, out.t, out.points, out.ray, out.actor_points,
          out.actor_directions, out.owners, rays, background, least, chunk);
   return out;
-}
-
-Tensor street_blend(const StreetBlended& b) {
-  match("street_blend",
-        {{"alpha", b.alpha, "S"}, {"features", b.features, "S C"}, {"t", b.t, "S"}, {"rows", b.rows, "S"}});
-  const int64_t rays = b.offsets.dim(0) - 1;
-  if (b.ranges.numel() != rays)
-    throw Error(Fault::internal,
-                text("[street_blend] ranges is ", to_string(b.ranges.shape()), ", want one a ray: ", rays));
-  return make(std::make_shared<StreetBlend>(BlendScalars{b.background, b.near}), {rays, b.features.dim(1) + 4},
-              {b.alpha, b.features, b.t, b.rows, b.offsets, b.ranges});
 }
 
 Tensor street_owners(const Tensor& alpha, const StreetSamples& samples) {

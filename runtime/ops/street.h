@@ -49,17 +49,6 @@ StreetSamples street_samples(const StreetRays& rays, const StreetBoxes& boxes, c
 /// The samples that light reaches: those of each ray before its transmittance falls below `least`, and its last. alpha
 /// [S] by row. At once.
 StreetSamples street_lit(const StreetSamples& samples, const Tensor& alpha, float least);
-struct StreetBlended {
-  Tensor alpha, features;   // [S], [S,C], by row
-  Tensor t, rows, offsets;  // of StreetSamples
-  Tensor ranges;            // [R]: where a LiDAR saw something, 0: it did not look
-  int64_t background = 0;   // rows from here on are of actors
-  float near = 0.1f;        // metres around ranges where matter belongs
-};
-/// Front to back: [R,C+4]: sum of w f, depth (sum of w |t|), opacity without the sky, the sum of w^2 of samples that
-/// are not near the range, and the opacity of actors. The last sample takes all light that is left. Once differentiable
-/// in alpha and features.
-Tensor street_blend(const StreetBlended& blended);
 /// int32 [R]: the owner that gives most light of a ray, if more than half, else -1. At once.
 Tensor street_owners(const Tensor& alpha, const StreetSamples& samples);
 

@@ -1,4 +1,4 @@
-// Marching, compositing and occupancy: the ops of volume rendering.
+// Marching, sampling and occupancy: where rays through a volume have samples.
 #include "runtime/ops/volume.h"
 
 #include <algorithm>
@@ -11,51 +11,8 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("composite"), Registered("composite_weights"),
-                                  Registered("importance_edges"), Registered("unit_points"),
+const Registered kRegistered[] = {Registered("importance_edges"), Registered("unit_points"),
                                   Registered("spherical_harmonics")};
-
-/// in: sigma, rgb, t, dt, offsets, what composite gave and its gradient -> [4 S]: by sigma, by rgb.
-struct CompositeGrad final : Op {
-  const char* name() const override { return "composite_grad"; }
-  void run(const Tensors& in, Tensor& out) const override {
-    const int64_t rays = in[4].dim(0) - 1;
-    const auto [range, chunk] = chunks(rays, 64);
-    launch(kernel(choose("volume", name())), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], in[6], out, rays,
-           in[0].dim(0), chunk);
-  }
-  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
-    no_gradient("composite", "it is once differentiable");
-  }
-};
-
-/// -> [R,7], as kernels/volume.cl says.
-struct Composite final : Op {
-  const char* name() const override { return "composite"; }
-  void run(const Tensors& in, Tensor& out) const override {
-    const int64_t rays = in[4].dim(0) - 1;
-    const auto [range, chunk] = chunks(rays, 64);
-    launch(kernel(choose("volume", name())), name(), range, in[0], in[1], in[2], in[3], in[4], out, rays, chunk);
-  }
-  Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override {
-    const int64_t samples = in[0].dim(0);
-    Tensors all = in;
-    all.insert(all.end(), {out, g});
-    const Tensor both = make(std::make_shared<CompositeGrad>(), {4 * samples}, all);
-    return {slice(both, 0, 0, samples), reshape(slice(both, 0, samples, 4 * samples), {samples, 3}), Tensor(), Tensor(),
-            Tensor()};
-  }
-};
-
-struct CompositeWeights final : Op {
-  const char* name() const override { return "composite_weights"; }
-  void run(const Tensors& in, Tensor& out) const override {
-    const int64_t rays = in[2].dim(0) - 1;
-    const auto [range, chunk] = chunks(rays, 64);
-    launch(kernel(choose("volume", name())), name(), range, in[0], in[1], in[2], out, rays, chunk);
-  }
-  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
-};
 
 struct ImportanceEdges final : Op {
   const char* name() const override { return "importance_edges"; }
@@ -152,21 +109,6 @@ RaySamples visible(const RaySamples& s, const Tensor& sigma, float least) {
   launch(kernel("volume", "keep_visible"), "keep_visible", range, s.points, s.t, s.dt, s.offsets, out.offsets,
          out.points, out.t, out.dt, out.ray, count, chunk);
   return out;
-}
-
-Tensor composite(const Volume& v) {
-  match("composite", {{"sigma", v.sigma, "S"}, {"rgb", v.rgb, "S 3"}, {"t", v.t, "S"}, {"dt", v.dt, "S"}});
-  if (v.offsets.rank() != 1 || v.offsets.dtype() != DType::i32 || v.offsets.dim(0) < 1)
-    throw Error(Fault::internal, text("[composite] offsets has shape ", to_string(v.offsets.shape()), " ",
-                                      name_of(v.offsets.dtype()), ", want [R+1] int32"));
-  const Tensor sums =
-      make(std::make_shared<Composite>(), {v.offsets.dim(0) - 1, 7}, {v.sigma, v.rgb, v.t, v.dt, v.offsets});
-  return slice(sums, 1, 0, 6);
-}
-
-Tensor composite_weights(const Tensor& sigma, const Tensor& dt, const Tensor& offsets) {
-  match("composite_weights", {{"sigma", sigma, "S"}, {"dt", dt, "S"}});
-  return untracked(make(std::make_shared<CompositeWeights>(), sigma.shape(), {sigma, dt, offsets}));
 }
 
 Tensor importance_edges(const Tensor& edges, const Tensor& weights, const Tensor& uniform) {

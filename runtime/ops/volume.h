@@ -1,4 +1,4 @@
-// Volume rendering: marching, compositing, occupancy (ops/volume.cpp).
+// Where rays through a volume have samples: marching, importance sampling, occupancy (ops/volume.cpp).
 #pragma once
 #include "runtime/ops.h"
 
@@ -29,17 +29,6 @@ RaySamples march(const Rays& rays, const Tensor& jitter, const Tensor& cells, co
 /// The samples of each ray up to where its transmittance falls below `least`. Runs at once.
 RaySamples visible(const RaySamples& samples, const Tensor& sigma, float least);
 
-struct Volume {
-  Tensor sigma;    // [S] density >= 0
-  Tensor rgb;      // [S,3]
-  Tensor t, dt;    // [S]
-  Tensor offsets;  // [R+1] int32
-};
-/// Front-to-back quadrature (Max 1995; NeRF eq. 3) -> [R,6]: colour, opacity, depth (sum of w |t|), distortion
-/// (mip-NeRF 360 eq. 15 over t / (1 + t)). No gradient to t, dt; once differentiable.
-Tensor composite(const Volume& volume);
-/// The weights T alpha of all samples [S]; no gradient.
-Tensor composite_weights(const Tensor& sigma, const Tensor& dt, const Tensor& offsets);
 /// NeRF's inverse-CDF sampling: edges [R,n+1], weights [R,n], ascending uniform [R,m] -> merged edges [R,n+1+m]; no
 /// gradient.
 Tensor importance_edges(const Tensor& edges, const Tensor& weights, const Tensor& uniform);

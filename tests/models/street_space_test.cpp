@@ -9,6 +9,7 @@
 
 #include "models/scene/asset_class.h"
 #include "runtime/error.h"
+#include "runtime/ops/composite.h"
 #include "runtime/ops/street.h"
 #include "tests/models/toy_street.h"
 
@@ -93,7 +94,7 @@ StreetSamples samples(const Fan& rays, const StreetSpace& space) {
   return street_samples(rays.rays, pack_boxes({{}}), space.grid(), {});
 }
 
-/// Depth and opacity of rays when the world is what the LiDAR saw of it and nothing else.
+/// Opacity and depth of rays when the world is what the LiDAR saw of it and nothing else.
 std::vector<float> blended(const Fan& rays, const StreetSamples& s) {
   const std::vector<int32_t> offsets = s.offsets.to_host<int32_t>(), rows = s.rows.to_host<int32_t>();
   const std::vector<float> t = s.t.to_host();
@@ -103,8 +104,7 @@ std::vector<float> blended(const Fan& rays, const StreetSamples& s) {
       if (t[i] >= 0 && std::abs(double{t[i]} - distance(rays.directions[r])) < 0.4)
         alpha[static_cast<std::size_t>(rows[i])] = t[i] > distance(rays.directions[r]) - 0.1 ? 1.f : 0.3f;
   const auto count = static_cast<int64_t>(t.size()), many = static_cast<int64_t>(rays.directions.size());
-  const Tensor both = street_blend(
-      {from_host(alpha, {count}), zeros({count, 1}), s.t, s.rows, s.offsets, zeros({many}), s.points.dim(0), 0.1f});
+  const Tensor both = composite({from_host(alpha, {count}), s.offsets, {}, s.rows, true}, {zeros({count, 1}), s.t});
   return slice(both, 1, 1, 3).to_host();
 }
 
@@ -158,10 +158,10 @@ TEST_CASE("rays leave empty voxels out, see the same and need a fifth of the sam
     // Where the LiDAR saw something.
     if (hit.x() < 3 || std::abs(hit.y()) > 18 || hit.z() > 5 || Seen::under_bus(hit.x(), hit.y())) continue;
     met++;
-    CHECK(want[2 * r + 1] == 1.f);
-    CHECK(got[2 * r] == doctest::Approx(want[2 * r]).epsilon(1e-5));
-    CHECK(got[2 * r + 1] == doctest::Approx(want[2 * r + 1]));
-    CHECK(std::abs(double{got[2 * r]} - depth) < 0.5);
+    CHECK(want[2 * r] == 1.f);
+    CHECK(got[2 * r + 1] == doctest::Approx(want[2 * r + 1]).epsilon(1e-5));
+    CHECK(got[2 * r] == doctest::Approx(want[2 * r]));
+    CHECK(std::abs(double{got[2 * r + 1]} - depth) < 0.5);
   }
   CHECK(met > 200);
   CHECK(5 * few.t.dim(0) < many.t.dim(0));

@@ -18,6 +18,6 @@ void add_norm_cases(OpCases& rows);
 void add_field_cases(OpCases& rows);
 void add_splat_cases(OpCases& rows);
 void add_ssim_cases(OpCases& rows);
-void add_street_cases(OpCases& rows);
+void add_composite_cases(OpCases& rows);
 
 }  // namespace cloam

@@ -1,4 +1,4 @@
-// Rows of the radiance field ops: perceptrons, grids, planes, volume rendering.
+// Rows of the radiance field ops: perceptrons, grids, planes, sampling of rays.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -148,75 +148,6 @@ void add_planes(OpCases& rows) {
   rows.push_back(planes_row("owners, bands across them", {3, 5, 13, 3, 12}, 61));
 }
 
-/// NeRF's equation 3: w_i = exp(-sum of sigma dt before i) (1 - exp(-sigma_i dt_i)).
-HostArray weights(const HostArray& sigma, const HostArray& dt, const HostArray& offsets) {
-  HostArray out(sigma.shape);
-  for (int64_t ray = 0; ray + 1 < offsets.size(); ray++) {
-    double depth = 0;
-    for (auto s = static_cast<int64_t>(offsets[ray]); s < static_cast<int64_t>(offsets[ray + 1]); s++) {
-      out[s] = std::exp(-depth) * (1 - std::exp(-sigma[s] * dt[s]));
-      depth += sigma[s] * dt[s];
-    }
-  }
-  return out;
-}
-
-/// mip-NeRF 360, equation 15, over distances squashed to [0,1).
-double distortion(const HostArrays& in, const HostArray& w, int64_t begin, int64_t end) {
-  const auto squashed = [](double t) { return t / (1 + t); };
-  double total = 0;
-  for (int64_t i = begin; i < end; i++) {
-    for (int64_t j = begin; j < end; j++) total += w[i] * w[j] * std::abs(squashed(in[2][i]) - squashed(in[2][j]));
-    total += w[i] * w[i] * (squashed(in[2][i] + in[3][i] / 2) - squashed(in[2][i] - in[3][i] / 2)) / 3;
-  }
-  return total;
-}
-
-HostArray rendered(const HostArrays& in) {  // sigma, rgb, t, dt, offsets
-  const HostArray w = weights(in[0], in[3], in[4]);
-  HostArray out({in[4].dim(0) - 1, 6});
-  for (int64_t ray = 0; ray < out.dim(0); ray++) {
-    const auto begin = static_cast<int64_t>(in[4][ray]), end = static_cast<int64_t>(in[4][ray + 1]);
-    for (int64_t s = begin; s < end; s++) {
-      for (int64_t c = 0; c < 3; c++) out.at({ray, c}) += w[s] * in[1].at({s, c});
-      out.at({ray, 3}) += w[s];
-      out.at({ray, 4}) += w[s] * in[2][s];
-    }
-    out.at({ray, 5}) = distortion(in, w, begin, end);
-  }
-  return out;
-}
-
-void add_volumes(OpCases& rows) {
-  const InputSpec offsets = given({5}, {0, 4, 4, 5, 11}, DType::i32), sigma = between({11}, 0, 5),
-                  dt = constant(between({11}, 0.05, 0.5)),
-                  t = constant(given({11}, {1, 1.3, 2, 2.9, 1.7, 0.5, 0.8, 1.9, 2.2, 3.1, 4}));  // ascends in every ray
-  rows.push_back({.op = "composite",
-                  .inputs = {sigma, between({11, 3}, 0, 1), t, dt, offsets},
-                  .run =
-                      [](const Tensors& in) {
-                        return composite({in[0], in[1], in[2], in[3], in[4]});
-                      },
-                  .reference = rendered,
-                  .zero = {{0}, {0, 3}, {0}, {0}, {1}}});
-  std::vector<double> ascending;
-  for (int i = 0; i < 61; i++) ascending.push_back(0.5 + 0.07 * i);
-  rows.push_back({.op = "composite",
-                  .label = "rays of several vectors",
-                  .inputs = {between({61}, 0, 1), between({61, 3}, 0, 1), constant(given({61}, ascending)),
-                             constant(between({61}, 0.02, 0.1)), given({5}, {0, 37, 37, 53, 61}, DType::i32)},
-                  .run =
-                      [](const Tensors& in) {
-                        return composite({in[0], in[1], in[2], in[3], in[4]});
-                      },
-                  .reference = rendered});
-  rows.push_back({.op = "composite_weights",
-                  .inputs = {sigma, dt, offsets},
-                  .run = [](const Tensors& in) { return composite_weights(in[0], in[1], in[2]); },
-                  .reference = [](const HostArrays& in) { return weights(in[0], in[1], in[2]); },
-                  .gradient = false});
-}
-
 /// The place whose share of all weight before it is u, and the old edges, in order. Every bin gets 1e-5 more, so that
 /// none is without weight (bmild/nerf, run_nerf_helpers.py, sample_pdf).
 HostArray resampled(const HostArrays& in) {
@@ -302,7 +233,6 @@ void add_field_cases(OpCases& rows) {
   add_perceptrons(rows);
   add_grids(rows);
   add_planes(rows);
-  add_volumes(rows);
   add_sampling(rows);
   add_harmonics(rows);
 }

@@ -1,8 +1,7 @@
-// Compositing along rays (kernels/volume.cl says what is computed) on CPU devices: 16 samples of a ray at a time. What
-// lies in front of a sample comes by running products and sums within the vector.
-//: variant composite cpu composite
-//: variant composite_grad cpu composite_grad
-//: variant composite_weights cpu composite_weights
+// Compositing along rays (kernels/composite.cl says what is computed) on CPU devices, of densities and three channels that
+// lie in order: 16 samples of a ray at a time. What lies in front of a sample comes by running products and sums within
+// the vector.
+//: variant composite_samples cpu samples
 
 INLINE float16 running_product(float16 v) {
   const float16 none = (float16)(1.0f);
@@ -87,7 +86,7 @@ INLINE void add_samples(Sums* sums, __global const float* sigma, __global const 
   sums->through = x.behind.sf;
 }
 
-FAT __kernel void composite(__global const float* restrict sigma, __global const float* restrict rgb,
+FAT __kernel void composite_samples(__global const float* restrict sigma, __global const float* restrict rgb,
                             __global const float* restrict t, __global const float* restrict dt,
                             __global const int* restrict offsets, __global float* restrict out, int rays, int chunk) {
   const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk), all = offsets[rays];
@@ -110,7 +109,7 @@ FAT __kernel void composite(__global const float* restrict sigma, __global const
   }
 }
 
-FAT __kernel void composite_weights(__global const float* restrict sigma, __global const float* restrict dt,
+FAT __kernel void composite_samples_weights(__global const float* restrict sigma, __global const float* restrict dt,
                                     __global const int* restrict offsets, __global float* restrict weights, int rays,
                                     int chunk) {
   const int end_ray = min(rays, ((int)get_global_id(0) + 1) * chunk), all = offsets[rays];
@@ -153,7 +152,7 @@ INLINE void samples_grad(Ray* ray, __global const float* sigma, __global const f
   ray->rest = rest.sf;
 }
 
-FAT __kernel void composite_grad(__global const float* restrict sigma, __global const float* restrict rgb,
+FAT __kernel void composite_samples_grad(__global const float* restrict sigma, __global const float* restrict rgb,
                                  __global const float* restrict t, __global const float* restrict dt,
                                  __global const int* restrict offsets, __global const float* restrict out,
                                  __global const float* restrict g, __global float* restrict dsigma,
