@@ -103,7 +103,7 @@ std::vector<float> blended(const Fan& rays, const StreetSamples& s) {
     for (auto i = static_cast<std::size_t>(offsets[r]); i < static_cast<std::size_t>(offsets[r + 1]); ++i)
       if (t[i] >= 0 && std::abs(double{t[i]} - distance(rays.directions[r])) < 0.4)
         alpha[static_cast<std::size_t>(rows[i])] = t[i] > distance(rays.directions[r]) - 0.1 ? 1.f : 0.3f;
-  const auto count = static_cast<int64_t>(t.size()), many = static_cast<int64_t>(rays.directions.size());
+  const auto count = static_cast<int64_t>(t.size());
   const Tensor both = composite({from_host(alpha, {count}), s.offsets, {}, s.rows, true}, {zeros({count, 1}), s.t});
   return slice(both, 1, 1, 3).to_host();
 }
