@@ -1,7 +1,8 @@
 // Light along rays, front to back (Max 1995; NeRF eq. 3): w_i = alpha_i prod_{j<i} (1 - alpha_j). Ragged: ray r owns the
 // places [offsets[r], offsets[r + 1]). matter is opacity alpha or, with DENSITY, sigma: alpha = 1 - exp(-sigma dt). With
 // ROWS place i is row rows[i] of matter, dt and features, else row i. sky: the last sample takes the light that is left.
-// Every kernel: version 1, a work-item a ray (a chunk of rays on CPU devices). WIDTH: the channels if few, else 0.
+// Every kernel: version 1, a work-item a ray (a chunk of rays on CPU devices). WIDTH: the channels up to 64, whose
+// sums lie in registers, else 0.
 //: variant composite reference any
 //: variant composite gpu any
 #define CHANNELS (WIDTH ? WIDTH : channels)

@@ -25,6 +25,8 @@ Tensors inputs(const Medium& m, const Contents& s) {
   return in;
 }
 
+constexpr int64_t kInRegisters = 64;  // channels
+
 /// Which inputs there are, and the scalars.
 struct Form {
   bool dt, rows, sky, ranges = false;
@@ -35,7 +37,10 @@ struct Form {
   uint64_t key() const { return uint64_t{dt} + 2 * uint64_t{rows} + 4 * uint64_t{ranges}; }
   int64_t width(int64_t channels) const { return channels + 3 + (ranges ? 2 : 0) + (dt ? 1 : 0); }
   Constants constants(int64_t channels) const {
-    return {{"DENSITY", dt}, {"ROWS", rows}, {"SIGHT", ranges}, {"WIDTH", channels <= 4 ? int(channels) : 0}};
+    return {{"DENSITY", dt},
+            {"ROWS", rows},
+            {"SIGHT", ranges},
+            {"WIDTH", channels <= kInRegisters ? static_cast<int>(channels) : 0}};
   }
   Medium medium(const Tensors& in) const {
     return {in[0], in[1], dt ? in[2] : Tensor(), rows ? in[2 + size_t{dt}] : Tensor(), sky};

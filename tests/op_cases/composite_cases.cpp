@@ -140,7 +140,7 @@ void add_sums(OpCases& rows) {
   rows.push_back(sums_row("", plain, 3, kNerf));
   rows.back().zero = {{0}, {1}, {0, 3}, {0}, {0}};
   rows.push_back(sums_row("rays of several vectors", many(true), 3, kNerf));
-  rows.push_back(sums_row("densities, many channels", many(true), 19, kNerf));
+  rows.push_back(sums_row("densities, many channels", many(true), 67, kNerf));
   rows.push_back(sums_row("densities, all parts", few(true), 5, kAll));
   rows.push_back(sums_row("opacities", plain, 1, {}));
   rows.back().inputs[0] = few(false).matter;
