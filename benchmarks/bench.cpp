@@ -225,7 +225,8 @@ Workloads chosen_workloads(const Workloads& all, const std::vector<std::string>&
   const auto matches = [](const Workload& w, const std::string& p) { return w.name.find(p) != std::string::npos; };
   for (const std::string& p : patterns)
     if (std::none_of(all.begin(), all.end(), [&](const Workload& w) { return matches(w, p); }))
-      throw Error(Fault::usage, text("no workload has \"", p, "\" in its name; nearest:", nearest_names(all, p)));
+      throw Error(Fault::usage,
+                  text("no workload has \"", p, "\" in its name; the nearest are:", nearest_names(all, p)));
   Workloads out;
   for (const Workload& w : all)
     if (patterns.empty() || std::any_of(patterns.begin(), patterns.end(), [&](const auto& p) { return matches(w, p); }))

@@ -5,8 +5,8 @@
 #include <filesystem>
 
 #include "cli/common.h"
-#include "models/data/paths.h"
 #include "models/io/draw_text.h"
+#include "models/io/words.h"
 #include "models/scene/asset_class.h"
 #include "runtime/error.h"
 
@@ -87,7 +87,7 @@ AssetName find_actor(const Scenes& scenes, const std::vector<std::string>& logs,
   if (found.empty()) no_actor(scenes, all, word, id);
   if (found.size() == 1) return found.front();
   throw Error(Fault::usage, text("'", word, "' matches ", found.size(), " actors: ", list(scenes, found),
-                                 "; type more of the id", scenes.size() > 1 ? ", or name its log (LOG:ID)" : ""));
+                                 "; give more of the id", scenes.size() > 1 ? ", or name its log (LOG:ID)" : ""));
 }
 
 std::string spelled(const Scenes& scenes, const AssetName& name) {
@@ -129,9 +129,9 @@ bool is_vehicle(int asset_class) {
 }
 
 Street& street_of(const RestoredRun& run) {
-  if (Street* street = run.method->street()) return *street;
+  if (auto* street = as<Street>(*run.method)) return *street;
   throw Error(Fault::usage, text("the run's method, ", run.record.method,
-                                 ", knows no actors; this needs a run of genassets on a driving log"));
+                                 ", has no actors; this needs a genassets run on a driving log"));
 }
 
 }  // namespace cloam

@@ -4,8 +4,9 @@
 #include <string>
 #include <vector>
 
+#include "models/runs/restore_run.h"
 #include "models/scene/assets.h"
-#include "models/train/restore_run.h"
+#include "models/street/street.h"
 
 namespace cloam {
 

@@ -1,4 +1,6 @@
 // cloam bench: how fast the kernels and training steps are here, against the device's limits and other libraries.
+#include <CLI/CLI.hpp>
+
 #include "benchmarks/command.h"
 #include "benchmarks/tune.h"
 #include "cli/commands.h"
@@ -13,8 +15,8 @@ constexpr char kExamples[] =
 Run it on an otherwise idle machine.
 
 Examples:
-  cloam bench                                    everything, without peers
-  cloam bench matmul conv --peers                rows whose names contain these words, beside OpenBLAS, oneDNN, libtorch
+  cloam bench                                    everything, without other libraries
+  cloam bench matmul conv --peers                workloads with these words in their names, beside other libraries
   cloam bench --suite train                      whole training steps
   cloam bench --peers --report docs/performance.md
   cloam bench --explain matmul                   which variant of a kernel runs here, and why)";
@@ -36,7 +38,7 @@ int explain_command(const std::string& op, const Common& common) {
   const std::string found = explain(op, op_workloads());
   if (found.empty())
     throw Error(Fault::usage, text("no workload's name contains \"", op,
-                                   "\", and no op is called so\n  see the names: ", "cloam bench, cloam selftest"));
+                                   "\", and no op has that name\n  names: ", "cloam bench, cloam selftest"));
   put(found);
   return 0;
 }
@@ -62,10 +64,10 @@ Command add_bench(CLI::App& program) {
   const auto arguments = std::make_shared<BenchArguments>();
   const auto common = std::make_shared<Common>();
   BenchOptions& options = arguments->request.options;
-  parser->add_option("PATTERN", options.patterns, "Parts of names of rows (all)");
-  parser->add_flag("--peers", options.peers, "Alternate with other libraries (those that the build found)");
+  parser->add_option("PATTERN", options.patterns, "Parts of workload names (all)");
+  parser->add_flag("--peers", options.peers, "Also time other libraries, in turn (those found by the build)");
   parser->add_option("--suite", arguments->suite, "ops, train or all (all)")->check(one_of({"ops", "train", "all"}));
-  parser->add_option("--rounds", options.rounds, "Samples of each row (9; 5 for slow rows)")
+  parser->add_option("--rounds", options.rounds, "Samples per workload (9; 5 for slow ones)")
       ->check(whole_number(1, 1000));
   parser->add_option("--report", arguments->request.report, "Write a Markdown report, with a plot beside it")
       ->check(output_file());

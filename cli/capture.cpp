@@ -1,10 +1,14 @@
 // See capture.h.
 #include "cli/capture.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <future>
 
 #include "models/data/read_scene.h"
+#include "models/street/street.h"
+#include "models/train/capability.h"
+#include "models/train/learns_from_captures.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -80,20 +84,19 @@ void read_images(Capture& capture, const Reading& how) {
 }
 
 // What it means for a training of a driving log that the method or the log lacks something.
-std::vector<std::string> log_warnings(const Scene& scene, Method& method) {
+std::vector<std::string> log_warnings(const Scene& scene, const std::string& name, Method& method) {
   std::vector<std::string> warnings;
   if (!scene.is_log) return warnings;
-  const std::string name = method.name();
-  if (!method.street())
+  if (!as<Street>(method))
     return {name +
-            " learns scenes that stand still: actors that move will be blurred or leave ghosts; genassets learns "
-            "them as actors of their own"};
+            " learns static scenes: moving actors will be blurred or leave ghosts; genassets models them "
+            "separately"};
   if (scene.actors.empty())
-    warnings.push_back(text("without boxes ", name,
-                            " learns everything as background: what moves will be blurred, and ",
+    warnings.push_back(text("without boxes, ", name,
+                            " learns everything as background: whatever moves will be blurred, and ",
                             "there are no actors to edit or to take assets from"));
   if (scene.sweeps.empty())
-    warnings.push_back(text("without LiDAR sweeps ", name, " learns depth from the images alone, which is less exact"));
+    warnings.push_back(text("without LiDAR sweeps, ", name, " learns depth from images alone, which is less accurate"));
   return warnings;
 }
 
@@ -109,7 +112,7 @@ void expect_masks(Scene& scene) {
 
 CLI::Option* add_allow_outside(CLI::App& parser, bool& allowed) {
   return parser.add_flag("--allow-outside", allowed,
-                         "Also read images and points that the capture lists outside its folder");
+                         "Also read images and points outside the capture's folder, if the capture lists them");
 }
 
 Reading reading_for(const RunRecord& record, bool other, bool allow_outside) {
@@ -159,9 +162,10 @@ Scenes scenes_of(const Captures& captures) {
   return scenes;
 }
 
-void add_warnings(Captures& captures, Method& method) {
+void add_warnings(Captures& captures, const std::string& name, Method& method) {
+  const auto* learns = as<LearnsFromCaptures>(method);
   for (Capture& capture : captures) {
-    for (const auto& more : {method.warnings(capture.scene), log_warnings(capture.scene, method)})
+    for (const auto& more : {learns->warnings(capture.scene), log_warnings(capture.scene, name, method)})
       capture.warnings.insert(capture.warnings.end(), more.begin(), more.end());
   }
 }
@@ -171,7 +175,7 @@ std::vector<std::string> describe(const Scene& scene, const Reading& how) {
   std::string images = text(scene.frames.size(), " images ", size_text(camera));
   if (how.downscale > 1)
     images += text(" -> ", size_text(scaled(camera, how.downscale)), " (--downscale ", how.downscale, ")");
-  if (scene.has_alpha) images += ", transparent where empty";
+  if (scene.has_alpha) images += ", with transparent background";
   std::size_t masks = 0;
   for (const Frame& frame : scene.frames) masks += frame.mask.has_value();
   if (masks > 0)

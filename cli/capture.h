@@ -6,8 +6,13 @@
 
 #include "cli/common.h"
 #include "models/data/load_images.h"
+#include "models/runs/run_folder.h"
 #include "models/train/method.h"
-#include "models/train/run_folder.h"
+
+namespace CLI {
+class App;
+class Option;
+}  // namespace CLI
 
 namespace cloam {
 
@@ -38,8 +43,8 @@ Captures read_captures(const std::vector<std::filesystem::path>& data, const Rea
 
 Scenes scenes_of(const Captures& captures);
 
-/// Adds to the warnings of each what the method, once built, makes of captures of this kind.
-void add_warnings(Captures& captures, Method& method);
+/// Adds to the warnings of each what the method of that name, once built, makes of captures of this kind.
+void add_warnings(Captures& captures, const std::string& name, Method& method);
 
 /// Bytes of the loaded images (8-bit RGBA) of one split at a downscale.
 uint64_t image_bytes(const Scene& scene, Split split, int downscale);

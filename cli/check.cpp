@@ -1,6 +1,7 @@
 // cloam check: is this folder a capture that can be trained? Every image is read, none is kept.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "cli/capture.h"
@@ -13,7 +14,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Check a capture and show what training would use of it.
+constexpr char kExamples[] = R"(Check a capture and show what training would use.
 
 Examples:
   cloam check data/fox
@@ -68,8 +69,8 @@ nlohmann::ordered_json log_json(const LogReport& log) {
 }
 
 std::string alignment_text(const LidarFit& fit) {
-  if (fit.points_per_image == 0) return "alignment with the LiDAR unknown: no point falls into the images";
-  if (fit.share_worse == 0 && fit.aligned()) return "alignment with the LiDAR unknown: intensities tell nothing";
+  if (fit.points_per_image == 0) return "alignment with the LiDAR unknown: no point projects into the images";
+  if (fit.share_worse == 0 && fit.aligned()) return "alignment with the LiDAR unknown: intensities do not help";
   return fmt::format("LiDAR {} with the images (offset {:.0f}, {:.0f} px)", fit.aligned() ? "aligns" : "does not align",
                      fit.offset_x, fit.offset_y);
 }

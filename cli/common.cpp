@@ -4,6 +4,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include <CLI/CLI.hpp>
 #include <cerrno>
 #include <charconv>
 #include <chrono>
@@ -61,12 +62,11 @@ void add_common(CLI::App& parser, Common& common) {
   const char* group = "Device and output";
   parser.add_option("--device", common.device, "auto, cpu, gpu, N, P:D or part of a name (cloam info lists them)")
       ->group(group);
-  parser.add_option("--max-memory", common.max_memory, "Device memory to use at most, such as 600M or 6G")
-      ->group(group);
+  parser.add_option("--max-memory", common.max_memory, "Limit of device memory, such as 600M or 6G")->group(group);
   parser.add_flag("--json", common.json, "Machine-readable output on stdout")->group(group);
   parser.add_flag("-q,--quiet", common.quiet, "Print only errors and warnings")->group(group);
   parser.add_flag("-v,--verbose", common.verbose, "Print more detail")->group(group);
-  parser.add_flag("--profile", common.profile, "Print what each kernel and each step cost at the end")->group(group);
+  parser.add_flag("--profile", common.profile, "At the end, print the cost of each kernel and each step")->group(group);
   parser.add_option("--profile-trace", common.profile_trace, "Also write a timeline for Perfetto to this file")
       ->group(group)
       ->check(output_file());
@@ -154,7 +154,8 @@ double parse_duration(const std::string& given) {
     seconds += value * factor;
     if (!rest.empty()) rest.remove_prefix(1);
   }
-  if (seconds <= 0) throw Error(Fault::usage, text("\"", given, "\" is not a duration above 0: want 90s, 5m or 1h30m"));
+  if (seconds <= 0)
+    throw Error(Fault::usage, text("\"", given, "\" is not a positive duration: want 90s, 5m or 1h30m"));
   return seconds;
 }
 

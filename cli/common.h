@@ -1,12 +1,15 @@
 // What all commands share: the options every one has, talk on stderr, data on stdout, words for numbers.
 #pragma once
-#include <CLI/CLI.hpp>
 #include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "runtime/device.h"
+
+namespace CLI {
+class App;
+}
 
 namespace cloam {
 

@@ -1,6 +1,7 @@
 // cloam compare: the evaluations of runs side by side, and the means of those that differ by their seeds alone.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -9,9 +10,9 @@
 
 #include "cli/commands.h"
 #include "cli/eval.h"
-#include "models/data/json.h"
+#include "models/io/json.h"
+#include "models/runs/run_folder.h"
 #include "models/scene/split.h"
-#include "models/train/run_folder.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -29,7 +30,7 @@ Examples:
   cloam compare runs/nerf-* runs/splat-* --across-data
   cloam compare runs/a runs/b --json
 
-Runs with the same data and settings but different seeds are also averaged (mean +- standard deviation).)";
+Runs with the same data and settings but different seeds are also averaged (mean and standard deviation).)";
 
 struct CompareRequest {
   std::vector<std::string> runs;
@@ -79,7 +80,7 @@ std::optional<Report> kept_eval(const CompareRequest& request, const RunPaths& r
     if (!asked || !same_network || number(json, "step", path.string()) < static_cast<double>(step)) return {};
     return Report(json);
   } catch (const Error& error) {
-    warn(text(error.what(), "\n  the run is evaluated again"));
+    warn(text(error.what(), "\n  the run will be evaluated again"));
     return {};
   }
 }
@@ -285,7 +286,7 @@ int run_command(const CompareRequest& request, const Common& common) {
   else
     put(table(runs, groups));
   const std::string network = word(runs.front().eval, "feature_network");
-  say(common, text("masked: over actors alone; columns right of the features: baselines to beat",
+  say(common, text("masked: actors only; the columns after the features are baselines to beat",
                    network.empty() ? "" : "; features: distances by " + network));
   return 0;
 }
@@ -299,11 +300,11 @@ Command add_compare(CLI::App& program) {
   parser->add_option("RUN", request->runs, "Run folders")->required();
   parser
       ->add_option("--protocol", request->protocol,
-                   "Evaluate by sparse, novel or rotate360 first, where that is missing")
+                   "Compare sparse, novel or rotate360; runs without it are evaluated first")
       ->check(one_of(protocol_names()));
   parser->add_option("--features", request->features,
-                     "Also compare feature distances, with these network weights or with random ones (random)");
-  parser->add_flag("--across-data", request->across_data, "Also average runs of different data");
+                     "Also compare feature distances; a file with network weights, or random");
+  parser->add_flag("--across-data", request->across_data, "Also average over runs on different data");
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};
 }

@@ -1,14 +1,15 @@
 // cloam convert: files of gaussians from one format to another, read again after writing.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
 #include "cli/output_path.h"
-#include "models/splat/files/formats.h"
-#include "models/splat/files/spz.h"
+#include "models/gaussians/formats.h"
+#include "models/gaussians/spz.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -59,7 +60,7 @@ std::string lines_of(const SplatErrors& errors) {
 void check_other_file(const ConvertRequest& request) {
   std::error_code ignored;
   if (std::filesystem::equivalent(request.in, request.out, ignored))
-    throw Error(Fault::usage, text(request.out, " is the file that is read; name another one to write"));
+    throw Error(Fault::usage, text(request.out, " is the input file; name another file to write"));
 }
 
 int run_command(const ConvertRequest& request, const Common& common) {
@@ -98,7 +99,8 @@ Command add_convert(CLI::App& program) {
   const auto common = std::make_shared<Common>();
   parser->add_option("IN", request->in, "Input file: .ply, .splat, .spz or .glb")->required();
   parser->add_option("OUT", request->out, "Output file: .ply, .splat, .spz or .glb")->required()->check(output_file());
-  parser->add_option("--up", request->up, "Axis of IN that points up: x, y, z, -x, -y or -z (as IN says, else -y)");
+  parser->add_option("--up", request->up,
+                     "Axis of IN that points up: x, y, z, -x, -y or -z (default: as IN states, else -y)");
   parser->add_option("--spz-version", request->spz_version, "Version of .spz to write: 3, or 2 for old readers (3)")
       ->check(whole_number(2, 3));
   add_common(*parser, *common);

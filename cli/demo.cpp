@@ -2,12 +2,14 @@
 // needed.
 #include <unistd.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "cli/actors.h"
@@ -17,11 +19,11 @@
 #include "cli/eval.h"
 #include "cli/run_words.h"
 #include "cli/stop_signal.h"
-#include "models/data/json.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"
+#include "models/io/json.h"
+#include "models/runs/scene_file.h"
 #include "models/scene/asset_class.h"
-#include "models/train/scene_file.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -84,7 +86,7 @@ std::map<std::string, std::size_t> pixels_of(const fs::path& folder, const std::
 
 /// For signals between commands, which handle them themselves; every file is whole at any time.
 extern "C" void leave(int signal) {
-  constexpr char kTold[] = "\nstopped: what is done is in the folder of the demo\n";
+  constexpr char kTold[] = "\nstopped: the finished parts are in the demo's folder\n";
   [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, kTold, sizeof kTold - 1);
   _exit(128 + signal);
 }
@@ -146,12 +148,12 @@ class Demo {
 const std::vector<Demo::Part> Demo::kParts = {
     {"making synthetic streets: driving logs with cameras, LiDAR and boxes", 10, &Demo::pictures, 0,
      &Demo::make_streets},
-    {"reconstructing them; a sixth of the images is held out for measuring", 20, &Demo::pictures, kStreetShare,
+    {"reconstructing them; a sixth of the images is held out for evaluation", 20, &Demo::pictures, kStreetShare,
      &Demo::reconstruct},
-    {"learning what their assets are like: diffusion of their latent codes", 5, &Demo::one, kPriorShare,
+    {"learning what their assets are like: diffusion on their latent codes", 5, &Demo::one, kPriorShare,
      &Demo::learn_assets},
     {"generating assets, and a baseline from random latents", 60, &Demo::assets, 0, &Demo::generate},
-    {"replacing vehicles of a street by generated ones", 30, &Demo::pictures, 0, &Demo::swap_vehicles},
+    {"replacing vehicles in a street with generated ones", 30, &Demo::pictures, 0, &Demo::swap_vehicles},
     {"writing the page", 1, &Demo::one, 0, &Demo::write_page}};
 
 Words Demo::with_common(Words words, bool quiet) const {
@@ -281,7 +283,7 @@ Swap Demo::best_swap() const {
     if (best.actors.empty() || swap.pixels > best.pixels) best = swap;
   }
   if (!best.actors.empty()) return best;
-  throw Error(Fault::data, "the streets have no vehicle of a class that was learned\n  fix: a longer --time-budget");
+  throw Error(Fault::data, "no vehicle in the streets is of a class that was learned\n  fix: a longer --time-budget");
 }
 
 int Demo::swap_vehicles() {
@@ -356,7 +358,7 @@ std::string Demo::time_left(std::size_t part) const {
   if (request_.steps > 0 && training > 0) return "";
   if (expected_ > 0) work *= (seconds() - trained()) / expected_;
   return text("; ", words_for_seconds(training + kQuicker * work), " to ", words_for_seconds(training + kSlower * work),
-              " left in all");
+              " left in total");
 }
 
 void Demo::tell(std::size_t part) const {
@@ -371,7 +373,7 @@ int Demo::run() {
     const int code = (this->*kParts[i].run)();
     commit_text(made_.folders.record(), record().dump(2) + "\n");
     if (code != 0) {
-      say(common_, text("what is done is in ", request_.out));
+      say(common_, text("the finished parts are in ", request_.out));
       return code;
     }
     expected_ += kParts[i].seconds * (this->*kParts[i].size)();
@@ -389,7 +391,7 @@ int run_command(const DemoRequest& request, const Common& common) {
   try {
     return Demo(request, common).run();
   } catch (const Interrupted& interrupted) {
-    throw Interrupted(interrupted.signal(), text(interrupted.what(), "\nwhat is done is in ", request.out));
+    throw Interrupted(interrupted.signal(), text(interrupted.what(), "\nthe finished parts are in ", request.out));
   }
 }
 
@@ -401,7 +403,7 @@ Command add_demo(CLI::App& program) {
   const auto common = std::make_shared<Common>();
   parser->add_option("-o,--out", request->out, "Output folder (demo)");
   parser->add_option("--time-budget", request->time_budget,
-                     "For both training runs together (9m); the rest takes some minutes more");
+                     "For both training runs together (9m); the rest takes a few minutes more");
   parser->add_option("--features", request->features, "Weights of the feature network for distances (random)");
   parser->add_option("--logs", request->logs, "Number of streets (4)")->check(whole_number(2, 100));
   parser->add_option("--frames", request->frames, "Time steps of each street (12)")->check(whole_number(2, 200));
@@ -410,7 +412,7 @@ Command add_demo(CLI::App& program) {
       ->check(whole_number(2, 1000));
   parser->add_option("--steps", request->steps, "Steps of each training run, instead of a time budget")
       ->check(whole_number(1));
-  parser->add_option("--set", request->settings, "key=value for training on the streets, may be repeated")
+  parser->add_option("--set", request->settings, "Setting key=value for the training on the streets; may be repeated")
       ->allow_extra_args(false);
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};

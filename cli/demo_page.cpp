@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 #include "cli/common.h"
 #include "models/io/bytes.h"
@@ -120,8 +121,8 @@ std::string streets(const DemoRecord& r) {
 }
 
 std::string sets(const DemoRecord& r) {
-  return "<h2>What the diffusion learned</h2>\n<p>Assets of the reconstructed streets, new ones from the diffusion of "
-         "their codes, and random codes decoded.</p>\n" +
+  return "<h2>What the diffusion model learned</h2>\n<p>Assets of the reconstructed streets, new ones sampled from "
+         "the diffusion model, and decoded random codes.</p>\n" +
          row_of(figure(r.folders.training() / "grid.png", "training assets", 380) +
                 figure(r.folders.samples() / "grid.png", "generated", 380) +
                 figure(r.folders.random() / "grid.png", "random latents", 380));
@@ -141,7 +142,7 @@ std::string assets(const DemoRecord& r) {
 std::string swap(const DemoRecord& r) {
   std::string out = fmt::format(
       "<h2>Before and after</h2>\n<p>Street {} as reconstructed, and the same frames with {} of its vehicles "
-      "replaced by generated ones.</p>\n",
+      "replaced with generated ones.</p>\n",
       escaped(r.swapped_log), r.swapped.size());
   const std::vector<fs::path> after = files_in(r.folders.after(), "", ".png");
   for (std::size_t i = 0; i < std::min(after.size(), kFramesShown); ++i)
@@ -157,7 +158,7 @@ std::string commands(const DemoRecord& r) {
     lines += fmt::format("{}   # {:.1f} s\n", escaped(command.line), command.seconds);
     all += command.seconds;
   }
-  return fmt::format("<h2>How to repeat it</h2>\n<p>These commands were run; they took {}.</p>\n<pre>{}</pre>\n",
+  return fmt::format("<h2>How to reproduce it</h2>\n<p>These commands were run; they took {}.</p>\n<pre>{}</pre>\n",
                      words_for_seconds(all), lines);
 }
 

@@ -2,16 +2,18 @@
 // statistics under other names with other networks.
 #include "cli/distance.h"
 
+#include <CLI/CLI.hpp>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
 #include "cli/eval.h"
 #include "cli/set_report.h"
 #include "cli/stop_signal.h"
 #include "models/data/load_images.h"
+#include "models/eval/evaluate.h"
+#include "models/eval/pictures.h"
 #include "models/io/image.h"
-#include "models/train/evaluate.h"
-#include "models/train/pictures.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -19,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kExamples[] = R"(Measure the distance between two folders of images as sets: FID and KID.
+constexpr char kExamples[] = R"(Measure the distance between two sets of images, a folder each: FID and KID.
 
 Examples:
   cloam distance samples photos --features inception.safetensors
@@ -44,7 +46,7 @@ Eigen::MatrixXd features_of(const fs::path& file, const FeatureNetwork& network)
   const Image image = read_image(file);
   if (std::min(image.width, image.height) < network.smallest)
     throw Error(Fault::data, text(file.string(), ": ", image.width, "x", image.height, " pixels, ", network.name,
-                                  " wants ", network.smallest, " a side at least"));
+                                  " needs at least ", network.smallest, " per side"));
   FramePixels pixels;
   pixels.width = image.width, pixels.height = image.height;
   pixels.rgba = as_rgba(image);
@@ -57,7 +59,7 @@ Eigen::MatrixXd features_of(const std::vector<fs::path>& files, const FeatureNet
   const StopOnSignal signals("finishing this image");
   for (std::size_t i = 0; i < files.size(); ++i) {
     check_stop(
-        [&] { return text(i, " of ", files.size(), " images of ", files[i].parent_path().string(), " were read"); });
+        [&] { return text(i, " of ", files.size(), " images in ", files[i].parent_path().string(), " were read"); });
     const Eigen::MatrixXd row = features_of(files[i], network);
     if (i == 0) rows.resize(static_cast<Eigen::Index>(files.size()), row.cols());
     rows.row(static_cast<Eigen::Index>(i)) = row;

@@ -1,6 +1,6 @@
 // The distance of two sets of pictures as a request: what the command line and the demo fill in.
 #pragma once
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 

@@ -1,6 +1,7 @@
 // cloam edit: the actors of a trained street, listed with thumbnails, moved, turned, removed, swapped.
 #include "models/scene/edit.h"
 
+#include <CLI/CLI.hpp>
 #include <Eigen/Dense>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -9,10 +10,10 @@
 #include "cli/actors.h"
 #include "cli/commands.h"
 #include "models/data/path_file.h"
-#include "models/data/paths.h"
-#include "models/train/asset_maker.h"
-#include "models/train/edit_run.h"
-#include "models/train/pictures.h"
+#include "models/eval/pictures.h"
+#include "models/io/words.h"
+#include "models/runs/asset_maker.h"
+#include "models/runs/edit_run.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -40,10 +41,10 @@ Examples:
   remove          remove it, and its LiDAR points
   replace=OTHER   give it the appearance and size of another actor ([LOG:]ID), on the same ground
   replace=generated
-                  replace it by a new asset of its class, for the log's time of day, from the diffusion run
+                  replace it with a new asset of its class, for the log's time of day, from the diffusion run
                   --prior: of eight samples, the one with the most similar box
   path=FILE       move it along a CSV or JSON file of time, x, y, z, yaw in the log's world
-                  (docs/formats.md); no comma in the name
+                  (docs/formats.md); its name may not contain a comma
 ID is any unique part of an actor's id; LOG is the number or name of its log, if there are several.)";
 
 struct EditRequest {
@@ -60,7 +61,7 @@ struct EditRequest {
 
 bool is_number_start(char c) { return std::isdigit(static_cast<unsigned char>(c)) || c == '-' || c == '+' || c == '.'; }
 
-/// "shift=1,0,0,remove" -> "shift=1,0,0", "remove": a comma before a number goes on with the operation.
+/// "shift=1,0,0,remove" -> "shift=1,0,0", "remove": a comma before a number continues the operation.
 std::vector<std::string> split_operations(const std::string& list) {
   std::vector<std::string> operations;
   for (const std::string& piece : CLI::detail::split(list, ',')) {
@@ -121,7 +122,7 @@ class Editor {
                                 near.empty() ? "" : "; did you mean " + near + "?"));
     }
     if ((name == "remove") != (equals == std::string::npos)) {
-      bad_operation(given, name + (name == "remove" ? " takes no operand" : " wants an operand, after ="));
+      bad_operation(given, name + (name == "remove" ? " takes no operand" : " needs an operand after ="));
     }
     if (name == "remove") return Remove{};
     if (name == "replace" && operand == kGenerated) return generated(actor, given);
@@ -134,7 +135,7 @@ class Editor {
 
   Replace generated(const AssetName& actor, const std::string& given) {
     if (request_.prior.empty())
-      bad_operation(given, "replace=generated wants a run of diffusion that makes the asset: --prior RUN2");
+      bad_operation(given, "replace=generated needs a diffusion run to make the asset: --prior RUN2");
     if (!maker_) {
       open_device(common_);
       maker_.emplace(request_.prior, run_);
@@ -205,7 +206,7 @@ Report report_of(const RestoredRun& run) {
 
 void put_table(const Report& report) {
   char line[200];
-  std::snprintf(line, sizeof line, "%4s  %-4s %-38s %-18s %-18s %5s %6s\n", "nr", "log", "actor", "label",
+  std::snprintf(line, sizeof line, "%4s  %-4s %-38s %-18s %-18s %5s %6s\n", "no.", "log", "actor", "label",
                 "size w l h (m)", "boxes", "images");
   std::string out = line;
   for (const Report& a : report["actors"]) {
@@ -213,9 +214,9 @@ void put_table(const Report& report) {
     std::snprintf(size, sizeof size, "%.2f %.2f %.2f", a["size_m"][0].get<double>(), a["size_m"][1].get<double>(),
                   a["size_m"][2].get<double>());
     const std::string notes = std::string(a["boxes"] == 0               ? "removed"
-                                          : a["stationary"].get<bool>() ? "stands"
-                                                                        : "moves") +
-                              (a["looks_of"].is_null() ? "" : ", looks of " + a["looks_of"].get<std::string>());
+                                          : a["stationary"].get<bool>() ? "stationary"
+                                                                        : "moving") +
+                              (a["looks_of"].is_null() ? "" : ", appearance of " + a["looks_of"].get<std::string>());
     std::snprintf(line, sizeof line, "%4d  %-4d %-38.38s %-18.18s %-18s %5d %6d  ", a["number"].get<int>(),
                   a["log"].get<int>(), a["actor"].get<std::string>().c_str(), a["label"].get<std::string>().c_str(),
                   size, a["boxes"].get<int>(), a["images"].get<int>());
@@ -257,7 +258,7 @@ int list_actors(const EditRequest& request, const Common& common) {
     put(report.dump(-1, ' ', false, Report::error_handler_t::replace) + "\n");
   else
     put_table(report);
-  say(common, text("a picture of each, with its number, in ", sheet.string()));
+  say(common, text("thumbnails with their numbers are in ", sheet.string()));
   return 0;
 }
 
@@ -266,7 +267,7 @@ void check_prior(const EditRequest& request) {
   const bool is_used = std::any_of(request.actors.begin(), request.actors.end(), [](const std::string& given) {
     return given.find(std::string("replace=") + kGenerated) != std::string::npos;
   });
-  if (!is_used) throw Error(Fault::usage, "--prior makes what --actor ID:replace=generated asks for; nothing does");
+  if (!is_used) throw Error(Fault::usage, "--prior is for --actor ID:replace=generated, which is not given");
   check_is_prior(read_record(request.prior), request.prior);
 }
 

@@ -2,8 +2,10 @@
 // actors alone, and the LiDAR's depths.
 #include "cli/eval.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "cli/capture.h"
@@ -15,10 +17,11 @@
 #include "cli/set_report.h"
 #include "cli/stop_signal.h"
 #include "models/data/turned_log.h"
+#include "models/eval/pictures.h"
 #include "models/io/image.h"
 #include "models/metrics/feature_distance.h"
-#include "models/train/lidar_rays.h"
-#include "models/train/pictures.h"
+#include "models/street/lidar_rays.h"
+#include "models/train/renders_views.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -92,13 +95,13 @@ void measure_scene(Method& method, const Photos& photos, bool several, Evaluator
     scene.truth_masks += masks && masks->has_truth(photos.scene.frames[image.frame.frame]);
     evaluator.show(image, names[next++]);
   };
-  scene.images =
-      evaluate(method, {photos.index, photos.scene, photos.measured, guesses, masks ? &*masks : nullptr}, options);
+  scene.images = evaluate(*as<RendersViews>(method),
+                          {photos.index, photos.scene, photos.measured, guesses, masks ? &*masks : nullptr}, options);
   if (scene.truth_masks > 0 && scene.truth_masks < scene.images.size())
     warn(text(photos.name, ": ", scene.truth_masks, " of ", scene.images.size(),
-              " images have masks of actors in truth/; box outlines are used in the others"));
+              " images have actor masks in truth/; box outlines are used for the others"));
   // Always the run's own held-out sweeps: what it was trained on is no measure, whatever the protocol.
-  if (Street* street = method.street()) scene.lidar_errors = lidar_errors(*street, photos.train_scene, photos.index);
+  if (auto* street = as<Street>(method)) scene.lidar_errors = lidar_errors(*street, photos.train_scene, photos.index);
   result.scenes.push_back(std::move(scene));
 }
 
@@ -145,7 +148,8 @@ void measure_turned(Method& method, const Photos& photos, const TurnedLog& turne
     evaluator.add_features(evaluator.rendered, image.picture.rgb, *image.actors);
     evaluator.show(image, text("rot", turned.degrees, "_", names[next++]));
   };
-  const auto images = evaluate(method, {photos.index, turned.scene, pixels, guesses, &masks}, options);
+  const auto images =
+      evaluate(*as<RendersViews>(method), {photos.index, turned.scene, pixels, guesses, &masks}, options);
   result.images.insert(result.images.end(), images.begin(), images.end());
 }
 
@@ -153,7 +157,7 @@ void measure_turned(Method& method, const Photos& photos, const TurnedLog& turne
 void require_images(const EvalResult& result, const std::string& why) {
   for (const SceneResult& scene : result.scenes)
     if (!scene.images.empty()) return;
-  throw Error(Fault::data, "there is no image to measure: " + why);
+  throw Error(Fault::data, "there is no image to evaluate: " + why);
 }
 
 void measure_rotations(const EvalRequest& request, const RestoredRun& trained, Evaluator& evaluator,
@@ -174,7 +178,7 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
       if (turned.has_truth && photos.image.empty()) possible[i] += turned.possible;
       keep_image(turned, photos);
       if (!turned.has_truth && degrees == kTurnStep)
-        warn(photos.name + ": it has no images of turned actors: renders alone, beside the images as they were");
+        warn(photos.name + ": truth/ has no images of turned actors: renders are shown beside the original images");
       if (frames_of(turned.scene, Split::test).empty()) continue;
       measure_turned(*run.method, photos, turned, evaluator, result.scenes[i]);
     }
@@ -185,7 +189,7 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
       warn(text(scene.name, ": truth/ has ", scene.images.size(), " of ", possible[i],
                 " images of turned actors; only those are measured"));
   }
-  require_images(result, "turned actors hold the camera at all angles, or truth/ has no image of this moment");
+  require_images(result, "a turned actor encloses the camera at every angle, or truth/ has no image of this time");
   if (evaluator.rendered.rows() < 2 || evaluator.source.rows() < 2) return;
   result.sets = set_distances(evaluator.rendered, evaluator.source);
   warn_of_few_images(*result.sets);
@@ -195,8 +199,7 @@ void measure_photos(const EvalRequest& request, const RestoredRun& run, Evaluato
   const std::vector<std::size_t> scenes = scenes_to_measure(run, request);
   for (const std::size_t scene : scenes)
     measure_scene(*run.method, photos_of(run, request, scene), scenes.size() > 1, evaluator, result);
-  require_images(result,
-                 text("the protocol ", result.protocol, " leaves none, such as novel without a ", kFrontLeftSensor));
+  require_images(result, text("the protocol ", result.protocol, " selects none; novel needs a ", kFrontLeftSensor));
 }
 
 EvalResult measure(const EvalRequest& request, const RestoredRun& run, Evaluator& evaluator) {
@@ -267,8 +270,7 @@ Command add_eval(CLI::App& program) {
   const auto request = std::make_shared<EvalRequest>();
   const auto common = std::make_shared<Common>();
   parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_option("--data", request->other,
-                     "Other photos in the same coordinates: their test split, or all of them");
+  parser->add_option("--data", request->other, "Other photos in the same coordinate frame: their test split, or all");
   add_allow_outside(*parser, request->allow_outside);
   parser->add_option("--protocol", request->protocol, "Driving logs: sparse, novel or rotate360 (default: the run's)")
       ->check(one_of(protocol_names()));

@@ -1,6 +1,6 @@
 // An evaluation as a request: what the command line and the demo fill in.
 #pragma once
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 

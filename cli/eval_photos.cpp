@@ -43,7 +43,7 @@ void warn_of_training_photos(const Photos& photos, const Scene& trained) {
     count += names.contains(photos.scene.frames[frame.frame].image);
   if (count > 0)
     warn(text(photos.name, ": ", count, " of the ", photos.measured.frames.size(),
-              " measured images were used in training: their figures are too good"));
+              " evaluated images were used in training: their metrics are too optimistic"));
 }
 
 Photos own_photos(const RestoredRun& run, const EvalRequest& request, std::size_t index) {
@@ -68,13 +68,13 @@ Photos own_photos(const RestoredRun& run, const EvalRequest& request, std::size_
   if (!photos.measured.frames.empty() || !protocol.empty()) return photos;
   photos.measured = photos.train;
   photos.protocol = "train-images";
-  warn("no images were held out, so the training images are measured; train with --holdout 8 for a fair figure");
+  warn("no images were held out, so the training images are evaluated; train with --holdout 8 for fair metrics");
   return photos;
 }
 
 std::string measured_in_words(const Reading& how) {
-  if (how.holdout > 0) return text("its held-out images are measured (holdout-", how.holdout, ")");
-  return how.protocol.name.empty() ? "its test split is measured" : text("protocol ", how.protocol.name);
+  if (how.holdout > 0) return text("its held-out images are evaluated (holdout-", how.holdout, ")");
+  return how.protocol.name.empty() ? "its test split is evaluated" : text("protocol ", how.protocol.name);
 }
 
 /// The run's only scene, or the one whose folder has the same name.

@@ -5,7 +5,7 @@
 
 #include "cli/eval.h"
 #include "models/data/load_images.h"
-#include "models/train/restore_run.h"
+#include "models/runs/restore_run.h"
 
 namespace cloam {
 

@@ -7,16 +7,18 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <nlohmann/json.hpp>
 
 #include "cli/actors.h"
 #include "cli/set_report.h"
 #include "cli/stop_signal.h"
 #include "models/diffusion/code_figures.h"
+#include "models/eval/evaluate.h"
 #include "models/io/commit.h"
+#include "models/latents/generates_assets.h"
+#include "models/latents/shows_assets.h"
+#include "models/runs/restore_run.h"
 #include "models/scene/orbit.h"
-#include "models/train/asset_prior.h"
-#include "models/train/evaluate.h"
-#include "models/train/restore_run.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -36,8 +38,7 @@ void check_options(const EvalRequest& request) {
                                                   {"--protocol", !request.protocol.empty()},
                                                   {"--images", !request.images.empty()}};
   for (const auto& [option, given] : options)
-    if (given)
-      throw Error(Fault::usage, text(option, " is for runs that learned from images; ", request.run, " did not"));
+    if (given) throw Error(Fault::usage, text(option, " is for runs trained on images; ", request.run, " was not"));
 }
 
 LabelledCodes labelled(const std::vector<NewAsset>& assets) {
@@ -46,7 +47,7 @@ LabelledCodes labelled(const std::vector<NewAsset>& assets) {
   return codes;
 }
 
-std::vector<NewAsset> assets_of(AssetPrior& prior, CodeSource source, int count) {
+std::vector<NewAsset> assets_of(GeneratesAssets& prior, CodeSource source, int count) {
   AssetWish wish;
   wish.count = count;
   wish.codes = source;
@@ -64,7 +65,7 @@ std::vector<int> common_classes(const LabelledCodes& training) {
 }
 
 /// By the codes alone: samples are no copies.
-void add_code_figures(AssetPrior& prior, Json& figures) {
+void add_code_figures(GeneratesAssets& prior, Json& figures) {
   const LabelledCodes training = labelled(assets_of(prior, CodeSource::training, kAllCodes));
   figures["samples"] = kAssets;
   figures["copy_ratio"] = copy_ratio(labelled(assets_of(prior, CodeSource::sampled, kAssets)), training);
@@ -73,8 +74,12 @@ void add_code_figures(AssetPrior& prior, Json& figures) {
 /// Where assets are looked at from all sides, with the time that is left for those still to come.
 class Showroom {
  public:
-  Showroom(Street& street, const FeatureNetwork& network, std::size_t expected, const Common& common)
-      : street_(street), network_(network), expected_(expected), common_(common) {}
+  Showroom(Method& decoder, const FeatureNetwork& network, std::size_t expected, const Common& common)
+      : street_(*as<Street>(decoder)),
+        shows_(*as<ShowsAssets>(decoder)),
+        network_(network),
+        expected_(expected),
+        common_(common) {}
 
   /// A row a view.
   Eigen::MatrixXd features_of(const std::vector<NewAsset>& assets) {
@@ -107,7 +112,7 @@ class Showroom {
   std::vector<Picture> views_of(const NewAsset& asset) {
     check_stop([&] { return text(shown_, " of ", expected_, " assets were measured; no metrics were written"); });
     const Camera camera = turntable_camera(kPixels, kPixels);
-    const AssetName name = street_.add_asset(asset);
+    const AssetName name = shows_.show_assets({asset}).front();
     std::vector<Picture> views;
     for (const Eigen::Matrix4d& pose : turntable_poses(asset.size, camera, kViews))
       views.push_back(street_.render_asset(name, camera, pose));
@@ -122,6 +127,7 @@ class Showroom {
   }
 
   Street& street_;
+  ShowsAssets& shows_;
   const FeatureNetwork& network_;
   std::size_t shown_ = 0, expected_;
   const Common& common_;
@@ -129,7 +135,7 @@ class Showroom {
 };
 
 /// Of pairs of one class and one seed, the share whose sample of the night is darker than that of the day.
-double share_of_darker_nights(AssetPrior& prior, Showroom& showroom, const std::vector<int>& classes) {
+double share_of_darker_nights(GeneratesAssets& prior, Showroom& showroom, const std::vector<int>& classes) {
   int darker = 0, pairs = 0;
   for (const int asset_class : classes) {
     std::vector<NewAsset> assets[2];
@@ -160,7 +166,8 @@ std::array<Eigen::MatrixXd, 2> looks_of(Showroom& showroom, const std::vector<Ne
 
 /// Assets of each class, [0] of training and [1] samples that were asked for, by looks and boxes: each of both
 /// counts with the same weight, and every number by its deviation over the training assets.
-std::array<LabelledCodes, 2> looks_of_classes(AssetPrior& prior, Showroom& showroom, const std::vector<int>& classes) {
+std::array<LabelledCodes, 2> looks_of_classes(GeneratesAssets& prior, Showroom& showroom,
+                                              const std::vector<int>& classes) {
   std::array<LabelledCodes, 2> both;
   std::array<Eigen::RowVectorXd, 2> units;
   for (const bool sampled : {false, true}) {
@@ -198,7 +205,7 @@ std::array<std::vector<NewAsset>, 2> two_sets(const std::vector<NewAsset>& all) 
 
 /// How far samples are, as they look, from training assets of the same classes and times of day; random codes, which
 /// know nothing, and other training assets in between, which are all that samples can be.
-void add_set_figures(AssetPrior& prior, Showroom& showroom, const std::array<std::vector<NewAsset>, 2>& training,
+void add_set_figures(GeneratesAssets& prior, Showroom& showroom, const std::array<std::vector<NewAsset>, 2>& training,
                      Json& figures) {
   const Eigen::MatrixXd truth = showroom.features_of(training[0]);
   const auto add = [&](const std::string& prefix, const std::vector<NewAsset>& assets) {
@@ -230,14 +237,14 @@ std::size_t count_of_shown(const LabelledCodes& training, const std::array<std::
 }
 
 /// Of samples as they look: as a set like the training assets; of their class; dark at night.
-void add_picture_figures(AssetPrior& prior, const RestoredRun& decoder, const FeatureNetwork& network,
+void add_picture_figures(GeneratesAssets& prior, const RestoredRun& decoder, const FeatureNetwork& network,
                          const Common& common, Json& figures) {
   const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kAllCodes);
   const auto sets = two_sets(all);
   const LabelledCodes training = labelled(all);
   const std::vector<int> classes = common_classes(training);
   const bool nights = !classes.empty() && has_night_and_day(all);
-  Showroom showroom(street_of(decoder), network, count_of_shown(training, sets, classes, nights), common);
+  Showroom showroom(*decoder.method, network, count_of_shown(training, sets, classes, nights), common);
   add_set_figures(prior, showroom, sets, figures);
   figures["feature_network"] = network.name;
   if (classes.size() > 1) {
@@ -258,9 +265,9 @@ nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& c
   open_device(common);
   const RestoredRun run = restore_run(request.run);
   if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
-  AssetPrior& prior = *run.method->prior();
+  auto& prior = *as<GeneratesAssets>(*run.method);
   StoredRun source = read_source(run);
-  prior.load(source);
+  as<LearnsFromRun>(*run.method)->load(source_of(source));
   const PriorScore score = prior.score();
   Json figures = {{"schema_version", 1},
                   {"protocol", "held-out-codes"},
@@ -289,17 +296,18 @@ std::string prior_table(const nlohmann::ordered_json& f) {
   };
   return fmt::format("{} codes held out, {} trained on, step {}\n", f.at("codes").get<int64_t>(),
                      f.at("training_codes").get<int64_t>(), f.at("step").get<int64_t>()) +
-         row("v-loss", "v_loss") + row("of predicting zero", "baseline_zero_v_loss") +
-         row("of knowing their means", "floor_v_loss") + row("on the training codes", "training_v_loss") +
-         row("distance to training over its own", "copy_ratio") +
-         row("samples taken for the class asked for", "class_right") +
-         row("training assets for their class", "class_right_of_training") + row("by chance", "baseline_class_right") +
-         row("Frechet distance to training", "frechet_feature_distance") + row("FID to training", "fid") +
+         row("v-loss", "v_loss") + row("v-loss of predicting zero", "baseline_zero_v_loss") +
+         row("least possible v-loss", "floor_v_loss") + row("v-loss on the training codes", "training_v_loss") +
+         row("relative distance to training codes", "copy_ratio") +
+         row("samples recognised as their class", "class_right") +
+         row("training assets recognised as theirs", "class_right_of_training") +
+         row("recognised by chance", "baseline_class_right") +
+         row("Frechet distance to training assets", "frechet_feature_distance") + row("FID to training", "fid") +
          row("of random codes", "baseline_random_frechet_feature_distance") +
          row("of random codes", "baseline_random_fid") +
          row("of other training assets", "baseline_training_frechet_feature_distance") +
          row("of other training assets", "baseline_training_fid") +
-         row("kernel distance to training", "kernel_feature_distance") + row("KID to training", "kid") +
+         row("kernel distance to training assets", "kernel_feature_distance") + row("KID to training", "kid") +
          row("of random codes", "baseline_random_kernel_feature_distance") +
          row("of random codes", "baseline_random_kid") + row("nights darker than days", "night_darker");
 }

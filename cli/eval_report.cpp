@@ -4,10 +4,11 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 #include "cli/set_report.h"
 #include "models/io/commit.h"
-#include "models/train/lidar_rays.h"
+#include "models/street/lidar_rays.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -110,7 +111,7 @@ std::vector<double> columns(const EvalResult& result, const std::vector<ImageSco
 }
 
 std::string log_rows(const EvalResult& result) {
-  std::string out = fmt::format("{:<38}  {:>8}  {:>8}  {:>8}  {:>8}  {:>8}\n", "log (over actors: masked)", "PSNR",
+  std::string out = fmt::format("{:<38}  {:>8}  {:>8}  {:>8}  {:>8}  {:>8}\n", "log (masked: over actors only)", "PSNR",
                                 "SSIM", "masked", "SSIM", "LiDAR m");
   for (const SceneResult& scene : result.scenes)
     out += row(scene.name, columns(result, scene.images, scene.lidar_errors));
@@ -190,11 +191,11 @@ std::string table(const EvalResult& result) {
   std::string out = text("protocol ", result.protocol, ", ", images.size(), " images, step ", result.step, "\n");
   out += result.is_log ? log_rows(result) : image_rows(result);
   out += row("mean", columns(result, images, all_errors(result)));
-  if (result.has_masks) out += row("mean over all pixels, masked ones too", {mean_score(images, kFull.of)});
+  if (result.has_masks) out += row("mean over all pixels, masked or not", {mean_score(images, kFull.of)});
   for (const Figure& figure : kFeatures)
     if (!result.features.empty())
       out += text(figure.key, " (", result.features, "): ", mean_score(images, figure.of), "\n");
-  if (result.sets) out += "of renders to the source images, actors alone:\n" + set_lines(result.features, *result.sets);
+  if (result.sets) out += "renders against source images, actors only:\n" + set_lines(result.features, *result.sets);
   return out + guess_rows(result, images);
 }
 

@@ -1,13 +1,13 @@
 // What an evaluation found, as JSON, as files in the run folder and as a table.
 #pragma once
 #include <filesystem>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "models/eval/evaluate.h"
 #include "models/metrics/feature_distance.h"
-#include "models/train/evaluate.h"
 
 namespace cloam {
 

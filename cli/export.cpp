@@ -1,4 +1,5 @@
 // cloam export: actors of a trained street as meshes or turntables, and gaussians as files of splats.
+#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -7,12 +8,13 @@
 #include "cli/export_splats.h"
 #include "cli/output_path.h"
 #include "cli/stop_signal.h"
-#include "models/data/paths.h"
+#include "models/eval/pictures.h"
+#include "models/gaussians/exports_gaussians.h"
 #include "models/io/gif.h"
+#include "models/io/paths.h"
 #include "models/io/words.h"
-#include "models/mesh/asset_mesh.h"
 #include "models/mesh/write_mesh.h"
-#include "models/train/pictures.h"
+#include "models/street/asset_mesh.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -25,7 +27,7 @@ constexpr char kExamples[] =
     R"(Write the actors of a street, or Gaussian splats, as files for other programs.
 
 Examples:
-  cloam export runs/street --format glb --actor 3f2a -o car.glb           a mesh with colours, in glTF's axes
+  cloam export runs/street --format glb --actor 3f2a -o car.glb           a coloured mesh, in glTF's axes
   cloam export runs/street --format glb -o cars                           all actors, one file each
   cloam export runs/street --format turntable --actor 1:3f2a -o turn      pictures all around, and a GIF
   cloam export runs/street --format ply --actor 3f2a -o car.ply --resolution 256
@@ -66,7 +68,7 @@ Exported export_mesh(const RestoredRun& run, const ExportRequest& request, const
       asset_mesh(street_of(run), looks_of(run.scenes, name), actor_of(run.scenes, name).size, request.resolution);
   if (mesh.triangle_count() == 0) {
     throw Error(Fault::data, text("the actor ", spelled(run.scenes, name),
-                                  " has no surface in its box; was it seen, and was it trained for long enough?"));
+                                  " has no surface in its box; was it visible, and trained for long enough?"));
   }
   const MeshLabel label = label_of(run, name, request.resolution);
   request.format == "ply" ? write_ply(path, mesh, label) : write_glb(path, mesh, label);
@@ -159,7 +161,7 @@ int export_actors(const RestoredRun& run, ExportRequest request, const Common& c
   street_of(run);
   if (request.format == "splat" || request.format == "spz")
     throw Error(Fault::usage,
-                text("--format ", request.format, ": this run has actors, no gaussians; want glb, ply or turntable"));
+                text("--format ", request.format, ": this run has actors, not Gaussians; want glb, ply or turntable"));
   const bool is_file = !request.actor.empty() && request.format != "turntable";
   is_file ? take_file(request) : check_folder(request);
   if (request.actor.empty()) {
@@ -182,13 +184,13 @@ int run_command(const ExportRequest& request, const Common& common) {
   open_device(common);
   const RestoredRun run = restore_run(request.run);
   if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
-  const std::optional<Gaussians> gaussians = run.method->gaussians();
-  if (!gaussians) return export_actors(run, request, common);
-  if (!request.actor.empty()) throw Error(Fault::usage, "--actor: this run has gaussians and no actors");
+  const auto* exports = as<ExportsGaussians>(*run.method);
+  if (!exports) return export_actors(run, request, common);
+  if (!request.actor.empty()) throw Error(Fault::usage, "--actor: this run has Gaussians, not actors");
   if (request.format == "turntable")
-    throw Error(Fault::usage, "--format turntable: of gaussians, cloam render RUN --path orbit makes one");
+    throw Error(Fault::usage, "--format turntable is for actors; for Gaussians, use cloam render RUN --path orbit");
   check_file(request);
-  return export_splats(run, *gaussians, {request.format, request.out}, common);
+  return export_splats(run, exports->gaussians(), {request.format, request.out}, common);
 }
 
 }  // namespace

@@ -6,11 +6,11 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/output_path.h"
+#include "models/gaussians/formats.h"
+#include "models/gaussians/turn.h"
 #include "models/metrics/psnr.h"
 #include "models/render/undistort.h"
 #include "models/splat/draw.h"
-#include "models/splat/files/formats.h"
-#include "models/splat/turn.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -53,9 +53,9 @@ int export_splats(const RestoredRun& run, const Gaussians& gaussians, const Spla
     put(json.dump() + "\n");
     return 0;
   }
-  const std::string same = std::isfinite(decibel) ? fmt::format("{:.1f} dB to the model's", decibel)
-                                                  : std::string("equal to the model's, bit for bit");
-  put(text(path.string(), ": ", read.gaussians.count(), " gaussians; read again, its pictures are ", same, "\n"));
+  const std::string same = std::isfinite(decibel) ? fmt::format("match the model at {:.1f} dB", decibel)
+                                                  : std::string("equal the model's, bit for bit");
+  put(text(path.string(), ": ", read.gaussians.count(), " Gaussians; read back, its renders ", same, "\n"));
   return 0;
 }
 

@@ -3,8 +3,8 @@
 #include <string>
 
 #include "cli/common.h"
-#include "models/splat/gaussians.h"
-#include "models/train/restore_run.h"
+#include "models/gaussians/gaussians.h"
+#include "models/runs/restore_run.h"
 
 namespace cloam {
 

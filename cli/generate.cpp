@@ -1,4 +1,5 @@
 // cloam generate: new assets from a run of diffusion, decoded by the run that it learned from.
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -10,15 +11,15 @@
 #include "cli/actors.h"
 #include "cli/commands.h"
 #include "cli/stop_signal.h"
-#include "models/data/paths.h"
+#include "models/eval/pictures.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
 #include "models/io/words.h"
-#include "models/mesh/asset_mesh.h"
+#include "models/latents/generates_assets.h"
+#include "models/latents/new_assets.h"
+#include "models/latents/shows_assets.h"
 #include "models/mesh/write_mesh.h"
-#include "models/train/asset_prior.h"
-#include "models/train/new_assets.h"
-#include "models/train/pictures.h"
+#include "models/street/asset_mesh.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -118,7 +119,7 @@ void add_mesh(const GenerateRequest& request, const Made& made, std::size_t i, J
   if (mesh.triangle_count() == 0) {
     std::error_code error;
     fs::remove(path, error);  // of an earlier generation
-    return warn(text("asset ", i, " has no surface in its box: it gets no mesh"));
+    return warn(text("asset ", i, " has no surface in its box: no mesh is written"));
   }
   MeshLabel label{text("generated ", kAssetClasses[asset.asset_class], " ", i), described(made, i)};
   label.extras["resolution"] = request.resolution;
@@ -180,17 +181,17 @@ int run_command(GenerateRequest request, const Common& common) {
   const RestoredRun prior = restore_run(request.run);
   if (!prior.checkpoint.warning.empty()) warn(prior.checkpoint.warning);
   StoredRun source = read_source(prior);
-  prior.method->prior()->load(source);
+  as<LearnsFromRun>(*prior.method)->load(source_of(source));
   const Json how = how_made(request, prior, source);
-  std::vector<NewAsset> assets = prior.method->prior()->generate(request.wish);
+  std::vector<NewAsset> assets = as<GeneratesAssets>(*prior.method)->generate(request.wish);
   const RestoredRun decoder = restore_run(std::move(source));
   Made made{street_of(decoder), std::move(assets), {}, how};
-  for (const NewAsset& asset : made.assets) made.names.push_back(made.street.add_asset(asset));
+  made.names = as<ShowsAssets>(*decoder.method)->show_assets(made.assets);
   const fs::path folder = request.out;
   std::error_code error;
   // Of an earlier generation, which may have had more; a folder that something else made is left alone.
   if (fs::exists(folder / kRecord, error)) fs::remove_all(folder / kPictures, error);
-  write_latents(folder / "latents.safetensors", made, prior.method->prior()->code_shape());
+  write_latents(folder / "latents.safetensors", made, as<GeneratesAssets>(*prior.method)->code_shape());
   Json all = {{"schema_version", 1}, {"made", made.how}};
   all["assets"] = write_assets(request, made, common);
   commit_text(folder / kRecord, all.dump(2) + "\n");

@@ -1,4 +1,5 @@
 // cloam info: devices, which one runs and how to name it again; what a bug report needs.
+#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -29,7 +30,7 @@ const char* const kVariables[] = {"CLOAM_DEVICE",   "CLOAM_DEVICE_CLASS", "CLOAM
 std::string verdict(const DeviceInfo& info) {
   if (info.local_bytes < kNeededLocalBytes || info.max_work_group < kNeededWorkGroup) return "too small";
   std::string notes;
-  if (info.name.find("llvmpipe") != std::string::npos) notes += "  slow (graphics in software)";
+  if (info.name.find("llvmpipe") != std::string::npos) notes += "  slow (software renderer)";
   if (info.local_bytes <= (32 << 10)) notes += text("  local memory ", info.local_bytes >> 10, " KiB");
   return "ok" + notes;
 }

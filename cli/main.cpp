@@ -1,4 +1,5 @@
 // The program: parses, runs one command, turns errors into one message and an exit code (docs/formats.md).
+#include <CLI/CLI.hpp>
 #include <csignal>
 #include <cstdio>
 #include <exception>
@@ -9,7 +10,7 @@
 #include "cli/profile.h"
 #include "cli/run_words.h"
 #include "cli/stop_signal.h"
-#include "models/data/paths.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -122,7 +123,7 @@ int run(const std::function<int()>& command) {
   } catch (const std::bad_alloc&) {
     return report(5, "out of memory; a larger --downscale needs less");
   } catch (const std::length_error&) {
-    return report(5, "a size is beyond what any memory holds; use smaller sizes in the settings or the data");
+    return report(5, "a size is larger than any memory; use smaller sizes in the settings or the data");
   } catch (const std::exception& error) {
     return report(1, std::string("internal error: ") + error.what() +
                          "\n  please report this with the command and the output of cloam info");

@@ -1,10 +1,11 @@
 // See options.h.
 #include "cli/options.h"
 
+#include <CLI/CLI.hpp>
 #include <charconv>
 #include <sstream>
 
-#include "models/data/paths.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {

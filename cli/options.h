@@ -1,12 +1,18 @@
 // What all options have in common: how their values are checked, how --help shows them, and what is said of words that
 // cannot be taken.
 #pragma once
-#include <CLI/CLI.hpp>
 #include <cstdint>
 #include <limits>
 #include <memory>
 #include <string>
 #include <vector>
+
+namespace CLI {
+class App;
+class Formatter;
+class ParseError;
+class Validator;
+}  // namespace CLI
 
 namespace cloam {
 

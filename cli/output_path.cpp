@@ -1,6 +1,7 @@
 // See output_path.h.
 #include "cli/output_path.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 
@@ -25,7 +26,7 @@ bool is_file_name(const fs::path& path) {
 std::string problem_of_place(const std::string& given, const char* wanted) {
   if (given == "-") return text("-: nothing is written to standard output; name ", wanted);
   const fs::path file = file_in_the_way(fs::path(given).parent_path());
-  return file.empty() ? "" : text(given, ": ", file.string(), " is a file, not a folder; name another place");
+  return file.empty() ? "" : text(given, ": ", file.string(), " is a file, not a folder; choose another path");
 }
 
 std::string problem_of_folder(const std::string& given) {
@@ -34,7 +35,7 @@ std::string problem_of_folder(const std::string& given) {
   if (fs::is_directory(given, ignored)) return "";
   if (fs::exists(given, ignored)) return given + " is a file; name a folder";
   if (!is_file_name(given)) return "";
-  return text(given, " is the name of a file, and several files are written; name a folder for them, as ",
+  return text(given, " is a file name, but several files are written; name a folder for them, such as ",
               fs::path(given).replace_extension().string());
 }
 

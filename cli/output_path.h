@@ -1,8 +1,11 @@
 // Where a command writes, checked while the command line is read: before any work, and the same for all commands.
 #pragma once
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <string>
+
+namespace CLI {
+class Validator;
+}
 
 namespace cloam {
 

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
@@ -182,12 +183,12 @@ class Colmap {
     for (const std::string& line : last) words += "\n    " + line;
     if (is_of_full_disk(words))
       throw Error(Fault::write, text("colmap ", stage.words.front(), " cannot write: ", space_advice(layout_.work()),
-                                     "; it said:", words));
-    throw Error(
-        Fault::data,
-        text("colmap ", stage.words.front(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
-             code == -SIGKILL ? " (is memory short? --max-size 1000 needs less)" : "",
-             words.empty() ? "; it said nothing" : "; it said:", words, "\n  all it said: ", layout_.log().string()));
+                                     "; it printed:", words));
+    throw Error(Fault::data,
+                text("colmap ", stage.words.front(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
+                     code == -SIGKILL ? " (out of memory? --max-size 1000 needs less)" : "",
+                     words.empty() ? "; it printed nothing" : "; it printed:", words,
+                     "\n  full output: ", layout_.log().string()));
   }
 
  private:
@@ -233,7 +234,7 @@ std::vector<FoundModel> found_models(const fs::path& folder) {
   throw Error(
       Fault::data,
       "COLMAP could not match any two of the photos.\n  fix: take sharp photos that overlap by two thirds, from "
-      "several places, of things that have texture and do not move; or try --matching exhaustive");
+      "several places, of static, textured things; or try --matching exhaustive");
 }
 
 /// A second name for the file where that can be, else a copy.

@@ -41,8 +41,8 @@ void tell_work(const Profile& profile, const DeviceLimits& limits) {
   double flops = 0;
   for (const KernelCost& cost : profile.kernels) flops += cost.flops;
   const double gflop = flops * 1e-9, rate = gflop / std::max(profile.device_seconds, 1e-12);
-  std::fprintf(stderr, "work      %.1f GFLOP: %.0f GFLOP/s, %.0f %% of the device's peak; %s of buffers at most\n",
-               gflop, rate, 100 * rate / limits.gflops, words_for_bytes(device_stats().peak_bytes).c_str());
+  std::fprintf(stderr, "work      %.1f GFLOP: %.0f GFLOP/s, %.0f %% of the device's peak; peak memory %s\n", gflop,
+               rate, 100 * rate / limits.gflops, words_for_bytes(device_stats().peak_bytes).c_str());
 }
 
 void tell_step(const StepCost& step) {
@@ -70,7 +70,7 @@ void end_profile() {
   }
   const DeviceLimits limits = measure_limits();
   tell_kernels(profile, limits);
-  std::fprintf(stderr, "limits    %.0f GFLOP/s, memory %.0f GB/s, in place %.0f, last cache %.0f, nearer ones %.0f\n",
+  std::fprintf(stderr, "limits    %.0f GFLOP/s, memory %.0f GB/s, in place %.0f, last cache %.0f, inner caches %.0f\n",
                limits.gflops, limits.copy_gbps, limits.in_place_gbps, limits.copy_l3_gbps, limits.copy_l2_gbps);
   std::fprintf(stderr, "all       %.2f s: device %.2f s, host waits %.2f s, compiling %.2f s\n", profile.seconds,
                profile.device_seconds, profile.wait_seconds, profile.build_seconds);

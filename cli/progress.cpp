@@ -9,8 +9,9 @@
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <nlohmann/json.hpp>
 
-#include "models/data/paths.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -90,7 +91,7 @@ void EventLog::write_line(const std::string& line) {
   if (failed_) return;
   const bool written = std::fwrite(line.data(), 1, line.size(), file_.get()) == line.size();
   failed_ = !written || std::fflush(file_.get()) != 0;
-  if (failed_) warn("the log of the run cannot be written: " + std::string(std::strerror(errno)));
+  if (failed_) warn("the run's log cannot be written: " + std::string(std::strerror(errno)));
 }
 
 void ProgressView::Window::add(const StepReport& report) {

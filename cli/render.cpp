@@ -1,20 +1,23 @@
 // cloam render: views of the capture, a path, or cameras from a file.
 #include "cli/render.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "cli/actors.h"
 #include "cli/capture.h"
 #include "cli/commands.h"
 #include "cli/render_film.h"
 #include "cli/render_views.h"
 #include "cli/stop_signal.h"
-#include "models/data/paths.h"
+#include "models/eval/pictures.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
 #include "models/io/ply.h"
-#include "models/train/lidar_rays.h"
-#include "models/train/pictures.h"
+#include "models/io/words.h"
+#include "models/street/lidar_rays.h"
+#include "models/train/renders_views.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -80,7 +83,7 @@ std::vector<Image> render_all(const RestoredRun& run, const std::vector<NamedVie
   const StopOnSignal signals("finishing this picture");
   for (const auto& [name, view] : views) {
     check_stop([&] { return text(done, " of ", views.size(), " pictures are complete in ", request.out); });
-    const Picture picture = run.method->render(view);
+    const Picture picture = as<RendersViews>(*run.method)->render(view);
     const Image image = to_image(picture.rgb, picture.width, picture.height);
     write_png(fs::path(request.out) / (name + ".png"), image);
     if (request.exr) write_picture_exr(fs::path(request.out) / (name + ".exr"), picture);
@@ -119,12 +122,11 @@ std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, c
       check_stop([&] { return text(done, " sweeps are complete in ", request.out); });
       const std::string prefix = run.scenes.size() > 1 ? log_name(run, index) + "_" : "";
       const std::string name = prefix + "lidar_" + fs::path(sweep.file).stem().stem().string() + ".ply";
-      render_sweep(*run.method->street(), sweep_rays(sweep, load_sweep(scene, sweep), index),
-                   fs::path(request.out) / name);
+      render_sweep(street_of(run), sweep_rays(sweep, load_sweep(scene, sweep), index), fs::path(request.out) / name);
       say(common, text("render ", ++done, "  ", name));
     }
   }
-  if (done == 0) throw Error(Fault::data, "there is no sweep to render in the split " + request.split);
+  if (done == 0) throw Error(Fault::data, "no sweep to render in the split " + request.split);
   return done;
 }
 
@@ -150,8 +152,8 @@ void check_request(const RenderRequest& request) {
   check_word("--split", request.split, {"test", "train", "all"});
   if (!request.path.empty()) check_word("--path", request.path, {"orbit", "interpolated"});
   if (!request.path.empty() && !request.camera.empty())
-    throw Error(Fault::usage, "--path and --camera: give one of them");
-  if (request.step && !request.time.empty()) throw Error(Fault::usage, "--step and --time: give one of them");
+    throw Error(Fault::usage, "give either --path or --camera, not both");
+  if (request.step && !request.time.empty()) throw Error(Fault::usage, "give either --step or --time, not both");
   if (request.lidar && (!request.camera.empty() || !request.path.empty() || !request.time.empty()))
     throw Error(Fault::usage, "--lidar renders recorded sweeps: choose them with --split, --step and --log");
 }
@@ -164,12 +166,12 @@ int run_render(const RenderRequest& request, const Common& common) {
   open_device(common);
   const RestoredRun run = restore_run(request.run);
   if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
-  if ((request.masks || request.lidar) && !run.method->street())
-    throw Error(Fault::usage, text("--masks and --lidar are for methods that know actors and LiDAR; the run's is ",
-                                   run.record.method));
+  if ((request.masks || request.lidar) && !as<Street>(*run.method))
+    throw Error(Fault::usage,
+                text("--masks and --lidar need a method with actors and LiDAR; the run's is ", run.record.method));
   if (request.lidar) return render_lidar_alone(run, request, common);
   const std::vector<NamedView> views = views_of(run, request);
-  if (views.empty()) throw Error(Fault::data, "there is no view to render in the split " + request.split);
+  if (views.empty()) throw Error(Fault::data, "no view to render in the split " + request.split);
   const std::vector<Image> images = render_all(run, views, request, common);
   if (request.masks) write_actor_names(run, request);
   const std::string moving = write_moving(images, film_name(views, request), request.out, common);
@@ -192,13 +194,13 @@ Command add_render(CLI::App& program) {
                      "orbit: a circle around what the cameras look at; interpolated: from camera to camera");
   parser->add_option("--frames", request->frames, "Number of pictures along the path (60)")
       ->check(whole_number(1, 10000));
-  parser->add_option("--log", request->log, "Runs of several logs: number (from 0) or name of one log");
+  parser->add_option("--log", request->log, "Runs on several logs: number (from 0) or name of one log");
   parser->add_option("--camera-name", request->camera_name, "Driving logs: only this camera, such as front_camera");
   parser->add_option("--step", request->step, "Driving logs: only this step, whatever the split")
       ->check(whole_number(0));
   parser->add_option("--time", request->time,
-                     "Driving logs: one camera at this second of its clock, or +1.5 after its first image");
-  parser->add_option("--size", request->size, "Picture size, WIDTHxHEIGHT (that of the images)");
+                     "Driving logs: one camera at this time (seconds of the log, or +1.5 after its first image)");
+  parser->add_option("--size", request->size, "Picture size, WIDTHxHEIGHT (that of the training images)");
   parser->add_flag("--masks", request->masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
   parser->add_flag("--lidar", request->lidar,
                    "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");

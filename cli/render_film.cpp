@@ -43,9 +43,9 @@ void encode(const fs::path& ffmpeg, const std::vector<std::string>& input, const
   for (const std::string& line : last) said += "\n    " + line;
   if (is_of_full_disk(said))
     throw Error(Fault::write,
-                text("cannot write the film: ", space_advice(film.parent_path()), "; ffmpeg said:", said));
+                text("cannot write the video: ", space_advice(film.parent_path()), "; ffmpeg printed:", said));
   throw Error(Fault::data, text(ffmpeg.string(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
-                                said.empty() ? "; it said nothing" : "; it said:", said));
+                                said.empty() ? "; it printed nothing" : "; it printed:", said));
 }
 
 }  // namespace

@@ -7,11 +7,10 @@
 #include <charconv>
 
 #include "cli/capture.h"
-#include "models/data/paths.h"
+#include "models/data/camera_file.h"
+#include "models/eval/pictures.h"
 #include "models/scene/camera_path.h"
 #include "models/scene/orbit.h"
-#include "models/train/camera_file.h"
-#include "models/train/pictures.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -34,7 +33,7 @@ Camera at_size(const Camera& camera, const RestoredRun& run, const RenderRequest
   const bool sound = cross != std::string::npos && parse(request.size.substr(0, cross), width) &&
                      parse(request.size.substr(cross + 1), height);
   if (!sound || width < 1 || height < 1 || width > kLargestSide || height > kLargestSide)
-    throw Error(Fault::usage, text("--size ", request.size, ": want WIDTHxHEIGHT in pixels, as 640x360"));
+    throw Error(Fault::usage, text("--size ", request.size, ": want WIDTHxHEIGHT in pixels, such as 640x360"));
   return resized(camera, width, height);
 }
 

@@ -4,7 +4,8 @@
 #include <vector>
 
 #include "cli/render.h"
-#include "models/train/restore_run.h"
+#include "models/runs/restore_run.h"
+#include "models/scene/view.h"
 
 namespace cloam {
 

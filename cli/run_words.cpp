@@ -1,6 +1,7 @@
 // See run_words.h.
 #include "cli/run_words.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 
 #include "runtime/error.h"

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 #include "cli/common.h"
 #include "models/nn/inception.h"
@@ -32,7 +33,7 @@ void warn_of_few_images(const SetDistances& sets) {
   const int64_t fewest = std::min(sets.images_a, sets.images_b);
   if (fewest > sets.features) return;
   warn(text(fewest, " images for ", sets.features,
-            " features: the Frechet distance is too large, compare it only among ", "sets of the same sizes"));
+            " features: the Frechet distance is biased upwards; compare it only between ", "sets of equal size"));
 }
 
 }  // namespace cloam

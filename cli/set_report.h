@@ -1,6 +1,6 @@
 // The distances of two sets of images as reports have them. Keys are documented in docs/formats.md.
 #pragma once
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 
 #include "models/metrics/feature_distance.h"

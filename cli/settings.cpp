@@ -58,7 +58,7 @@ Settings read_settings(const std::filesystem::path& path) {
 std::pair<std::string, std::string> split_setting(const std::string& setting) {
   const std::size_t equals = setting.find('=');
   if (equals == std::string::npos || equals == 0) {
-    throw Error(Fault::usage, text("--set ", setting, ": want key=value, as --set train.rate=0.01"));
+    throw Error(Fault::usage, text("--set ", setting, ": want key=value, such as --set train.rate=0.01"));
   }
   return {setting.substr(0, equals), setting.substr(equals + 1)};
 }

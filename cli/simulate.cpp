@@ -1,6 +1,7 @@
 // cloam simulate: an edited street as a driving log: images rendered, LiDAR measured where the edit touches it.
-#include "models/train/simulate.h"
+#include "models/street/simulate.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <map>
@@ -14,11 +15,12 @@
 #include "models/data/pandaset.h"
 #include "models/data/read_scene.h"
 #include "models/data/write_pandaset.h"
-#include "models/render/street_data.h"
+#include "models/eval/pictures.h"
+#include "models/runs/asset_maker.h"
 #include "models/scene/asset_class.h"
 #include "models/scene/split.h"
-#include "models/train/asset_maker.h"
-#include "models/train/pictures.h"
+#include "models/street/street_data.h"
+#include "models/train/renders_views.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -100,7 +102,7 @@ Camera output_camera(const Camera& camera, const SimulateRequest& request, int d
     int width = 0, height = 0, length = 0;
     const bool whole = std::sscanf(request.size.c_str(), "%5dx%5d%n", &width, &height, &length) == 2 &&
                        length == static_cast<int>(request.size.size()) && width > 0 && height > 0;
-    if (!whole) throw Error(Fault::usage, text("--size ", request.size, ": want WIDTHxHEIGHT, as 320x180"));
+    if (!whole) throw Error(Fault::usage, text("--size ", request.size, ": want WIDTHxHEIGHT, such as 320x180"));
     out = resized(camera, width, height);
   }
   return {out.width, out.height, out.fx, out.fy, out.cx, out.cy, CameraModel::pinhole, {}, 0, 0};
@@ -152,7 +154,7 @@ std::string words_for(const Count& count) {
 
 Image rendered(const RestoredRun& run, const Scene& out, const Frame& frame, int log) {
   const Camera& camera = out.cameras[static_cast<std::size_t>(frame.camera)];
-  const Picture picture = run.method->render(view_of(frame, camera, log));
+  const Picture picture = as<RendersViews>(*run.method)->render(view_of(frame, camera, log));
   return to_image(picture.rgb, picture.width, picture.height);
 }
 
@@ -161,7 +163,7 @@ LidarPoints measured(const RestoredRun& run, const EditedLog& log, const Sweep& 
                                      [&](const Sweep& s) { return s.step == sweep.step; });
   if (recorded == log.recorded.sweeps.end()) {
     throw Error(Fault::data, text(log.recorded.root.string(), ": the sweep of step ", sweep.step,
-                                  " is gone; the run was trained with it. Name the whole log with --data"));
+                                  " is missing, but the run was trained with it; name the complete log with --data"));
   }
   SweepEdit edit = edited_sweep(street_of(run), log, sweep, load_sweep(log.recorded, *recorded));
   ++count.sweeps;
@@ -199,7 +201,7 @@ class Simulation {
       std::error_code error;
       fs::remove_all(folder, error);  // it is new: check_out
       throw Interrupted(interrupted.signal(),
-                        text(interrupted.what(), "; ", folder.string(), " was not complete and is removed"));
+                        text(interrupted.what(), "; ", folder.string(), " was incomplete and has been removed"));
     }
     return count;
   }
@@ -353,7 +355,7 @@ Command add_simulate(CLI::App& program) {
       ->add_option("--guidance", request->wish.guidance,
                    "With --augment: classifier-free guidance; above 1 follows the class more closely (1)")
       ->check(number_from(0, 100));
-  parser->add_option("--data", request->data, "Where the recorded log is now, if it was moved");
+  parser->add_option("--data", request->data, "New location of the recorded log, if it was moved");
   add_allow_outside(*parser, request->allow_outside);
   add_common(*parser, *common);
   return {parser, [=] { return run_command(*request, *common); }};

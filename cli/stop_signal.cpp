@@ -23,7 +23,7 @@ extern "C" void ask_to_stop(int signal) {
   stop_signal.store(signal);
   tell("\nstopping: ");  // a line may be open on a terminal
   tell(what_comes_first.load());
-  tell("; Ctrl-C again ends at once\n");
+  tell("; press Ctrl-C again to quit at once\n");
 }
 
 }  // namespace

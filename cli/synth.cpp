@@ -1,6 +1,7 @@
 // cloam synth: streets that it makes itself, as driving logs with the truth beside them.
 #include <unistd.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -10,8 +11,8 @@
 #include "cli/commands.h"
 #include "cli/stop_signal.h"
 #include "models/data/pandaset.h"
-#include "models/data/paths.h"
-#include "models/data/street_log.h"
+#include "models/io/words.h"
+#include "models/synth/street_log.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -62,7 +63,7 @@ void read_size(const std::string& given, StreetLogOptions& log) {
   int length = 0;
   const bool whole = std::sscanf(given.c_str(), "%5dx%5d%n", &log.width, &log.height, &length) == 2 &&
                      length == static_cast<int>(given.size());
-  if (!whole) throw Error(Fault::usage, text("--size ", given, ": want WIDTHxHEIGHT, as 320x180"));
+  if (!whole) throw Error(Fault::usage, text("--size ", given, ": want WIDTHxHEIGHT, such as 320x180"));
 }
 
 fs::path log_folder(const SynthRequest& request, int log) {
@@ -124,7 +125,8 @@ class Progress {
 void check_stop_in(const fs::path& folder, const SynthRequest& request, std::size_t complete) {
   check_stop([&] {
     remove_log(folder);
-    return text(complete, " of ", request.logs, " logs are complete in ", request.out, "; the one begun was removed");
+    return text(complete, " of ", request.logs, " logs are complete in ", request.out,
+                "; the incomplete one was removed");
   });
 }
 
@@ -175,7 +177,7 @@ Command add_synth(CLI::App& program) {
   parser->add_option("--cameras", request->cameras,
                      "List of front, front_left, front_right, left, right, back (front,front_left)");
   parser->add_option("--size", request->size, "Image size, WIDTHxHEIGHT (320x180)");
-  parser->add_option("--night", request->night, "Share of the logs that are at night, 0 to 1 (0.25)")
+  parser->add_option("--night", request->night, "Fraction of the logs that are at night, 0 to 1 (0.25)")
       ->check(number_from(0, 1));
   parser
       ->add_option("--clouds", request->log.clouds,
@@ -183,7 +185,7 @@ Command add_synth(CLI::App& program) {
       ->check(number_from(0, 1));
   parser->add_option("--beams", request->log.beams, "Number of LiDAR beams (32)")->check(whole_number(1, 256));
   parser->add_flag("--rolling-shutter", request->log.rolling_shutter,
-                   "Images take 30 ms from top to bottom, sweeps 100 ms around");
+                   "Expose images over 30 ms from top to bottom, sweeps over 100 ms");
   parser->add_flag("--no-truth", request->no_truth, "Write no masks, depth or rotated actors");
   parser->add_flag("--overwrite", request->overwrite, "Replace existing logs");
   add_common(*parser, *common);

@@ -1,6 +1,7 @@
 // cloam train: options, the run folder's life, signals.
 #include "cli/train.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdlib>
 
@@ -9,14 +10,16 @@
 #include "cli/stop_signal.h"
 #include "cli/train_job.h"
 #include "cli/train_prior.h"
+#include "models/eval/evaluate.h"
+#include "models/eval/pictures.h"
 #include "models/io/checkpoint.h"
 #include "models/io/commit.h"
 #include "models/methods/registry.h"
-#include "models/train/asset_prior.h"
-#include "models/train/evaluate.h"
-#include "models/train/pictures.h"
-#include "models/train/restore_run.h"
-#include "models/train/scene_file.h"
+#include "models/runs/restore_run.h"
+#include "models/runs/scene_file.h"
+#include "models/train/learns_from_captures.h"
+#include "models/train/renders_views.h"
+#include "models/train/shares_networks.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -87,7 +90,7 @@ void check_data_unchanged(const TrainJob& job, const std::vector<DataNow>& data)
     if (before.empty() || before == now) continue;
     throw Error(Fault::data,
                 text(job.data[i].string(), " is not what the run was trained on (", before, "; this has ", now,
-                     ").\n  fix: name the place of the run's own data with --data; to train on other data, start ",
+                     ").\n  fix: name the run's own data with --data; to train on other data, start ",
                      "another run: cloam train ", job.record.method, " ", quoted(job.data[i].string()), " -o RUN"));
   }
 }
@@ -99,7 +102,8 @@ void adopt_networks(TrainJob& job, const TrainRequest& request) {
   const bool own = request.resume && has_checkpoints(RunPaths{job.folder}.checkpoints());
   fs::path source = own ? job.folder : fs::path(job.record.networks->given);
   if (request.resume && !own) source = find_data(job.folder, *job.record.networks);
-  job.method->adopt_networks(parameters_in(load_latest_checkpoint(RunPaths{source}.checkpoints()).file));
+  require<SharesNetworks>(*job.method, job.record.method, "--networks")
+      .adopt_networks(parameters_in(load_latest_checkpoint(RunPaths{source}.checkpoints()).file));
   if (!own) job.record.networks->relative = relative_to_run(fs::weakly_canonical(source, error), job.folder);
 }
 
@@ -158,7 +162,7 @@ void end_record(TrainJob& job, const std::string& state, const TrainResult& resu
 void write_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& result, const Common& common,
                    EventLog& log) {
   say(common, text("rendering the preview, ", frame.view.camera.width, "x", frame.view.camera.height, " pixels"));
-  const Picture picture = job.method->render(frame.view);
+  const Picture picture = as<RendersViews>(*job.method)->render(frame.view);
   const std::vector<float> truth = on_white(frame.photo);
   const ImageScore score = score_image(picture.rgb, truth, frame.photo);
   const int w = picture.width, h = picture.height;
@@ -224,10 +228,10 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   const Scenes scenes = job.source ? std::move(job.source->scenes) : scenes_of(captures);
   job.source.reset();  // loaded long since, and large
   std::optional<PreviewFrame> preview;
-  if (!captures.empty()) preview = preview_frame(captures);
+  if (!captures.empty() && as<RendersViews>(*job.method)) preview = preview_frame(captures);
   std::vector<TrainingData> data;
   for (Capture& capture : captures) data.push_back({capture.scene, std::move(capture.train)});
-  if (!job.method->prior()) job.method->load_data(std::move(data));
+  if (auto* learns = as<LearnsFromCaptures>(*job.method)) learns->load_data(std::move(data));
   const FolderLock lock(job.folder);
   if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
   const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
@@ -299,8 +303,8 @@ int run_train(TrainRequest request, const Common& common) {
   const std::vector<DataNow> now = data_now(job, captures);
   check_data_unchanged(job, now);
   job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);
-  if (!request.resume) add_warnings(captures, *job.method);
-  if (job.source) job.method->prior()->load(*job.source);
+  if (!request.resume) add_warnings(captures, job.record.method, *job.method);
+  if (job.source) as<LearnsFromRun>(*job.method)->load(source_of(*job.source));
   adopt_networks(job, request);
   adopt_prior(job, request);
   tell_plan(job, captures, common, log);
@@ -325,7 +329,7 @@ void resolve_resume(TrainRequest& request, const CLI::Option& option) {
   const std::string named = option.results().empty() ? "" : option.results().front();
   const bool has_value = !named.empty() && named != "{}" && named != "true";
   if (has_value && request.out.empty()) request.out = named;
-  if (request.out.empty()) throw Error(Fault::usage, "--resume wants a run folder: cloam train --resume RUN");
+  if (request.out.empty()) throw Error(Fault::usage, "--resume needs a run folder: cloam train --resume RUN");
 }
 
 void add_data_options(CLI::App& parser, TrainRequest& r) {
@@ -333,7 +337,7 @@ void add_data_options(CLI::App& parser, TrainRequest& r) {
   parser.add_option("--downscale", r.downscale, "Shrink the images by this factor (1)")
       ->check(whole_number(1, 256))
       ->group(group);
-  parser.add_option("--holdout", r.holdout, "Hold out every Nth image, in order of name")
+  parser.add_option("--holdout", r.holdout, "Hold out every Nth image, ordered by name")
       ->check(whole_number(2, 1 << 20))
       ->group(group);
   parser.add_flag("--skip-bad", r.skip_bad, "Skip damaged images with a warning")->group(group);
@@ -359,7 +363,7 @@ void add_data_options(CLI::App& parser, TrainRequest& r) {
 void add_run_options(CLI::App& parser, TrainRequest& r) {
   const char* group = "Run";
   parser.add_option("-o,--out", r.out, "Run folder (default runs/DATA-METHOD)")->group(group);
-  parser.add_option("--steps", r.steps, "Number of steps; learning rates and other schedules span them")
+  parser.add_option("--steps", r.steps, "Number of steps, over which learning rates and other schedules run")
       ->check(whole_number(1))
       ->group(group);
   parser.add_option("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included")
@@ -396,13 +400,15 @@ void add_method_options(CLI::App& parser, TrainRequest& r) {
   parser.add_option("--preset", r.preset, joined(preset_names()) + " (default: the method's name)")->group(group);
   parser
       .add_option("--networks", r.networks,
-                  "Take the networks of this genassets run, frozen, and learn only what is new in DATA")
+                  "Freeze the networks of this genassets run and learn only what is new in DATA")
       ->group(group);
   parser
-      .add_option("--prior", r.prior, "With --networks: a diffusion run of those networks, as a prior for new actors")
+      .add_option("--prior", r.prior, "With --networks: a diffusion run trained on that run, as a prior for new actors")
       ->group(group);
   parser.add_option("--config", r.config_file, "TOML file with settings")->group(group);
-  parser.add_option("--set", r.settings, "key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
+  parser
+      .add_option("--set", r.settings,
+                  "Setting key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
       ->allow_extra_args(false)
       ->group(group);
 }

@@ -5,10 +5,12 @@
 #include <cctype>
 #include <cstdio>
 #include <map>
+#include <nlohmann/json.hpp>
 
 #include "cli/settings.h"
 #include "models/methods/registry.h"
-#include "models/train/asset_prior.h"
+#include "models/train/learns_from_run.h"
+#include "models/train/old_names.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -49,15 +51,20 @@ fs::path default_folder(const TrainRequest& request) {
 
 int64_t seed_of(const TrainRequest& request) { return request.seed.value_or(42); }
 
+/// As Config::set, with a note for names of earlier versions.
+void set(Config& config, const std::string& key, const std::string& value, const std::string& origin) {
+  if (current_setting(key) != key) warn(text("the setting ", key, " is now called ", current_setting(key)));
+  config.set(key, value, origin);
+}
+
 void apply_settings(const TrainRequest& request, Config& config) {
   if (!request.config_file.empty()) {
-    for (const auto& [key, value] : read_settings(request.config_file)) {
-      config.set(key, value, "file " + fs::path(request.config_file).filename().string());
-    }
+    for (const auto& [key, value] : read_settings(request.config_file))
+      set(config, key, value, "file " + fs::path(request.config_file).filename().string());
   }
   for (const std::string& setting : request.settings) {
     const auto [key, value] = split_setting(setting);
-    config.set(key, value, "--set");
+    set(config, key, value, "--set");
   }
 }
 
@@ -111,8 +118,8 @@ void take_prior(const TrainRequest& request, TrainJob& job) {
   if (request.prior.empty()) return;
   if (request.networks.empty())
     throw Error(Fault::usage, text("--prior ", request.prior,
-                                   " also needs --networks RUN, the run that the prior learned from: its codes mean "
-                                   "nothing to other networks"));
+                                   " also needs --networks RUN, the run that the prior learned from: other "
+                                   "networks cannot decode its codes"));
   job.record.prior = RunData{request.prior, "", ""};
 }
 
@@ -129,18 +136,22 @@ void check_source_options(const TrainRequest& request) {
                                                   {"--networks", !request.networks.empty()},
                                                   {"--prior", !request.prior.empty()}};
   for (const auto& [option, given] : options)
-    if (given) throw Error(Fault::usage, text(option, " is for captures; ", request.method, " learns from a run"));
+    if (given) throw Error(Fault::usage, text(option, " is for captures; ", request.method, " trains on a run"));
   if (request.data.size() > 1)
-    throw Error(Fault::usage, text(request.method, " learns from one run; ", request.data.size(), " are given"));
+    throw Error(Fault::usage, text(request.method, " trains on one run; ", request.data.size(), " are given"));
 }
 
 /// The run to learn from, and the settings that follow from it.
 void take_source(const TrainRequest& request, TrainJob& job) {
-  if (!job.method->prior()) return;
+  const auto* learns = as<LearnsFromRun>(*job.method);
+  if (!learns) return;
   check_source_options(request);
   const fs::path folder = request.data.front();
-  const auto settings = job.method->prior()->settings_from(read_record(folder));
-  for (const auto& [key, value] : settings) job.config.set(key, value, "run " + folder.string());
+  StoredRun record_alone;
+  record_alone.folder = folder;
+  record_alone.record = read_record(folder);
+  for (const auto& [key, value] : learns->settings_from(source_of(record_alone)))
+    job.config.set(key, value, "run " + folder.string());
   job.source = read_run(folder);
 }
 
@@ -190,8 +201,8 @@ void check_same(const TrainRequest& request, const RunRecord& record) {
   for (const auto& [key, value] : wanted) {
     config.set(key, value, "--set");
     for (const ConfigEntry& entry : config.entries()) {
-      if (entry.key != key) continue;
-      same(("--set " + key).c_str(), std::optional(to_string(entry.value)), record.settings.at(key));
+      if (entry.key != current_setting(key)) continue;
+      same(("--set " + key).c_str(), std::optional(to_string(entry.value)), record.settings.at(entry.key));
     }
   }
 }
@@ -303,15 +314,10 @@ Event plan_event(const TrainJob& job, const Captures& captures, const MemoryPlan
 
 /// The plan of a method that learns from a run.
 Event source_event(const TrainJob& job, const MemoryPlan& plan) {
-  return {{"method", job.record.method},
-          {"preset", job.record.preset},
-          {"data", {job.data.front().string()}},
-          {"assets", job.method->prior()->describe()},
-          {"memory_bytes", plan.total()},
-          {"memory_budget_bytes", memory_budget()},
-          {"device", device().name},
-          {"device_id", device().id},
-          {"warnings", job.method->prior()->warnings()}};
+  const auto& learns = *as<LearnsFromRun>(*job.method);
+  return {{"method", job.record.method}, {"preset", job.record.preset},  {"data", {job.data.front().string()}},
+          {"assets", learns.describe()}, {"memory_bytes", plan.total()}, {"memory_budget_bytes", memory_budget()},
+          {"device", device().name},     {"device_id", device().id},     {"warnings", learns.warnings()}};
 }
 
 }  // namespace
@@ -329,9 +335,9 @@ void check_folder(const fs::path& folder, bool overwrite) {
   if (overwrite) return;
   const RunRecord old = read_record(folder);
   const std::string go_on =
-      old.state == "finished" ? "" : text("\n  go on:      cloam train --resume ", quoted(folder.string()));
+      old.state == "finished" ? "" : text("\n  continue:   cloam train --resume ", quoted(folder.string()));
   throw Error(Fault::usage, text(folder.string(), " already holds a run: ", old.method, ", ", old.state, " at step ",
-                                 old.step, go_on, "\n  start anew: add --overwrite, or name another folder with -o"));
+                                 old.step, go_on, "\n  start over: add --overwrite, or name another folder with -o"));
 }
 
 TrainJob new_job(const TrainRequest& request) {
@@ -362,13 +368,13 @@ TrainJob new_job(const TrainRequest& request) {
 
 TrainJob resumed_job(const TrainRequest& request) {
   if (request.overwrite)
-    throw Error(Fault::usage, "--resume goes on with the run, --overwrite replaces it; give only one");
+    throw Error(Fault::usage, "--resume continues the run, --overwrite replaces it; give only one");
   TrainJob job;
   job.folder = request.out;
   job.record = read_record(job.folder);
   if (job.record.edited_from) {
     throw Error(Fault::usage,
-                text(job.folder.string(), " is an edited run: its images no longer show its scenes. Train ",
+                text(job.folder.string(), " is an edited run, whose images no longer match its scenes. Train ",
                      job.record.edited_from->given, " further and edit that"));
   }
   check_same(request, job.record);
@@ -378,7 +384,7 @@ TrainJob resumed_job(const TrainRequest& request) {
   if (request.allow_outside) job.record.reading.allow_outside = true;
   const std::vector<std::string>& given = request.new_data.empty() ? request.data : request.new_data;
   if (!job.finished || !given.empty()) find_captures(given, job);
-  if (job.method->prior() && !job.data.empty()) job.source = read_run(job.data.front());
+  if (as<LearnsFromRun>(*job.method) && !job.data.empty()) job.source = read_run(job.data.front());
   if (job.finished) return job;
   if (request.save_every) job.record.save_every = *request.save_every;
   if (request.steps) job.record.steps = request.steps;
@@ -401,9 +407,9 @@ void tell_plan(const TrainJob& job, const Captures& captures, const Common& comm
       label = "       ";
     }
   }
-  if (AssetPrior* prior = job.method->prior()) {
-    for (const std::string& warning : prior->warnings()) warn(warning);
-    for (const std::string& line : prior->describe()) {
+  if (const auto* learns = as<LearnsFromRun>(*job.method)) {
+    for (const std::string& warning : learns->warnings()) warn(warning);
+    for (const std::string& line : learns->describe()) {
       say(common, label + line);
       label = "       ";
     }

@@ -6,7 +6,7 @@
 
 #include "cli/progress.h"
 #include "cli/train.h"
-#include "models/train/restore_run.h"
+#include "models/runs/restore_run.h"
 
 namespace cloam {
 
@@ -17,7 +17,7 @@ struct TrainJob {
   Config config;
   std::unique_ptr<Method> prior;  // of --prior: what `method` calls
   std::unique_ptr<Method> method;
-  std::optional<StoredRun> source;  // of methods that learn from a run (Method::prior): that run, until it is loaded
+  std::optional<StoredRun> source;  // of methods that learn from a run: that run, until it is loaded
   int64_t default_steps = 0;
   bool finished = false;  // a resumed run that has nothing left to do
 };

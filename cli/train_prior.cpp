@@ -1,9 +1,10 @@
 // See train_prior.h.
 #include "cli/train_prior.h"
 
-#include "models/diffusion/guidance.h"
 #include "models/io/crc32c.h"
-#include "models/train/asset_prior.h"
+#include "models/latents/generates_assets.h"
+#include "models/latents/takes_prior.h"
+#include "models/train/shares_networks.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -11,12 +12,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kNetworks[] = "networks.";
-
 uint32_t checksum_of_networks(const StoredRun& run) {
   uint32_t sum = 0;
-  for (const auto& [name, tensor] : parameters_in(run.checkpoint.file))
-    if (name.starts_with(kNetworks)) sum = crc32c(tensor.data, sum);
+  for (const auto& [name, tensor] : networks_in(parameters_in(run.checkpoint.file))) sum = crc32c(tensor.data, sum);
   return sum;
 }
 
@@ -38,10 +36,10 @@ fs::path find_prior(const TrainJob& job, const TrainRequest& request) {
   try {
     return find_data(job.folder, *job.record.prior);
   } catch (const Error&) {
-    throw Error(Fault::data,
-                text("the prior of ", job.folder.string(), " is gone; looked for ", job.record.prior->relative,
-                     " from there, and ", job.record.prior->given, "\n  fix: name its new place: cloam train --resume ",
-                     quoted(job.folder.string()), " --prior RUN"));
+    throw Error(Fault::data, text("the prior of ", job.folder.string(), " is missing; looked for ",
+                                  job.record.prior->relative, " from there and ", job.record.prior->given,
+                                  "\n  fix: name its new location: cloam train --resume ", quoted(job.folder.string()),
+                                  " --prior RUN"));
   }
 }
 
@@ -52,20 +50,21 @@ void adopt_prior(TrainJob& job, const TrainRequest& request) {
   const fs::path folder = find_prior(job, request);
   if (!learned_from_run(read_record(folder)))
     throw Error(Fault::usage, text("--prior ", folder.string(), " is a run of ", read_record(folder).method,
-                                   ", want one of diffusion\n  fix: cloam train diffusion ",
+                                   ", want a diffusion run\n  fix: cloam train diffusion ",
                                    cloam::quoted(job.record.networks->given), " makes one"));
   StoredRun stored = read_run(folder);
   const std::string now = fingerprint(stored);
   std::string& then = job.record.prior->fingerprint;
   if (!request.resume) check_learned_from(stored, job.record.networks->given);
   if (!then.empty() && then != now)
-    throw Error(Fault::data, text(folder.string(), " is not the prior that ", job.folder.string(), " began with (",
-                                  then, "; now ", now, ")\n  fix: put that run back, or train anew"));
+    throw Error(Fault::data, text(folder.string(), " is not the prior that ", job.folder.string(), " started with (",
+                                  then, "; now ", now, ")\n  fix: restore that run, or train again"));
   then = now;
   std::error_code error;
   job.record.prior->relative = relative_to_run(fs::weakly_canonical(folder, error), job.folder);
   job.prior = restore_run(std::move(stored)).method;
-  job.method->adopt_prior(job.prior->prior()->denoiser());
+  require<TakesPrior>(*job.method, job.record.method, "--prior")
+      .adopt_prior(as<GeneratesAssets>(*job.prior)->denoiser());
 }
 
 }  // namespace cloam

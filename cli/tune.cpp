@@ -1,6 +1,7 @@
 // cloam tune: which of the kernels' variants are fastest on this device, kept for the runs to come.
 #include "benchmarks/tune.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -61,7 +62,7 @@ int forget(const Common& common) {
   std::error_code problem;
   const bool was = std::filesystem::remove(tuned_file(), problem);
   if (problem) throw Error(Fault::write, text("cannot remove ", tuned_file(), ": ", problem.message()));
-  say(common, (was ? "forgot " : "there was no ") + tuned_file());
+  say(common, (was ? "deleted " : "there was no ") + tuned_file());
   return 0;
 }
 
@@ -69,7 +70,8 @@ void keep(const std::string& choices) {
   try {
     commit_text(tuned_file(), choices);
   } catch (const Error& error) {
-    throw Error(error.fault(), text(error.what(), "\n  fix: CLOAM_CACHE_DIR names another folder for what tune finds"));
+    throw Error(error.fault(),
+                text(error.what(), "\n  fix: set CLOAM_CACHE_DIR to another folder for the tuned choices"));
   }
 }
 

@@ -1,6 +1,5 @@
 // Private to runtime/: the OpenCL objects behind device.h, the buffer pool, the kernel cache, and launch().
 #pragma once
-#define CL_HPP_ENABLE_EXCEPTIONS
 #include <CL/opencl.hpp>
 #include <array>
 #include <concepts>

@@ -112,7 +112,7 @@ Candidate choose(const std::vector<Candidate>& all, const std::string& wish) {
                 text("no OpenCL device found. Looked for drivers in ",
                      std::getenv("OCL_ICD_VENDORS") ? std::getenv("OCL_ICD_VENDORS") : "/etc/OpenCL/vendors",
                      " and found none that works.\n  fix: sudo apt install pocl-opencl-icd   (any CPU), or your GPU's "
-                     "OpenCL driver; unset OCL_ICD_VENDORS if it points to a wrong place"));
+                     "OpenCL driver; unset OCL_ICD_VENDORS if it points to the wrong place"));
   std::vector<Candidate> fit;
   for (size_t i = 0; i < all.size(); i++)
     if (wish == "auto" || matches(all[i], i, wish)) fit.push_back(all[i]);

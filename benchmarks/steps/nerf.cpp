@@ -3,10 +3,14 @@
 #include <memory>
 
 #include "benchmarks/workload.h"
+#include "models/data/load_images.h"
 #include "models/data/read_scene.h"
-#include "models/data/synthetic_scene.h"
 #include "models/methods/registry.h"
+#include "models/synth/synthetic_scene.h"
+#include "models/train/capability.h"
+#include "models/train/learns_from_captures.h"
 #include "models/train/optimiser.h"
+#include "models/train/trainer.h"
 
 namespace cloam {
 namespace {
@@ -28,26 +32,15 @@ std::shared_ptr<Training> begin(const char* preset_name) {
   for (const auto& [key, value] : preset.settings) config.set(key, value, "preset");
   const Scene scene = read_scene(data);
   training->method->build({scene}, 42);
-  training->method->load_data({{scene, load_images(scene, Split::train)}});
-  training->optimiser =
-      std::make_unique<Optimiser>(training->method->parameters(), training->method->learning_rates({}));
+  as<LearnsFromCaptures>(*training->method)->load_data({{scene, load_images(scene, Split::train)}});
+  training->optimiser = std::make_unique<Optimiser>(training->method->parameters(), training->method->groups());
   return training;
 }
 
 void step(Training& training) {
   Method& method = *training.method;
   training.progress.step++;
-  Tensors all;
-  for (const auto& [name, p] : method.parameters()) all.push_back(p);
-  const Tensor loss = method.loss(training.progress);
-  all = grad(loss, all);
-  training.optimiser->expect(all);
-  all.push_back(loss);
-  eval(all);
-  all.pop_back();
-  training.optimiser->step(method.parameters(), all, method.learning_rates(training.progress), method.adam(),
-                           training.progress.step);
-  (void)loss.item();
+  (void)take_step(method, *training.optimiser, training.progress).loss.item();
   method.after_step(training.progress);
 }
 

@@ -2,7 +2,7 @@
 #include <memory>
 
 #include "benchmarks/workload.h"
-#include "models/diffusion/schedule.h"
+#include "models/diffusion/noise_schedule.h"
 #include "models/diffusion/unet.h"
 #include "models/fields/asset_decoder.h"
 #include "models/train/optimiser.h"
@@ -11,7 +11,7 @@
 namespace cloam {
 namespace {
 
-const std::vector<LearningRate> kRates = {{"", 1e-4f}};
+const ParameterGroups kGroups = {{"", 1e-4f}};
 
 /// Parameters, and what a step minimises.
 struct Network {
@@ -30,11 +30,11 @@ void step(Network& network) {
   all.push_back(loss);
   eval(all);
   all.pop_back();
-  network.optimiser->step(network.params, all, kRates, {}, ++network.steps);
+  network.optimiser->step(network.params, all, kGroups, {++network.steps});
 }
 
 Run stepping(const std::shared_ptr<Network>& network) {
-  network->optimiser = std::make_unique<Optimiser>(network->params, kRates);
+  network->optimiser = std::make_unique<Optimiser>(network->params, kGroups);
   return [network] { step(*network); };
 }
 
@@ -55,8 +55,8 @@ Run prepare_unet(int64_t batch) {
   const auto unet = std::make_shared<Unet>(Scope{network->params, "unet", 1});
   const Shape shape = {batch, 32, 8, 8};
   const Tensor x = values(shape, 1), noise = values(shape, 2), t = numbers(batch, 1000);
-  const UnetCondition condition = {numbers(batch, 8), numbers(batch, 2)};
-  network->loss = [=, schedule = Schedule()] {
+  const Condition condition = {{numbers(batch, 8), numbers(batch, 2)}};
+  network->loss = [=, schedule = NoiseSchedule()] {
     const Tensor v = (*unet)(schedule.noisy(x, noise, t), cast(t, DType::f32), condition);
     return mean(square(v - schedule.target(Prediction::velocity, x, noise, t)));
   };

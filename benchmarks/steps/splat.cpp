@@ -5,14 +5,18 @@
 #include <memory>
 
 #include "benchmarks/workload.h"
+#include "models/data/load_images.h"
 #include "models/data/read_scene.h"
+#include "models/gaussians/initialise.h"
 #include "models/io/npz.h"
+#include "models/io/tensors.h"
 #include "models/methods/registry.h"
 #include "models/scene/split.h"
 #include "models/splat/draw.h"
-#include "models/splat/initialise.h"
+#include "models/train/capability.h"
+#include "models/train/learns_from_captures.h"
 #include "models/train/optimiser.h"
-#include "models/train/tensors.h"
+#include "models/train/trainer.h"
 
 namespace cloam {
 namespace {
@@ -89,16 +93,7 @@ struct Training {
 void step(Training& training) {
   Method& method = *training.method;
   training.progress.step++;
-  auto [loss, all] = method.gradients(training.progress, training.optimiser->wanted(method.parameters()));
-  training.optimiser->expect(all);
-  Tensors results = all;
-  const Tensors observed = method.observed();
-  results.insert(results.end(), observed.begin(), observed.end());
-  results.push_back(loss);
-  eval(results);
-  training.optimiser->step(method.parameters(), all, method.learning_rates(training.progress), method.adam(),
-                           training.progress.step);
-  (void)loss.item();
+  (void)take_step(method, *training.optimiser, training.progress).loss.item();
 }
 
 Workload fox(int downscale, int warm, const char* size) {
@@ -115,9 +110,9 @@ Workload fox(int downscale, int warm, const char* size) {
             LoadOptions options;
             options.downscale = downscale;
             training->method->build({scene}, 42);
-            training->method->load_data({{scene, load_images(scene, Split::train, options)}});
+            as<LearnsFromCaptures>(*training->method)->load_data({{scene, load_images(scene, Split::train, options)}});
             training->optimiser =
-                std::make_unique<Optimiser>(training->method->parameters(), training->method->learning_rates({}));
+                std::make_unique<Optimiser>(training->method->parameters(), training->method->groups());
             for (int i = 0; i < warm; i++) step(*training);
             return [training] { step(*training); };
           },

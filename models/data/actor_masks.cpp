@@ -5,11 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <optional>
 
-#include "models/data/json.h"
-#include "models/data/paths.h"
 #include "models/io/image.h"
+#include "models/io/json.h"
+#include "models/io/paths.h"
 #include "runtime/error.h"
 
 namespace cloam {

@@ -9,7 +9,6 @@
 #include <span>
 
 #include "models/data/load_sweep.h"
-#include "models/data/paths.h"
 #include "models/io/image.h"
 #include "runtime/error.h"
 

@@ -7,8 +7,8 @@
 #include <unordered_map>
 
 #include "models/data/colmap_model.h"
-#include "models/data/paths.h"
 #include "models/data/photos.h"
+#include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
 #include "runtime/error.h"
 

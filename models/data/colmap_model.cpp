@@ -7,9 +7,9 @@
 #include <cmath>
 #include <numbers>
 
-#include "models/data/paths.h"
 #include "models/data/poses.h"
 #include "models/io/bytes.h"
+#include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
 #include "runtime/error.h"
 
@@ -98,8 +98,8 @@ class BinaryFile : public Records {
   std::uint64_t count(std::uint64_t least_bytes, const char* what) {
     const auto promised = reader_.little<std::uint64_t>(what);
     if (promised <= reader_.remaining() / least_bytes) return promised;
-    throw Error(Fault::data, text(where(), ": ", promised, " ", what, " are promised, ", reader_.remaining(),
-                                  " bytes follow; the file is damaged or cut short"));
+    throw Error(Fault::data, text(where(), ": ", promised, " ", what, " are declared, only ", reader_.remaining(),
+                                  " bytes follow; the file is damaged or truncated"));
   }
   void skip(std::uint64_t bytes, const char* what) { reader_.skip(bytes, what); }
   void end() const {

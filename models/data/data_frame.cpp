@@ -6,10 +6,10 @@
 #include <cstring>
 #include <optional>
 
-#include "models/data/paths.h"
-#include "models/data/pickle.h"
 #include "models/io/bytes.h"
 #include "models/io/gzip.h"
+#include "models/io/paths.h"
+#include "models/io/pickle.h"
 #include "models/io/safetensors_header.h"  // printable
 #include "runtime/error.h"
 
@@ -87,7 +87,7 @@ class FrameBuilder {
   explicit FrameBuilder(const Pickle& pickle) : pickle_(pickle), frame_(pickle.file()) {}
 
   DataFrame build() {
-    const PickleRecord& root = pickle_.record(pickle_.root(), PickleName::data_frame, "a DataFrame of pandas");
+    const PickleRecord& root = pickle_.record(pickle_.root(), PickleName::data_frame, "a pandas DataFrame");
     if (!root.has_state) pickle_.unlike(pickle_.root(), "a DataFrame with a state");
     const PickleValue* manager = pickle_.find(root.state, "_mgr", "a DataFrame's state");
     if (!manager) manager = pickle_.find(root.state, "_data", "a DataFrame's state");
@@ -103,7 +103,7 @@ class FrameBuilder {
 
   // Since pandas 1.3: BlockManager(blocks, axes). Before: a state of four parts, the last a dict by version.
   void read_manager(const PickleValue& value) {
-    const PickleRecord& manager = pickle_.record(value, PickleName::block_manager, "a BlockManager of pandas");
+    const PickleRecord& manager = pickle_.record(value, PickleName::block_manager, "a pandas BlockManager");
     if (manager.arguments.size() == 2) {
       read_axes(manager.arguments[1]);
       for (const PickleValue& block : pickle_.list(manager.arguments[0], "a tuple of blocks")) read_new_block(block);
@@ -231,8 +231,8 @@ class FrameBuilder {
   // Protocols 2 to 4, and objects: _reconstruct and a state (version, shape, dtype, Fortran's order, content).
   // Protocol 5: _frombuffer(content, dtype, shape, order).
   Array read_array(const PickleValue& value) const {
-    if (!is_array(value)) pickle_.unlike(value, "an array of numpy");
-    const PickleRecord& made = pickle_.record(value, "an array of numpy");
+    if (!is_array(value)) pickle_.unlike(value, "a numpy array");
+    const PickleRecord& made = pickle_.record(value, "a numpy array");
     if (made.name == PickleName::from_buffer) {
       if (made.arguments.size() < 4) fail(value, "looked for an array's content, type, shape and order");
       const auto order = pickle_.text(made.arguments[3], "an array's order, C or F");
@@ -279,7 +279,7 @@ class FrameBuilder {
 
   // dtype('f8', False, True) with the state (3, '<', ...). Foreign byte order and structures are not read: "?".
   std::string type_name(const PickleValue& value) const {
-    const PickleRecord& type = pickle_.record(value, PickleName::dtype, "a dtype of numpy");
+    const PickleRecord& type = pickle_.record(value, PickleName::dtype, "a numpy dtype");
     if (type.arguments.empty()) fail(value, "a dtype without a name");
     std::string name(pickle_.text(type.arguments[0], "a dtype's name"));
     if (name == "O8" || name == "O4" || name == "O") return "O8";
@@ -310,7 +310,7 @@ class FrameBuilder {
     if (value.kind == Kind::integer || value.kind == Kind::boolean) return static_cast<double>(value.integer);
     if (value.kind == Kind::real) return value.real;
     if (!pickle_.is(value, PickleName::scalar)) return {};
-    const PickleRecord& scalar = pickle_.record(value, "a number of numpy");
+    const PickleRecord& scalar = pickle_.record(value, "a numpy number");
     if (scalar.arguments.size() != 2) fail(value, "looked for a number's dtype and bytes");
     Array array;
     array.type = type_name(scalar.arguments[0]);
@@ -344,10 +344,10 @@ class FrameBuilder {
   std::string as_text(const PickleValue& value) {
     if (value.kind == Kind::none) return "";
     if (const auto number = as_number(value)) return std::isnan(*number) ? "" : text(*number);
-    const auto content = pickle_.text(value, "a text in a column of objects");
+    const auto content = pickle_.text(value, "a string in a column of objects");
     // One long text that a million cells share would fill the memory.
     if ((text_bytes_ += content.size()) > kMostTextBytes)
-      fail(value, text("more than ", kMostTextBytes, " bytes of texts"));
+      fail(value, text("more than ", kMostTextBytes, " bytes of strings"));
     return std::string(content);
   }
 

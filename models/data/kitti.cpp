@@ -14,10 +14,10 @@
 #include <string_view>
 
 #include "models/data/log_builder.h"
-#include "models/data/paths.h"
 #include "models/data/poses.h"
 #include "models/io/bytes.h"
 #include "models/io/image.h"
+#include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
 
 namespace cloam {
@@ -185,7 +185,7 @@ std::optional<double> time_of(std::string_view line, const std::string& where) {
   };
   const std::chrono::year_month_day day{std::chrono::year(whole(0, 4)), std::chrono::month(unsigned(whole(5, 2))),
                                         std::chrono::day(unsigned(whole(8, 2)))};
-  if (!day.ok()) throw Error(Fault::data, text(where, ": there is no day '", printable(line.substr(0, 10)), "'"));
+  if (!day.ok()) throw Error(Fault::data, text(where, ": no such date: '", printable(line.substr(0, 10)), "'"));
   const double days = double(std::chrono::sys_days(day).time_since_epoch().count());
   return 86400 * days + 3600 * whole(11, 2) + 60 * whole(14, 2) + number_of(line.substr(17), where);
 }

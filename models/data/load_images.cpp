@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/data/paths.h"
 #include "models/io/image.h"
 #include "runtime/error.h"
 

@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "models/data/data_frame.h"
-#include "models/data/paths.h"
 #include "models/io/bytes.h"
 #include "models/io/npy.h"
 #include "models/io/ply.h"
@@ -49,7 +48,7 @@ Columns read_kitti_points(const fs::path& path, const Sweep&) {
   constexpr std::size_t size = 4 * sizeof(float);
   if (bytes.size() % size != 0) {
     throw Error(Fault::data, text(path.string(), ": holds ", bytes.size(), " bytes, want a multiple of ", size,
-                                  " (x y z reflectance as float32); the file is damaged or cut short"));
+                                  " (x y z reflectance as float32); the file is damaged or truncated"));
   }
   ByteReader reader(bytes, path.string());
   Columns columns;

@@ -1,22 +1,9 @@
-// The LiDAR points of one sweep in memory.
+// The LiDAR points of one sweep, read into memory.
 #pragma once
-#include <cstdint>
-#include <vector>
-
+#include "models/scene/lidar_points.h"
 #include "models/scene/scene.h"
 
 namespace cloam {
-
-/// One entry a return; positions are [N, 3].
-struct LidarPoints {
-  std::vector<float> positions;       // metres, in the world frame
-  std::vector<float> intensities;     // 0 to 1
-  std::vector<float> times;           // seconds after the sweep's time stamp
-  std::vector<std::uint8_t> sensors;  // 0: the LiDAR that turns, 1: the one that looks ahead
-  std::size_t dropped = 0;            // returns with values that are no numbers, or further than 10^6 m
-
-  std::size_t size() const { return sensors.size(); }
-};
 
 /// Fault::data for a file that is damaged or no sweep, naming it.
 LidarPoints load_sweep(const Scene& scene, const Sweep& sweep);

@@ -86,8 +86,8 @@ std::string near_misses(const fs::path& root, const std::vector<std::string>& mi
     const bool dangling = fs::is_symlink(root / name, error);
     const std::string found = dangling ? "" : files.like(name);
     if ((!dangling && found.empty()) || ++near > 1) continue;
-    first = dangling ? name + " is a link to a file that is gone" : text(found, " is there instead of ", name);
-    fix = dangling ? "mend the link" : is_heic_name(found) ? kConvertHeic : "rename the files, or correct the list";
+    first = dangling ? name + " is a link to a missing file" : text(found, " is there instead of ", name);
+    fix = dangling ? "repair the link" : is_heic_name(found) ? kConvertHeic : "rename the files, or correct the list";
   }
   if (near == 0) return "";
   return text("; ", first, near > 1 ? text(" (and ", near - 1, " more like it)") : "", ": ", fix);

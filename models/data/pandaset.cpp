@@ -5,14 +5,15 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "models/data/data_frame.h"
-#include "models/data/json.h"
 #include "models/data/log_builder.h"
-#include "models/data/paths.h"
 #include "models/data/poses.h"
 #include "models/io/image.h"
+#include "models/io/json.h"
+#include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
 #include "runtime/error.h"
 

@@ -3,10 +3,11 @@
 
 #include <charconv>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "models/data/json.h"
 #include "models/io/bytes.h"
+#include "models/io/json.h"
 #include "models/io/safetensors_header.h"  // printable
 #include "runtime/error.h"
 
@@ -48,7 +49,7 @@ std::vector<PathPoint> read_csv(const std::string& content, const std::string& n
     const std::string where = text(name, ", line ", row);
     if (row == 1 && line != kHead) {
       throw Error(Fault::data,
-                  text(where, ": want the head line ", kHead, " (or a JSON list), found: ", printable(line)));
+                  text(where, ": want the header line ", kHead, " (or a JSON list), found: ", printable(line)));
     }
     if (row > 1 && !line.empty()) path.push_back(point_of_line(line, where));
   }

@@ -4,8 +4,8 @@
 #include <algorithm>
 
 #include "models/data/near_misses.h"
-#include "models/data/paths.h"
 #include "models/io/image.h"
+#include "models/io/paths.h"
 #include "runtime/error.h"
 
 namespace cloam {

@@ -11,10 +11,10 @@
 #include "models/data/kitti.h"
 #include "models/data/near_misses.h"
 #include "models/data/pandaset.h"
-#include "models/data/paths.h"
 #include "models/data/rig.h"
 #include "models/data/transforms_json.h"
 #include "models/io/image.h"
+#include "models/io/paths.h"
 #include "models/io/words.h"
 #include "runtime/error.h"
 
@@ -82,8 +82,7 @@ std::string misnamed_manifest(const fs::path& entry) {
   const std::string name = entry.filename().string(), plain = lower_case(name);
   for (const std::string known : {"transforms.json", "transforms_train.json", "rig.json"}) {
     if (plain == known && name != known) return text("rename ", name, " to ", known);
-    if (plain == known && !is_file(entry))
-      return text(name, " is not a regular file, or is a link to one that is gone");
+    if (plain == known && !is_file(entry)) return text(name, " is not a regular file, or is a link to a missing one");
     if (plain.starts_with(known + ".")) return text("unpack ", name, " to ", known);
   }
   if (name == "transforms_test.json") return "add transforms_train.json, which belongs to transforms_test.json";
@@ -112,7 +111,7 @@ std::string app_folder(const fs::path& root) {
   if (fs::is_directory(root / "keyframes", error)) app = "polycam";
   if (fs::is_directory(root / "EXR_RGBD", error)) app = "record3d";
   if (!app) return "";
-  return text("this looks like an export of ", app, ": ns-process-data ", app, " --data ", root.string(),
+  return text("this looks like an export from ", app, ": ns-process-data ", app, " --data ", root.string(),
               " --output-dir DATA (nerfstudio) makes a capture from it");
 }
 

@@ -5,14 +5,16 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <set>
 
-#include "models/data/json.h"
 #include "models/data/log_builder.h"
-#include "models/data/paths.h"
 #include "models/data/poses.h"
 #include "models/data/transforms_json.h"
+#include "models/io/json.h"
+#include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/io/words.h"
 
 namespace cloam {
 namespace {
@@ -42,8 +44,8 @@ Eigen::Vector3d vector3(const Json& object, const std::string& key, const std::s
 Eigen::Matrix4d checked_pose(const Eigen::Matrix4d& given, const std::string& where) {
   const Eigen::Matrix4d pose = rigid(given, where);
   if (pose.topRightCorner<3, 1>().cwiseAbs().maxCoeff() < kFarthest) return pose;
-  throw Error(Fault::data, text(where, ": lies more than ", kFarthest, " m from the origin; subtract one offset from ",
-                                "all positions, so that they begin near 0"));
+  throw Error(Fault::data, text(where, ": is more than ", kFarthest, " m from the origin; subtract one offset from ",
+                                "all positions, so that they start near 0"));
 }
 
 Eigen::Matrix4d read_pose(const Json& object, const std::string& key, const std::string& where) {

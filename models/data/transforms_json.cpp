@@ -5,15 +5,16 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <numbers>
 #include <set>
 #include <unordered_map>
 
-#include "models/data/json.h"
-#include "models/data/paths.h"
 #include "models/data/photos.h"
 #include "models/data/poses.h"
 #include "models/io/image.h"
+#include "models/io/json.h"
+#include "models/io/paths.h"
 #include "runtime/error.h"
 
 namespace cloam {

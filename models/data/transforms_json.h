@@ -4,8 +4,8 @@
 #pragma once
 #include <filesystem>
 
-#include "models/data/json.h"
 #include "models/data/reader.h"
+#include "models/io/json.h"
 
 namespace cloam {
 

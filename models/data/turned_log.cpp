@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "models/data/paths.h"
+#include "models/io/paths.h"
 #include "models/scene/actor_space.h"
 #include "models/scene/split.h"
 

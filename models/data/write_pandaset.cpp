@@ -5,11 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <nlohmann/json.hpp>
 
 #include "models/data/data_frame.h"
-#include "models/data/json.h"
 #include "models/data/pandaset.h"
 #include "models/io/commit.h"
+#include "models/io/json.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -49,7 +50,7 @@ void write_track(const fs::path& folder, const std::map<int, Moment>& moments) {
 void write_intrinsics(const fs::path& folder, const Camera& camera) {
   if (camera.model != CameraModel::pinhole) {
     throw Error(Fault::usage,
-                text(folder.string(), ": PandaSet's layout has pinhole cameras alone; this one has a lens"));
+                text(folder.string(), ": PandaSet's layout has only pinhole cameras; this one has lens distortion"));
   }
   write_json(folder / "intrinsics.json", {{"fx", camera.fx}, {"fy", camera.fy}, {"cx", camera.cx}, {"cy", camera.cy}});
 }

@@ -9,11 +9,6 @@ namespace {
 constexpr float kNoGradient = 1e-30f;   // less than any loss has, and its inverse is finite
 constexpr float kLeastGradient = 0.1f;  // of the largest row's: what is smaller moves less
 
-/// One value a channel, to stand before [N,C,H,W].
-Tensor by_channel(const std::vector<float>& values) {
-  return from_host(values, {1, static_cast<int64_t>(values.size()), 1, 1});
-}
-
 Tensor by_row(const Tensor& values, const Tensor& like) {
   Shape shape = Shape::filled(like.rank(), 1);
   shape[0] = like.dim(0);
@@ -22,17 +17,7 @@ Tensor by_row(const Tensor& values, const Tensor& like) {
 
 }  // namespace
 
-Tensor CodeDenoiser::standardised(const Tensor& codes) const {
-  return (codes - by_channel(mean)) / by_channel(deviation);
-}
-
-Tensor CodeDenoiser::codes(const Tensor& standardised) const {
-  return standardised * by_channel(deviation) + by_channel(mean);
-}
-
-Tensor CodeDenoiser::gradient(const Tensor& by_codes) const { return by_codes * by_channel(deviation); }
-
-Tensor distillation(const Schedule& schedule, const CleanEstimate& clean, const Tensor& x,
+Tensor distillation(const NoiseSchedule& schedule, const CleanEstimate& clean, const Tensor& x,
                     const std::vector<int32_t>& times, const Tensor& noise, NetworkGradient network) {
   const auto count = static_cast<int64_t>(times.size());
   std::vector<float> weights;

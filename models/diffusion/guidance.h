@@ -4,24 +4,9 @@
 #include <functional>
 #include <vector>
 
-#include "models/diffusion/schedule.h"
-#include "models/diffusion/unet.h"
+#include "models/diffusion/noise_schedule.h"
 
 namespace cloam {
-
-/// What a diffusion of codes knows, for those that use it as a prior.
-struct CodeDenoiser {
-  Schedule schedule;
-  int64_t side = 0;                    // of a code; its channels are as many as
-  std::vector<float> mean, deviation;  // these: x = (code - mean) / deviation
-  /// The estimate x^ [N,C,side,side] of what noisy ones of that shape were, at times [N] of the schedule.
-  std::function<Tensor(const Tensor& noisy, const std::vector<int32_t>& times, const UnetCondition& condition)> clean;
-
-  Tensor standardised(const Tensor& codes) const;
-  Tensor codes(const Tensor& standardised) const;
-  /// d loss / d codes -> d loss / d standardised.
-  Tensor gradient(const Tensor& by_codes) const;
-};
 
 /// x^ of noisy [N,...] at times [N].
 using CleanEstimate = std::function<Tensor(const Tensor& noisy, const std::vector<int32_t>& times)>;
@@ -31,7 +16,7 @@ enum class NetworkGradient { left_out, included };
 /// Score distillation: a scalar, 1/2 sum of sigma_t^2 |x - x^(x_t)|^2 with x_t = alpha_t x + sigma_t noise, whose
 /// gradient by x [N,...] is sigma_t^2 (x - x^): x^ counts as a constant (DreamFusion, Poole et al. 2023, leave the
 /// network's Jacobian out). `included` goes through the network too (SSDNeRF, Chen et al. 2023).
-Tensor distillation(const Schedule& schedule, const CleanEstimate& clean, const Tensor& x,
+Tensor distillation(const NoiseSchedule& schedule, const CleanEstimate& clean, const Tensor& x,
                     const std::vector<int32_t>& times, const Tensor& noise,
                     NetworkGradient network = NetworkGradient::left_out);
 

@@ -30,13 +30,13 @@ Denoiser guided(const Denoiser& with, const Denoiser& without, float scale) {
 
 std::vector<int64_t> sampling_times(int64_t times, int steps) {
   if (steps < 1 || steps > times)
-    throw Error(Fault::usage, text(steps, " denoising steps: want 1 to ", times, ", the times of the schedule"));
+    throw Error(Fault::usage, text(steps, " denoising steps: want 1 to ", times, ", the timesteps of the schedule"));
   std::vector<int64_t> out;
   for (int64_t i = steps; i > 0; i--) out.push_back(i * times / steps - 1);
   return out;
 }
 
-Tensor sample(const Schedule& schedule, Prediction kind, const Denoiser& denoiser, const Tensor& start,
+Tensor sample(const NoiseSchedule& schedule, Prediction kind, const Denoiser& denoiser, const Tensor& start,
               const SamplerOptions& options) {
   const std::vector<int64_t> times = sampling_times(schedule.times(), options.steps);
   Tensor now = start;

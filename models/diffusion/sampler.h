@@ -3,7 +3,7 @@
 #include <functional>
 #include <vector>
 
-#include "models/diffusion/schedule.h"
+#include "models/diffusion/noise_schedule.h"
 #include "runtime/ops.h"
 
 namespace cloam {
@@ -37,7 +37,7 @@ std::vector<int64_t> sampling_times(int64_t times, int steps);
 
 /// `start`: noise N(0, I), of the samples' shape -> samples. The denoiser is called once a step, with evaluated leaves.
 /// A method that corrects x^ on the way (by the gradient of a rendering, say) does so in its denoiser.
-Tensor sample(const Schedule& schedule, Prediction kind, const Denoiser& denoiser, const Tensor& start,
+Tensor sample(const NoiseSchedule& schedule, Prediction kind, const Denoiser& denoiser, const Tensor& start,
               const SamplerOptions& options = {});
 
 }  // namespace cloam

@@ -28,16 +28,18 @@ Unet::Unet(const Scope& scope, const UnetOptions& o)
       embedding_(4 * o.base),
       time1_(scope / "time1", o.base, embedding_),
       time2_(scope / "time2", embedding_, embedding_),
-      class_table_(scope.uniform("class", {o.classes + 1, embedding_}, kUnitVariance)),
-      time_of_day_table_(scope.uniform("time_of_day", {o.times_of_day + 1, embedding_}, kUnitVariance)),
-      enter_(scope / "enter", {o.channels, o.base}),
+      enter_(scope / "enter", {o.channels + o.image_channels, o.base}),
       last_norm_(scope / "last_norm", o.base * o.multipliers.front(), o.groups),
       leave_(scope / "leave", {o.base * o.multipliers.front(), o.channels, 3, 1, 0.f}) {
+  for (const Label& label : o.labels)
+    label_tables_.push_back(scope.uniform(label.name, {label.count + 1, embedding_}, kUnitVariance));
   std::vector<int64_t> kept = {o.base};
   const int64_t width = build_down(scope, kept);
   const ResBlockShape middle = {width, width, o.groups, embedding_, true};
   middle1_.emplace(scope / "middle.block0", middle);
   attention_.emplace(scope / "middle.attention", AttentionShape{width, o.groups, true});
+  if (o.context_width > 0)
+    cross_attention_.emplace(scope / "middle.cross_attention", CrossAttentionShape{width, o.context_width, o.groups});
   middle2_.emplace(scope / "middle.block1", middle);
   build_up(scope, width, kept);
 }
@@ -77,26 +79,41 @@ void Unet::build_up(const Scope& scope, int64_t width, std::vector<int64_t>& kep
   }
 }
 
-/// What every residual block projects: silu of time, class and time of day together, [N, embedding].
-Tensor Unet::embed(const Tensor& t, const UnetCondition& condition) const {
-  const Tensor time = time2_(silu(time1_(timestep_encoding(t, options_.base))));
-  return silu(time + embedding(class_table_, condition.class_id) +
-              embedding(time_of_day_table_, condition.time_of_day));
+/// What every residual block projects: silu of time and labels together, [N, embedding].
+Tensor Unet::embed(const Tensor& t, const Condition& condition) const {
+  Tensor sum = time2_(silu(time1_(timestep_encoding(t, options_.base))));
+  for (size_t i = 0; i < label_tables_.size(); i++) sum = sum + embedding(label_tables_[i], condition.labels[i]);
+  return silu(sum);
 }
 
-Tensor Unet::operator()(const Tensor& noisy, const Tensor& t, const UnetCondition& condition) const {
+void Unet::check(const Tensor& noisy, const Condition& condition) const {
   const int64_t step = int64_t{1} << (down_.size() - 1);
   if (noisy.rank() != 4 || noisy.dim(1) != options_.channels || noisy.dim(2) % step != 0 || noisy.dim(3) % step != 0)
     throw Error(Fault::internal, text("[unet] noisy is ", to_string(noisy.shape()), ", want [N, ", options_.channels,
                                       ", H, W] with H and W multiples of ", step));
+  if (condition.labels.size() != label_tables_.size())
+    throw Error(Fault::internal,
+                text("[unet] the condition has ", condition.labels.size(), " labels, want ", label_tables_.size()));
+  const auto fits = [](const Tensor& part, int axis, int64_t want) {
+    return part ? part.dim(axis) == want : want == 0;
+  };
+  if (!fits(condition.image, 1, options_.image_channels) || !fits(condition.context, -1, options_.context_width))
+    throw Error(Fault::internal, text("[unet] want a condition with an image of ", options_.image_channels,
+                                      " channels and tokens of ", options_.context_width, " numbers (0: none)"));
+}
+
+Tensor Unet::operator()(const Tensor& noisy, const Tensor& t, const Condition& condition) const {
+  check(noisy, condition);
   const Tensor embedded = embed(t, condition);
-  Tensor h = enter_(noisy);
+  Tensor h = enter_(condition.image ? concat({noisy, condition.image}, 1) : noisy);
   Tensors kept = {h};
   for (const Down& level : down_) {
     for (const ResBlock& block : level.blocks) kept.push_back(h = block(h, embedded));
     if (level.halve) kept.push_back(h = (*level.halve)(h));
   }
-  h = (*middle2_)((*attention_)((*middle1_)(h, embedded)), embedded);
+  h = (*attention_)((*middle1_)(h, embedded));
+  if (cross_attention_) h = (*cross_attention_)(h, condition.context);
+  h = (*middle2_)(h, embedded);
   for (const Up& level : up_) {
     for (const ResBlock& block : level.blocks) {
       h = block(concat({h, kept.back()}, 1), embedded);

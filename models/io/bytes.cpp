@@ -34,7 +34,7 @@ std::uint64_t file_bytes(const std::filesystem::path& path) {
 std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint64_t largest) {
   const std::uint64_t size = file_bytes(path);
   if (size > largest) {
-    throw Error(Fault::data, text(path.string(), ": holds ", size, " bytes, the most that is read is ", largest));
+    throw Error(Fault::data, text(path.string(), ": holds ", size, " bytes, the limit is ", largest));
   }
   errno = 0;
   std::ifstream file(path, std::ios::binary);
@@ -51,7 +51,7 @@ std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint
 std::span<const std::uint8_t> ByteReader::take(std::uint64_t count, const char* what) {
   if (count > remaining()) {
     throw Error(Fault::data, text(name_, ": ends in the middle of ", what, ": ", count, " bytes wanted at byte ",
-                                  offset_, ", ", remaining(), " left; the file is damaged or cut short"));
+                                  offset_, ", ", remaining(), " left; the file is damaged or truncated"));
   }
   const auto part = bytes_.subspan(offset_, count);
   offset_ += count;

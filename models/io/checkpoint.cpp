@@ -98,7 +98,7 @@ LoadedCheckpoint load_latest_checkpoint(const fs::path& folder) {
     const fs::path path = folder / checkpoint_name(step);
     try {
       LoadedCheckpoint loaded{step, path, read_safetensors(path), ""};
-      if (!damage.empty()) loaded.warning = text("passed over ", damage, "; going on from step ", step);
+      if (!damage.empty()) loaded.warning = text("skipped ", damage, "; continuing from step ", step);
       return loaded;
     } catch (const Error& problem) { damage += (damage.empty() ? "" : "; ") + std::string(problem.what()); }
   }

@@ -181,7 +181,7 @@ void commit_file(const fs::path& path, const std::function<void(const fs::path& 
   TemporaryFile temp{temporary_name(path)};
   call_writer(path, temp.path, write);
   sync_path(temp.path, 0, path);
-  if (::rename(temp.path.c_str(), path.c_str()) != 0) fail("put in place", path, errno);
+  if (::rename(temp.path.c_str(), path.c_str()) != 0) fail("move into place", path, errno);
   temp.path.clear();
   sync_path(folder, O_DIRECTORY, path);
 }

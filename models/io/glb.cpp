@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <nlohmann/json.hpp>
 
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
@@ -105,7 +106,7 @@ GlbChunks read_glb_chunks(const std::filesystem::path& path) {
   if (version != 2) fail(text("is glTF of version ", version, ", want 2"));
   const auto size = reader.little<std::uint32_t>("the GLB header");
   if (size != bytes.size()) {
-    fail(text("holds ", bytes.size(), " bytes, its header says ", size, "; it is damaged or cut short"));
+    fail(text("holds ", bytes.size(), " bytes, its header says ", size, "; it is damaged or truncated"));
   }
   GlbChunks chunks;
   for (int index = 0; reader.remaining() > 0; ++index) {

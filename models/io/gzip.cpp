@@ -41,7 +41,7 @@ class Inflater {
 
   bool ended() const { return code_ == Z_STREAM_END; }
   bool sound() const { return code_ == Z_OK || ended(); }
-  std::string reason() const { return stream_.msg ? stream_.msg : "it ends too early"; }
+  std::string reason() const { return stream_.msg ? stream_.msg : "it is truncated"; }
   std::size_t offset() const { return size_ - stream_.avail_in; }
 
  private:
@@ -64,7 +64,7 @@ std::vector<std::uint8_t> gunzip(std::span<const std::uint8_t> bytes, std::uint6
     if (!inflater.sound()) damaged(name, inflater.offset(), inflater.reason());
     if (result.size() + count > most) {
       throw Error(Fault::data, text(name, ": ", bytes.size(), " bytes of gzip hold more than ", most,
-                                    " bytes, the most that is unpacked from them"));
+                                    " bytes, the most that is unpacked from that"));
     }
     result.insert(result.end(), piece.begin(), piece.begin() + static_cast<std::ptrdiff_t>(count));
   }
@@ -85,7 +85,7 @@ std::vector<std::uint8_t> gzip(std::span<const std::uint8_t> bytes) {
   const int code = deflate(&stream, Z_FINISH);
   result.resize(stream.total_out);
   deflateEnd(&stream);
-  if (code != Z_STREAM_END) throw Error(Fault::internal, "gzip did not end");
+  if (code != Z_STREAM_END) throw Error(Fault::internal, "gzip did not finish");
   return result;
 }
 

@@ -164,7 +164,7 @@ void require_sound_exr(const std::filesystem::path& path, const Bytes& bytes) {
   ByteReader reader(bytes, path.string());
   reader.skip(4, "the EXR signature");
   const auto version = reader.little<std::uint32_t>("the EXR version");
-  if (version & deep) damaged(path, "deep EXR images, with several samples a pixel, are not read");
+  if (version & deep) damaged(path, "deep EXR images, with several samples per pixel, are not supported");
   std::int64_t parts = 0;
   for (ExrHeader header; read_exr_header(reader, header); header = {}) {
     if (header.width < 1 || header.height < 1 || header.width > kLongestSide || header.height > kLongestSide)
@@ -173,7 +173,7 @@ void require_sound_exr(const std::filesystem::path& path, const Bytes& bytes) {
     if (!(version & several)) break;
   }
   if (parts > static_cast<std::int64_t>(reader.remaining() / 8))
-    damaged(path, text("the header promises ", parts, " parts, only ", reader.remaining(), " bytes follow"));
+    damaged(path, text("the header declares ", parts, " parts, only ", reader.remaining(), " bytes follow"));
 }
 
 // An opened decoder and the memory that it reads from.
@@ -199,7 +199,7 @@ void require_proportion(const Decoder& decoder) {
   if (held && !flat) return;
   throw Error(Fault::data, text(decoder.path.string(), ": the header says ", spec.width, "x", spec.height,
                                 " pixels with ", spec.nchannels, " channels, but the file has only ", file,
-                                " bytes: it is damaged, or made to fill the memory"));
+                                " bytes: it is damaged, or crafted to exhaust memory"));
 }
 
 /// How many lines the file's compression packs together. openexr.com/en/latest/OpenEXRFileLayout.html
@@ -236,7 +236,7 @@ void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec
   if (sides && channels && spec.image_pixels() * spec.nchannels * deep <= kMostValues) return;
   throw Error(Fault::data,
               text(path.string(), ": the header says ", spec.width, "x", spec.height, " pixels with ", spec.nchannels,
-                   " channels; the most that is read is ", kMostValues, " values and ", most_channels, " channels"));
+                   " channels; the limit is ", kMostValues, " values and ", most_channels, " channels"));
 }
 
 Decoder open(const std::filesystem::path& path, int most_channels) {
@@ -398,7 +398,7 @@ Labels read_labels(const std::filesystem::path& path) {
   Decoder decoder = open(path, 1);
   const bool deep = decoder.spec.format == OIIO::TypeDesc::UINT16;
   if (decoder.format != "png" || (!deep && decoder.spec.format != OIIO::TypeDesc::UINT8))
-    throw Error(Fault::data, text(path.string(), ": want a PNG of whole numbers with 8 or 16 bit"));
+    throw Error(Fault::data, text(path.string(), ": want a PNG with 8-bit or 16-bit integers"));
   Labels labels{decoder.spec.width, decoder.spec.height, {}};
   if (deep) {
     labels.values = decode<std::uint16_t>(decoder, OIIO::TypeDesc::UINT16);

@@ -49,7 +49,7 @@ class HeaderParser {
 
  private:
   [[noreturn]] void fail(const std::string& wanted) const {
-    throw Error(Fault::data, text(array_.name, ": the .npy header is broken: looked for ", wanted, " at '",
+    throw Error(Fault::data, text(array_.name, ": the .npy header is damaged: looked for ", wanted, " at '",
                                   printable(rest_.substr(0, 30)), "'"));
   }
 
@@ -196,7 +196,7 @@ NpyArray parse_npy(std::span<const std::uint8_t> bytes, const std::string& name)
   const auto version = reader.little<std::uint8_t>("the version");
   reader.skip(1, "the version");
   if (version < 1 || version > 3) {
-    throw Error(Fault::data, text(name, ": .npy version ", int(version), ", versions 1 to 3 are known"));
+    throw Error(Fault::data, text(name, ": .npy version ", int(version), ", want versions 1 to 3"));
   }
   const std::uint64_t length = version == 1 ? reader.little<std::uint16_t>("the length of the header")
                                             : reader.little<std::uint32_t>("the length of the header");
@@ -215,7 +215,7 @@ NpyArray parse_npy(std::span<const std::uint8_t> bytes, const std::string& name)
   const std::uint64_t count = checked_length(array, std::numeric_limits<std::uint64_t>::max() / size);
   if (count * size != reader.remaining()) {
     throw Error(Fault::data, text(name, ": its shape asks for ", count * size, " bytes of values, found ",
-                                  reader.remaining(), "; the file is damaged or cut short"));
+                                  reader.remaining(), "; the file is damaged or truncated"));
   }
   array.content = reader.take(count * size, "the values");
   return array;

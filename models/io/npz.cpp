@@ -51,7 +51,7 @@ Bytes Zip::end_record() const {
     ByteReader reader(bytes_.subspan(bytes_.size() - back), name_);
     if (reader.little<std::uint32_t>("the end record") == kEndMark) return bytes_.subspan(bytes_.size() - back);
   }
-  fail("no directory at its end: it is not a zip file, or was cut short; copy it again");
+  fail("no directory at its end: it is not a zip file, or is truncated; copy it again");
 }
 
 Entry Zip::next_entry(ByteReader& reader) const {
@@ -91,13 +91,13 @@ std::vector<Entry> Zip::directory() const {
   }
   if (content > std::max(kAlwaysAllowed, kMostRatio * bytes_.size()))
     fail(text(bytes_.size(), " bytes that unpack to ", content,
-              " are not read: want 16 MB, or at most 200 times the file"));
+              " are refused: want 16 MB, or at most 200 times the file"));
   return entries;
 }
 
 /// The member's bytes as they lie in the file, behind a second header whose sizes may be missing.
 Bytes Zip::packed(const Entry& entry) const {
-  if (entry.offset > bytes_.size()) fail(text("member ", printable(entry.name), " lies behind the end of the file"));
+  if (entry.offset > bytes_.size()) fail(text("member ", printable(entry.name), " lies beyond the end of the file"));
   ByteReader reader(bytes_.subspan(entry.offset), name_);
   if (reader.little<std::uint32_t>("a member") != kMemberMark)
     fail(text("member ", printable(entry.name), " is not where the directory says; the file is damaged"));
@@ -114,7 +114,7 @@ std::vector<std::uint8_t> Zip::inflated(const Entry& entry, Bytes from) const {
   stream.avail_in = static_cast<uInt>(from.size());
   stream.next_out = result.data();
   stream.avail_out = static_cast<uInt>(result.size());
-  if (inflateInit2(&stream, -MAX_WBITS) != Z_OK) throw Error(Fault::internal, "zlib does not begin");
+  if (inflateInit2(&stream, -MAX_WBITS) != Z_OK) throw Error(Fault::internal, "zlib failed to start");
   const int code = inflate(&stream, Z_FINISH);
   const bool whole = code == Z_STREAM_END && stream.avail_in == 0 && stream.avail_out == 0;
   inflateEnd(&stream);
@@ -134,7 +134,7 @@ std::vector<std::uint8_t> Zip::content(const Entry& entry) const {
   std::vector<std::uint8_t> result =
       stored ? std::vector<std::uint8_t>(from.begin(), from.end()) : inflated(entry, from);
   if (crc32_z(0, result.data(), result.size()) != entry.checksum)
-    fail(text("member ", printable(entry.name), ": its checksum does not match, the file is damaged; copy it again"));
+    fail(text("member ", printable(entry.name), ": its checksum does not match: the file is damaged; copy it again"));
   return result;
 }
 
@@ -157,11 +157,11 @@ TensorMap read_npz(const std::filesystem::path& path) {
   TensorMap all;
   for (const Entry& entry : zip.directory()) {
     const std::string label = text(path.string(), ": member ", printable(entry.name));
-    if (!entry.name.ends_with(".npy")) throw Error(Fault::data, text(label, ": want .npy members alone"));
+    if (!entry.name.ends_with(".npy")) throw Error(Fault::data, text(label, ": want only .npy members"));
     const std::vector<std::uint8_t> content = zip.content(entry);
     const std::string name = entry.name.substr(0, entry.name.size() - 4);
     if (!all.emplace(name, as_tensor(parse_npy(content, label))).second)
-      throw Error(Fault::data, text(label, ": is there twice"));
+      throw Error(Fault::data, text(label, ": appears twice"));
   }
   return all;
 }

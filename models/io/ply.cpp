@@ -141,7 +141,7 @@ class Parser {
       ascii_ = words[1] == "ascii";
       has_format_ = true;
       if (!ascii_ && words[1] != "binary_little_endian") {
-        fail(text("the format is ", printable(words[1]), ", want ascii or binary_little_endian: save the file anew"));
+        fail(text("the format is ", printable(words[1]), ", want ascii or binary_little_endian: save the file again"));
       }
     } else if (words[0] == "element" && words.size() == 3) {
       if (elements_++ == 0) read_element(words);
@@ -167,7 +167,8 @@ class Parser {
     if (type == std::end(kTypes) || words.size() != 3) {
       fail(text("a vertex has a property of type ", printable(words[1]), ", want numbers"));
     }
-    if (!names_.insert(std::string(words[2])).second) fail(text("two properties ", printable(words[2])));
+    if (!names_.insert(std::string(words[2])).second)
+      fail(text("the property ", printable(words[2]), " appears twice"));
     header_.properties.push_back({std::string(words[2]), type->white});
     types_.push_back(&*type);
   }
@@ -182,7 +183,7 @@ class Parser {
     // In ascii, digits and spaces; the last line may have no end.
     const std::size_t least = ascii_ ? 2 * types_.size() - 1 : bytes_a_vertex();
     if (header_.count > rest_ / least) {
-      fail(text("ends too early: ", header_.count, " vertices of at least ", least, " bytes are promised, ", rest_,
+      fail(text("is truncated: ", header_.count, " vertices of at least ", least, " bytes are declared, ", rest_,
                 " bytes follow the header"));
     }
   }
@@ -208,7 +209,7 @@ class Parser {
     std::vector<float> values(types_.size());
     for (std::uint64_t row = 0; row < header_.count; ++row) {
       const std::optional<std::string> found = line(kLongestLine);
-      if (!found) fail(text("vertex ", row, " has a line of over ", kLongestLine, " bytes"));
+      if (!found) fail(text("vertex ", row, " has a line of more than ", kLongestLine, " bytes"));
       const auto words = words_of(std::string_view(*found).substr(0, found->find('\n')));
       if (words.size() != types_.size()) {
         fail(text("vertex ", row, " has ", words.size(), " numbers, want ", types_.size()));

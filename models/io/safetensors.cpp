@@ -39,7 +39,7 @@ class InputFile {
     struct stat status {};
     if (::fstat(file_, &status) != 0 || !S_ISREG(status.st_mode)) {
       ::close(file_);
-      throw Error(Fault::data, text(path.string(), " is not a regular file; need a safetensors file"));
+      throw Error(Fault::data, text(path.string(), " is not a regular file; want a safetensors file"));
     }
     size_ = static_cast<uint64_t>(status.st_size);
   }
@@ -53,7 +53,7 @@ class InputFile {
     while (!bytes.empty()) {
       const ssize_t count = ::pread(file_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
       if (count < 0 && errno == EINTR) continue;
-      if (count <= 0) fail(offset, count < 0 ? std::strerror(errno) : "the file became shorter while it was read");
+      if (count <= 0) fail(offset, count < 0 ? std::strerror(errno) : "the file shrank while it was being read");
       bytes = bytes.subspan(static_cast<size_t>(count));
       offset += static_cast<uint64_t>(count);
     }
@@ -162,7 +162,7 @@ std::map<std::string, std::string> take_checksums(const InputFile& file, Safeten
   if (!checksums.empty() && !sealed)
     file.fail(8, "tensors have checksums but the header has none: the file is damaged");
   for (const auto& [name, entry] : header.entries) {
-    if (sealed && !checksums.contains(name)) file.fail(8, text("tensor '", printable(name), "' lacks its checksum"));
+    if (sealed && !checksums.contains(name)) file.fail(8, text("tensor '", printable(name), "' has no checksum"));
   }
   return checksums;
 }

@@ -1,37 +1,46 @@
 // See asset_codes.h.
 #include "models/methods/asset_codes.h"
 
+#include <charconv>
 #include <cmath>
 
-#include "models/methods/genassets.h"
+#include "models/io/tensors.h"
+#include "models/methods/genassets_model.h"
 #include "models/scene/asset_class.h"
-#include "models/train/tensors.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
 constexpr int64_t kLargest = 1 << 14;  // channels and side of a code
+constexpr char kMethod[] = "genassets";
 constexpr char kFix[] = "\n  fix: cloam train genassets LOG... --preset genassets-small -o RUN, and name that run";
 
-template <class Value>
-Value setting(const Config& config, const std::string& key) {
-  for (const ConfigEntry& entry : config.entries())
-    if (entry.key == key) return std::get<Value>(entry.value);
-  throw Error(Fault::internal, text("[asset codes] genassets has no setting ", key));
+/// As the run has it, or the default.
+std::string setting(const SourceRun& source, const std::string& key, const std::string& otherwise) {
+  const auto found = source.settings.find(key);
+  return found == source.settings.end() ? otherwise : found->second;
+}
+
+int64_t extent(const SourceRun& source, const std::string& key, int otherwise) {
+  const std::string value = setting(source, key, std::to_string(otherwise));
+  int64_t number = 0;
+  std::from_chars(value.data(), value.data() + value.size(), number);
+  if (number >= 1 && number <= kLargest) return number;
+  throw Error(Fault::data,
+              text(source.folder.string(), ": its setting ", key, " is ", value, ", want 1 to ", kLargest));
 }
 
 /// The actors of one log, added to `codes`. What all codes of a log share is part of each.
-void add_log(AssetCodes& codes, const StoredRun& source, size_t log, bool variational, int64_t least_steps) {
+void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variational, int64_t least_steps) {
   const Scene& scene = source.scenes[log];
   const auto actors = static_cast<int64_t>(scene.actors.size()), numbers = codes.channels * codes.side * codes.side;
   if (actors == 0) return;
   const std::string prefix = text("log", log, "."), name = prefix + "codes";
   const int64_t width = numbers * (variational ? 2 : 1);
-  const TensorMap& all = source.checkpoint.file.tensors;
-  const auto rows = values_from<float>(all, "param." + name, {actors, width});
-  const auto common = values_from<float>(all, "param." + prefix + "common.code", {1, width});
-  const auto steps = values_from<int32_t>(all, "adam.steps." + name, {actors});
+  const auto rows = values_from<float>(source.parameters, name, {actors, width});
+  const auto common = values_from<float>(source.parameters, prefix + "common.code", {1, width});
+  const auto steps = values_from<int32_t>(source.row_steps, name, {actors});
   for (size_t a = 0; a < scene.actors.size(); ++a) {
     if (steps[a] < least_steps) {
       codes.unseen++;
@@ -52,30 +61,24 @@ void add_log(AssetCodes& codes, const StoredRun& source, size_t log, bool variat
 
 }  // namespace
 
-CodeShape code_shape(const RunRecord& source) {
-  if (source.method != GenAssets().name())
-    throw Error(Fault::data, text("the run is one of ", source.method, ", whose scenes have no assets; want one of ",
-                                  GenAssets().name(), kFix));
+CodeShape code_shape(const SourceRun& source) {
+  if (source.method != kMethod)
+    throw Error(Fault::data,
+                text("the run's method is ", source.method, ", whose scenes have no assets; want ", kMethod, kFix));
   if (source.edited_from)
-    throw Error(Fault::data, text("the run is an edited one, where actors may have the looks of others\n  fix: name ",
-                                  source.edited_from->given, ", which it was made from"));
-  Config config;
-  const auto method = configured_method(source, config);
-  if (!setting<bool>(config, "decoder.use"))
+    throw Error(Fault::data, text("the run is edited: its actors may have the appearance of others\n  fix: name ",
+                                  *source.edited_from, ", which it was made from"));
+  if (setting(source, "decoder.use", "true") != "true")
     throw Error(Fault::data, text("the run learned its actors' planes directly (decoder.use = false): there are no "
                                   "codes to learn from",
                                   kFix));
-  const CodeShape shape = {setting<int64_t>(config, "code.channels"), setting<int64_t>(config, "code.side"),
-                           setting<bool>(config, "code.variational")};
-  for (const int64_t extent : {shape.channels, shape.side})
-    if (extent < 1 || extent > kLargest)
-      throw Error(Fault::data, text("the run's codes have ", shape.channels, " channels and ", shape.side,
-                                    " places a side: want 1 to ", kLargest));
-  return shape;
+  return {extent(source, "code.channels", StreetModelOptions().code_channels),
+          extent(source, "code.side", StreetModelOptions().code_side),
+          setting(source, "code.variational", "true") == "true"};
 }
 
-AssetCodes asset_codes(const StoredRun& source, int64_t least_steps) {
-  const CodeShape shape = code_shape(source.record);
+AssetCodes asset_codes(const SourceRun& source, int64_t least_steps) {
+  const CodeShape shape = code_shape(source);
   AssetCodes codes;
   codes.channels = shape.channels;
   codes.side = shape.side;

@@ -3,9 +3,12 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "models/train/restore_run.h"
+#include "models/train/learns_from_run.h"
 
 namespace cloam {
+
+/// Of codes at the start: parameters hold what is added to it.
+constexpr float kCodeLogVariance = -6;
 
 /// Of A actors of all logs. means, deviations: [A, channels, side, side]; deviations empty where codes are plain.
 struct AssetCodes {
@@ -23,9 +26,9 @@ struct CodeShape {
   int64_t channels, side;
   bool variational;
 };
-CodeShape code_shape(const RunRecord& source);
+CodeShape code_shape(const SourceRun& source);
 
 /// Fault::data for what does not fit together, and for runs of no actor that was seen.
-AssetCodes asset_codes(const StoredRun& source, int64_t least_steps);
+AssetCodes asset_codes(const SourceRun& source, int64_t least_steps);
 
 }  // namespace cloam

@@ -7,9 +7,9 @@
 #include <map>
 
 #include "models/diffusion/sampler.h"
-#include "models/nn/average.h"
-#include "models/render/street_data.h"
-#include "models/train/tensors.h"
+#include "models/io/host_random.h"
+#include "models/io/tensors.h"
+#include "models/nn/ema.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
 
@@ -19,20 +19,14 @@ namespace {
 // Streams of random numbers within a step, and of a generation.
 enum Stream : uint32_t { kCodes = 0, kNoise = 1, kTimes = 2, kScoredCodes = 3, kScoredNoise = 4 };
 
-constexpr int kTimesOfDay = 2;
 constexpr int64_t kNetworkTimes = 1000;  // the scale of times that the U-Net's encoding is made for
 constexpr float kDecayStart = 0.3f;      // share of the steps before the rate falls
-constexpr float kWarmSteps = 30;
-constexpr int kScoredTimes = 16;  // at which a code's v-loss is measured
+constexpr int kWarmUp = 30;              // steps
+constexpr int kScoredTimes = 16;         // at which a code's v-loss is measured
 constexpr size_t kScoredCodesAtOnce = 64;
 constexpr float kLeastDeviation = 1e-6f;
 
 Tensor numbers(const std::vector<int32_t>& values) { return from_host(values, {static_cast<int64_t>(values.size())}); }
-
-/// One value a channel, to stand before [N,C,H,W].
-Tensor by_channel(const std::vector<float>& values) {
-  return from_host(values, {1, static_cast<int64_t>(values.size()), 1, 1});
-}
 
 void check(const DiffusionConfig& c) {
   const std::vector<int64_t> multipliers = whole_numbers("unet.multipliers", c.multipliers);
@@ -57,17 +51,20 @@ void Diffusion::configure(Config& c) {
   c.bind("unet.blocks", config_.blocks, "residual blocks per level", {1, 64});
   c.bind("unet.groups", config_.groups, "groups of the U-Net's group norms", {1, 4096});
   c.bind("schedule.betas", config_.betas, "noise schedule: linear, cosine or scaled-linear");
-  c.bind("schedule.times", config_.times, "timesteps of the noise schedule", {2, 100000});
+  c.bind("schedule.timesteps", config_.times, "timesteps of the noise schedule", {2, 100000});
   c.bind("batch.codes", config_.batch, "codes per step", {1, 1 << 20});
   c.bind("condition.drop", config_.drop,
-         "share of the codes trained without class and time of day (classifier-free guidance)", kShareBelowOne);
-  c.bind("data.held_out", config_.held_out, "share of the codes held out for evaluation", kShareBelowOne);
+         "fraction of the codes trained without class and time of day (classifier-free guidance)", kShareBelowOne);
+  c.bind("data.held_out", config_.held_out, "fraction of the codes held out for evaluation", kShareBelowOne);
   c.bind("data.drawn", config_.drawn, "sample each code from its own variance, if it has one; false: use the mean");
-  c.bind("data.least_steps", config_.least_steps, "leave out actors that fewer training steps have seen", {0, 1 << 30});
+  c.bind("data.min_steps", config_.least_steps, "leave out actors seen in fewer training steps than this",
+         {0, 1 << 30});
   c.bind("weight.min_snr", config_.min_snr, "gamma of the min-SNR loss weights; 0: equal weights", kFromZero);
   c.bind("train.rate", config_.rate, "learning rate", kFromZero);
-  c.bind("train.final_rate", config_.final_rate, "learning rate at the last step, as a share of train.rate", kFromZero);
-  c.bind("train.average", config_.average, "decay of the EMA weights, which are used for sampling", kShareBelowOne);
+  c.bind("train.final_rate", config_.final_rate, "learning rate at the last step, as a fraction of train.rate",
+         kFromZero);
+  c.bind("train.ema", config_.average, "decay of the EMA of the weights, which evaluation and sampling use",
+         kShareBelowOne);
 }
 
 void Diffusion::build(const Scenes&, uint64_t seed) {
@@ -79,25 +76,20 @@ void Diffusion::build(const Scenes&, uint64_t seed) {
   o.multipliers = whole_numbers("unet.multipliers", config_.multipliers);
   o.blocks = config_.blocks;
   o.groups = config_.groups;
-  o.classes = kAssetClassCount;
-  o.times_of_day = kTimesOfDay;
+  o.labels = asset_labels();
   schedule_.emplace(betas_named(config_.betas), config_.times);
   unet_ = std::make_unique<Unet>(Scope{params_, "unet", seed}, o);
-  average_ = std::make_unique<Unet>(Scope{averages_, "unet", seed}, o);  // begins as the network itself
+  ema_unet_ = std::make_unique<Unet>(Scope{ema_, "unet", seed}, o);  // begins as the network itself
   mean_.assign(static_cast<size_t>(config_.channels), 0.f);
   deviation_.assign(static_cast<size_t>(config_.channels), 1.f);
 }
 
-void Diffusion::load_data(std::vector<TrainingData>) {
-  throw Error(Fault::internal, "[diffusion] learns from a run, not from captures");
-}
-
-std::map<std::string, std::string> Diffusion::settings_from(const RunRecord& source) const {
+std::map<std::string, std::string> Diffusion::settings_from(const SourceRun& source) const {
   const CodeShape shape = cloam::code_shape(source);
   return {{"code.channels", std::to_string(shape.channels)}, {"code.side", std::to_string(shape.side)}};
 }
 
-void Diffusion::load(const StoredRun& source) {
+void Diffusion::load(const SourceRun& source) {
   codes_ = asset_codes(source, config_.least_steps);
   if (!config_.drawn) codes_.deviations.clear();
   if (codes_.channels != config_.channels || codes_.side != config_.side)
@@ -166,16 +158,14 @@ std::vector<std::string> Diffusion::describe() const {
 std::vector<std::string> Diffusion::warnings() const {
   if (codes_.unseen == 0) return {};
   return {text(codes_.unseen, " actors are left out: the run saw them in fewer than ", config_.least_steps,
-               " of its steps (data.least_steps)")};
+               " of its steps (data.min_steps)")};
 }
 
 MemoryPlan Diffusion::memory(const PhotoSizes&) const {
-  MemoryPlan plan;
-  uint64_t weights = 0;
-  for (const auto& [name, p] : params_) weights += static_cast<uint64_t>(p.numel()) * 4;
-  plan.parameters = 2 * weights;  // and their averages
-  plan.optimiser = 2 * weights;
-  int64_t kept = 0;  // numbers of a code that the gradient needs: some ten maps a residual block
+  MemoryPlan plan = memory_of(params_);
+  const uint64_t weights = plan.parameters;
+  plan.parameters = 2 * weights;  // and their EMA
+  int64_t kept = 0;               // numbers of a code that the gradient needs: some ten maps a residual block
   int64_t places = int64_t{config_.side} * config_.side;
   for (const int64_t by : whole_numbers("unet.multipliers", config_.multipliers)) {
     kept += 10 * (2 * int64_t{config_.blocks} + 2) * config_.base * by * places;
@@ -185,10 +175,8 @@ MemoryPlan Diffusion::memory(const PhotoSizes&) const {
   return plan;
 }
 
-std::vector<LearningRate> Diffusion::learning_rates(const Progress& progress) const {
-  const float along = std::clamp((progress.fraction() - kDecayStart) / (1.f - kDecayStart), 0.f, 1.f);
-  const float warm = std::min(1.f, static_cast<float>(progress.step) / kWarmSteps);
-  return {{"", config_.rate * warm * std::pow(config_.final_rate, along)}};
+ParameterGroups Diffusion::groups() const {
+  return {{"", config_.rate, {config_.final_rate, kDecayStart, 0, kWarmUp}}};
 }
 
 Tensor Diffusion::draw(const std::vector<int32_t>& rows, const RandomKey& key) const {
@@ -197,7 +185,7 @@ Tensor Diffusion::draw(const std::vector<int32_t>& rows, const RandomKey& key) c
 }
 
 /// dropped: of each row; empty: none.
-UnetCondition Diffusion::condition_of(const std::vector<int32_t>& rows, const std::vector<bool>& dropped) const {
+Condition Diffusion::condition_of(const std::vector<int32_t>& rows, const std::vector<bool>& dropped) const {
   std::vector<int32_t> classes, nights;
   for (size_t i = 0; i < rows.size(); ++i) {
     const auto row = static_cast<size_t>(rows[i]);
@@ -205,47 +193,42 @@ UnetCondition Diffusion::condition_of(const std::vector<int32_t>& rows, const st
     classes.push_back(drop ? kAssetClassCount : codes_.classes[row]);
     nights.push_back(drop ? kTimesOfDay : codes_.nights[row]);
   }
-  return {numbers(classes), numbers(nights)};
+  return asset_condition(classes, nights);
 }
 
-Tensor Diffusion::predict(const Unet& unet, const Tensor& noisy, const Tensor& t,
-                          const UnetCondition& condition) const {
+Tensor Diffusion::predict(const Unet& unet, const Tensor& noisy, const Tensor& t, const Condition& condition) const {
   const float scale = static_cast<float>(kNetworkTimes) / static_cast<float>(config_.times);
   return unet(noisy, cast(t, DType::f32) * scale, condition);
 }
 
-Tensor Diffusion::loss(const Progress& progress) {
+Step Diffusion::step(const Progress& progress, const Tensors& wanted) {
   HostRandom random(seed_, static_cast<uint64_t>(progress.step));
-  const auto step = static_cast<uint32_t>(progress.step);
+  const auto number = static_cast<uint32_t>(progress.step);
   std::vector<int32_t> rows;
   std::vector<bool> dropped;
   for (int i = 0; i < config_.batch; ++i) {
     rows.push_back(training_[random.below(training_.size())]);
     dropped.push_back(random.uniform() < config_.drop);
   }
-  const Tensor x = draw(rows, {seed_, step, kCodes}), noise = random_normal(x.shape(), {seed_, step, kNoise});
-  const Tensor t = random_below({config_.batch}, config_.times, {seed_, step, kTimes});
+  const Tensor x = draw(rows, {seed_, number, kCodes}), noise = random_normal(x.shape(), {seed_, number, kNoise});
+  const Tensor t = random_below({config_.batch}, config_.times, {seed_, number, kTimes});
   const Tensor v = predict(*unet_, schedule_->noisy(x, noise, t), t, condition_of(rows, dropped));
   const Tensor errors = mean(square(v - schedule_->target(Prediction::velocity, x, noise, t)), {{1, 2, 3}});
-  observed_ = {mean(errors)};
-  if (config_.min_snr <= 0) return observed_.front();
-  return mean(errors * schedule_->min_snr_weights(Prediction::velocity, static_cast<double>(config_.min_snr), t));
+  const Tensor error = mean(errors);  // all timesteps alike
+  const auto gamma = static_cast<double>(config_.min_snr);
+  Step step =
+      step_of(gamma > 0 ? mean(errors * schedule_->min_snr_weights(Prediction::velocity, gamma, t)) : error, wanted);
+  step.figures = {{"v_loss", 0, error}};
+  return step;
 }
 
 void Diffusion::after_step(const Progress& progress) {
-  update_average(averages_, params_, warm_decay(static_cast<double>(config_.average), progress.step));
+  update_ema(ema_, params_, warm_decay(static_cast<double>(config_.average), progress.step));
 }
-
-std::map<std::string, double> Diffusion::metrics() const {
-  if (observed_.empty() || !observed_.front().evaluated()) return {};
-  return {{"v_loss", static_cast<double>(observed_.front().item())}};
-}
-
-Picture Diffusion::render(const View&) { throw Error(Fault::internal, "[diffusion] shows no views"); }
 
 TensorMap Diffusion::state() const {
   TensorMap out;
-  for (const auto& [name, mean] : averages_) out["average." + name] = named(mean);
+  for (const auto& [name, mean] : ema_) out["ema." + name] = named(mean);
   out["mean"] = named(from_host(mean_, {config_.channels}));
   out["deviation"] = named(from_host(deviation_, {config_.channels}));
   return out;
@@ -253,8 +236,7 @@ TensorMap Diffusion::state() const {
 
 void Diffusion::restore(const TensorMap& state) {
   std::vector<std::pair<Tensor, Tensor>> updates;
-  for (const auto& [name, mean] : averages_)
-    updates.push_back({mean, tensor_from(state, "average." + name, mean.shape())});
+  for (const auto& [name, mean] : ema_) updates.push_back({mean, tensor_from(state, "ema." + name, mean.shape())});
   assign(updates);
   mean_ = tensor_from(state, "mean", {config_.channels}).to_host();
   deviation_ = tensor_from(state, "deviation", {config_.channels}).to_host();
@@ -278,7 +260,7 @@ Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows) const {
       const Tensor noise = random_normal(x.shape(), {key.seed, key.step, kScoredNoise});
       const int32_t time = config_.times * (2 * i + 1) / (2 * kScoredTimes);
       const Tensor t = numbers(std::vector<int32_t>(some.size(), time));
-      const Tensor v = predict(*average_, schedule_->noisy(x, noise, t), t, condition_of(some, {}));
+      const Tensor v = predict(*ema_unet_, schedule_->noisy(x, noise, t), t, condition_of(some, {}));
       const Tensor target = schedule_->target(Prediction::velocity, x, noise, t);
       const Tensor of_network = mean(square(v - target)), of_zero = mean(square(target));
       const Tensor floor = floor_of(some, schedule_->level(time));
@@ -294,9 +276,9 @@ Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows) const {
 
 CodeDenoiser Diffusion::denoiser() const {
   CodeDenoiser out{*schedule_, config_.side, mean_, deviation_, {}};
-  out.clean = [this](const Tensor& noisy, const std::vector<int32_t>& times, const UnetCondition& condition) {
+  out.clean = [this](const Tensor& noisy, const std::vector<int32_t>& times, const Condition& condition) {
     const Tensor t = numbers(times);
-    return schedule_->clean(noisy, predict(*average_, noisy, t, condition), t);
+    return schedule_->clean(noisy, predict(*ema_unet_, noisy, t, condition), t);
   };
   return out;
 }
@@ -351,15 +333,15 @@ Tensor Diffusion::sampled(const AssetWish& wish, const std::vector<NewAsset>& as
     nights.push_back(asset.night ? 1 : 0);
   }
   const auto count = static_cast<int64_t>(assets.size());
-  const auto network = [&](const UnetCondition& condition) {
+  const auto network = [&](const Condition& condition) {
     return [this, condition, count](const Tensor& noisy, int64_t time) {
       const Tensor t = numbers(std::vector<int32_t>(static_cast<size_t>(count), static_cast<int32_t>(time)));
-      return predict(*average_, noisy, t, condition);
+      return predict(*ema_unet_, noisy, t, condition);
     };
   };
-  const Denoiser with = network({numbers(classes), numbers(nights)});
-  const Denoiser without = network({numbers(std::vector<int32_t>(assets.size(), kAssetClassCount)),
-                                    numbers(std::vector<int32_t>(assets.size(), kTimesOfDay))});
+  const Denoiser with = network(asset_condition(classes, nights));
+  const Denoiser without = network(asset_condition(std::vector<int32_t>(assets.size(), kAssetClassCount),
+                                                   std::vector<int32_t>(assets.size(), kTimesOfDay)));
   SamplerOptions options;
   options.steps = wish.steps;
   return sample(*schedule_, Prediction::velocity, guided(with, without, wish.guidance),
@@ -386,7 +368,7 @@ std::vector<NewAsset> Diffusion::generate(const AssetWish& wish) {
   if (wish.night && std::none_of(training_.begin(), training_.end(), [&](int32_t row) {
         return (codes_.nights[static_cast<size_t>(row)] == 1) == *wish.night;
       }))
-    throw Error(Fault::usage, text("no actor at ", *wish.night ? "night" : "day", " was in training"));
+    throw Error(Fault::usage, text("no actor seen by ", *wish.night ? "night" : "day", " was in the training set"));
   if (wish.codes == CodeSource::training) return training_assets(wish);
   std::vector<NewAsset> assets;
   for (int i = 0; i < wish.count; ++i) {

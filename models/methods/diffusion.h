@@ -3,10 +3,11 @@
 #pragma once
 #include <memory>
 
-#include "models/diffusion/schedule.h"
+#include "models/diffusion/noise_schedule.h"
 #include "models/diffusion/unet.h"
+#include "models/latents/generates_assets.h"
 #include "models/methods/asset_codes.h"
-#include "models/train/asset_prior.h"
+#include "models/train/learns_from_run.h"
 #include "models/train/method.h"
 
 namespace cloam {
@@ -26,26 +27,20 @@ struct DiffusionConfig {
   float rate = 1e-4f, final_rate = 1, average = 0.9999f;
 };
 
-class Diffusion final : public Method, public AssetPrior {
+class Diffusion final : public Method, public LearnsFromRun, public GeneratesAssets {
  public:
-  const char* name() const override { return "diffusion"; }
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
-  void load_data(std::vector<TrainingData> data) override;
   MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }
-  std::vector<LearningRate> learning_rates(const Progress& progress) const override;
-  Tensor loss(const Progress& progress) override;
-  Tensors observed() const override { return observed_; }
+  ParameterGroups groups() const override;
+  Step step(const Progress& progress, const Tensors& wanted) override;
   void after_step(const Progress& progress) override;
-  std::map<std::string, double> metrics() const override;
-  Picture render(const View& view) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
 
-  AssetPrior* prior() override { return this; }
-  std::map<std::string, std::string> settings_from(const RunRecord& source) const override;
-  void load(const StoredRun& source) override;
+  std::map<std::string, std::string> settings_from(const SourceRun& source) const override;
+  void load(const SourceRun& source) override;
   std::vector<std::string> describe() const override;
   std::vector<std::string> warnings() const override;
   std::array<int64_t, 2> code_shape() const override { return {config_.channels, config_.side}; }
@@ -62,9 +57,9 @@ class Diffusion final : public Method, public AssetPrior {
   Shape shape_of(int64_t count) const { return {count, config_.channels, config_.side, config_.side}; }
   /// Standardised codes c = mu + sigma e.
   Tensor draw(const std::vector<int32_t>& rows, const RandomKey& key) const;
-  UnetCondition condition_of(const std::vector<int32_t>& rows, const std::vector<bool>& dropped) const;
+  Condition condition_of(const std::vector<int32_t>& rows, const std::vector<bool>& dropped) const;
   /// The v that a network predicts.
-  Tensor predict(const Unet& unet, const Tensor& noisy, const Tensor& t, const UnetCondition& condition) const;
+  Tensor predict(const Unet& unet, const Tensor& noisy, const Tensor& t, const Condition& condition) const;
   /// The least v-loss at a level: v = (alpha x_t - x) / sigma, and of a code N(mean, s^2) a variance of s^2 sigma^2 /
   /// (alpha^2 s^2 + sigma^2) is left when mean and x_t are known.
   Tensor floor_of(const std::vector<int32_t>& rows, const Level& level) const;
@@ -80,14 +75,13 @@ class Diffusion final : public Method, public AssetPrior {
 
   DiffusionConfig config_;
   uint64_t seed_ = 0;
-  Params params_, averages_;              // of one set of names
-  std::unique_ptr<Unet> unet_, average_;  // of params_ and of averages_
-  std::optional<Schedule> schedule_;
+  Params params_, ema_;                    // of one set of names
+  std::unique_ptr<Unet> unet_, ema_unet_;  // of params_ and of ema_
+  std::optional<NoiseSchedule> schedule_;
   AssetCodes codes_;
   std::vector<int32_t> training_, held_out_;  // places in codes_
   std::vector<float> mean_, deviation_;       // [C]: of the training codes
   Tensor means_, deviations_;                 // standardised [A,C,H,W]; deviations_ empty where codes are plain
-  Tensors observed_;                          // the v-loss of the last step, all times alike
 };
 
 }  // namespace cloam

@@ -1,75 +1,27 @@
-// GenAssets learning: its losses, learning rates and steps of training.
-#include <algorithm>
-#include <cmath>
+// See genassets_training.h.
+#include "models/methods/genassets_training.h"
 
-#include "models/methods/genassets.h"
+#include "models/io/host_random.h"
+#include "runtime/ops.h"
 
 namespace cloam {
 namespace {
 
-constexpr int64_t kSamples = 40;     // of a street's ray, as a rule
-constexpr float kCommonSteps = 100;  // before codes of their own come up, if the networks are another run's
-constexpr float kRefining = 0.1f;    // of the codes' rate, once they have been denoised (SSDNeRF: 5e-3)
-constexpr float kTexels = 0.4f;      // of the texels' rate, if the networks are another run's
-constexpr float kKeeping = 0.25f;    // of their decay, then
-constexpr double kWorst = 0.05;      // share of LiDAR rays that are left out
+constexpr int kWarmUp = 30;        // steps
+constexpr int kCommonSteps = 100;  // before codes of their own come up, if the networks are another run's
+constexpr float kRefining = 0.1f;  // of the codes' rate, once they have been denoised (SSDNeRF: 5e-3)
+constexpr float kTexels = 0.4f;    // of the texels' rate, if the networks are another run's
+constexpr float kKeeping = 0.25f;  // of their decay, then
+constexpr double kWorst = 0.05;    // share of LiDAR rays that are left out
 
 void hold(PatchDiscriminator::Block& block) {
   block.weight = stop_gradient(block.weight);
   if (block.bias) block.bias = stop_gradient(block.bias);
 }
 
-}  // namespace
-
-MemoryPlan GenAssets::memory(const PhotoSizes& photos) const {
-  MemoryPlan plan;
-  for (const auto& [name, p] : params_) plan.parameters += static_cast<uint64_t>(p.numel()) * 4;
-  plan.optimiser = 2 * plan.parameters;
-  plan.images = photos.bytes;
-  const int64_t window = int64_t{config_.tile_side} + 2 * kHalo, patch = config_.patch_side;
-  const int64_t cells = config_.whole_images ? window * window : config_.patches * patch * patch,
-                rays =
-                    config_.whole_images ? std::max(config_.tile_rays, config_.lidar_rays) : cells + config_.lidar_rays;
-  const int64_t texels = 3 * int64_t{config_.field.plane_channels};
-  const int64_t a_sample = 4 * (7 * texels + 18 * int64_t{config_.field.width} + config_.field.features);
-  const int64_t a_pixel = 4 * config_.image.width * (6 + 4 * int64_t{config_.image.blocks});
-  plan.work = plan.parameters +
-              static_cast<uint64_t>(rays * kSamples * a_sample + cells * image_->scale() * image_->scale() * a_pixel);
-  return plan;
-}
-
-std::vector<LearningRate> GenAssets::learning_rates(const Progress& progress) const {
-  const float along = std::clamp((progress.fraction() - config_.decay_start) / (1.f - config_.decay_start), 0.f, 1.f);
-  const float now = std::pow(config_.final_rate, along) * std::min(1.f, static_cast<float>(progress.step) / 30.f);
-  std::vector<LearningRate> rates = {{"networks.decoder", config_.rate_decoder * now},
-                                     {"networks.field", config_.rate_field * now},
-                                     {"networks.image", config_.rate_image * now},
-                                     {"networks.shadow", config_.rate_field * now},
-                                     {"networks.discriminator", config_.rate_discriminator * now}};
-  for (LearningRate& rate : rates) rate.frozen = frozen_;
-  // With networks that know actors already: first what all actors of the log share, then each its own. Denoised codes
-  // fit already, and what they share would move all by what the largest wants.
-  const float alone = static_cast<float>(progress.step) / kCommonSteps - 1;
-  const bool denoised = prior_ && prior_->denoises();
-  const float own = denoised ? kRefining : frozen_ ? std::clamp(alone, 0.01f, 1.f) : 1.f;
-  for (size_t i = 0; i < logs_.size(); ++i) {
-    const std::string log = "log" + std::to_string(i);
-    // A log alone is seen by few cameras: what its texels leave to what they have in common holds where none looked.
-    const float texels = config_.rate_background * now * (frozen_ ? kTexels : 1.f);
-    const float decay = config_.decay_background * (frozen_ ? kKeeping : 1.f);
-    rates.push_back({log + ".background", texels, true, false, decay});
-    rates.push_back({log + ".common.background", config_.rate_background * now});
-    rates.push_back({log + ".common.code", config_.rate_codes * now});
-    rates.back().frozen = denoised;
-    rates.push_back({log + ".codes", config_.rate_codes * now * own, true});
-    rates.push_back({log + ".planes", config_.rate_background * now, true});
-  }
-  return rates;
-}
-
 /// Mean squared error without the worst rays (UniSim), but linear beyond a metre (Huber): in the first steps rays are
 /// tens of metres wrong, and Adam's second moments of planes and networks would long be too large for colours to count.
-Tensor GenAssets::lidar_loss(const Tensor& depth, const Tensor& ranges) const {
+Tensor lidar_loss(const Tensor& depth, const Tensor& ranges) {
   const Tensor metres = abs(depth - ranges), error = where(metres < 1.f, square(metres), 2.f * metres - 1.f);
   const int64_t count = error.dim(0),
                 kept = std::max<int64_t>(1, static_cast<int64_t>((1 - kWorst) * static_cast<double>(count)));
@@ -77,9 +29,58 @@ Tensor GenAssets::lidar_loss(const Tensor& depth, const Tensor& ranges) const {
   return sum(where(error <= limit, error, 0.f)) * (1.f / static_cast<float>(kept));
 }
 
+/// For the progress line: metres, of which more than one counts as one.
+Tensor lidar_error(const Tensor& depth, const Tensor& ranges) {
+  return mean(minimum(abs(stop_gradient(depth) - ranges), 1.f));
+}
+
+Figure count(const char* name, int64_t number) { return {name, static_cast<double>(number)}; }
+
+}  // namespace
+
+GenAssetsTraining::GenAssetsTraining(const GenAssetsConfig& config, StreetModel& model, const Scope& networks,
+                                     uint64_t seed)
+    : config_(config), model_(model), seed_(seed) {
+  if (config.weight_perceptual > 0) perceptual_ = feature_network(config.perceptual_weights);
+  if (config.weight_adversarial > 0)
+    discriminator_.emplace(networks / "discriminator",
+                           whole_numbers("adversarial.widths", config.discriminator_widths));
+}
+
+ParameterGroups GenAssetsTraining::groups(bool denoised) const {
+  const GenAssetsConfig& c = config_;
+  const LearningRateSchedule schedule = {c.final_rate, c.decay_start, 0, kWarmUp};
+  ParameterGroups groups;
+  const auto add = [&](const std::string& prefix, float rate) -> ParameterGroup& {
+    return groups.emplace_back(ParameterGroup{prefix, rate, schedule});
+  };
+  for (const auto& [name, rate] : {std::pair("decoder", c.rate_decoder),
+                                   {"field", c.rate_field},
+                                   {"image", c.rate_image},
+                                   {"shadow", c.rate_field},
+                                   {"discriminator", c.rate_discriminator}})
+    add(std::string("networks.") + name, rate).frozen = frozen_;
+  for (size_t i = 0; i < model_.logs().size(); ++i) {
+    const std::string log = "log" + std::to_string(i);
+    // A log alone is seen by few cameras: what its texels leave to what they have in common holds where none looked.
+    ParameterGroup& background = add(log + ".background", c.rate_background * (frozen_ ? kTexels : 1.f));
+    background.sparse = true;
+    background.decay = c.decay_background * (frozen_ ? kKeeping : 1.f);
+    add(log + ".common.background", c.rate_background);
+    add(log + ".common.code", c.rate_codes).frozen = denoised;
+    // With networks that know actors already: first what all actors of the log share, then each its own. Denoised codes
+    // fit already, and what they share would move all by what the largest wants.
+    ParameterGroup& codes = add(log + ".codes", c.rate_codes * (denoised ? kRefining : 1.f));
+    codes.sparse = true;
+    if (frozen_ && !denoised) codes.schedule.delay = kCommonSteps;
+    add(log + ".planes", c.rate_background).sparse = true;
+  }
+  return groups;
+}
+
 /// The decoder's term, through a discriminator that holds still, and the discriminator's own, which reaches it alone;
 /// photographs are real, renders are not.
-Tensor GenAssets::adversarial_loss(const Tensor& image, const Tensor& truth) const {
+Tensor GenAssetsTraining::adversarial_loss(const Tensor& image, const Tensor& truth) const {
   PatchDiscriminator still = *discriminator_;
   for (PatchDiscriminator::Block& block : still.blocks) hold(block);
   hold(still.last);
@@ -89,23 +90,39 @@ Tensor GenAssets::adversarial_loss(const Tensor& image, const Tensor& truth) con
   return fooled * config_.weight_adversarial + told;
 }
 
-/// Whether the step sees actors without a view direction: else colours would follow directions that one actor alone
-/// was seen from, and change when it turns.
-bool GenAssets::blind(const Progress& progress) const {
-  return HostRandom(~seed_, static_cast<uint64_t>(progress.step)).uniform() < config_.view_drop;
+Tensor GenAssetsTraining::image_loss(const Compared& of) const {
+  const int64_t height = of.image.dim(2), width = of.image.dim(3), least = std::min(height, width);
+  const int64_t multiple = int64_t{1} << (discriminator_ ? discriminator_->blocks.size() : 0);
+  const bool halves = height % multiple == 0 && width % multiple == 0 && least >= 2 * multiple;
+  Tensor total = of.squared * (config_.weight_rgb * of.share);
+  if (perceptual_ && (!of.window || least >= perceptual_->smallest))
+    total = total + perceptual_loss(*perceptual_, of.image, of.truth) * (config_.weight_perceptual * of.share);
+  if (discriminator_ && (!of.window || halves)) total = total + adversarial_loss(of.image, of.truth) * of.share;
+  return total;
 }
 
-/// How a training step draws this log.
-GenAssets::Drawing GenAssets::drawing(const Log& log, const Progress& progress, bool skim) const {
+Tensor GenAssetsTraining::lidar_terms(const Tensor& depth, const Tensor& ranges, const Tensor& line_of_sight) const {
+  return lidar_loss(depth, ranges) * config_.weight_lidar + mean(line_of_sight) * config_.weight_line_of_sight;
+}
+
+Sampling GenAssetsTraining::sampling(const StreetLog& log, const Progress& progress, bool skip_hidden) const {
+  // Without a view direction, in some steps: else colours would follow directions that one actor alone was seen from,
+  // and change when it turns.
+  const bool drop = HostRandom(~seed_, static_cast<uint64_t>(progress.step)).uniform() < config_.view_drop;
   // Of one image the background could learn the actors' picture where it lies behind them: no other image says that it
   // is wrong, and codes, which begin slowly, would have nothing left to explain.
-  const bool apart = frozen_ && log.data->images() == 1 && static_cast<float>(progress.step) <= 2 * kCommonSteps;
-  return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skim, blind(progress), apart};
+  const bool detach = frozen_ && log.data->images() == 1 && progress.step <= 2 * kCommonSteps;
+  return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skip_hidden, drop, detach};
 }
 
-Tensor GenAssets::loss(const Progress& progress) {
+StreetStep GenAssetsTraining::step(const Progress& progress, const Tensors& wanted) {
   HostRandom random(seed_, static_cast<uint64_t>(progress.step));
-  const Log& log = logs_[random.below(logs_.size())];
+  const StreetLog& log = model_.logs()[random.below(model_.logs().size())];
+  return config_.whole_images ? in_tiles(log, random, progress, wanted) : on_patches(log, random, progress, wanted);
+}
+
+StreetStep GenAssetsTraining::on_patches(const StreetLog& log, HostRandom& random, const Progress& progress,
+                                         const Tensors& wanted) {
   const int64_t patches = config_.patches, side = log.data->patch_side(config_.patch_side);
   RayList rays;
   const Tensor truth = log.data->add_patches(rays, *log.space, random, patches, side);
@@ -113,61 +130,150 @@ Tensor GenAssets::loss(const Progress& progress) {
   if (log.data->has_lidar()) log.data->add_returns(rays, *log.space, random, config_.lidar_rays);
   const int64_t all = rays.count();
   // A pass through the distance alone finds what lies behind surfaces; it pays once a quarter of the samples are dark.
-  const bool skim = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
-  const Shaded seen = shade(street(log, rays), rays, drawing(log, progress, skim), true);
+  const bool skip = progress.step <= 3 || lit_permille < 750 || progress.step % 16 == 0;
+  const RenderedRays seen = model_.render(model_.street(log, rays), rays, sampling(log, progress, skip), true);
   const auto map = [&](const Tensor& x) {
     return permute(reshape(slice(x, 0, 0, camera_rays), {patches, side, side, x.dim(1)}), {0, 3, 1, 2});
   };
-  const Tensor image = image_of(map(seen.features), seen.shadow ? map(seen.shadow) : Tensor());
+  const Tensor image = model_.image_of(map(seen.features), seen.shadow ? map(seen.shadow) : Tensor());
   const Tensor squared = mean(square(image - truth));
-  observed_ = {squared};
-  Tensor total = squared * config_.weight_rgb;
-  if (perceptual_) total = total + perceptual_loss(*perceptual_, image, truth) * config_.weight_perceptual;
-  if (discriminator_) total = total + adversarial_loss(image, truth);
+  Tensor total = image_loss({image, truth, squared});
+  std::vector<Figure> figures = {psnr_figure(squared)};
   if (all > camera_rays) {
     const Tensor depth = slice(seen.depth, 0, camera_rays, all);
     const Tensor ranges =
         from_host(std::vector<float>(rays.ranges.begin() + camera_rays, rays.ranges.end()), {all - camera_rays});
-    total = total + lidar_loss(depth, ranges) * config_.weight_lidar +
-            mean(slice(seen.stray, 0, camera_rays, all)) * config_.weight_stray;
-    observed_.push_back(mean(minimum(abs(stop_gradient(depth) - ranges), 1.f)));
+    total = total + lidar_terms(depth, ranges, slice(seen.line_of_sight, 0, camera_rays, all));
+    figures.push_back({"lidar_m", 0, lidar_error(depth, ranges)});
   }
-  if (seen.kl) total = total + seen.kl * config_.weight_kl;
-  last_samples_ = seen.samples.t.dim(0);
-  if (skim) lit_permille_ = 1000 * (last_samples_ + 1) / (seen.marched + 1);
-  last_actors_ = seen.actors;
-  met_codes_ = seen.codes;
-  return total;
+  if (seen.assets.kl) total = total + seen.assets.kl * config_.weight_kl;
+  const int64_t samples = seen.samples.t.dim(0);
+  if (skip) lit_permille = 1000 * (samples + 1) / (seen.marched + 1);
+  Step step = step_of(total, wanted);
+  step.figures = std::move(figures);
+  step.figures.push_back(count("samples", samples));
+  step.figures.push_back(count("actors", seen.assets.planes ? seen.assets.planes.dim(1) : 0));
+  step.figures.push_back({"lit", static_cast<double>(lit_permille) / 1000});
+  return {std::move(step), seen.assets.codes};
 }
 
-Gradients GenAssets::gradients(const Progress& progress, const Tensors& wanted) {
-  if (prior_) prior_->begin_step(progress);
-  Gradients step = config_.whole_images ? gradients_in_tiles(progress, wanted) : Method::gradients(progress, wanted);
-  if (prior_) prior_->add(step, wanted, met_codes_, progress);
-  met_codes_ = {};
-  return step;
+// ---- Whole images: a graph of all their rays and pixels would not fit in memory, so a step goes through them in
+// tiles. Features first, without gradients; then pixels window by window, which gives the gradients by features; then
+// the rays again, tile by tile, with gradients; last the asset decoder, once.
+
+/// What the passes over one image share.
+struct GenAssetsTraining::WholeImage {
+  const GenAssetsTraining& training;
+  const StreetLog& log;
+  Sampling how;
+  RayList rays, returns;
+  Tensor truth;
+  DecodedAssets decoded, given;       // of all actors that may be seen; given: with the planes as a leaf
+  HostMap features = {}, slope = {};  // slope: the gradient by features
+  int64_t samples = 0;
+  double squared = 0;  // mean over the image
+
+  int64_t channels() const { return training.model_.options().field.features; }
+  int64_t end_of(int64_t begin) const { return std::min(rays.count(), begin + training.config_.tile_rays); }
+  RenderedRays render(int64_t begin) const {
+    const StreetModel& model = training.model_;
+    return model.render(model.street(log, rays), part_of(rays, begin, end_of(begin)), how, true, &given);
+  }
+  void look();
+  void decode_pixels(GradientSums& sums);
+  void render_again(GradientSums& sums);
+};
+
+/// Features of all rays, and how much light is left there.
+void GenAssetsTraining::WholeImage::look() {
+  const int scale = training.model_.scale();
+  features = {truth.dim(2) / scale, truth.dim(3) / scale, channels() + 3};
+  for (int64_t begin = 0; begin < rays.count(); begin = end_of(begin)) {
+    const RenderedRays seen = render(begin);
+    const Tensor light = seen.shadow ? seen.shadow : ones({end_of(begin) - begin, 3});
+    const std::vector<float> values = stop_gradient(concat({seen.features, light}, 1)).to_host();
+    features.values.insert(features.values.end(), values.begin(), values.end());
+    samples += seen.samples.t.dim(0);
+  }
+  slope = {features.rows, features.columns, features.channels, std::vector<float>(features.values.size(), 0.f)};
 }
 
-Tensors GenAssets::observed() const {
-  Tensors out = observed_;
-  const Tensors more = prior_ ? prior_->observed() : Tensors{};
-  out.insert(out.end(), more.begin(), more.end());
-  return out;
+void GenAssetsTraining::WholeImage::decode_pixels(GradientSums& sums) {
+  constexpr int64_t kMultiple = 4;  // of cells a window: the discriminator halves pixels four times
+  const int scale = training.model_.scale();
+  const int64_t wide = channels(),
+                side = std::max(kMultiple, int64_t{training.config_.tile_side} / kMultiple * kMultiple);
+  for (const Tile& inner : tiles_of(features, side)) {
+    const Tile outer = widened(inner, kHalo, features);
+    const Tensor cells = cut(features, outer), map = permute(cells, {0, 3, 1, 2});
+    const Tensor whole = training.model_.image_of(slice(map, 1, 0, wide), slice(map, 1, wide, wide + 3));
+    const Tensor image = cropped(whole, {inner.x - outer.x, inner.y - outer.y, inner.columns, inner.rows}, scale);
+    const Tensor photo = cropped(truth, inner, scale);
+    const double share =
+        static_cast<double>(inner.columns * inner.rows) / static_cast<double>(features.rows * features.columns);
+    const Tensor error = mean(square(image - photo));
+    const Tensors found = sums.add(training.image_loss({image, photo, error, static_cast<float>(share), true}), {cells},
+                                   {stop_gradient(error)});
+    add_to(slope, outer, found[0].to_host());
+    squared += share * static_cast<double>(found[1].item());
+  }
 }
 
-void GenAssets::after_step(const Progress& progress) {
-  if (prior_) prior_->end_step(progress);
+void GenAssetsTraining::WholeImage::render_again(GradientSums& sums) {
+  const int64_t wide = channels();
+  for (int64_t begin = 0; begin < rays.count(); begin = end_of(begin)) {
+    const int64_t end = end_of(begin);
+    const std::vector<float> part(slope.values.begin() + begin * slope.channels,
+                                  slope.values.begin() + end * slope.channels);
+    const Tensor by = from_host(part, {end - begin, slope.channels});
+    const RenderedRays seen = render(begin);
+    Tensor along = sum(seen.features * slice(by, 1, 0, wide));
+    if (seen.shadow) along = along + sum(seen.shadow * slice(by, 1, wide, wide + 3));
+    sums.add(along);
+  }
 }
 
-std::map<std::string, double> GenAssets::metrics() const {
-  std::map<std::string, double> out = {{"samples", static_cast<double>(last_samples_)},
-                                       {"actors", static_cast<double>(last_actors_)},
-                                       {"lit", static_cast<double>(lit_permille_) / 1000}};
-  if (!observed_.empty() && observed_[0].evaluated())
-    out["psnr"] = -10 * std::log10(static_cast<double>(observed_[0].item()) + 1e-12);
-  if (observed_.size() > 1 && observed_[1].evaluated()) out["lidar_m"] = static_cast<double>(observed_[1].item());
-  if (prior_) out["prior"] = static_cast<double>(prior_->weight());
-  return out;
+StreetStep GenAssetsTraining::in_tiles(const StreetLog& log, HostRandom& random, const Progress& progress,
+                                       const Tensors& wanted) {
+  WholeImage image{*this, log, sampling(log, progress, true), {}, {}, {}, {}, {}};
+  image.truth = log.data->add_image(image.rays, *log.space, random);
+  image.returns.actors = image.rays.actors;
+  if (log.data->has_lidar()) log.data->add_returns(image.returns, *log.space, random, config_.lidar_rays);
+  image.decoded = image.given = model_.decode(hit_assets(log.appearance, image.rays.actors), image.how);
+  Tensor& planes = image.given.planes;
+  if (planes) planes = parameter(planes.to_host(), planes.shape());
+  Tensors reached = wanted;
+  if (planes) reached.push_back(planes);
+  GradientSums sums(reached);
+  image.look();
+  image.decode_pixels(sums);
+  image.render_again(sums);
+  Step step{full({}, config_.weight_rgb * static_cast<float>(image.squared)), {}};
+  step.figures = {psnr_figure(full({}, static_cast<float>(image.squared))),
+                  count("samples", image.samples),
+                  count("actors", planes ? planes.dim(1) : 0),
+                  {"lit", static_cast<double>(lit_permille) / 1000}};
+  if (image.returns.count() > 0) {
+    const RenderedRays seen =
+        model_.render(model_.street(log, image.returns), image.returns, image.how, false, &image.given);
+    const Tensor ranges = from_host(image.returns.ranges, {image.returns.count()});
+    const Tensor of_lidar = lidar_terms(seen.depth, ranges, seen.line_of_sight);
+    const Tensors found = sums.add(of_lidar, {}, {stop_gradient(of_lidar), lidar_error(seen.depth, ranges)});
+    step.loss = step.loss + found[0];
+    step.figures.push_back({"lidar_m", 0, found[1]});
+  }
+  step.gradients = sums.sums();
+  if (!planes) return {std::move(step), {}};
+  const Tensor by_planes = step.gradients.back();
+  step.gradients.pop_back();
+  Tensor along = by_planes ? sum(image.decoded.planes * by_planes) : Tensor(0.f);
+  if (image.decoded.kl) along = along + image.decoded.kl * config_.weight_kl;
+  GradientSums of_decoder(wanted);
+  of_decoder.add(along);
+  for (size_t i = 0; i < wanted.size(); ++i)
+    if (const Tensor& more = of_decoder.sums()[i])
+      step.gradients[i] = step.gradients[i] ? step.gradients[i] + more : more;
+  return {std::move(step), image.decoded.codes};
 }
 
 }  // namespace cloam

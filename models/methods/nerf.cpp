@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/train/tensors.h"
+#include "models/io/tensors.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/ops/composite.h"
@@ -30,6 +30,7 @@ constexpr double kRenderSamples = 400000;         // samples in memory while ren
 constexpr int64_t kMostRays = int64_t{16} << 22;  // a step, of any batch.rays
 constexpr float kLeastStep = 1e-5f;               // normalised units: a ray takes 100,000 of them
 constexpr int64_t kAllLit = 1000;
+constexpr int kWarmUp = 30;  // steps
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
 
@@ -66,17 +67,18 @@ void Nerf::configure(Config& c) {
   c.bind("occupancy.every", config_.occupancy_every, "occupancy grid: steps between updates", {1, 1 << 30});
   c.bind("occupancy.start", config_.occupancy_start, "occupancy grid: step of the first update", {0, 1 << 30});
   c.bind("train.rate", config_.learning_rate, "learning rate of Adam", kFromZero);
-  c.bind("train.final_rate", config_.final_rate, "learning rate at the last step, as a share of train.rate", kFromZero);
-  c.bind("train.decay_start", config_.decay_start, "share of the steps before the learning rate decays",
+  c.bind("train.final_rate", config_.final_rate, "learning rate at the last step, as a fraction of train.rate",
+         kFromZero);
+  c.bind("train.decay_start", config_.decay_start, "fraction of the steps before the learning rate decays",
          kShareBelowOne);
   c.bind("train.decay_steps", config_.decay_steps, "steps until the final learning rate; 0: the length of the training",
          {0, 1 << 30});
-  c.bind("train.distortion", config_.distortion, "weight of the distortion loss", kFromZero);
+  c.bind("weight.distortion", config_.distortion, "weight of the distortion loss", kFromZero);
   c.bind("train.loss", config_.loss, "pixel loss: square or charbonnier");
 }
 
 void Nerf::build(const Scenes& scenes, uint64_t seed) {
-  if (scenes.size() != 1) throw Error(Fault::usage, text("nerf learns one capture, not ", scenes.size()));
+  if (scenes.size() != 1) throw Error(Fault::usage, text("nerf trains on one capture, not ", scenes.size()));
   const Scene& scene = scenes.front();
   if (config_.sampling != "occupancy" && config_.sampling != "importance")
     throw Error(Fault::usage, text("setting sampling: \"", config_.sampling, "\", want occupancy or importance"));
@@ -99,9 +101,7 @@ void Nerf::load_data(std::vector<TrainingData> data) {
 }
 
 MemoryPlan Nerf::memory(const PhotoSizes& photos) const {
-  MemoryPlan plan;
-  for (const auto& [name, p] : params_) plan.parameters += static_cast<uint64_t>(p.numel()) * 4;
-  plan.optimiser = 2 * plan.parameters;
+  MemoryPlan plan = memory_of(params_);
   plan.images = photos.bytes + 12 * photos.largest;  // and directions
   const int64_t samples = marching()
                               ? config_.batch_samples
@@ -110,18 +110,12 @@ MemoryPlan Nerf::memory(const PhotoSizes& photos) const {
   return plan;
 }
 
-std::vector<LearningRate> Nerf::learning_rates(const Progress& progress) const {
-  const float along =
-      config_.decay_steps > 0
-          ? static_cast<float>(progress.step) / static_cast<float>(config_.decay_steps)
-          : std::clamp((progress.fraction() - config_.decay_start) / (1.f - config_.decay_start), 0.f, 1.f);
-  const float warm_up = std::min(1.f, static_cast<float>(progress.step) / 30.f);
-  const float rate = config_.learning_rate * std::pow(config_.final_rate, along) * warm_up;
-  return {{"", rate}};
-}
-
-AdamSettings Nerf::adam() const {
-  return config_.field.kind == "frequency" ? AdamSettings{} : AdamSettings{0.9f, 0.99f, 1e-15f};
+ParameterGroups Nerf::groups() const {
+  ParameterGroup all;
+  all.rate = config_.learning_rate;
+  all.schedule = {config_.final_rate, config_.decay_start, config_.decay_steps, kWarmUp};
+  if (config_.field.kind != "frequency") all.beta2 = 0.99f, all.epsilon = 1e-15f;  // Mueller et al. 2022
+  return {all};
 }
 
 MarchOptions Nerf::march_options() const {
@@ -200,7 +194,7 @@ Tensor Nerf::pixel_loss(const Tensor& colour, const Tensor& truth, const Tensor&
   return used ? mean(error * unsqueeze(used, 1)) : mean(error);
 }
 
-Tensor Nerf::loss(const Progress& progress) {
+Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   const RandomKey key{seed_, static_cast<uint32_t>(progress.step), 0};
   const RayBatch batch = bank_->sample(rays_, stream(key, kPixels));
   // What lies behind a surface gets no light and no gradient. A pass through the density alone finds it, and pays once
@@ -215,12 +209,17 @@ Tensor Nerf::loss(const Progress& progress) {
     return slice(rendered, 1, 0, 3) + background * (1.f - slice(rendered, 1, 3, 4));
   };
   const Tensor fine = colour(seen.fine);
-  last_error_ = mean(square(stop_gradient(fine) - truth));
+  const Tensor error = mean(square(stop_gradient(fine) - truth));
   last_samples_ = seen.samples;
   if (skim) lit_permille_ = kAllLit * (seen.samples + 1) / (seen.marched + 1);
   const Tensor spread = mean(slice(seen.fine, 1, 5, 6)) * config_.distortion;
-  const Tensor loss = pixel_loss(fine, truth, batch.used) + spread;
-  return seen.coarse ? loss + pixel_loss(colour(seen.coarse), truth, batch.used) : loss;
+  Tensor loss = pixel_loss(fine, truth, batch.used) + spread;
+  if (seen.coarse) loss = loss + pixel_loss(colour(seen.coarse), truth, batch.used);
+  Step step = step_of(loss, wanted);
+  step.figures = {
+      psnr_figure(error), {"rays", static_cast<double>(rays_)}, {"samples", static_cast<double>(last_samples_)}};
+  if (marching()) step.figures.push_back({"lit", static_cast<double>(lit_permille_) / 1000});
+  return step;
 }
 
 void Nerf::after_step(const Progress& progress) {
@@ -248,15 +247,6 @@ Tensor Nerf::thickness(const Tensor& points) const {
   const Tensor folded = max(abs(points * 4.f - 2.f), {{1}});
   const Tensor distance = 1.f / maximum(2.f - maximum(folded, 1.f), 1e-2f);
   return sigma * maximum(distance * (m.cone / m.min_step), 1.f);
-}
-
-std::map<std::string, double> Nerf::metrics() const {
-  std::map<std::string, double> out = {{"rays", static_cast<double>(rays_)},
-                                       {"samples", static_cast<double>(last_samples_)}};
-  if (marching()) out["lit"] = static_cast<double>(lit_permille_) / 1000;
-  if (last_error_ && last_error_.evaluated())
-    out["psnr"] = -10 * std::log10(static_cast<double>(last_error_.item()) + 1e-12);
-  return out;
 }
 
 Picture Nerf::render(const View& view) {

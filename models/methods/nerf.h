@@ -7,7 +7,9 @@
 #include "models/fields/field.h"
 #include "models/render/occupancy.h"
 #include "models/render/rays.h"
+#include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
+#include "models/train/renders_views.h"
 #include "runtime/ops/volume.h"
 
 namespace cloam {
@@ -30,20 +32,16 @@ struct NerfConfig {
   int occupancy_every = 16, occupancy_start = 64;
 };
 
-class Nerf final : public Method {
+class Nerf final : public Method, public LearnsFromCaptures, public RendersViews {
  public:
-  const char* name() const override { return "nerf"; }
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
   void load_data(std::vector<TrainingData> data) override;
   MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }
-  std::vector<LearningRate> learning_rates(const Progress& progress) const override;
-  AdamSettings adam() const override;
-  Tensor loss(const Progress& progress) override;
-  Tensors observed() const override { return {last_error_}; }
+  ParameterGroups groups() const override;
+  Step step(const Progress& progress, const Tensors& wanted) override;
   void after_step(const Progress& progress) override;
-  std::map<std::string, double> metrics() const override;
   Picture render(const View& view) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
@@ -81,7 +79,6 @@ class Nerf final : public Method {
   int64_t rays_ = 0;  // of the next step: follows the samples a ray costs
   int64_t last_samples_ = 0;
   int64_t lit_permille_ = 1000;  // of the samples marched to, those that get light
-  Tensor last_error_;            // mean squared error of the last step
 };
 
 }  // namespace cloam

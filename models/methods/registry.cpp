@@ -2,8 +2,10 @@
 #include "models/methods/registry.h"
 
 #include <algorithm>
+#include <set>
+#include <type_traits>
 
-#include "models/data/paths.h"
+#include "models/io/words.h"
 #include "models/methods/diffusion.h"
 #include "models/methods/genassets.h"
 #include "models/methods/nerf.h"
@@ -16,14 +18,31 @@ namespace {
 struct MethodRow {
   const char* name;
   std::unique_ptr<Method> (*create)();
+  std::set<std::type_index> capabilities;
 };
 
-const MethodRow kMethods[] = {
-    {"nerf", [] { return std::unique_ptr<Method>(std::make_unique<Nerf>()); }},
-    {"splat", [] { return std::unique_ptr<Method>(std::make_unique<Splat>()); }},
-    {"genassets", [] { return std::unique_ptr<Method>(std::make_unique<GenAssets>()); }},
-    {"diffusion", [] { return std::unique_ptr<Method>(std::make_unique<Diffusion>()); }},
-};
+template <class... Capabilities>
+struct List {};
+using All = List<LearnsFromCaptures, LearnsFromRun, RendersViews, Street, Grows, SharesNetworks, TakesPrior,
+                 GeneratesAssets, ShowsAssets, ExportsGaussians>;
+
+template <class M, class... Capabilities>
+std::set<std::type_index> capabilities_of(List<Capabilities...>) {
+  std::set<std::type_index> found;
+  ((std::is_base_of_v<Capabilities, M> ? (void)found.insert(typeid(Capabilities)) : void()), ...);
+  return found;
+}
+
+template <class M>
+MethodRow row(const char* name) {
+  return {name, [] { return std::unique_ptr<Method>(std::make_unique<M>()); }, capabilities_of<M>(All())};
+}
+
+const std::vector<MethodRow>& methods() {
+  static const std::vector<MethodRow> rows = {row<Nerf>("nerf"), row<Splat>("splat"), row<GenAssets>("genassets"),
+                                              row<Diffusion>("diffusion")};
+  return rows;
+}
 
 /// What the same method is called elsewhere.
 const std::pair<const char*, const char*> kAliases[] = {
@@ -51,7 +70,7 @@ const Variant kVariants[] = {
      {{"weight.perceptual", "0"}}},
     {"genassets-small",
      "genassets-small-nodecoder",
-     "each actor's planes learned directly: nothing is known of assets, nor that they are symmetric",
+     "each actor's planes learned directly, without decoder or symmetry",
      {{"decoder.use", "false"}, {"actors.symmetric", "false"}}},
 };
 
@@ -93,10 +112,10 @@ const std::vector<Preset>& presets() {
         {"train.final_rate", "0.1"},
         {"train.decay_steps", "250000"}},
        200000},
-      {"splat", "splat", "gaussian splatting: photographs with poses", {}, 7000},
+      {"splat", "splat", "Gaussian splatting of posed photos", {}, 7000},
       {"genassets",
        "genassets",
-       "the paper's sizes: a cluster's work, or a step on two cores",
+       "the paper's sizes: needs a cluster; one step on two cores",
        {{"batch.whole_images", "true"}, {"batch.lidar_rays", "8192"}},
        400000},
       {"genassets-small",
@@ -108,9 +127,9 @@ const std::vector<Preset>& presets() {
         {"decoder.middle", "64"},
         {"decoder.groups", "8"},
         {"field.width", "32"},
-        {"image.side", "3"},
+        {"image.kernel", "3"},
         {"image.blocks", "4"},
-        {"image.doublings", "1"},
+        {"image.upsamplings", "1"},
         {"steps.actor", "0.1"},
         {"actors.symmetric", "true"},
         {"weight.adversarial", "0"},
@@ -120,17 +139,17 @@ const std::vector<Preset>& presets() {
         {"train.rate_image", "4e-3"},
         {"train.rate_background", "0.05"}},
        7000},
-      {"diffusion", "diffusion", "the paper's sizes: assets of a run of genassets", {}, 100000},
+      {"diffusion", "diffusion", "the paper's sizes: assets of a genassets run", {}, 100000},
       {"diffusion-small",
        "diffusion",
-       "assets of a run of genassets-small: minutes on two cores",
+       "assets of a genassets-small run: minutes on two cores",
        {{"unet.base", "32"},
         {"unet.multipliers", "1,2"},
         {"unet.groups", "8"},
         {"batch.codes", "64"},
         {"train.rate", "1e-3"},
         {"train.final_rate", "0.1"},
-        {"train.average", "0.999"}},
+        {"train.ema", "0.999"}},
        4000},
   });
   return rows;
@@ -138,8 +157,21 @@ const std::vector<Preset>& presets() {
 
 std::vector<std::string> method_names() {
   std::vector<std::string> names;
-  for (const MethodRow& row : kMethods) names.push_back(row.name);
+  for (const MethodRow& row : methods()) names.push_back(row.name);
   return names;
+}
+
+std::vector<std::string> methods_with(std::type_index capability) {
+  std::vector<std::string> names;
+  for (const MethodRow& row : methods())
+    if (row.capabilities.contains(capability)) names.push_back(row.name);
+  return names;
+}
+
+void lacks(const std::string& method, const std::string& what, std::type_index capability) {
+  std::string others;
+  for (const std::string& name : methods_with(capability)) others += (others.empty() ? "" : ", ") + name;
+  throw Error(Fault::usage, text(what, " does not work with ", method, "\n  methods that it works with: ", others));
 }
 
 std::string method_of_alias(const std::string& name) {
@@ -158,7 +190,7 @@ const Preset& find_preset(const std::string& name) {
 }
 
 std::unique_ptr<Method> make_method(const std::string& name) {
-  for (const MethodRow& row : kMethods)
+  for (const MethodRow& row : methods())
     if (name == row.name) return row.create();
   unknown("method", name, method_names());
 }

@@ -5,10 +5,9 @@
 #include <cmath>
 #include <numeric>
 
+#include "models/io/tensors.h"
 #include "models/render/undistort.h"
 #include "models/splat/initial_gaussians.h"
-#include "models/train/optimiser.h"
-#include "models/train/tensors.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/ops/ssim.h"
@@ -52,10 +51,10 @@ Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int 
 }  // namespace
 
 void Splat::configure(Config& c) {
-  c.bind("initial", config_.initial, "initial gaussians: auto, points, lidar, random, or a file of points or splats");
-  c.bind("initial.random", config_.initial_random, "number of initial gaussians if they are random", {1, 1 << 28});
+  c.bind("initial", config_.initial, "initial Gaussians: auto, points, lidar, random, or a file of points or splats");
+  c.bind("initial.random", config_.initial_random, "number of random initial Gaussians", {1, 1 << 28});
   c.bind("background", config_.background, "background colour: auto, black, white or random");
-  c.bind("antialiased", config_.antialiased, "reduce opacities by the widening of the pixel filter (Mip-Splatting)");
+  c.bind("antialiased", config_.antialiased, "reduce opacities to make up for the pixel filter (Mip-Splatting)");
   c.bind("near", config_.near, "near plane, relative to the cameras' radius", kFromZero);
   c.bind("sh.degree", config_.sh_degree, "degree of the colours' spherical harmonics", {0, kSphericalBands});
   c.bind("sh.every", config_.sh_every, "steps before the next degree is used (at most a tenth of all steps)",
@@ -64,8 +63,8 @@ void Splat::configure(Config& c) {
   c.bind("train.rate_means", config_.rate_means, "learning rate of the means, relative to the cameras' radius",
          kFromZero);
   c.bind("train.final_means", config_.final_means,
-         "learning rate of the means at the last step, as a share of train.rate_means", kFromZero);
-  c.bind("train.rate_first", config_.rate_first, "learning rate of the colours", kFromZero);
+         "learning rate of the means at the last step, as a fraction of train.rate_means", kFromZero);
+  c.bind("train.rate_first", config_.rate_first, "learning rate of the base colours", kFromZero);
   c.bind("train.rate_rest", config_.rate_rest, "learning rate of the view-dependent colours", kFromZero);
   c.bind("train.rate_opacities", config_.rate_opacities, "learning rate of the opacities", kFromZero);
   c.bind("train.rate_scales", config_.rate_scales, "learning rate of the scales", kFromZero);
@@ -74,17 +73,17 @@ void Splat::configure(Config& c) {
   c.bind("train.rate_exposure", config_.rate_exposure, "learning rate of the exposures; it falls to a tenth",
          kFromZero);
   c.bind("growth.strategy", config_.growth.strategy, "densify (the paper) or mcmc");
-  c.bind("growth.from", config_.growth.from, "step after which the number of gaussians may change", {0, 1 << 30});
-  c.bind("growth.every", config_.growth.every, "steps between changes of the number of gaussians", {1, 1 << 30});
-  c.bind("growth.most", config_.growth.most, "largest number of gaussians", {1, 1 << 28});
-  c.bind("growth.gradient", config_.growth.gradient, "densify: mean gradient above which a gaussian is cloned or split",
+  c.bind("growth.start", config_.growth.from, "step after which the number of Gaussians may change", {0, 1 << 30});
+  c.bind("growth.every", config_.growth.every, "steps between changes of the number of Gaussians", {1, 1 << 30});
+  c.bind("growth.max", config_.growth.most, "largest number of Gaussians", {1, 1 << 28});
+  c.bind("growth.gradient", config_.growth.gradient, "densify: mean gradient above which a Gaussian is cloned or split",
          kFromZero);
   c.bind("growth.absolute", config_.growth.absolute, "densify: sum the absolute gradients of the pixels (AbsGS)");
-  c.bind("growth.small", config_.growth.small,
-         "densify: scale, relative to the cameras' radius, above which a gaussian is split", kFromZero);
-  c.bind("growth.large", config_.growth.large,
-         "densify: scale, relative to the radius or its distance, above which a gaussian is removed", kFromZero);
-  c.bind("growth.faint", config_.growth.faint, "opacity below which a gaussian is removed or moved", {0, 1});
+  c.bind("growth.split_scale", config_.growth.small,
+         "densify: scale, relative to the cameras' radius, above which a Gaussian is split", kFromZero);
+  c.bind("growth.prune_scale", config_.growth.large,
+         "densify: scale, relative to the radius or its distance, above which a Gaussian is removed", kFromZero);
+  c.bind("growth.prune_opacity", config_.growth.faint, "opacity below which a Gaussian is removed or moved", {0, 1});
   c.bind("growth.reset_every", config_.growth.reset_every, "densify: steps between resets of the opacities",
          {1, 1 << 30});
   c.bind("growth.noise", config_.growth.noise, "mcmc: noise on the means, relative to their learning rate", kFromZero);
@@ -93,7 +92,7 @@ void Splat::configure(Config& c) {
 }
 
 void Splat::build(const Scenes& scenes, uint64_t seed) {
-  if (scenes.size() != 1) throw Error(Fault::usage, text("splat learns one capture, not ", scenes.size()));
+  if (scenes.size() != 1) throw Error(Fault::usage, text("splat trains on one capture, not ", scenes.size()));
   const Scene& scene = scenes.front();
   seed_ = seed;
   cameras_ = camera_region(scene);
@@ -115,7 +114,7 @@ void Splat::build(const Scenes& scenes, uint64_t seed) {
 std::vector<std::string> Splat::warnings(const Scene& scene) const {
   if (config_.initial != "auto" || scene.cloud.count() > 0 || !scene.sweeps.empty()) return {};
   return {
-      "no points: gaussians start at random positions in the region that the cameras see; a COLMAP model with points "
+      "no points: Gaussians start at random positions in the region that the cameras see; a COLMAP model with points "
       "gives a better start (cloam process PHOTOS -o DATA makes one)"};
 }
 
@@ -137,7 +136,7 @@ void Splat::fit_to(const TensorMap& parameters) {
   views_ = zeros({found->second.shape[0]});
 }
 
-std::optional<Gaussians> Splat::gaussians() const {
+Gaussians Splat::gaussians() const {
   Gaussians out;
   for (const Part& part : parts()) out.*part.values = params_.at(part.name).to_host();
   out.up = up_;
@@ -163,7 +162,7 @@ void Splat::take_colours(const Pixels& pixels) {
   std::vector<PosedPhoto> photos;
   for (size_t i = 0; i < photographs_.size(); i++)
     photos.push_back({pixels.frames[i], photographs_[i].camera, photographs_[i].world_from_camera});
-  Gaussians coloured = *gaussians();
+  Gaussians coloured = gaussians();
   colour_from(photos, coloured);
   put(coloured);
 }
@@ -178,20 +177,21 @@ MemoryPlan Splat::memory(const PhotoSizes& photos) const {
   plan.images = photos.bytes;
   plan.work = most * kWork + photos.largest * kPixel;
   const uint64_t others = plan.images + photos.largest * kPixel, budget = memory_budget();
-  if (budget > others) plan.smaller = text("--set growth.most=", (budget - others) / (3 * kNumbers + kWork), " fits");
+  if (budget > others) plan.smaller = text("--set growth.max=", (budget - others) / (3 * kNumbers + kWork), " fits");
   return plan;
 }
 
-std::vector<LearningRate> Splat::learning_rates(const Progress& progress) const {
-  const float means =
-      config_.rate_means * static_cast<float>(cameras_.radius) * std::pow(config_.final_means, progress.fraction());
-  return {{"means", means},
-          {"scales", config_.rate_scales},
-          {"rotations", config_.rate_rotations},
-          {"opacities", config_.rate_opacities},
-          {"sh_first", config_.rate_first},
-          {"sh_rest", config_.rate_rest},
-          {"exposure", config_.rate_exposure * std::pow(kFinalExposure, progress.fraction())}};
+ParameterGroups Splat::groups() const {
+  const float means = config_.rate_means * static_cast<float>(cameras_.radius);
+  ParameterGroups groups = {{"means", means, {config_.final_means}},
+                            {"scales", config_.rate_scales},
+                            {"rotations", config_.rate_rotations},
+                            {"opacities", config_.rate_opacities},
+                            {"sh_first", config_.rate_first},
+                            {"sh_rest", config_.rate_rest},
+                            {"exposure", config_.rate_exposure, {kFinalExposure}}};
+  for (ParameterGroup& group : groups) group.epsilon = 1e-15f;
+  return groups;
 }
 
 SplatModel Splat::model(int degree) const {
@@ -265,16 +265,17 @@ Tensor Splat::loss(const Progress& progress) {
   return penalty ? loss + penalty : loss;
 }
 
-Gradients Splat::gradients(const Progress& progress, const Tensors& wanted) {
-  Gradients out;
-  out.loss = loss(progress);
+Step Splat::step(const Progress& progress, const Tensors& wanted) {
   Tensors all = wanted;
+  const Tensor total = loss(progress);
   all.push_back(probe_ ? probe_ : last_.seen);
-  out.of_parameters = grad_where_reached(out.loss, all);
-  mean_gradient_ = out.of_parameters.back() ? stop_gradient(out.of_parameters.back()) : Tensor();
-  out.of_parameters.pop_back();
+  Step step = step_of(total, all);
+  mean_gradient_ = step.gradients.back() ? stop_gradient(step.gradients.back()) : Tensor();
+  step.gradients.pop_back();
   observe();
-  return out;
+  step.figures = {psnr_figure(error_), {"gaussians", static_cast<double>(count())}};
+  step.more = {gradient_sums_, views_};
+  return step;
 }
 
 /// Sums for the growth: |d loss / d mean|, in units of half the picture, of the gaussians that some tile lists.
@@ -291,20 +292,20 @@ void Splat::observe() {
   views_ = views_ + listed;
 }
 
-Tensors Splat::observed() const { return {error_, gradient_sums_, views_}; }
-
 RowMoves Splat::grow(const Progress& progress) {
-  const Tensor shift = growth_->shift(model(degree_).cloud, progress, rate_of("means", learning_rates(progress)).rate);
+  const ParameterGroup means = group_of("means", groups());
+  const Tensor shift = growth_->shift(model(degree_).cloud, progress, means.rate * means.schedule.at(progress));
   if (shift) assign({{params_.at("means"), params_.at("means") + shift}});
   if (!growth_->due(progress)) return {};
-  Gaussians all = *gaussians();
+  Gaussians all = gaussians();
   GrowthStatistics statistics;
   const std::vector<float> sums = gradient_sums_.to_host(), views = views_.to_host();
   for (size_t i = 0; i < sums.size(); i++) statistics.gradients.push_back(sums[i] / std::max(1.f, views[i]));
   const GrowthMoves moves = growth_->grow(all, statistics, progress);
   if (all.count() == 0)
-    throw Error(Fault::diverged, text("no gaussian is left after step ", progress.step,
-                                      "\n  fix: --set growth.faint=0.001, or lower rates; are the poses right?"));
+    throw Error(Fault::diverged,
+                text("no Gaussian is left after step ", progress.step,
+                     "\n  fix: --set growth.prune_opacity=0.001, or lower rates; are the poses right?"));
   if (!moves.any()) return {};
   put(all);
   last_ = {};
@@ -313,12 +314,6 @@ RowMoves Splat::grow(const Progress& progress) {
   if (moves.opacities_reset)
     for (RowMove& move : out)
       if (move.name == "opacities") std::fill(move.source.begin(), move.source.end(), -1);
-  return out;
-}
-
-std::map<std::string, double> Splat::metrics() const {
-  std::map<std::string, double> out = {{"gaussians", static_cast<double>(count())}};
-  if (error_ && error_.evaluated()) out["psnr"] = -10 * std::log10(static_cast<double>(error_.item()) + 1e-12);
   return out;
 }
 

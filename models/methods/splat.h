@@ -3,9 +3,13 @@
 #pragma once
 #include <memory>
 
+#include "models/gaussians/exports_gaussians.h"
 #include "models/splat/draw.h"
 #include "models/splat/growth.h"
+#include "models/train/grows.h"
+#include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
+#include "models/train/renders_views.h"
 #include "runtime/ops.h"
 
 namespace cloam {
@@ -27,23 +31,22 @@ struct SplatConfig {
   GrowthOptions growth;
 };
 
-class Splat final : public Method {
+class Splat final : public Method,
+                    public LearnsFromCaptures,
+                    public RendersViews,
+                    public Grows,
+                    public ExportsGaussians {
  public:
-  const char* name() const override { return "splat"; }
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
   void load_data(std::vector<TrainingData> data) override;
   MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }
-  std::vector<LearningRate> learning_rates(const Progress& progress) const override;
-  AdamSettings adam() const override { return {0.9f, 0.999f, 1e-15f}; }
-  Tensor loss(const Progress& progress) override;
-  Gradients gradients(const Progress& progress, const Tensors& wanted) override;
-  Tensors observed() const override;
+  ParameterGroups groups() const override;
+  Step step(const Progress& progress, const Tensors& wanted) override;
   RowMoves grow(const Progress& progress) override;
-  std::map<std::string, double> metrics() const override;
   Picture render(const View& view) override;
-  std::optional<Gaussians> gaussians() const override;
+  Gaussians gaussians() const override;
   int64_t grows_until(const Progress& progress) const override { return growth_->until(progress); }
   void fit_to(const TensorMap& parameters) override;
   TensorMap state() const override;
@@ -65,6 +68,7 @@ class Splat final : public Method {
   size_t photograph_for(const Progress& progress) const;
   Tensor background_for(const Progress& progress) const;
   Tensor exposed(const Tensor& planes, size_t photograph) const;
+  Tensor loss(const Progress& progress);
   void observe();
 
   SplatConfig config_;

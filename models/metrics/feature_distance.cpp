@@ -19,7 +19,7 @@ using Eigen::MatrixXd;
 void need_sets(const MatrixXd& a, const MatrixXd& b) {
   if (a.rows() < 2 || b.rows() < 2 || a.cols() != b.cols() || a.cols() == 0)
     throw Error(Fault::data,
-                text("a distance of two sets needs two images each and one kind of features, got ", a.rows(), " and ",
+                text("a distance of two sets needs two images in each and the same features, got ", a.rows(), " and ",
                      b.rows(), " images with ", a.cols(), " and ", b.cols(), " features"));
 }
 

@@ -151,7 +151,7 @@ Tensors FeatureNetwork::operator()(const Tensor& images) const {
   const Dims d = match("feature_network", {{"images", images, "N 3 H W"}});
   if (std::min(d["H"], d["W"]) < smallest)
     throw Error(Fault::internal, text("[feature_network] images ", to_string(images.shape()), ", ", name, " wants ",
-                                      smallest, " pixels a side at least"));
+                                      smallest, " pixels per side or more"));
   Tensors taps;
   Tensor x = (side > 0 ? resize_tensorflow1(images, side) : images) * scale + shift;
   for (const FeatureLayer& layer : layers) {
@@ -164,7 +164,7 @@ Tensors FeatureNetwork::operator()(const Tensor& images) const {
 Tensor perceptual_loss(const FeatureNetwork& network, const Tensor& rendered, const Tensor& truth) {
   match("perceptual_loss", {{"rendered", rendered, "N 3 H W"}, {"truth", truth, "N 3 H W"}});
   if (network.loss_weights.empty())
-    throw Error(Fault::usage, network.name + " is for figures alone: for a loss name weights of SqueezeNet or VGG-19");
+    throw Error(Fault::usage, network.name + " is for metrics only: for a loss, name SqueezeNet or VGG-19 weights");
   const Tensors ours = network(rendered), wanted = network(stop_gradient(truth));
   Tensor loss = 0.f;
   for (size_t i = 0; i < ours.size(); i++)

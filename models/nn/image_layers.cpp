@@ -100,12 +100,30 @@ AttentionBlock::AttentionBlock(const Scope& scope, const AttentionShape& s)
       qkv(scope / "qkv", s.channels, 3 * s.channels),
       out(scope / "out", s.channels, s.channels, s.zero_last ? 0.f : 1.f) {}
 
+namespace {
+
+/// [N,C,H,W] to rows [N,HW,C], and back to the shape of `like`.
+Tensor rows_of(const Tensor& x) { return permute(reshape(x, {x.dim(0), x.dim(1), x.dim(2) * x.dim(3)}), {0, 2, 1}); }
+Tensor image_of(const Tensor& rows, const Tensor& like) { return reshape(permute(rows, {0, 2, 1}), like.shape()); }
+
+}  // namespace
+
 Tensor AttentionBlock::operator()(const Tensor& x) const {
-  const int64_t n = x.dim(0), c = x.dim(1), places = x.dim(2) * x.dim(3);
-  const Tensor rows = permute(reshape(norm(x), {n, c, places}), {0, 2, 1});
-  const Tensors parts = split(qkv(rows), 2, {c, c, c});
-  const Tensor mixed = out(attention(parts[0], parts[1], parts[2]));
-  return x + reshape(permute(mixed, {0, 2, 1}), x.shape());
+  const int64_t c = x.dim(1);
+  const Tensors parts = split(qkv(rows_of(norm(x))), 2, {c, c, c});
+  return x + image_of(out(attention(parts[0], parts[1], parts[2])), x);
+}
+
+CrossAttentionBlock::CrossAttentionBlock(const Scope& scope, const CrossAttentionShape& s)
+    : norm(scope / "norm", s.channels, s.groups),
+      query(scope / "query", s.channels, s.channels),
+      key_value(scope / "key_value", s.context, 2 * s.channels),
+      out(scope / "out", s.channels, s.channels, 0.f) {}
+
+Tensor CrossAttentionBlock::operator()(const Tensor& x, const Tensor& context) const {
+  const int64_t c = x.dim(1);
+  const Tensors parts = split(key_value(context), 2, {c, c});
+  return x + image_of(out(attention(query(rows_of(norm(x))), parts[0], parts[1])), x);
 }
 
 }  // namespace cloam

@@ -75,4 +75,19 @@ struct AttentionBlock {
   Linear qkv, out;
 };
 
+struct CrossAttentionShape {
+  int64_t channels;
+  int64_t context;  // numbers a token
+  int groups = 32;
+};
+
+/// x + out(softmax(q k^T / sqrt C) v), q of the norm of x at all places, k and v of tokens [N,T,context], one head;
+/// begins as x alone (latent diffusion, Rombach et al. 2022, section 3.3).
+struct CrossAttentionBlock {
+  CrossAttentionBlock(const Scope& scope, const CrossAttentionShape& shape);
+  Tensor operator()(const Tensor& x, const Tensor& context) const;
+  GroupNorm norm;
+  Linear query, key_value, out;
+};
+
 }  // namespace cloam

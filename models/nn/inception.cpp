@@ -122,7 +122,7 @@ void need_classifier(const Weights& from) {
       Fault::data,
       text(from.file.string(), ": looked for fc.weight ", shape_text(wanted), ", found ",
            at == from.tensors.end() ? "none" : shape_text(at->second.shape),
-           ": want the Inception of 2015-12-05 with its 1008 classes, as torch-fidelity and pytorch-fid give it, "
+           ": want the Inception of 2015-12-05 with its 1008 classes, as torch-fidelity and pytorch-fid provide it, "
            "not torchvision's"));
 }
 

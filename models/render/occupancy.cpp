@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cstring>
 
-#include "models/train/tensors.h"
+#include "models/io/tensors.h"
 #include "runtime/error.h"
 #include "runtime/ops/volume.h"
 

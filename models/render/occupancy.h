@@ -2,7 +2,7 @@
 #pragma once
 #include <functional>
 
-#include "models/train/method.h"
+#include "models/io/safetensors.h"
 #include "runtime/ops.h"
 
 namespace cloam {

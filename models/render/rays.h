@@ -1,7 +1,8 @@
 // Rays of cameras in normalised scene coordinates, and the bank of training pixels that batches are drawn from.
 #pragma once
 #include "models/render/scene_frame.h"
-#include "models/train/method.h"
+#include "models/scene/pixels.h"
+#include "models/scene/view.h"
 #include "runtime/ops.h"
 #include "runtime/ops/volume.h"
 

@@ -1,8 +1,8 @@
 // For methods that draw through pinholes alone: a pinhole for each lens, photos as it would have taken them, and its
 // renders as the lens would have seen them, so that they are compared with the photo as it is.
 #pragma once
-#include "models/data/load_images.h"
-#include "models/train/street.h"
+#include "models/scene/pixels.h"
+#include "models/scene/view.h"
 
 namespace cloam {
 

@@ -57,7 +57,8 @@ void check(const std::vector<PathPoint>& path) {
   if (path.empty()) throw Error(Fault::usage, "a path without points");
   for (std::size_t i = 1; i < path.size(); ++i) {
     if (path[i].time > path[i - 1].time) continue;
-    throw Error(Fault::usage, text("a path goes back in time: ", path[i].time, " s after ", path[i - 1].time, " s"));
+    throw Error(Fault::usage,
+                text("a path runs backwards in time: ", path[i].time, " s after ", path[i - 1].time, " s"));
   }
 }
 
@@ -75,7 +76,7 @@ void follow(const std::vector<PathPoint>& path, const Scene& scene, Actor& actor
   }
   if (!actor.boxes.empty() || moments.empty()) return;
   throw Error(Fault::usage,
-              text("the path of ", actor.id, " has no moment of its log: it goes from ",
+              text("the path of ", actor.id, " covers no time step of its log: it runs from ",
                    std::to_string(path.front().time), " to ", std::to_string(path.back().time), " s, the log from ",
                    std::to_string(moments.front().timestamp), " to ", std::to_string(moments.back().timestamp), " s"));
 }

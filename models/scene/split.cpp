@@ -66,7 +66,7 @@ const std::vector<std::string>& protocol_names() {
 void apply_protocol(Scene& scene, const Protocol& protocol) {
   if (!scene.is_log)
     throw Error(Fault::usage, text("--protocol ", protocol.name, " is for driving logs; ", scene.root.string(),
-                                   " holds photos: --holdout 8 is what fits"));
+                                   " holds photos: use --holdout 8"));
   const std::string front = front_sensor(scene);
   if (protocol.name == "sparse") return split_sparse(scene, front, protocol.sparse_every);
   if (protocol.name == "novel") return split_by_camera(scene, front, kFrontLeftSensor);

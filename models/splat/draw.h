@@ -2,8 +2,8 @@
 #pragma once
 #include <Eigen/Core>
 
+#include "models/gaussians/gaussians.h"
 #include "models/scene/camera.h"
-#include "models/splat/gaussians.h"
 #include "runtime/ops.h"
 #include "runtime/ops/splat.h"
 

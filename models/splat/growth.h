@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "models/splat/gaussians.h"
-#include "models/train/method.h"
+#include "models/gaussians/gaussians.h"
+#include "models/train/parameter_groups.h"
 #include "runtime/ops.h"
 #include "runtime/ops/splat.h"
 

@@ -8,9 +8,9 @@
 #include <optional>
 
 #include "models/data/load_sweep.h"
+#include "models/gaussians/formats.h"
+#include "models/gaussians/initialise.h"
 #include "models/scene/orbit.h"
-#include "models/splat/files/formats.h"
-#include "models/splat/initialise.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
 

@@ -2,7 +2,7 @@
 #pragma once
 #include <string>
 
-#include "models/data/load_images.h"
+#include "models/scene/pixels.h"
 #include "models/splat/growth.h"
 
 namespace cloam {

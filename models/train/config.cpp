@@ -6,7 +6,8 @@
 #include <cmath>
 #include <sstream>
 
-#include "models/data/paths.h"
+#include "models/io/words.h"
+#include "models/train/old_names.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -81,7 +82,8 @@ ConfigValue parse(const ConfigEntry& entry, const std::string& value) {
 
 }  // namespace
 
-void Config::set(const std::string& key, const std::string& value, const std::string& origin) {
+void Config::set(const std::string& given, const std::string& value, const std::string& origin) {
+  const std::string key = current_setting(given);
   const auto found = std::find_if(entries_.begin(), entries_.end(), [&](const ConfigEntry& e) { return e.key == key; });
   if (found == entries_.end()) {
     std::vector<std::string> known;

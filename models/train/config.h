@@ -38,9 +38,10 @@ class Config {
   void bind(const std::string& key, float& variable, const std::string& help, const Range& range);
   void bind(const std::string& key, bool& variable, const std::string& help);
   void bind(const std::string& key, std::string& variable, const std::string& help);
-  /// Parses `value` as the type of the setting. Fault::usage for an unknown key (with the nearest one), a bad value,
+  /// Parses `value` as the type of the setting. Old names are known, too (old_names.h).
+  /// Fault::usage for an unknown key (with the nearest one), a bad value,
   /// and a number outside of its range.
-  void set(const std::string& key, const std::string& value, const std::string& origin);
+  void set(const std::string& given, const std::string& value, const std::string& origin);
   const std::vector<ConfigEntry>& entries() const { return entries_; }
 
  private:

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <set>
 
-#include "models/train/tensors.h"
+#include "models/io/tensors.h"
 #include "runtime/error.h"
 #include "runtime/op.h"
 #include "runtime/ops.h"
@@ -12,60 +12,41 @@
 
 namespace cloam {
 
-const LearningRate& rate_of(const std::string& name, const std::vector<LearningRate>& rates) {
-  const LearningRate* best = nullptr;
-  for (const LearningRate& rate : rates)
-    if (name.starts_with(rate.prefix) && (!best || rate.prefix.size() > best->prefix.size())) best = &rate;
-  if (!best) throw Error(Fault::internal, text("no learning rate is given for parameter ", name));
-  return *best;
-}
-
-namespace {
-
-float rate_with(const std::string& prefix, const std::vector<LearningRate>& rates) {
-  const auto found =
-      std::find_if(rates.begin(), rates.end(), [&](const LearningRate& rate) { return rate.prefix == prefix; });
-  if (found == rates.end()) throw Error(Fault::internal, text("the learning rate of ", prefix, "* went away"));
-  return found->rate;
-}
-
-}  // namespace
-
-Optimiser::Optimiser(const Params& parameters, const std::vector<LearningRate>& rates) {
+Optimiser::Optimiser(const Params& parameters, const ParameterGroups& groups) {
   std::set<std::string> prefixes;
   for (const auto& [name, p] : parameters) {
-    const LearningRate& rate = rate_of(name, rates);
-    if (rate.frozen) continue;
+    const ParameterGroup& group = group_of(name, groups);
+    if (group.frozen) continue;
     names_.push_back(name);
-    if (!rate.sparse) {
-      prefixes.insert(rate.prefix);
+    if (!group.sparse) {
+      prefixes.insert(group.prefix);
       continue;
     }
     m_[name] = dense(zeros(p.shape()));
     v_[name] = dense(zeros(p.shape()));
     steps_[name] = from_host(std::vector<int32_t>(static_cast<size_t>(p.dim(0)), 0), {p.dim(0)});
   }
-  for (const std::string& prefix : prefixes) add_group(prefix, parameters, rates);
+  for (const std::string& prefix : prefixes) add_group(prefix, parameters, groups);
 }
 
-void Optimiser::add_group(const std::string& prefix, const Params& parameters, const std::vector<LearningRate>& rates) {
-  Group group;
-  group.prefix = prefix;
+void Optimiser::add_group(const std::string& prefix, const Params& parameters, const ParameterGroups& groups) {
+  Flats flats;
+  flats.prefix = prefix;
   std::vector<Shape> shapes;
   std::vector<std::string> names;
   for (size_t place = 0; place < names_.size(); place++) {
-    if (rate_of(names_[place], rates).prefix != prefix) continue;
-    group.order.push_back(place);
+    if (group_of(names_[place], groups).prefix != prefix) continue;
+    flats.order.push_back(place);
     shapes.push_back(parameters.at(names_[place]).shape());
     names.push_back(names_[place]);
   }
-  for (Flat* flat : {&group.parameters, &group.m, &group.v, &group.gradients}) *flat = flat_zeros(shapes);
+  for (Flat* flat : {&flats.parameters, &flats.m, &flats.v, &flats.gradients}) *flat = flat_zeros(shapes);
   for (size_t i = 0; i < names.size(); i++) {
-    move_to(parameters.at(names[i]), group.parameters.parts[i]);
-    m_[names[i]] = group.m.parts[i];
-    v_[names[i]] = group.v.parts[i];
+    move_to(parameters.at(names[i]), flats.parameters.parts[i]);
+    m_[names[i]] = flats.m.parts[i];
+    v_[names[i]] = flats.v.parts[i];
   }
-  groups_.push_back(std::move(group));
+  flats_.push_back(std::move(flats));
 }
 
 Tensors Optimiser::wanted(const Params& parameters) const {
@@ -75,36 +56,41 @@ Tensors Optimiser::wanted(const Params& parameters) const {
 }
 
 void Optimiser::expect(Tensors& gradients) const {
-  for (const Group& group : groups_) {
-    for (size_t i = 0; i < group.order.size(); i++) {
-      Tensor& gradient = gradients[group.order[i]];
-      if (!gradient) gradient = zeros(group.gradients.parts[i].shape());
-      expect_at(gradient, group.gradients.parts[i]);
+  for (const Flats& flats : flats_) {
+    for (size_t i = 0; i < flats.order.size(); i++) {
+      Tensor& gradient = gradients[flats.order[i]];
+      if (!gradient) gradient = zeros(flats.gradients.parts[i].shape());
+      expect_at(gradient, flats.gradients.parts[i]);
     }
   }
 }
 
-void Optimiser::step_group(Group& group, const Tensors& parameters, const Tensors& gradients, const AdamStep& with) {
-  for (size_t i = 0; i < group.order.size(); i++) {
-    move_to(parameters[group.order[i]], group.parameters.parts[i]);  // assign() may have moved it away
-    put_at(gradients[group.order[i]], group.gradients.parts[i]);
+void Optimiser::step_group(Flats& flats, const Tensors& parameters, const Tensors& gradients, const AdamStep& with) {
+  for (size_t i = 0; i < flats.order.size(); i++) {
+    move_to(parameters[flats.order[i]], flats.parameters.parts[i]);  // assign() may have moved it away
+    put_at(gradients[flats.order[i]], flats.gradients.parts[i]);
   }
-  adam_step(group.parameters.all, group.m.all, group.v.all, group.gradients.all, with);
+  adam_step(flats.parameters.all, flats.m.all, flats.v.all, flats.gradients.all, with);
 }
 
-void Optimiser::step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates,
-                     const AdamSettings& adam, int64_t step) {
-  const auto with = [&](float rate, float decay) {
-    return AdamStep{rate, adam.beta1, adam.beta2, adam.epsilon, decay, step};
+void Optimiser::step(Params& parameters, const Tensors& gradients, const ParameterGroups& groups,
+                     const Progress& progress) {
+  const auto with = [&](const ParameterGroup& group) {
+    return AdamStep{
+        group.rate * group.schedule.at(progress), group.beta1, group.beta2, group.epsilon, group.decay, progress.step};
   };
   for (size_t i = 0; i < names_.size(); i++) {
     const std::string& name = names_[i];
     if (!gradients[i] || !steps_.contains(name)) continue;
-    const LearningRate& rate = rate_of(name, rates);
-    adam_step_rows(parameters.at(name), m_[name], v_[name], steps_[name], gradients[i], with(rate.rate, rate.decay));
+    adam_step_rows(parameters.at(name), m_[name], v_[name], steps_[name], gradients[i], with(group_of(name, groups)));
   }
   const Tensors in_order = wanted(parameters);
-  for (Group& group : groups_) step_group(group, in_order, gradients, with(rate_with(group.prefix, rates), 0));
+  for (Flats& flats : flats_) {
+    const auto group =
+        std::find_if(groups.begin(), groups.end(), [&](const auto& one) { return one.prefix == flats.prefix; });
+    if (group == groups.end()) throw Error(Fault::internal, text("the parameter group ", flats.prefix, "* is missing"));
+    step_group(flats, in_order, gradients, with(*group));
+  }
 }
 
 namespace {
@@ -122,9 +108,9 @@ Tensor moved(const Tensor& from, const std::vector<int32_t>& source) {
 
 }  // namespace
 
-void Optimiser::move_rows(const Params& parameters, const RowMoves& moves, const std::vector<LearningRate>& rates) {
+void Optimiser::move_rows(const Params& parameters, const RowMoves& moves, const ParameterGroups& groups) {
   const Params m = m_, v = v_, steps = steps_;
-  *this = Optimiser(parameters, rates);
+  *this = Optimiser(parameters, groups);
   for (const std::string& name : names_) {
     const auto move = std::find_if(moves.begin(), moves.end(), [&](const RowMove& row) { return row.name == name; });
     const auto follow = [&](const Params& from, Params& to) {
@@ -141,7 +127,7 @@ void Optimiser::move_rows(const Params& parameters, const RowMoves& moves, const
 /// NaN and infinity times 0 are NaN, and so is a sum with one of them.
 bool Optimiser::finite(const Params& parameters) const {
   Tensors sums;
-  for (const Group& group : groups_) sums.push_back(sum(group.parameters.all * 0.f));
+  for (const Flats& flats : flats_) sums.push_back(sum(flats.parameters.all * 0.f));
   for (const auto& [name, steps] : steps_) sums.push_back(sum(parameters.at(name) * 0.f));
   eval(sums);
   return std::all_of(sums.begin(), sums.end(), [](const Tensor& zero) { return zero.item() == 0; });

@@ -1,6 +1,8 @@
 // Adam over a named set of parameters; its state lies under the same names.
 #pragma once
-#include "models/train/method.h"
+#include "models/io/safetensors.h"
+#include "models/nn/params.h"
+#include "models/train/grows.h"
 #include "runtime/flat.h"
 #include "runtime/ops.h"
 #include "runtime/ops/adam.h"
@@ -10,19 +12,18 @@ namespace cloam {
 class Optimiser {
  public:
   /// Zero moments for every parameter that is not frozen; rows of `sparse` ones count their own steps. Parameters with
-  /// one learning rate move into one buffer, so that a step is one launch for all of them.
-  Optimiser(const Params& parameters, const std::vector<LearningRate>& rates);
+  /// one group move into one buffer, so that a step is one launch for all of them.
+  Optimiser(const Params& parameters, const ParameterGroups& groups);
   /// The parameters to compute gradients of: all that are not frozen, in the order of the map.
   Tensors wanted(const Params& parameters) const;
   /// Before the gradients (in the order of wanted) are evaluated: they shall lie where step() reads them, which saves
   /// copies; they hold until the next step's are evaluated. An empty one of a dense parameter becomes zeros, since its
   /// moments fade all the same; a sparse parameter stands still.
   void expect(Tensors& gradients) const;
-  /// One step (counted from 1) in place, with evaluated gradients.
-  void step(Params& parameters, const Tensors& gradients, const std::vector<LearningRate>& rates,
-            const AdamSettings& adam, int64_t step);
+  /// One step in place, with evaluated gradients.
+  void step(Params& parameters, const Tensors& gradients, const ParameterGroups& groups, const Progress& progress);
   /// After a method replaced parameters by others of more, fewer or other rows: moments and counts move along.
-  void move_rows(const Params& parameters, const RowMoves& moves, const std::vector<LearningRate>& rates);
+  void move_rows(const Params& parameters, const RowMoves& moves, const ParameterGroups& groups);
   /// Whether no parameter that it steps is NaN or infinite.
   bool finite(const Params& parameters) const;
   /// Tensors "m.NAME", "v.NAME", "steps.NAME".
@@ -30,20 +31,17 @@ class Optimiser {
   void restore(const TensorMap& state);
 
  private:
-  struct Group {
-    std::string prefix;         // of the learning rate
+  struct Flats {
+    std::string prefix;         // of the group
     std::vector<size_t> order;  // places of its parameters among those wanted
     Flat parameters, m, v, gradients;
   };
-  void add_group(const std::string& prefix, const Params& parameters, const std::vector<LearningRate>& rates);
-  void step_group(Group& group, const Tensors& parameters, const Tensors& gradients, const AdamStep& with);
+  void add_group(const std::string& prefix, const Params& parameters, const ParameterGroups& groups);
+  void step_group(Flats& flats, const Tensors& parameters, const Tensors& gradients, const AdamStep& with);
 
   std::vector<std::string> names_;  // not frozen, in the order of the map
-  std::vector<Group> groups_;
+  std::vector<Flats> flats_;
   Params m_, v_, steps_;
 };
-
-/// The rate whose prefix fits a name best.
-const LearningRate& rate_of(const std::string& name, const std::vector<LearningRate>& rates);
 
 }  // namespace cloam

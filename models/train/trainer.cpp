@@ -8,9 +8,12 @@
 #include <set>
 
 #include "models/io/checkpoint.h"
+#include "models/io/tensors.h"
+#include "models/train/capability.h"
+#include "models/train/grows.h"
+#include "models/train/old_names.h"
 #include "models/train/optimiser.h"
 #include "models/train/step_pace.h"
-#include "models/train/tensors.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/op.h"
@@ -32,13 +35,24 @@ void add_prefixed(TensorMap& to, const TensorMap& from, const std::string& prefi
   for (const auto& [name, tensor] : from) to[prefix + name] = tensor;
 }
 
+/// Loss, gradients, figures and the rest in one evaluation.
+void eval_step(const Step& step) {
+  Tensors results = step.more;
+  results.insert(results.end(), step.gradients.begin(), step.gradients.end());
+  for (const Figure& figure : step.figures) results.push_back(figure.pending);
+  results.push_back(step.loss);
+  std::erase_if(results, [](const Tensor& x) { return !x; });
+  eval(results);
+}
+
 class Loop {
  public:
   Loop(const TrainRun& run, const TrainOptions& options, const TrainListener& listener)
       : run_(run),
         options_(options),
         listener_(listener),
-        optimiser_(run.method.parameters(), run.method.learning_rates({})) {}
+        grows_(as<Grows>(run.method)),
+        optimiser_(run.method.parameters(), run.method.groups()) {}
   TrainResult train();
 
  private:
@@ -65,7 +79,9 @@ class Loop {
   const TrainRun& run_;
   const TrainOptions& options_;
   const TrainListener& listener_;
+  Grows* grows_;  // null: parameters keep their rows
   Optimiser optimiser_;
+  std::map<std::string, double> figures_;  // of the last step
   Progress progress_;
   double start_ = options_.clock();
   TrainResult result_;
@@ -82,7 +98,7 @@ void Loop::begin() {
   progress_.seed = options_.seed;
   if (run_.resume) {
     progress_ = restore_method(run_.method, *run_.resume);
-    optimiser_ = Optimiser(run_.method.parameters(), run_.method.learning_rates(progress_));
+    optimiser_ = Optimiser(run_.method.parameters(), run_.method.groups());
     optimiser_.restore(with_prefix(run_.resume->tensors, kOptimiser));
     saved_step_ = progress_.step;
   }
@@ -121,25 +137,18 @@ double Loop::saving_seconds() const { return save_cost_ > 0 ? 1.5 * save_cost_ :
 void Loop::one_step() {
   const double before = seconds();
   progress_.step++;
-  auto [loss, all] = run_.method.gradients(progress_, optimiser_.wanted(run_.method.parameters()));
-  optimiser_.expect(all);
-  Tensors results;
-  std::copy_if(all.begin(), all.end(), std::back_inserter(results), [](const Tensor& g) { return bool(g); });
-  const Tensors observed = run_.method.observed();
-  results.insert(results.end(), observed.begin(), observed.end());
-  results.push_back(loss);
-  eval(results);
-  optimiser_.step(run_.method.parameters(), all, run_.method.learning_rates(progress_), run_.method.adam(),
-                  progress_.step);
-  result_.loss = static_cast<double>(loss.item());
+  const Step step = take_step(run_.method, optimiser_, progress_);
+  figures_.clear();
+  for (const Figure& figure : step.figures) figures_[figure.name] = figure.value();
+  result_.loss = static_cast<double>(step.loss.item());
   if (!std::isfinite(result_.loss)) diverged(text("the loss became ", result_.loss));
   if (progress_.step >= next_look_) {
     next_look_ = progress_.step + kFiniteEvery;
     require_finite();
   }
   run_.method.after_step(progress_);
-  const RowMoves moves = run_.method.grow(progress_);
-  if (!moves.empty()) optimiser_.move_rows(run_.method.parameters(), moves, run_.method.learning_rates(progress_));
+  const RowMoves moves = grows_ ? grows_->grow(progress_) : RowMoves{};
+  if (!moves.empty()) optimiser_.move_rows(run_.method.parameters(), moves, run_.method.groups());
   profile_step();
   step_seconds_ = seconds() - before;
 }
@@ -162,7 +171,7 @@ void Loop::diverged(const std::string& what) const {
       text(what, " at step ", progress_.step, "; ",
            saved_step_ > 0 ? text("the checkpoint of step ", saved_step_, " is good") : "no checkpoint was saved",
            "\n  fix: lower the learning rates (config.toml in the run folder lists the settings); "
-           "CLOAM_DEBUG=nan names the first bad op"));
+           "CLOAM_DEBUG=nan names the first op with a value that is not finite"));
 }
 
 void Loop::require_finite() {
@@ -194,7 +203,7 @@ void Loop::save() {
 
 /// From here to a step of a training that stands like this.
 std::optional<double> Loop::seconds_to(int64_t step, const Progress& progress) const {
-  return pace_.seconds_for(step - progress.step, run_.method.grows_until(progress) - progress.step);
+  return pace_.seconds_for(step - progress.step, (grows_ ? grows_->grows_until(progress) : 0) - progress.step);
 }
 
 std::optional<double> Loop::seconds_left() const {
@@ -212,7 +221,7 @@ TrainResult Loop::train() {
     now = seconds();
     if (progress_.step > warm) pace_.add(now - before);
     choose_horizon();
-    listener_.step({progress_, end(), result_.loss, seconds(), step_seconds_, seconds_left(), run_.method.metrics()});
+    listener_.step({progress_, end(), result_.loss, seconds(), step_seconds_, seconds_left(), figures_});
     if (save_is_due()) save();
   }
   if (saved_step_ != progress_.step) save();
@@ -228,7 +237,7 @@ void compare_names(const std::set<std::string>& wanted, const std::set<std::stri
   for (const std::string& name : wanted)
     if (!found.contains(name)) message += text("\n  missing: ", name);
   for (const std::string& name : found)
-    if (!wanted.contains(name)) message += text("\n  not of this model: ", name);
+    if (!wanted.contains(name)) message += text("\n  not in this model: ", name);
   if (!message.empty())
     throw Error(Fault::data, text("the checkpoint does not fit the model:", message,
                                   "\n  fix: use the preset and settings it was trained with"));
@@ -251,15 +260,27 @@ double steady_seconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+Step take_step(Method& method, Optimiser& optimiser, const Progress& progress) {
+  Step step = method.step(progress, optimiser.wanted(method.parameters()));
+  optimiser.expect(step.gradients);
+  eval_step(step);
+  optimiser.step(method.parameters(), step.gradients, method.groups(), progress);
+  return step;
+}
+
 TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainListener& listener) {
   return Loop(run, options, listener).train();
 }
 
 TensorMap parameters_in(const SafetensorsFile& checkpoint) { return with_prefix(checkpoint.tensors, kParameter); }
 
+TensorMap row_steps_in(const SafetensorsFile& checkpoint) {
+  return with_prefix(checkpoint.tensors, std::string(kOptimiser) + "steps.");
+}
+
 Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {
   const TensorMap stored = parameters_in(checkpoint);
-  method.fit_to(stored);
+  if (auto* grows = as<Grows>(method)) grows->fit_to(stored);
   std::set<std::string> wanted, found;
   for (const auto& [name, p] : method.parameters()) wanted.insert(name);
   for (const auto& [name, t] : stored) found.insert(name);
@@ -267,7 +288,9 @@ Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {
   std::vector<std::pair<Tensor, Tensor>> updates;
   for (auto& [name, p] : method.parameters()) updates.push_back({p, tensor_from(stored, name, p.shape())});
   assign(updates);
-  method.restore(with_prefix(checkpoint.tensors, kState));
+  TensorMap state;
+  for (const auto& [name, tensor] : checkpoint.tensors) state[current_tensor(name)] = tensor;
+  method.restore(with_prefix(state, kState));
   Progress progress;
   progress.step = number_in(checkpoint, "step");
   progress.horizon = number_in(checkpoint, "horizon");

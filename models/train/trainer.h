@@ -10,6 +10,8 @@
 
 namespace cloam {
 
+class Optimiser;
+
 /// Seconds since any moment.
 double steady_seconds();
 
@@ -62,8 +64,13 @@ struct TrainRun {
 };
 TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainListener& listener);
 
+/// One step of a training, as train() takes it: what was evaluated for it.
+Step take_step(Method& method, Optimiser& optimiser, const Progress& progress);
+
 /// The parameters that a checkpoint holds, under their names in the model.
 TensorMap parameters_in(const SafetensorsFile& checkpoint);
+/// Of sparse parameters, under the same names: the steps that trained each row.
+TensorMap row_steps_in(const SafetensorsFile& checkpoint);
 
 /// Parameters, state and progress of a checkpoint into a built method. Fault::data listing missing, extra and misshapen
 /// names in one message.

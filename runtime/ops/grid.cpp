@@ -140,7 +140,7 @@ Shape hash_grid_table_shape(const HashGrid& grid) {
 
 HashGridEncoder::HashGridEncoder(const HashGrid& description) : grid(description), levels_(level_table(description)) {
   if (grid.features != 1 && grid.features != 2 && grid.features != 4)
-    throw Error(Fault::usage, text("[hash_grid] ", grid.features, " features a level, want 1, 2 or 4"));
+    throw Error(Fault::usage, text("[hash_grid] ", grid.features, " features per level, want 1, 2 or 4"));
 }
 
 Tensor HashGridEncoder::operator()(const Tensor& points, const Tensor& table) const {

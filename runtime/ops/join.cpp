@@ -69,7 +69,7 @@ struct Pad final : Op {
 }  // namespace
 
 Tensor concat(const Tensors& parts, int axis) {
-  if (parts.empty()) throw Error(Fault::internal, "[concat] there is nothing to join");
+  if (parts.empty()) throw Error(Fault::internal, "[concat] there is nothing to concatenate");
   const int on = axis_of("concat", parts[0].rank(), axis);
   Shape shape = parts[0].shape();
   shape[on] = 0;

@@ -2,6 +2,7 @@
 #include <doctest/doctest.h>
 #include <fmt/format.h>
 
+#include <nlohmann/json.hpp>
 #include <regex>
 
 #include "tests/cli/process.h"
@@ -53,8 +54,8 @@ TEST_CASE("a demo ends with one page that holds its figures and pictures") {
   // How long trainings of so many steps take is not known before they ran.
   const std::size_t generating = outcome.err.find("[4/6]");
   REQUIRE(generating != std::string::npos);
-  CHECK_FALSE(contains(outcome.err.substr(0, generating), "left in all"));
-  CHECK(contains(outcome.err.substr(generating, outcome.err.find('\n', generating) - generating), "left in all"));
+  CHECK_FALSE(contains(outcome.err.substr(0, generating), "left in total"));
+  CHECK(contains(outcome.err.substr(generating, outcome.err.find('\n', generating) - generating), "left in total"));
 
   const auto street = json_of(out / "street" / "eval" / "eval.json"), prior = json_of(out / "prior/eval/eval.json");
   for (const char* key : {"psnr", "baseline_blend_psnr", "masked_psnr"})

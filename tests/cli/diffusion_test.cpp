@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "models/io/safetensors.h"
@@ -115,7 +116,7 @@ TEST_CASE("what diffusion cannot learn from is one error, and makes no run") {
   fails(small_street(), 3, "not a run folder: looked for run.json");
   const fs::path nerf = scratch() / "photo_run";
   REQUIRE(cloam_with(small_training(small_scene(), nerf, {"--steps", "1"})).code == 0);
-  fails(nerf, 3, "one of nerf");
+  fails(nerf, 3, "method is nerf");
   const fs::path planes = copied(two_streets_run(), "planes_run");
   change_record(planes, "decoder.use", "false");
   fails(planes, 3, "decoder.use = false");
@@ -354,7 +355,7 @@ TEST_CASE("what a prior or an image cannot be is one error, and makes no run") {
     CHECK(contains(outcome.err, says));
     CHECK_FALSE(fs::exists(never));
   };
-  fails(fit_with_prior(never, two_streets_run()), 2, "is a run of genassets, want one of diffusion");
+  fails(fit_with_prior(never, two_streets_run()), 2, "is a run of genassets, want a diffusion run");
   fails(fit_with_prior(never, scratch() / "nothing_here"), 2, "no such run folder");
   fails(fit_with_prior(never, small_diffusion_run(), {"--set", "code.side=8"}), 2, "code.side");
   fails(fit(never, {"--holdout", "4"}), 2, "leave out --protocol and --holdout");

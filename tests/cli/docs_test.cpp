@@ -5,10 +5,11 @@
 #include <algorithm>
 #include <cstdlib>
 #include <iostream>
+#include <nlohmann/json.hpp>
 #include <regex>
 #include <sstream>
 
-#include "models/data/synthetic_scene.h"
+#include "models/synth/synthetic_scene.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
 

@@ -5,8 +5,8 @@
 #include <numbers>
 
 #include "models/io/checkpoint.h"
-#include "models/train/restore_run.h"
-#include "models/train/scene_file.h"
+#include "models/runs/restore_run.h"
+#include "models/runs/scene_file.h"
 #include "tests/cli/process.h"
 
 using namespace cloam;
@@ -112,9 +112,12 @@ TEST_CASE("edit writes a run of its own, and edits of edits compose") {
 TEST_CASE("edit's mistakes: one line that says what would do, and nothing is written") {
   const fs::path run = street_run("mistaken"), out = scratch() / "never";
   const std::pair<const char*, const char*> cases[] = {
-      {"abc:remove", "'abc' matches 2 actors: 0:abc-1, 1:abc-1; type more of the id"}, {"trukc:remove", "did you mean 1:truck-9?"},
-      {"x:shfit=1,0,0", "did you mean shift?"},    {"x:shift=1,0", "want 3 numbers, found 2"},
-      {"x", "example: --actor 3f2a:shift=2,0,0"},  {"x:remove,shift=1,0,0", "no boxes to move"},
+      {"abc:remove", "'abc' matches 2 actors: 0:abc-1, 1:abc-1; give more of the id"},
+      {"trukc:remove", "did you mean 1:truck-9?"},
+      {"x:shfit=1,0,0", "did you mean shift?"},
+      {"x:shift=1,0", "want 3 numbers, found 2"},
+      {"x", "example: --actor 3f2a:shift=2,0,0"},
+      {"x:remove,shift=1,0,0", "no boxes to move"},
   };
   for (const auto& [given, told] : cases) {
     const Outcome outcome = edit(run, {given}, out);

@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <map>
+#include <nlohmann/json.hpp>
 
 #include "models/io/checkpoint.h"
 #include "tests/cli/process.h"

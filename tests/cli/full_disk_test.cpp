@@ -173,7 +173,7 @@ TEST_CASE("convert does not replace what it reads, by whatever name") {
   for (const char* out : {"own.ply", "link.ply", "other-name.ply"}) {
     const Outcome outcome = cloam_with({"convert", file.string(), (scratch() / out).string()});
     CHECK_MESSAGE(outcome.code == 2, outcome.err);
-    CHECK_MESSAGE(contains(outcome.err, "is the file that is read"), outcome.err);
+    CHECK_MESSAGE(contains(outcome.err, "is the input file"), outcome.err);
   }
   CHECK(content_of(file) == before);
   CHECK(fs::is_symlink(scratch() / "link.ply"));

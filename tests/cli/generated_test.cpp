@@ -2,13 +2,14 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "models/data/read_scene.h"
 #include "models/io/safetensors.h"
+#include "models/latents/new_assets.h"
+#include "models/runs/scene_file.h"
 #include "models/scene/asset_class.h"
-#include "models/train/new_assets.h"
-#include "models/train/scene_file.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
 

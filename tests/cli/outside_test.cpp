@@ -1,6 +1,8 @@
 // Captures whose lists name photos outside of their folder: what has to be allowed, and what a run remembers of it.
 #include <doctest/doctest.h>
 
+#include <nlohmann/json.hpp>
+
 #include "tests/cli/process.h"
 #include "tests/models/errors.h"
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 #include "models/io/image.h"
 #include "tests/cli/process.h"
@@ -93,7 +94,7 @@ TEST_CASE("eval of a run without held-out photos says that they are the training
   const Outcome outcome = cloam_with({"eval", run.string(), "--json"});
   REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
   CHECK(nlohmann::json::parse(outcome.out).at("protocol") == "train-images");
-  CHECK(contains(outcome.err, "the training images are measured"));
+  CHECK(contains(outcome.err, "the training images are evaluated"));
 }
 
 TEST_CASE("--holdout N is the protocol holdout-N: every Nth by name") {
@@ -192,7 +193,7 @@ echo film > "$film"
   fs::permissions(bin / "ffmpeg", fs::perms::owner_all);
   const std::string failed = render({path, "CALLS=" + calls.string(), "FAIL=1"});
   CHECK(contains(failed, "warning: "));
-  CHECK(contains(failed, "ended with code 8; it said:\n    Unknown encoder"));
+  CHECK(contains(failed, "ended with code 8; it printed:\n    Unknown encoder"));
   CHECK_FALSE(fs::exists(out / "orbit.mp4"));
   CHECK(contains(render({path, "CALLS=" + calls.string()}), "orbit.gif and orbit.mp4"));
   CHECK(content_of(out / "orbit.mp4") == "film\n");

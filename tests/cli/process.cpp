@@ -9,10 +9,11 @@
 #include <chrono>
 #include <cstdlib>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <thread>
 
-#include "models/data/synthetic_scene.h"
+#include "models/synth/synthetic_scene.h"
 
 extern char** environ;
 

@@ -3,6 +3,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"

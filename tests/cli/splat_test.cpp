@@ -2,6 +2,7 @@
 #include <doctest/doctest.h>
 
 #include <csignal>
+#include <nlohmann/json.hpp>
 
 #include "tests/cli/process.h"
 
@@ -13,8 +14,8 @@ namespace {
 bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
 
 Words training(const fs::path& run, const Words& more) {
-  Words words = {"train",          "splat", small_scene().string(), "-o",    run.string(),     "--progress",
-                 "plain",          "--set", "initial.random=300",   "--set", "growth.from=20", "--set",
+  Words words = {"train",          "splat", small_scene().string(), "-o",    run.string(),      "--progress",
+                 "plain",          "--set", "initial.random=300",   "--set", "growth.start=20", "--set",
                  "growth.every=20"};
   words.insert(words.end(), more.begin(), more.end());
   return words;
@@ -87,9 +88,9 @@ TEST_CASE("splat: killed between two growths and resumed ends in the same bytes;
 
 TEST_CASE("splat: what does not fit or cannot be is told before anything is done") {
   const fs::path run = scratch() / "splats-never";
-  const Outcome large = cloam_with(training(run, {"--max-memory", "300M", "--set", "growth.most=2000000"}));
+  const Outcome large = cloam_with(training(run, {"--max-memory", "300M", "--set", "growth.max=2000000"}));
   CHECK(large.code == 5);
-  const std::string advice = "growth.most=";
+  const std::string advice = "growth.max=";
   const size_t at = large.err.find(advice);
   REQUIRE_MESSAGE(at != std::string::npos, large.err);
   const std::string most = std::to_string(std::stoll(large.err.substr(at + advice.size())));
@@ -101,7 +102,7 @@ TEST_CASE("splat: what does not fit or cannot be is told before anything is done
               {"initial=no-such.ply", "no-such.ply"},
               {"growth.strategy=densfy", "densify or mcmc"},
               {"sh.degree=4", "0 to 3"},
-              {"growth.mots=5", "growth.most"}};
+              {"growth.mots=5", "growth.max"}};
   for (const auto& row : rows) {
     const Outcome outcome = cloam_with(training(run, {"--steps", "2", "--set", row.setting}));
     CHECK_MESSAGE((outcome.code == 2 || outcome.code == 3), row.setting, " ", outcome.code, " ", outcome.err);

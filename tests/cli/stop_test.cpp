@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "models/data/read_scene.h"
-#include "models/data/synthetic_scene.h"
+#include "models/synth/synthetic_scene.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
 
@@ -26,7 +26,7 @@ Outcome stopped(const Words& words, const fs::path& begun, int signal = SIGINT) 
   const Outcome outcome = process.wait();
   CHECK_MESSAGE(outcome.code == 128 + signal, outcome.err);
   CHECK_MESSAGE(contains(outcome.err, "\nstopping: finishing this "), outcome.err);
-  CHECK_MESSAGE(contains(outcome.err, "; Ctrl-C again ends at once\n"), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "; press Ctrl-C again to quit at once\n"), outcome.err);
   return outcome;
 }
 
@@ -100,7 +100,7 @@ TEST_CASE("simulate that is stopped leaves no half log") {
   const Outcome outcome = stopped({"simulate", small_street_run().string(), "-o", out.string(), "--size", "640x360"},
                                   out / "camera" / "front_camera" / "00.jpg");
   CHECK(number_before(outcome, " of 3 images were rendered") > 0);
-  CHECK(contains(outcome.err, out.string() + " was not complete and is removed"));
+  CHECK(contains(outcome.err, out.string() + " was incomplete and has been removed"));
   CHECK_FALSE(fs::exists(out));
 }
 

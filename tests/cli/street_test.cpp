@@ -4,10 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "models/io/image.h"
-#include "models/train/run_folder.h"
+#include "models/runs/run_folder.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
 

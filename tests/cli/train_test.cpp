@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <nlohmann/json.hpp>
 #include <sstream>
 #include <thread>
 
@@ -320,7 +321,7 @@ TEST_CASE("data that were moved are measured by the run's own split; a finished 
   // One photo less at the front: by the same rule others are held out, which the run was trained on.
   fs::rename(moved / "train" / "r_0.png", scratch() / "r_0.png");
   const Outcome changed = cloam_with({"eval", run.string()});
-  CHECK(contains(changed.err, "of the 2 measured images were used in training"));
+  CHECK(contains(changed.err, "of the 2 evaluated images were used in training"));
   fs::rename(scratch() / "r_0.png", moved / "train" / "r_0.png");
   const auto before = snapshot(run);
   const fs::path damaged = copy_of_scene("finished-damaged");

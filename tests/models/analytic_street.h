@@ -8,7 +8,7 @@
 #include <limits>
 
 #include "models/scene/assets.h"
-#include "models/train/street.h"
+#include "models/street/street.h"
 
 namespace cloam {
 

@@ -8,9 +8,10 @@
 #include <map>
 #include <set>
 
+#include "models/io/tensors.h"
 #include "models/methods/asset_codes.h"
 #include "models/methods/diffusion.h"
-#include "models/train/tensors.h"
+#include "models/runs/restore_run.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -75,18 +76,20 @@ StoredRun made_run(const MadeRun& made) {
   return run;
 }
 
+AssetCodes codes_of(const StoredRun& run, int64_t least_steps) { return asset_codes(source_of(run), least_steps); }
+
 /// The smallest network on a made run.
 void prepare(Diffusion& method, const StoredRun& run, uint64_t seed, const std::map<std::string, std::string>& more) {
   Config config;
   method.configure(config);
   std::map<std::string, std::string> settings = {
       {"unet.base", "16"},   {"unet.multipliers", "1,2"}, {"unet.groups", "4"},        {"unet.blocks", "1"},
-      {"batch.codes", "32"}, {"train.rate", "5e-3"},      {"train.final_rate", "0.1"}, {"train.average", "0.95"}};
-  for (const auto& [key, value] : method.settings_from(run.record)) settings[key] = value;
+      {"batch.codes", "32"}, {"train.rate", "5e-3"},      {"train.final_rate", "0.1"}, {"train.ema", "0.95"}};
+  for (const auto& [key, value] : method.settings_from(source_of(run))) settings[key] = value;
   for (const auto& [key, value] : more) settings[key] = value;
   for (const auto& [key, value] : settings) config.set(key, value, "test");
   method.build(run.scenes, seed);
-  method.load(run);
+  method.load(source_of(run));
 }
 
 struct Prior {
@@ -103,7 +106,7 @@ std::vector<float> state_of(const Diffusion& method, const char* name) {
 }  // namespace
 
 TEST_CASE("codes of a run come with class, time of day, size and deviation; actors that were not seen are left out") {
-  const AssetCodes codes = asset_codes(made_run({true, 6, true}), 1);
+  const AssetCodes codes = codes_of(made_run({true, 6, true}), 1);
   REQUIRE(codes.count() == 10);
   CHECK(codes.unseen == 2);
   CHECK(codes.classes == std::vector<int32_t>{0, 7, 0, 7, 0, 0, 7, 0, 7, 0});
@@ -112,29 +115,29 @@ TEST_CASE("codes of a run come with class, time of day, size and deviation; acto
   REQUIRE(codes.means.size() == 10 * kNumbers);
   CHECK(codes.means[kNumbers] == doctest::Approx(made_code(false, 0, 1)));
   CHECK(codes.deviations[5] == doctest::Approx(std::exp(0.5 * (3 - 6))));
-  CHECK(asset_codes(made_run({false, 6, false}), 1).deviations.empty());
-  CHECK_THROWS_WITH_AS(asset_codes(made_run({}), 8), doctest::Contains("no actor to learn from"), Error);
+  CHECK(codes_of(made_run({false, 6, false}), 1).deviations.empty());
+  CHECK_THROWS_WITH_AS(codes_of(made_run({}), 8), doctest::Contains("no actor to learn from"), Error);
 }
 
 TEST_CASE("runs that have no codes are told apart, and what is damaged is no crash") {
   StoredRun run = made_run({});
   run.record.method = "nerf";
-  CHECK_THROWS_WITH_AS(code_shape(run.record), doctest::Contains("one of nerf"), Error);
+  CHECK_THROWS_WITH_AS(code_shape(source_of(run)), doctest::Contains("method is nerf"), Error);
   run = made_run({});
   run.record.settings["decoder.use"] = "false";
-  CHECK_THROWS_WITH_AS(code_shape(run.record), doctest::Contains("no codes"), Error);
+  CHECK_THROWS_WITH_AS(code_shape(source_of(run)), doctest::Contains("no codes"), Error);
   run = made_run({});
   run.record.edited_from = RunData{"runs/first", "", ""};
-  CHECK_THROWS_WITH_AS(code_shape(run.record), doctest::Contains("runs/first"), Error);
+  CHECK_THROWS_WITH_AS(code_shape(source_of(run)), doctest::Contains("runs/first"), Error);
   run = made_run({});
   run.record.settings["code.side"] = "2000000000";
-  CHECK_THROWS_AS(code_shape(run.record), Error);
+  CHECK_THROWS_AS(code_shape(source_of(run)), Error);
   run = made_run({});
   run.record.settings["code.channels"] = "3";
-  CHECK_THROWS_WITH_AS(asset_codes(run, 1), doctest::Contains("log0.codes"), Error);
+  CHECK_THROWS_WITH_AS(codes_of(run, 1), doctest::Contains("log0.codes"), Error);
   run = made_run({});
   run.checkpoint.file.tensors.erase("adam.steps.log1.codes");
-  CHECK_THROWS_WITH_AS(asset_codes(run, 1), doctest::Contains("log1.codes"), Error);
+  CHECK_THROWS_WITH_AS(codes_of(run, 1), doctest::Contains("log1.codes"), Error);
 }
 
 TEST_CASE("channels are standardised over what is drawn of the training codes; the seed chooses what is held out") {
@@ -165,7 +168,7 @@ TEST_CASE("the least v-loss is that of codes whose means are known") {
   const StoredRun run = made_run({});
   Prior prior(run);
   double want = 0;
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   for (int i = 0; i < 16; ++i)
     for (size_t channel = 0; channel < 2; ++channel) {
       const double own = std::exp(0.5 * (3 - 6)) / static_cast<double>(state_of(prior.method, "deviation")[channel]);
@@ -181,9 +184,10 @@ TEST_CASE("the least v-loss is that of codes whose means are known") {
 TEST_CASE("the weighted loss is the v-loss by its weights; metrics show the v-loss") {
   Prior even(made_run({})), weighted(made_run({}), 3, {{"weight.min_snr", "5"}});
   const Progress progress{1, 10, 3};
-  const Tensor a = even.method.loss(progress), b = weighted.method.loss(progress);
-  eval({a, b, weighted.method.observed().front()});
-  CHECK(weighted.method.metrics().at("v_loss") == doctest::Approx(static_cast<double>(a.item())));
+  const Step step = weighted.method.step(progress, {});
+  const Tensor a = even.method.step(progress, {}).loss, b = step.loss;
+  eval({a, b, step.figures.front().pending});
+  CHECK(step.figures.front().value() == doctest::Approx(static_cast<double>(a.item())));
   CHECK(b.item() < a.item());  // min(SNR, 5) / (SNR + 1) is below 1 everywhere
   CHECK(b.item() > 0);
 }
@@ -252,7 +256,7 @@ TEST_CASE("diffusion: a checkpoint of any step holds all that the next step and 
                                    wish.count = 2;
                                    wish.steps = 2;
                                    std::vector<float> look;
-                                   for (const NewAsset& asset : method.prior()->generate(wish))
+                                   for (const NewAsset& asset : as<GeneratesAssets>(method)->generate(wish))
                                      look.insert(look.end(), asset.code.begin(), asset.code.end());
                                    return look;
                                  }});
@@ -305,7 +309,7 @@ TEST_CASE("settings of the network that cannot be are told with their names") {
   CHECK(error_of("unet.groups", "5").find("unet.groups") != std::string::npos);
   CHECK(error_of("batch.codes", "0").find("batch.codes") != std::string::npos);
   CHECK(error_of("condition.drop", "1").find("condition.drop") != std::string::npos);
-  CHECK(error_of("schedule.times", "0").find("times") != std::string::npos);
+  CHECK(error_of("schedule.timesteps", "0").find("times") != std::string::npos);
   CHECK(error_of("schedule.betas", "square").find("square") != std::string::npos);
   CHECK(error_of("code.side", "4").find("code.side") != std::string::npos);
 }

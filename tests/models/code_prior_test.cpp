@@ -12,6 +12,7 @@
 #include "models/methods/registry.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
+#include "tests/models/made_method.h"
 #include "tests/models/resume.h"
 #include "tests/models/toy_street.h"
 
@@ -23,15 +24,13 @@ namespace {
 constexpr int64_t kChannels = 4, kSide = 4, kNumbers = kChannels * kSide * kSide;
 constexpr float kPriorMean = 0.8f, kPriorDeviation = 0.1f;  // of all codes
 
-using Settings = std::map<std::string, std::string>;
-
 /// Knows codes N(0.8, 0.1^2), which standardised are N(0, 1): x^ = alpha x_t.
 CodeDenoiser gaussian() {
   CodeDenoiser out;
   out.side = kSide;
   out.mean.assign(kChannels, kPriorMean);
   out.deviation.assign(kChannels, kPriorDeviation);
-  out.clean = [schedule = out.schedule](const Tensor& noisy, const std::vector<int32_t>& times, const UnetCondition&) {
+  out.clean = [schedule = out.schedule](const Tensor& noisy, const std::vector<int32_t>& times, const Condition&) {
     std::vector<float> alphas;
     for (const int32_t t : times) alphas.push_back(static_cast<float>(schedule.level(t).alpha));
     return noisy * from_host(alphas, {noisy.dim(0), 1, 1, 1});
@@ -46,27 +45,22 @@ struct Made {
 };
 
 std::unique_ptr<Method> street(const Scene& scene, const Made& made, const CodeDenoiser& denoiser = gaussian()) {
-  auto method = make_method("genassets");
-  Config config;
-  method->configure(config);
   Settings settings = {
       {"planes.channels", "4"},   {"background.side", "32"},   {"code.side", "4"},         {"code.channels", "4"},
       {"decoder.widths", "8,8"},  {"decoder.middle", "8"},     {"decoder.groups", "4"},    {"field.width", "16"},
-      {"image.width", "8"},       {"image.side", "3"},         {"image.blocks", "2"},      {"image.doublings", "1"},
+      {"image.width", "8"},       {"image.kernel", "3"},       {"image.blocks", "2"},      {"image.upsamplings", "1"},
       {"batch.patches", "2"},     {"batch.patch_side", "12"},  {"batch.lidar_rays", "64"}, {"steps.actor", "0.1"},
       {"weight.perceptual", "0"}, {"weight.adversarial", "0"}, {"weight.kl", "0"},         {"shadows", "false"}};
-  for (const auto& [key, value] : made.settings) settings[key] = value;
-  for (const auto& [key, value] : settings) config.set(key, value, "test");
+  settings.insert(settings.end(), made.settings.begin(), made.settings.end());
+  auto method = configured("genassets", settings);
   method->build({scene}, 1);
-  if (made.prior) method->adopt_prior(denoiser);
+  if (made.prior) as<TakesPrior>(*method)->adopt_prior(denoiser);
   const Tensor& offset = method->parameters().at("networks.field.offset");
   assign({{offset, from_host(std::vector<float>{-0.4f}, offset.shape())}});
   Pixels all = toy_pixels(scene), pixels = all;
   pixels.frames.clear();
   for (const size_t i : made.photos) pixels.frames.push_back(all.frames[i]);
-  std::vector<TrainingData> data;
-  data.push_back({scene, std::move(pixels)});
-  method->load_data(std::move(data));
+  load_data(*method, scene, std::move(pixels));
   return method;
 }
 
@@ -130,9 +124,9 @@ TEST_CASE("prior: its gradient by codes is the share of the rendering's that the
     const Settings settings = {{"prior.through_network", through}, {"weight.prior", "0.1"}, {"batch.patch_side", "16"}};
     const auto with = street(scene, {settings, {0, 1}}), without = street(scene, {settings, {0, 1}, false});
     const auto gradient = [](Method& method, int64_t step) {
-      const Gradients all = method.gradients({step, 100, 1}, {method.parameters().at("log0.codes")});
-      eval(method.observed());
-      const Tensor out = stop_gradient(all.of_parameters[0]);
+      const Step all = method.step({step, 100, 1}, {method.parameters().at("log0.codes")});
+      eval(all.more);
+      const Tensor out = stop_gradient(all.gradients[0]);
       eval({out});
       method.after_step({step, 100, 1});
       return out;
@@ -147,7 +141,7 @@ TEST_CASE("prior: its gradient by codes is the share of the rendering's that the
     }
     CHECK(term / rendering > 0.05);
     CHECK(term / rendering < 0.2);
-    CHECK(with->metrics().at("prior") > 0);
+    CHECK(figure(with->step({41, 100, 1}, {}), "prior") > 0);
   }
 }
 
@@ -181,7 +175,7 @@ TEST_CASE("prior: without noise the hidden gets what is usual; what is seen tell
   const Scene scene = crossing(folder.path);
   CodeDenoiser one_number = gaussian();  // knows that all numbers of a code are equal
   one_number.clean = [all = one_number.clean](const Tensor& noisy, const std::vector<int32_t>& times,
-                                              const UnetCondition& condition) {
+                                              const Condition& condition) {
     return all(mean(noisy, {{1, 2, 3}, true}) + zeros(noisy.shape()), times, condition);
   };
   const auto method =
@@ -205,9 +199,8 @@ TEST_CASE("prior: denoised codes are refined, and what they have in common stand
   CHECK(distance(code_of(*method, 1), denoised) > 1e-4);
   CHECK(distance(method->parameters().at("log0.common.code").to_host(), common) == 0);
   const auto rate = [](const Method& of) {
-    for (const LearningRate& one : of.learning_rates({300, 1000, 1}))
-      if (one.prefix == "log0.codes") return static_cast<double>(one.rate);
-    return 0.0;
+    const ParameterGroup codes = group_of("log0.codes", of.groups());
+    return static_cast<double>(codes.rate * codes.schedule.at({300, 1000, 1}));
   };
   CHECK(rate(*method) == doctest::Approx(0.1 * rate(*street(scene, {{{"prior.steps", "0"}}}))));
 }
@@ -235,7 +228,7 @@ TEST_CASE("prior: a checkpoint of any step holds all that the next one reads, wh
     const Settings settings = {{"prior.steps", "3"}, {"prior.through_network", whole}, {"batch.whole_images", whole}};
     check_resumes_from_every_step({[&] { return street(scene, {settings}); },
                                    [&](Method& method) {
-                                     return method.render({scene.cameras[0], toy_camera_pose(0), 0, 0.05}).rgb;
+                                     return shown(method, {scene.cameras[0], toy_camera_pose(0), 0, 0.05}).rgb;
                                    },
                                    8});
   }
@@ -253,5 +246,7 @@ TEST_CASE("prior: what cannot be is an error that names it") {
   fails({{"prior.guidance", "nan"}}, "prior.guidance");
   fails({{"prior.noise", "-1"}}, "prior.noise");
   fails({{"prior.steps", "1001"}}, "1001 denoising steps");
-  CHECK_THROWS_WITH_AS(make_method("nerf")->adopt_prior(gaussian()), doctest::Contains("--prior: nerf"), Error);
+  CHECK_THROWS_WITH_AS(require<TakesPrior>(*make_method("nerf"), "nerf", "--prior"),
+                       doctest::Contains("--prior does not work with nerf\n  methods that it works with: genassets"),
+                       Error);
 }

@@ -18,7 +18,7 @@
 #include "models/data/load_images.h"
 #include "models/data/read_scene.h"
 #include "models/io/image.h"
-#include "models/train/scene_file.h"
+#include "models/runs/scene_file.h"
 #include "runtime/error.h"
 #include "tests/models/errors.h"
 #include "tests/models/folder.h"
@@ -393,7 +393,7 @@ TEST_CASE("counts that a file cannot hold are refused before memory is asked for
       model.at(name) = Bytes().u64({promised}).content + content.substr(8);
       write_model(folder.path / "sparse/0", model);
       const std::string message = error_of([&] { read_scene(folder.path); });
-      CHECK_MESSAGE((holds(message, "promised") || holds(message, "ends in the middle")), message);
+      CHECK_MESSAGE((holds(message, "declared") || holds(message, "ends in the middle")), message);
     }
     Files model = binary_model();
     model.at(name) += "more";

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
+#include "models/eval/pictures.h"
 #include "models/io/draw_text.h"
-#include "models/train/pictures.h"
 
 using namespace cloam;
 

@@ -9,12 +9,11 @@
 #include <filesystem>
 #include <fstream>
 
-#include "models/data/json.h"
 #include "models/data/load_images.h"
-#include "models/data/paths.h"
 #include "models/data/poses.h"
 #include "models/data/read_scene.h"
 #include "models/io/image.h"
+#include "models/io/json.h"
 #include "models/scene/camera.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
@@ -461,7 +460,7 @@ TEST_CASE("links to what is no image are refused without a word of its content")
   }
   fs::remove(folder.path / "a.png");
   fs::create_symlink(outside.path / "gone.png", folder.path / "a.png");
-  CHECK(holds(error_of([&] { read_scene(folder.path); }), "a.png is a link to a file that is gone"));
+  CHECK(holds(error_of([&] { read_scene(folder.path); }), "a.png is a link to a missing file"));
   for (const char* name : {"transforms.json", "rig.json"}) {
     fs::remove(folder.path / "transforms.json");
     fs::create_symlink(outside.path / "secret", folder.path / name);

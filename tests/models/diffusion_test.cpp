@@ -8,7 +8,7 @@
 #include <functional>
 
 #include "models/diffusion/sampler.h"
-#include "models/nn/average.h"
+#include "models/nn/ema.h"
 #include "runtime/error.h"
 
 using namespace cloam;
@@ -19,12 +19,12 @@ constexpr Prediction kKinds[] = {Prediction::noise, Prediction::clean, Predictio
 constexpr Betas kBetas[] = {Betas::linear, Betas::cosine, Betas::scaled_linear};
 
 /// Ho et al. 2020, appendix: written once more with betas.
-double beta_before(const Schedule& schedule, int64_t t) {
+double beta_before(const NoiseSchedule& schedule, int64_t t) {
   const double now = schedule.level(t).alpha, before = schedule.level(t - 1).alpha;
   return 1 - now * now / (before * before);
 }
 
-double kept_at(const Schedule& schedule, int64_t t) { return std::pow(schedule.level(t).alpha, 2); }
+double kept_at(const NoiseSchedule& schedule, int64_t t) { return std::pow(schedule.level(t).alpha, 2); }
 
 double truth_of(Prediction kind, double x, double e, const Level& level) {
   if (kind == Prediction::noise) return e;
@@ -61,7 +61,7 @@ struct Mixture {
 };
 
 /// The exact denoiser, which says what it knows as a prediction of `kind`.
-Denoiser exact(const Mixture& mixture, const Schedule& schedule, Prediction kind) {
+Denoiser exact(const Mixture& mixture, const NoiseSchedule& schedule, Prediction kind) {
   return [&, kind](const Tensor& noisy, int64_t t) {
     const std::vector<float> from = noisy.to_host();
     std::vector<float> out(from.size());
@@ -91,7 +91,7 @@ double largest_difference(const Tensor& a, const Tensor& b) { return static_cast
 }  // namespace
 
 TEST_CASE("schedules keep of the signal what their papers say") {
-  const Schedule linear, cosine(Betas::cosine), scaled(Betas::scaled_linear);
+  const NoiseSchedule linear, cosine(Betas::cosine), scaled(Betas::scaled_linear);
   CHECK(kept_at(linear, 0) == doctest::Approx(1 - 1e-4));
   CHECK(kept_at(linear, 999) == doctest::Approx(4.0358e-5).epsilon(1e-3));  // Ho et al.: L_T near 0
   CHECK(kept_at(scaled, 0) == doctest::Approx(1 - 0.00085));
@@ -107,13 +107,13 @@ TEST_CASE("schedules keep of the signal what their papers say") {
   CHECK(cosine.level(-1).alpha == 1);
   CHECK(betas_named("scaled-linear") == Betas::scaled_linear);
   CHECK_THROWS_AS(betas_named("quadratic"), Error);
-  CHECK_THROWS_AS(Schedule(Betas::linear, 0), Error);
+  CHECK_THROWS_AS(NoiseSchedule(Betas::linear, 0), Error);
 }
 
 TEST_CASE("every prediction gives every other one at every time") {
   const double x = 0.7, e = -1.3;
   for (const Betas betas : kBetas) {
-    const Schedule schedule(betas);
+    const NoiseSchedule schedule(betas);
     for (int64_t t = 0; t < schedule.times(); t++) {
       const Level level = schedule.level(t);
       const double noisy = level.alpha * x + level.sigma * e;
@@ -128,7 +128,7 @@ TEST_CASE("every prediction gives every other one at every time") {
 }
 
 TEST_CASE("conversions of tensors invert, from the targets that are trained") {
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   const Tensor x = random_normal({2, 3, 4, 4}, {1}), e = random_normal({2, 3, 4, 4}, {2});
   for (const int32_t t : {60, 200, 300}) {  // where neither alpha nor sigma is small: float32 has 24 bits
     const Tensor times = from_host(std::vector<int32_t>{t, t}, {2});
@@ -144,7 +144,7 @@ TEST_CASE("conversions of tensors invert, from the targets that are trained") {
 }
 
 TEST_CASE("each sample of a batch has its own time") {
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   const Tensor times = from_host(std::vector<int32_t>{0, 999}, {2});
   const std::vector<float> noisy = schedule.noisy(ones({2, 1}), zeros({2, 1}), times).to_host();
   CHECK(noisy[0] == doctest::Approx(0.99995));
@@ -155,7 +155,7 @@ TEST_CASE("each sample of a batch has its own time") {
 }
 
 TEST_CASE("the steps of DDPM are its posterior, and DDIM with eta 1 takes the same") {
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   for (const int64_t t : {0, 1, 500, 999}) {
     const double beta = beta_before(schedule, t), now = kept_at(schedule, t), before = kept_at(schedule, t - 1);
     const DenoisingStep step = ddpm_step(schedule.level(t), schedule.level(t - 1));
@@ -173,7 +173,7 @@ TEST_CASE("the steps of DDPM are its posterior, and DDIM with eta 1 takes the sa
 }
 
 TEST_CASE("a step of DDIM that knows x leads to x at the next level, with the noise it had") {
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   const double x = 0.4, e = 1.7;
   for (const int64_t to : {-1, 10, 600}) {
     const Level from = schedule.level(800), level = schedule.level(to);
@@ -189,7 +189,7 @@ TEST_CASE("DDIM with the exact denoiser of a mixture reaches its modes, each as 
   const int64_t count = 1024;
   const Tensor start = random_normal({count, 2}, {5});
   for (const Prediction kind : kKinds) {
-    const Schedule schedule(kind == Prediction::noise ? Betas::cosine : Betas::linear);
+    const NoiseSchedule schedule(kind == Prediction::noise ? Betas::cosine : Betas::linear);
     const std::vector<float> samples = sample(schedule, kind, exact(mixture, schedule, kind), start).to_host();
     double error = 0;
     std::vector<double> found(3);
@@ -209,7 +209,7 @@ TEST_CASE("DDIM with the exact denoiser of a mixture reaches its modes, each as 
 }
 
 TEST_CASE("samples of DDPM have the moments that its steps give a Gaussian") {
-  const Schedule schedule(Betas::linear, 200);
+  const NoiseSchedule schedule(Betas::linear, 200);
   const double mean = 0.8, deviation = 0.5;
   const Mixture one = {{{mean, mean}}, {1}, deviation};
   SamplerOptions options;
@@ -241,7 +241,7 @@ TEST_CASE("samples of DDPM have the moments that its steps give a Gaussian") {
 }
 
 TEST_CASE("sampling repeats with its key, draws nothing without eta, and begins at the last time") {
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   const Mixture wide = {{{0, 0}}, {1}, 1};
   const Denoiser denoiser = exact(wide, schedule, Prediction::velocity);
   const Tensor start = random_normal({8, 2}, {1});
@@ -260,7 +260,7 @@ TEST_CASE("sampling repeats with its key, draws nothing without eta, and begins 
 }
 
 TEST_CASE("a clip bounds what is sampled") {
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   const Mixture far = {{{3, -3}}, {1}, 0.01};
   SamplerOptions options;
   options.steps = 10, options.clip = 1;
@@ -293,7 +293,7 @@ TEST_CASE("min-SNR weights by hand") {
   CHECK(min_snr_weight(Prediction::noise, 5, even) == doctest::Approx(1));
   CHECK(min_snr_weight(Prediction::clean, 5, even) == doctest::Approx(1));
   CHECK(min_snr_weight(Prediction::velocity, 5, even) == doctest::Approx(0.5));
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   const std::vector<int32_t> times = {0, 500, 999};
   const std::vector<float> weights = schedule.min_snr_weights(Prediction::velocity, 5, from_host(times, {3})).to_host();
   for (size_t i = 0; i < 3; i++) {
@@ -305,9 +305,9 @@ TEST_CASE("min-SNR weights by hand") {
 TEST_CASE("averages of parameters forget by their decay, quickly in the first steps") {
   Params now, average;
   now["w"] = parameter({1, 2}, {2}), average["w"] = parameter({5, 0}, {2});
-  update_average(average, now, 0.75);
+  update_ema(average, now, 0.75);
   CHECK(average["w"].to_host() == std::vector<float>{4, 0.5f});
-  update_average(average, now, 0.5);
+  update_ema(average, now, 0.5);
   CHECK(average["w"].to_host() == std::vector<float>{2.5f, 1.25f});
   CHECK(now["w"].to_host() == std::vector<float>{1, 2});
   CHECK(warm_decay(0.9999, 1) == doctest::Approx(2.0 / 11));

@@ -11,7 +11,7 @@
 #include <numbers>
 
 #include "models/data/path_file.h"
-#include "models/train/simulate.h"
+#include "models/street/simulate.h"
 #include "runtime/error.h"
 #include "tests/models/analytic_street.h"
 
@@ -197,7 +197,7 @@ TEST_CASE("a path gives boxes at the steps in its time, yaw the shorter way roun
   CHECK_MESSAGE(late.find("the log from 100.0") != std::string::npos, late);
   CHECK(usage_error([&] {
           apply(Follow{{{6, Vector3d::Zero(), 0}, {5, Vector3d::Zero(), 0}}}, scenes, kVan);
-        }).find("back in time") != std::string::npos);
+        }).find("backwards in time") != std::string::npos);
 }
 
 TEST_CASE("path files: CSV and JSON say the same, and what is wrong is named by line") {

@@ -1,5 +1,5 @@
 // Masks, guesses and LiDAR errors of logs, against what can be said by hand.
-#include "models/train/evaluate.h"
+#include "models/eval/evaluate.h"
 
 #include <doctest/doctest.h>
 
@@ -7,6 +7,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "models/data/camera_file.h"
 #include "models/data/pandaset.h"
 #include "models/data/turned_log.h"
 #include "models/data/write_pandaset.h"
@@ -14,8 +15,7 @@
 #include "models/io/commit.h"
 #include "models/io/image.h"
 #include "models/io/ply.h"
-#include "models/train/camera_file.h"
-#include "models/train/lidar_rays.h"
+#include "models/street/lidar_rays.h"
 #include "runtime/error.h"
 
 using namespace cloam;

@@ -154,7 +154,7 @@ TEST_CASE("random features are a small network of fixed weights") {
     return std::get<FeatureConvolution>(of.layers[2].what).weight.to_host();
   };
   CHECK(weights(again) == weights(net));
-  CHECK_THROWS_WITH_AS(net(zeros({1, 3, 7, 9})), doctest::Contains("8 pixels a side"), Error);
+  CHECK_THROWS_WITH_AS(net(zeros({1, 3, 7, 9})), doctest::Contains("8 pixels per side"), Error);
 }
 
 TEST_CASE("the perceptual loss and its gradient against central differences in float64") {

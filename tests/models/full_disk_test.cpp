@@ -10,12 +10,12 @@
 #include <set>
 
 #include "models/data/data_frame.h"
+#include "models/gaussians/formats.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
 #include "models/io/ply.h"
 #include "models/io/safetensors.h"
 #include "models/mesh/write_mesh.h"
-#include "models/splat/files/formats.h"
 #include "tests/models/errors.h"
 #include "tests/models/folder.h"
 #include "tests/small_disk.h"
@@ -206,17 +206,17 @@ TEST_CASE("what is refused for another reason says nothing of space") {
 
 TEST_CASE("no other code writes files") {
   const std::set<std::string> known = {
-      "benchmarks/command.cpp std::ofstream",         // cannot link models; whole or not at all by itself
-      "cli/process.cpp copy_file",                    // within commit_file
-      "cli/process.cpp create_hard_link",             // likewise
-      "cli/process.cpp std::ofstream",                // COLMAP's log, line by line
-      "cli/progress.cpp fopen(",                      // metrics.jsonl, line by line
-      "models/io/commit.cpp O_CREAT",                 // the one way
-      "models/io/commit.cpp O_WRONLY",                // likewise
-      "models/io/gif.cpp ImageOutput",                // to memory
-      "models/io/image.cpp ImageOutput",              // to memory
-      "models/train/edit_run.cpp copy_file",          // within commit_file
-      "models/train/edit_run.cpp create_hard_link"};  // likewise
+      "benchmarks/command.cpp std::ofstream",        // cannot link models; whole or not at all by itself
+      "cli/process.cpp copy_file",                   // within commit_file
+      "cli/process.cpp create_hard_link",            // likewise
+      "cli/process.cpp std::ofstream",               // COLMAP's log, line by line
+      "cli/progress.cpp fopen(",                     // metrics.jsonl, line by line
+      "models/io/commit.cpp O_CREAT",                // the one way
+      "models/io/commit.cpp O_WRONLY",               // likewise
+      "models/io/gif.cpp ImageOutput",               // to memory
+      "models/io/image.cpp ImageOutput",             // to memory
+      "models/runs/edit_run.cpp copy_file",          // within commit_file
+      "models/runs/edit_run.cpp create_hard_link"};  // likewise
   for (const std::string& way : other_ways())
     CHECK_MESSAGE(known.contains(way), way, ": files are written through models/io/commit.h");
 }

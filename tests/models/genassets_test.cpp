@@ -11,12 +11,13 @@
 #include <limits>
 
 #include "models/io/checkpoint.h"
+#include "models/io/tensors.h"
 #include "models/methods/registry.h"
 #include "models/scene/edit.h"
 #include "models/scene/orbit.h"
-#include "models/train/tensors.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
+#include "tests/models/made_method.h"
 #include "tests/models/resume.h"
 #include "tests/models/toy_street.h"
 
@@ -26,21 +27,17 @@ namespace fs = std::filesystem;
 
 namespace {
 
-using Settings = std::vector<std::pair<const char*, const char*>>;
-
 const Settings kTiny = {
     {"planes.channels", "4"},    {"background.side", "32"},  {"code.side", "4"},         {"code.channels", "4"},
     {"decoder.widths", "8,8"},   {"decoder.middle", "8"},    {"decoder.groups", "4"},    {"field.width", "16"},
-    {"image.width", "8"},        {"image.side", "3"},        {"image.blocks", "2"},      {"image.doublings", "1"},
+    {"image.width", "8"},        {"image.kernel", "3"},      {"image.blocks", "2"},      {"image.upsamplings", "1"},
     {"adversarial.widths", "8"}, {"batch.patches", "2"},     {"batch.patch_side", "12"}, {"batch.lidar_rays", "64"},
     {"steps.actor", "0.1"},      {"weight.perceptual", "0"}, {"weight.adversarial", "0"}};
 
 std::unique_ptr<Method> built(const Scene& scene, const Settings& more = {}, const Settings& base = kTiny) {
-  auto method = make_method("genassets");
-  Config config;
-  method->configure(config);
-  for (const Settings& settings : {base, more})
-    for (const auto& [key, value] : settings) config.set(key, value, "test");
+  Settings all = base;
+  all.insert(all.end(), more.begin(), more.end());
+  auto method = configured("genassets", all);
   method->build({scene}, 1);
   return method;
 }
@@ -50,9 +47,7 @@ std::unique_ptr<Method> loaded(const Scene& scene, const Settings& more = {}, st
   auto method = built(scene, more);
   Pixels pixels = toy_pixels(scene);
   if (only) pixels.frames = {pixels.frames[*only]};
-  std::vector<TrainingData> data;
-  data.push_back({scene, std::move(pixels)});
-  method->load_data(std::move(data));
+  load_data(*method, scene, std::move(pixels));
   return method;
 }
 
@@ -95,8 +90,8 @@ Scene crossing(const fs::path& root, double hidden_y) {
 double reached(Method& method, size_t actor, int64_t step) {
   const char* name = method.parameters().contains("log0.codes") ? "log0.codes" : "log0.planes";
   const Tensor& assets = method.parameters().at(name);
-  const Gradients all = method.gradients({step, 100, 1}, {assets});
-  const std::vector<float> g = all.of_parameters[0].to_host();
+  const Step all = method.step({step, 100, 1}, {assets});
+  const std::vector<float> g = all.gradients[0].to_host();
   const auto row = g.begin() + static_cast<std::ptrdiff_t>(actor * g.size() / 2);
   double most = 0;
   for (auto at = row; at != row + static_cast<std::ptrdiff_t>(g.size() / 2); ++at)
@@ -139,8 +134,8 @@ TEST_CASE("genassets: the networks have the paper's sizes") {
   const Folder folder;
   Scene scene = toy_street(folder.path, {.lidar = false});
   scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 0)};
-  const auto method =
-      built(scene, {{"weight.perceptual", "0"}, {"weight.adversarial", "0"}}, find_preset("genassets").settings);
+  const auto method = built(scene, {{"weight.perceptual", "0"}, {"weight.adversarial", "0"}},
+                            {find_preset("genassets").settings.begin(), find_preset("genassets").settings.end()});
   const int64_t not_the_papers =
       count_below(*method, "networks.decoder.past.") + count_below(*method, "networks.decoder.class_places");
   CHECK(static_cast<double>(count_below(*method, "networks.decoder.") - not_the_papers) ==
@@ -165,7 +160,7 @@ TEST_CASE("genassets: no gradient reaches a hidden actor") {
       put(*covered, "networks.field.offset", {-0.4f});
       CHECK(reached(*covered, 1, step) < 1e-6);
       CHECK(reached(*covered, 0, step) > 1e-5);
-      CHECK(covered->metrics().at("actors") == 2);  // rays do meet the hidden one
+      CHECK(figure(covered->step({step, 100, 1}, {}), "actors") == 2);  // rays do meet the hidden one
       const auto open = loaded(crossing(folder.path, 6), settings);
       put(*open, "networks.field.offset", {-0.4f});
       CHECK(reached(*open, 1, step) > 1e-5);
@@ -184,12 +179,12 @@ TEST_CASE("genassets: a whole image in tiles has the gradients of one patch that
     put(*method, "networks.field.offset", {-0.05f});
     Tensors wanted;
     for (const auto& [name, p] : method->parameters()) wanted.push_back(p);
-    const Gradients all = method->gradients({1, 100, 1}, wanted);
-    CHECK(method->metrics().at("actors") == 2);
+    const Step all = method->step({1, 100, 1}, wanted);
+    CHECK(figure(all, "actors") == 2);
     std::map<std::string, std::vector<float>> out;
     size_t at = 0;
     for (const auto& [name, p] : method->parameters())
-      if (const Tensor& g = all.of_parameters[at++]) out[name] = g.to_host();
+      if (const Tensor& g = all.gradients[at++]) out[name] = g.to_host();
     return out;
   };
   const auto want = gradients({});
@@ -220,9 +215,9 @@ TEST_CASE("genassets: masks are the boxes that the camera sees, and move with th
     scene.actors = {toy_actor("other", {1, 1, 1}, 20, 6), toy_actor("moved", {0.5, 2, 1.6}, 12, y)};
     for (ActorBox& box : scene.actors[1].boxes)
       box.world_from_box.topLeftCorner<3, 3>() = Eigen::AngleAxisd(0.5, Vector3d::UnitZ()).toRotationMatrix();
-    const auto method = loaded(scene, {{"image.doublings", "0"}});
+    const auto method = loaded(scene, {{"image.upsamplings", "0"}});
     fill(*method);
-    const Picture picture = method->render({camera, toy_camera_pose(0), 0, 0.3});
+    const Picture picture = shown(*method, {camera, toy_camera_pose(0), 0, 0.3});
     seen.push_back(middle_of(picture, 2));
     CHECK(middle_of(picture, 1).pixels > 10);
     for (int row = 0; row < camera.height; ++row)
@@ -238,7 +233,7 @@ TEST_CASE("genassets: masks are the boxes that the camera sees, and move with th
         CHECK(std::abs(double{picture.depth[at]} - from) < 0.2);
         CHECK(picture.opacity[at] > 0.99f);
       }
-    CHECK(method->render({camera, toy_camera_pose(0), 0, 5.0}).actors == std::vector<int>(96 * 72, 0));  // it has left
+    CHECK(shown(*method, {camera, toy_camera_pose(0), 0, 5.0}).actors == std::vector<int>(96 * 72, 0));  // it has left
   }
   CHECK(seen[0].pixels > 100);
   CHECK(std::abs(seen[1].x - seen[0].x + 90. / 12) < 1);  // y points left in the picture
@@ -257,12 +252,12 @@ TEST_CASE("genassets: equal seeds give equal bytes, and a checkpoint of any step
     put(*method, "networks.field.offset", {-0.1f});  // so that light reaches few samples, and what does so matters
     return method;
   };
-  const auto look = [&](Method& method) { return method.render({scene.cameras[0], toy_camera_pose(0), 0, 0.05}).rgb; };
+  const auto look = [&](Method& method) { return shown(method, {scene.cameras[0], toy_camera_pose(0), 0, 0.05}).rgb; };
   const std::string want = content(train_to(*made("false"), folder.path / "a"));
   CHECK(want.size() > 1000);
   const auto again = made("false");
   CHECK(content(train_to(*again, folder.path / "b")) == want);
-  CHECK(again->metrics().at("lit") < 0.7);
+  CHECK(figure(again->step({6, 100, 1}, {}), "lit") < 0.7);
   check_resumes_from_every_step({[&] { return made("false"); }, look});
   check_resumes_from_every_step({[&] { return made("true"); }, look, 6});
 }
@@ -281,7 +276,7 @@ TEST_CASE("genassets: what a LiDAR would measure") {
       rays.origins.push_back(k == 2 ? 1.5f : 0.f);
       rays.directions.push_back(static_cast<float>(way.normalized()[k]));
     }
-  const LidarReturns returns = method->street()->measure(rays);
+  const LidarReturns returns = as<Street>(*method)->measure(rays);
   CHECK(returns.actors == std::vector<int>{2, 0, 0, 1});
   REQUIRE(returns.depths.size() == 4);
   CHECK(double{returns.depths[0]} == doctest::Approx(11 - 0.125).epsilon(0.01));
@@ -295,7 +290,7 @@ TEST_CASE("genassets: the KL term is that of normal distributions, a mean over t
   Scene scene = toy_street(folder.path);
   scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 2), toy_actor("b", {2, 4, 1.5}, 12, -2)};
   const auto method =
-      loaded(scene, {{"weight.kl", "1"}, {"weight.rgb", "0"}, {"weight.lidar", "0"}, {"weight.stray", "0"}});
+      loaded(scene, {{"weight.kl", "1"}, {"weight.rgb", "0"}, {"weight.lidar", "0"}, {"weight.line_of_sight", "0"}});
   const int64_t numbers = 4 * 4 * 4;
   std::vector<float> codes;
   double want = 0;
@@ -306,9 +301,9 @@ TEST_CASE("genassets: the KL term is that of normal distributions, a mean over t
     want += 0.5 / (2 * numbers) * (variance ? std::exp(log_variance) - 1 - log_variance : value * value);
   }
   put(*method, "log0.codes", codes);
-  const Tensor loss = method->loss({1, 100, 1});
-  REQUIRE(method->metrics().at("actors") == 2);
-  CHECK(double{loss.item()} == doctest::Approx(want).epsilon(1e-5));
+  const Step step = method->step({1, 100, 1}, {});
+  REQUIRE(figure(step, "actors") == 2);
+  CHECK(double{step.loss.item()} == doctest::Approx(want).epsilon(1e-5));
 }
 
 TEST_CASE("genassets: actors without a view direction look as if their field knew none") {
@@ -323,7 +318,7 @@ TEST_CASE("genassets: actors without a view direction look as if their field kne
     const auto row = weights.size() / (32 + 16);  // inner feature, harmonics
     if (forget) std::fill(weights.begin() + static_cast<std::ptrdiff_t>(33 * row), weights.end(), 0.f);
     put(*method, name, weights);
-    return double{method->loss({1, 100, 1}).item()};
+    return double{loss_of(*method, {1, 100, 1}).item()};
   };
   const double blind = loss("1", false), seeing = loss("0", false);
   CHECK(blind == doctest::Approx(loss("0", true)).epsilon(1e-5));
@@ -339,7 +334,7 @@ TEST_CASE("genassets: what a symmetric actor's left shows is its right, mirrored
   for (const char* symmetric : {"true", "false"}) {
     const auto method = built(scene, {{"actors.symmetric", symmetric}});
     const auto distances = [&](const std::vector<float>& points) {
-      return method->street()->sample_asset({0, "a"}, points).distances;
+      return as<Street>(*method)->sample_asset({0, "a"}, points).distances;
     };
     const std::vector<float> a = distances(right), b = distances(left);
     const float apart = std::max(std::abs(a[0] - b[0]), std::abs(a[1] - b[1]));
@@ -388,7 +383,7 @@ TEST_CASE("genassets: logs without actors, without LiDAR, and with boxes of no s
     const auto method =
         loaded(scene, {{"steps.background", "1"}, {"batch.whole_images", whole}, {"batch.tile_rays", "50"}});
     (void)train_to(*method, folder.path / std::to_string(run++), 2);
-    const Picture picture = method->render(view_of(scene.frames[0], scene.cameras[0], 0));
+    const Picture picture = shown(*method, view_of(scene.frames[0], scene.cameras[0], 0));
     CHECK(picture.rgb.size() == 32 * 24 * 3);
     CHECK(all_finite(picture.rgb));
     CHECK(all_finite(picture.depth));
@@ -403,7 +398,7 @@ TEST_CASE("genassets: adopted networks stand still, the log's own parameters do 
   (void)train_to(*loaded(scene, all), folder.path / "a", 2);
   const TensorMap networks = parameters_in(load_latest_checkpoint(folder.path / "a").file);
   const auto method = loaded(scene, all);
-  method->adopt_networks(networks);
+  as<SharesNetworks>(*method)->adopt_networks(networks);
   std::map<std::string, std::vector<float>> before;
   for (const auto& [name, p] : method->parameters()) before[name] = p.to_host();
   const std::vector<float>& texels = before["log0.background"];  // begin in +-0.1 where networks learn, too
@@ -441,9 +436,9 @@ TEST_CASE("genassets: of one image the background learns nothing behind actors w
     const auto method = loaded(scene, {{"batch.lidar_rays", "0"}, {"batch.whole_images", whole}}, only);
     TensorMap networks;
     for (const auto& [name, p] : method->parameters()) networks[name] = named(p);
-    method->adopt_networks(networks);
-    const Gradients all = method->gradients({step, 1000, 1}, {method->parameters().at("log0.background")});
-    const std::vector<float> g = all.of_parameters[0].to_host();
+    as<SharesNetworks>(*method)->adopt_networks(networks);
+    const Step all = method->step({step, 1000, 1}, {method->parameters().at("log0.background")});
+    const std::vector<float> g = all.gradients[0].to_host();
     return std::abs(*std::max_element(g.begin(), g.end(), [](float a, float b) { return std::abs(a) < std::abs(b); }));
   };
   CHECK(slope(0, 1) == 0);
@@ -458,7 +453,8 @@ TEST_CASE(
   const Folder folder;
   const auto method = built(crossing(folder.path, 5));
   fill(*method);
-  Street& street = *method->street();
+  Street& street = *as<Street>(*method);
+  ShowsAssets& assets = *as<ShowsAssets>(*method);
   const std::vector<float> rows = method->parameters().at("log0.codes").to_host();
   const size_t numbers = rows.size() / 4;  // two actors, mean and log variance
   put(*method, "log0.common.code", std::vector<float>(2 * numbers, 0.25f));
@@ -466,7 +462,8 @@ TEST_CASE(
   for (float& value : same.code) value += 0.25f;
   NewAsset other = same;
   for (float& value : other.code) value = 1 - 40 * value;
-  const AssetName own{0, "front"}, added = street.add_asset(same), another = street.add_asset(other);
+  const AssetName own{0, "front"}, added{1, "generated"}, another{2, "generated"};
+  CHECK(assets.show_assets({same, other}) == std::vector<AssetName>{added, another});
   const Camera camera = turntable_camera(16, 16);
   const Eigen::Matrix4d pose = turntable_poses(same.size, camera, 8)[1];
   const std::vector<float> picture = street.render_asset(own, camera, pose).rgb;
@@ -476,9 +473,9 @@ TEST_CASE(
   const std::vector<float> points = {0, 0, 0, 0.5f, 1, -1};
   CHECK(street.sample_asset(added, points).distances == street.sample_asset(own, points).distances);
   same.code.pop_back();
-  CHECK_THROWS_WITH_AS(street.add_asset(same), doctest::Contains("63 numbers, the run's have 64"), Error);
+  CHECK_THROWS_WITH_AS(assets.show_assets({same}), doctest::Contains("63 numbers, the run's codes have 64"), Error);
   const auto planes = built(crossing(folder.path, 5), {{"decoder.use", "false"}});
-  CHECK_THROWS_WITH_AS(planes->street()->add_asset(other), doctest::Contains("decoder.use"), Error);
+  CHECK_THROWS_WITH_AS(as<ShowsAssets>(*planes)->show_assets({other}), doctest::Contains("decoder.use"), Error);
 }
 
 namespace {
@@ -523,7 +520,7 @@ TEST_CASE("genassets: an actor that wears an added asset changes no pixel that i
   before.actors = {toy_actor("swapped", {2, 3, 1.5}, 12, 3), toy_actor("stays", {2, 3, 2}, 12, -4)};
   const auto old = loaded(before);
   fill(*old);
-  const Picture was = old->render({camera, toy_camera_pose(0), 0, 0.3});
+  const Picture was = shown(*old, {camera, toy_camera_pose(0), 0, 0.3});
   for (const Vector3d& size : {Vector3d(2, 3, 1.5), Vector3d(2.3, 2.5, 2)}) {
     Scenes after = {before};
     apply(Replace{added_asset(1, 0), size}, after, {0, "swapped"});
@@ -531,8 +528,8 @@ TEST_CASE("genassets: an actor that wears an added asset changes no pixel that i
     fill(*method);
     std::vector<float> code(64);
     for (size_t i = 0; i < code.size(); ++i) code[i] = 3 * std::sin(static_cast<float>(i));
-    CHECK(method->street()->add_asset({0, false, size, code}) == added_asset(1, 0));
-    const Picture is = method->render({camera, toy_camera_pose(0), 0, 0.3});
+    CHECK(as<ShowsAssets>(*method)->show_assets({{0, false, size, code}}).front() == added_asset(1, 0));
+    const Picture is = shown(*method, {camera, toy_camera_pose(0), 0, 0.3});
     const std::vector<bool> far = out_of_reach(camera, {before.actors[0], after[0].actors[0]});
     int outside = 0, stays = 0, changed = 0;
     float most = 0;
@@ -556,9 +553,9 @@ TEST_CASE("genassets: an actor that wears an added asset changes no pixel that i
 TEST_CASE("genassets: settings that no street can be made with are errors that name them") {
   const Folder folder;
   const Scene scene = toy_street(folder.path, {.lidar = false});
-  const Settings bad = {{"steps.background", "0"}, {"steps.actor", "-1"},     {"space.voxel", "1e-9"},
-                        {"steps.sky", "0"},        {"image.doublings", "-1"}, {"decoder.widths", "8,x"},
-                        {"batch.tile_rays", "0"},  {"batch.patches", "0"},    {"batch.patch_side", "-3"}};
+  const Settings bad = {{"steps.background", "0"}, {"steps.actor", "-1"},       {"space.voxel", "1e-9"},
+                        {"steps.sky", "0"},        {"image.upsamplings", "-1"}, {"decoder.widths", "8,x"},
+                        {"batch.tile_rays", "0"},  {"batch.patches", "0"},      {"batch.patch_side", "-3"}};
   for (const auto& [key, value] : bad) {
     CAPTURE(std::string(key));
     try {
@@ -573,7 +570,5 @@ TEST_CASE("genassets: settings that no street can be made with are errors that n
   photos.is_log = false;
   CHECK_THROWS_AS((void)built(photos), Error);
   const auto method = built(scene);
-  std::vector<TrainingData> none;
-  none.push_back({scene, {}});
-  CHECK_THROWS_AS(method->load_data(std::move(none)), Error);
+  CHECK_THROWS_AS(load_data(*method, scene, {}), Error);
 }

@@ -5,8 +5,8 @@
 
 #include <cmath>
 
+#include "models/io/tensors.h"
 #include "models/train/optimiser.h"
-#include "models/train/tensors.h"
 #include "runtime/error.h"
 
 using namespace cloam;
@@ -128,11 +128,11 @@ TEST_CASE("growth: Markov chain Monte Carlo moves the faint to the opaque") {
 
 TEST_CASE("growth: moments of the optimiser move with their rows, new ones begin at zero") {
   Params params = {{"moved", parameter({1, 2, 3, 4, 5, 6}, {3, 2})}, {"other", parameter({7}, {1})}};
-  const std::vector<LearningRate> rates = {{"", 0.1f}};
+  const ParameterGroups rates = {{"", 0.1f}};
   Optimiser optimiser(params, rates);
   optimiser.step(params,
                  {from_host(std::vector<float>{1, 2, 3, 4, 5, 6}, {3, 2}), from_host(std::vector<float>{9}, {1})},
-                 rates, {}, 1);
+                 rates, {1});
   const TensorMap before = optimiser.state();
   params["moved"] = parameter({0, 0, 0, 0, 0, 0, 0, 0}, {4, 2});
   optimiser.move_rows(params, {{"moved", {2, -1, 0, 2}}}, rates);

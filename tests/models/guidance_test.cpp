@@ -28,7 +28,7 @@ Posterior posterior(const Level& level, double mean) {
 }
 
 /// Of rows [N,2], with tensors, so that gradients go through it.
-CleanEstimate exact(const Schedule& schedule) {
+CleanEstimate exact(const NoiseSchedule& schedule) {
   return [&](const Tensor& noisy, const std::vector<int32_t>& times) {
     std::vector<float> gains, offsets;
     for (const int32_t t : times)
@@ -46,7 +46,7 @@ double at(const std::vector<float>& values, size_t i) { return static_cast<doubl
 }  // namespace
 
 TEST_CASE("score distillation has the gradient sigma^2 (x - x^), through the network as well if that is asked for") {
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   const std::vector<int32_t> times = {30, 400, 970};
   const std::vector<float> start = {0.3f, -2, 1.5f, 0.1f, -0.6f, 2.5f}, noise = {1, -0.5f, 0.2f, -1.4f, 0.6f, 0.9f};
   for (const bool through : {false, true}) {
@@ -70,7 +70,7 @@ TEST_CASE("score distillation has the gradient sigma^2 (x - x^), through the net
 }
 
 TEST_CASE("score distillation alone pulls to the mean") {
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   std::vector<float> now = {4, 4, -4, 0};
   for (uint32_t step = 0; step < 300; ++step) {
     const Tensor x = parameter(now, {2, 2});
@@ -100,7 +100,7 @@ TEST_CASE("guidance moves each row by its strength, but hardly one that it hardl
 }
 
 TEST_CASE("denoising that a measurement guides ends nearer to the truth than without, and as the prior has the rest") {
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   constexpr int64_t kRows = 64;
   const std::array<float, 2> truth = {1.4f, -1.2f};  // more than a deviation from the mean; the second is not measured
   const auto mean_error = [&](float strength) {

@@ -225,7 +225,7 @@ TEST_CASE("an EXR that a few bytes promise is refused before it is decoded") {
   };
   CHECK(with(64, 64, 32, 32) == "no error");
   CHECK(holds(with(8192, 5461, 8192, 5461), "but the file has only"));     // one tile, half a gigabyte
-  CHECK(holds(with(100000, 100000, 1, 1), "promises 10000000000 parts"));  // a table of 80 GB
+  CHECK(holds(with(100000, 100000, 1, 1), "declares 10000000000 parts"));  // a table of 80 GB
   CHECK(holds(with(64, 64, 8192, 4096), "blocks of 8192x4096 pixels"));
   put(folder.path / "b.exr", sound);
 }

@@ -3,7 +3,7 @@
 
 #include <doctest/doctest.h>
 
-#include "models/splat/initialise.h"
+#include "models/gaussians/initialise.h"
 #include "tests/models/toy_street.h"
 
 using namespace cloam;

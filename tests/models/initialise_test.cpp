@@ -1,5 +1,5 @@
 // The gaussians that a training begins with, against distances to all points.
-#include "models/splat/initialise.h"
+#include "models/gaussians/initialise.h"
 
 #include <doctest/doctest.h>
 

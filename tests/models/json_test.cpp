@@ -1,10 +1,12 @@
 // What reading JSON promises beside its values: time that grows with the length.
-#include "models/data/json.h"
+#include "models/io/json.h"
 
 #include <doctest/doctest.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
+
+#include <nlohmann/json.hpp>
 
 using namespace cloam;
 

@@ -275,7 +275,7 @@ TEST_CASE("KITTI: broken files are named") {
   broken(cameras, rotation + "S_rect_02: 1e9 5\nP_rect_02: 9 0 9 0 0 9 9 0 0 0 1 0\n", "S_rect_02 is 1e+09 by 5");
   broken(day / "calib_velo_to_cam.txt", "R: 1 0 0 0 1 0 0 0 -1\nT: 0 0 0\n", "mirrored");
   broken(drive / "image_02/timestamps.txt", "yesterday\n", "image_02/timestamps.txt, line 1");
-  broken(drive / "image_02/timestamps.txt", "2011-13-26 13:04:44.5\n", "there is no day '2011-13-26'");
+  broken(drive / "image_02/timestamps.txt", "2011-13-26 13:04:44.5\n", "no such date: '2011-13-26'");
   fs::rename(day / "calib_imu_to_velo.txt", day / "away");
   CHECK(holds(error_of([&] { read_scene(drive); }), "calib_imu_to_velo.txt is missing: a drive needs its day's"));
   fs::create_symlink("/etc/hostname", day / "calib_imu_to_velo.txt");

@@ -15,9 +15,9 @@
 #include <random>
 #include <sstream>
 
-#include "models/mesh/asset_mesh.h"
 #include "models/mesh/isosurface.h"
 #include "models/mesh/write_mesh.h"
+#include "models/street/asset_mesh.h"
 #include "runtime/error.h"
 #include "tests/models/analytic_street.h"
 

@@ -5,15 +5,16 @@
 #include <cmath>
 #include <filesystem>
 
+#include "models/data/load_images.h"
 #include "models/data/read_scene.h"
-#include "models/data/synthetic_scene.h"
-#include "models/methods/registry.h"
 #include "models/metrics/psnr.h"
 #include "models/render/rays.h"
+#include "models/synth/synthetic_scene.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
 #include "runtime/ops/volume.h"
+#include "tests/models/made_method.h"
 #include "tests/models/resume.h"
 
 using namespace cloam;
@@ -29,16 +30,11 @@ std::vector<float> on_white(const FramePixels& frame) {
   return out;
 }
 
-using Settings = std::vector<std::pair<std::string, std::string>>;
-
 /// Built for the scene, with its training photos.
 std::unique_ptr<Method> loaded(const Scene& scene, const Settings& settings) {
-  auto method = make_method("nerf");
-  Config config;
-  method->configure(config);
-  for (const auto& [key, value] : settings) config.set(key, value, "test");
+  auto method = configured("nerf", settings);
   method->build({scene}, 7);
-  method->load_data({{scene, load_images(scene, Split::train)}});
+  load_data(*method, scene, load_images(scene, Split::train));
   return method;
 }
 
@@ -63,7 +59,7 @@ Outcome train_small(const Settings& settings, int64_t steps) {
   for (const FramePixels& frame : test.frames) {
     truth.push_back(on_white(frame));
     const Picture picture =
-        method->render({test.cameras[static_cast<size_t>(frame.camera)], scene.frames[frame.frame].world_from_camera});
+        shown(*method, {test.cameras[static_cast<size_t>(frame.camera)], scene.frames[frame.frame].world_from_camera});
     out.psnr += psnr(picture.rgb, truth.back()) / static_cast<double>(test.frames.size());
   }
   const std::vector<std::span<const float>> seen_views(seen.begin(), seen.end()),
@@ -122,7 +118,7 @@ TEST_CASE("nerf: a checkpoint of any step holds all that the next step and a ren
     const Frame& frame = scene.frames.front();
     check_resumes_from_every_step(
         {[&] { return loaded(scene, settings); },
-         [&](Method& method) { return method.render(view_of(frame, scene.cameras.front(), 0)).rgb; }});
+         [&](Method& method) { return shown(method, view_of(frame, scene.cameras.front(), 0)).rgb; }});
   }
 }
 
@@ -185,13 +181,11 @@ TEST_CASE("a checkpoint of another shape is refused with the names that do not f
   write_synthetic_scene(folder.path / "data", {4, 1, 16, 1});
   const Scene scene = read_scene(folder.path / "data");
   const auto build = [&](const std::string& kind) {
-    auto method = make_method("nerf");
-    Config config;
-    method->configure(config);
-    for (const auto& [key, value] : kSmallHash) config.set(key, value, "test");
-    config.set("field.kind", kind, "test");
+    Settings settings = kSmallHash;
+    settings.push_back({"field.kind", kind});
+    auto method = configured("nerf", settings);
     method->build({scene}, 1);
-    method->load_data({{scene, load_images(scene, Split::train)}});
+    load_data(*method, scene, load_images(scene, Split::train));
     return method;
   };
   auto hash = build("hash");

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <functional>
 
-#include "models/diffusion/schedule.h"
+#include "models/diffusion/noise_schedule.h"
 #include "models/diffusion/unet.h"
 #include "models/fields/asset_decoder.h"
 #include "models/fields/street_field.h"
@@ -204,9 +204,9 @@ void check_every_gradient(const Params& params, const Tensor& loss) {
   }
 }
 
-UnetCondition conditions(const std::vector<int32_t>& classes, const std::vector<int32_t>& times_of_day) {
+Condition conditions(const std::vector<int32_t>& classes, const std::vector<int32_t>& times_of_day) {
   const auto n = static_cast<int64_t>(classes.size());
-  return {from_host(classes, {n}), from_host(times_of_day, {n})};
+  return {{from_host(classes, {n}), from_host(times_of_day, {n})}};
 }
 
 }  // namespace
@@ -325,6 +325,30 @@ TEST_CASE("gradients reach every parameter of the U-Net, and the latent") {
                        Error);
 }
 
+TEST_CASE("a U-Net is conditioned on an image and on tokens, if it is made for them; tokens say nothing at first") {
+  Params params;
+  UnetOptions options = small_unet();
+  options.labels = {};
+  options.image_channels = 3;
+  options.context_width = 12;
+  const Unet unet(Scope{params, "", 1}, options);
+  const Tensor x = noise({2, 32, 8, 8}, 1), t = from_host(std::vector<float>{10, 700}, {2});
+  const Tensor image = noise({2, 3, 8, 8}, 2), tokens = noise({2, 5, 12}, 3), others = noise({2, 5, 12}, 4);
+  shake(params);
+  const Tensor out = params.at("middle.cross_attention.out.weight");
+  assign({{out, zeros(out.shape())}});
+  CHECK(max(abs(unet(x, t, {{}, image, tokens}) - unet(x, t, {{}, image, others}))).item() == 0);
+  shake(params);
+  CHECK(max(abs(unet(x, t, {{}, image, tokens}) - unet(x, t, {{}, image, others}))).item() > 1e-4f);
+  CHECK(max(abs(unet(x, t, {{}, image, tokens}) - unet(x, t, {{}, noise({2, 3, 8, 8}, 5), tokens}))).item() > 1e-4f);
+  // Tokens are a set: their order says nothing.
+  const Tensor turned = concat({slice(tokens, 1, 2, 5), slice(tokens, 1, 0, 2)}, 1);
+  CHECK(max(abs(unet(x, t, {{}, image, tokens}) - unet(x, t, {{}, image, turned}))).item() < 1e-4f);
+  Params all = params;
+  check_every_gradient(all, mean(square(unet(x, t, {{}, image, tokens}) - noise({2, 32, 8, 8}, 6))));
+  CHECK_THROWS_WITH_AS(unet(x, t, {{}, image, {}}), doctest::Contains("tokens of 12 numbers"), Error);
+}
+
 TEST_CASE("gradients reach every parameter of the asset decoder, and the latent") {
   Params params;
   AssetDecoderOptions options;
@@ -340,14 +364,14 @@ TEST_CASE("gradients reach every parameter of the asset decoder, and the latent"
 TEST_CASE("a small U-Net learns the velocities of two samples by heart") {
   Params params;
   const Unet unet(Scope{params, "", 1}, small_unet());
-  const Schedule schedule;
+  const NoiseSchedule schedule;
   const Shape shape = {2, 32, 8, 8};
   const Tensor x = noise(shape, 1), e = noise(shape, 2);
   const Tensor t = from_host(std::vector<int32_t>{300, 600}, {2});
   const Tensor noisy = schedule.noisy(x, e, t), v = schedule.target(Prediction::velocity, x, e, t);
   const float baseline = mean(square(v - mean(v))).item();
-  const std::vector<LearningRate> rates = {{"", 2e-3f}};
-  Optimiser optimiser(params, rates);
+  const ParameterGroups groups = {{"", 2e-3f}};
+  Optimiser optimiser(params, groups);
   float loss_now = 0;
   for (int64_t step = 1; step <= 40; step++) {
     Tensors wanted;
@@ -357,7 +381,7 @@ TEST_CASE("a small U-Net learns the velocities of two samples by heart") {
     all.push_back(loss);
     eval(all);
     all.pop_back();
-    optimiser.step(params, all, rates, {}, step);
+    optimiser.step(params, all, groups, {step});
     loss_now = loss.item();
     if (step == 1) CHECK(loss_now == doctest::Approx(static_cast<double>(mean(square(v)).item())));
   }

@@ -1,5 +1,5 @@
 // Generated assets on disk: what is written is read, and what no asset can have is told.
-#include "models/train/new_assets.h"
+#include "models/latents/new_assets.h"
 
 #include <doctest/doctest.h>
 

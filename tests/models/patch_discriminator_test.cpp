@@ -59,7 +59,7 @@ TEST_CASE("binary cross entropy of logits has its closed form and does not overf
 TEST_CASE("the patch discriminator learns to tell two kinds of images apart, and gives images a gradient") {
   Params params;
   const PatchDiscriminator net(Scope{params, "", 1}, {8, 16});
-  const std::vector<LearningRate> rates = {{"", 1e-2f}};
+  const ParameterGroups rates = {{"", 1e-2f}};
   Optimiser optimiser(params, rates);
   for (int64_t step = 1; step <= 40; step++) {
     const auto seed = static_cast<unsigned>(2 * step);
@@ -69,7 +69,7 @@ TEST_CASE("the patch discriminator learns to tell two kinds of images apart, and
     for (const auto& [name, p] : params) wanted.push_back(p);
     const Tensors gradients = grad(loss, wanted);
     eval(gradients);
-    optimiser.step(params, gradients, rates, {}, step);
+    optimiser.step(params, gradients, rates, {step});
   }
   const Tensor image = parameter(squares(16, 16, false, 1001).to_host(), {16, 3, 16, 16});
   const Tensor real = mean(net(squares(16, 16, true, 1000)), {{1, 2, 3}}), fake = mean(net(image), {{1, 2, 3}});

@@ -8,13 +8,14 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 
 #include "models/data/check_log.h"
-#include "models/data/json.h"
 #include "models/data/load_images.h"
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
 #include "models/io/image.h"
+#include "models/io/json.h"
 #include "models/io/ply.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
@@ -258,12 +259,12 @@ TEST_CASE("ply: hostile and foreign files are named, nothing is allocated for th
   }
   const std::size_t needed = ascii_ply().find("nan 0 0 0") + 8;
   for (std::size_t size = 0; size < needed; ++size) CHECK(error_for(ascii_ply().substr(0, size)) != "no error");
-  CHECK(holds(error_for(binary_ply("4000000000000")), "4000000000000 vertices of at least 32 bytes are promised"));
+  CHECK(holds(error_for(binary_ply("4000000000000")), "4000000000000 vertices of at least 32 bytes are declared"));
   CHECK(holds(error_for(binary_ply("-1")), "the number of vertices is -1"));
   CHECK(holds(error_for(binary_ply("99999999999999999999999")), "the number of vertices"));
   CHECK(holds(error_for(replaced(binary_ply(), "little", "big")), "want ascii or binary_little_endian"));
   CHECK(holds(error_for(replaced(ascii_ply(), "uchar intensity", "list uchar int intensity")), "of type list"));
-  CHECK(holds(error_for(replaced(ascii_ply(), "float y", "float x")), "two properties x"));
+  CHECK(holds(error_for(replaced(ascii_ply(), "float y", "float x")), "the property x appears twice"));
   CHECK(holds(error_for(replaced(ascii_ply(), "2e1", "two")), "vertex 1: 'two' is not a number"));
   CHECK(holds(error_for(replaced(ascii_ply(), "1 2 3 51", "1 2 3")), "vertex 0 has 3 numbers, want 4"));
   CHECK(holds(error_for(replaced(ascii_ply(), "vertex 3", "point 3")), "its first element is point"));

@@ -6,15 +6,10 @@
 #include <cmath>
 #include <set>
 
-#include "models/data/read_scene.h"
-#include "models/data/synthetic_scene.h"
-#include "models/methods/registry.h"
-#include "models/train/trainer.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
 #include "tests/models/errors.h"
-#include "tests/models/folder.h"
-#include "tests/models/toy_street.h"
+#include "tests/models/worlds.h"
 
 using namespace cloam;
 
@@ -26,37 +21,6 @@ struct SmallMemory {
   ~SmallMemory() { choose_device({}); }
 };
 
-/// What a method can be made small with, so that one setting at a time is what is large.
-std::map<std::string, std::string> small_settings(const std::string& method) {
-  if (method == "nerf")
-    return {{"field.levels", "3"}, {"field.log2_rows", "8"},  {"field.finest", "16"},    {"field.width", "16"},
-            {"batch.rays", "16"},  {"batch.samples", "256"},  {"occupancy.side", "8"},   {"occupancy.cells", "128"},
-            {"field.depth", "2"},  {"field.plane_side", "8"}, {"march.min_step", "0.1"}, {"occupancy.start", "1"}};
-  if (method == "splat") return {{"initial", "random"}, {"initial.random", "50"}, {"growth.from", "0"}};
-  if (method == "genassets")
-    return {
-        {"planes.channels", "4"},    {"background.side", "16"},  {"code.side", "4"},         {"code.channels", "4"},
-        {"decoder.widths", "8,8"},   {"decoder.middle", "8"},    {"decoder.groups", "4"},    {"field.width", "16"},
-        {"image.width", "8"},        {"image.side", "3"},        {"image.blocks", "1"},      {"image.doublings", "1"},
-        {"adversarial.widths", "8"}, {"batch.patches", "1"},     {"batch.patch_side", "12"}, {"batch.lidar_rays", "16"},
-        {"steps.actor", "0.5"},      {"weight.perceptual", "0"}, {"weight.adversarial", "0"}};
-  return {{"unet.base", "16"},    {"unet.multipliers", "1,2"}, {"unet.groups", "4"}, {"unet.blocks", "1"},
-          {"code.channels", "2"}, {"code.side", "2"},          {"batch.codes", "4"}};
-}
-
-struct Worlds {
-  Folder folder;
-  Scene photos, street;
-  Pixels photo_pixels;
-  Worlds() {
-    write_synthetic_scene(folder.path / "photos", {3, 1, 16, 3});
-    photos = read_scene(folder.path / "photos");
-    photo_pixels = load_images(photos, Split::train);
-    street = toy_street(folder.path);
-    street.actors = {toy_actor("a", {2, 4, 1.5}, 12, 0)};
-  }
-};
-
 std::unique_ptr<Method> configured(const std::string& name, Config& config) {
   auto method = make_method(name);
   method->configure(config);
@@ -64,21 +28,16 @@ std::unique_ptr<Method> configured(const std::string& name, Config& config) {
   return method;
 }
 
-/// Two steps and, for methods that have one, a view. A run is the data of methods with a prior(): they are made alone.
+/// Two steps and, for methods that have one, a view.
 void use(Method& method, const Worlds& worlds) {
-  const bool street = method.street() != nullptr;
-  const Scene& scene = street ? worlds.street : worlds.photos;
-  method.build({scene}, 1);
+  load_world(method, worlds);
   (void)method.memory({1000, 1000});
-  if (method.prior()) return;
-  std::vector<TrainingData> data;
-  data.push_back({scene, street ? toy_pixels(scene) : worlds.photo_pixels});
-  method.load_data(std::move(data));
   const Folder folder;
   TrainOptions options;
   options.steps = 2;
   train({method, folder.path, {}, nullptr, nullptr}, options, {});
-  (void)method.render(view_of(scene.frames.front(), scene.cameras.front(), 0));
+  const Scene& scene = worlds.scene_of(method);
+  if (as<RendersViews>(method)) (void)shown(method, view_of(scene.frames.front(), scene.cameras.front(), 0));
 }
 
 /// "" where all is well; else what came that is no fault of settings or memory.

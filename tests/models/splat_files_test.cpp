@@ -12,10 +12,10 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
+#include "models/gaussians/formats.h"
+#include "models/gaussians/spz.h"
+#include "models/gaussians/turn.h"
 #include "models/io/gzip.h"
-#include "models/splat/files/formats.h"
-#include "models/splat/files/spz.h"
-#include "models/splat/turn.h"
 #include "runtime/error.h"
 #include "tests/models/errors.h"
 #include "tests/models/folder.h"
@@ -403,8 +403,8 @@ TEST_CASE("splat GLB: the document is glTF's, and nodes move what they hold") {
   CHECK(moved.scales[0] == doctest::Approx(given.scales[0] + std::log(2)));
   CHECK(moved.up == Vector3d(0, 1, 0));
   CHECK(holds(error_of([&] { with_node({{"mesh", 0}, {"scale", {1, 2, 1}}}); }), "unevenly"));
-  CHECK(holds(error_of([&] { with_node({{"mesh", 0}, {"children", {0}}}); }), "two places"));
-  CHECK(holds(error_of([&] { with_node({{"mesh", 7}}); }), "meshes 7 is named, there are 1"));
+  CHECK(holds(error_of([&] { with_node({{"mesh", 0}, {"children", {0}}}); }), "appears twice"));
+  CHECK(holds(error_of([&] { with_node({{"mesh", 7}}); }), "meshes 7 does not exist: there are 1"));
   json["meshes"][0]["primitives"][0].erase("extensions");
   CHECK(holds(error_of([&] { with_node({{"mesh", 0}}); }), "looked for a mesh with KHR_gaussian_splatting"));
 }
@@ -419,7 +419,7 @@ TEST_CASE("splat files: gaussians that are not finite are left out, and said so"
   write_gaussians(folder.path / "a.ply", given);
   const SplatFile file = read_gaussians(folder.path / "a.ply");
   REQUIRE(file.warnings.size() == 1);
-  CHECK(holds(file.warnings[0], "4 of 6 gaussians left out"));
+  CHECK(holds(file.warnings[0], "4 of 6 Gaussians left out"));
   CHECK(file.gaussians.count() == 2);
   CHECK(file.gaussians.means[0] == given.means[12]);
   CHECK(file.gaussians.sh_rest[45] == given.sh_rest[5 * 45]);
@@ -433,18 +433,18 @@ TEST_CASE("splat files: foreign ones are named") {
     return error_of([&] { read_gaussians(folder.path / name); }, fault);
   };
   const std::string head = "NGSP" + bytes_of(std::uint32_t{4}, std::uint32_t{1}) + std::string(20, '\0');
-  CHECK(holds(error_for("a.spz", head), "an .spz of version 4"));
+  CHECK(holds(error_for("a.spz", head), "is .spz version 4"));
   CHECK(holds(error_for("b.spz", gzipped("PGSN")), "ends in the middle of the header"));
   CHECK(holds(error_for("c.spz", gzipped("XGSP" + head.substr(4))), "does not begin with NGSP"));
   const std::string huge = "NGSP" + bytes_of(std::uint32_t{3}, std::uint32_t{4000000000u}) + std::string(40, '\0');
-  CHECK(holds(error_for("d.spz", gzipped(huge)), "4000000000 gaussians of 20 bytes are promised, 36 bytes follow"));
-  CHECK(holds(error_for("a.ksplat", "anything"), ".ksplat is not read"));
+  CHECK(holds(error_for("d.spz", gzipped(huge)), "4000000000 Gaussians of 20 bytes are declared, 36 bytes follow"));
+  CHECK(holds(error_for("a.ksplat", "anything"), ".ksplat is not supported"));
   CHECK(holds(error_for("a.obj", "anything", Fault::usage), ".ply, .splat, .spz, .glb"));
   CHECK(holds(error_for("a.glb", "glTF" + bytes_of(std::uint32_t{1}, std::uint32_t{12})), "glTF of version 1"));
   CHECK(holds(error_for("a.ply", ply_header(floats({"x", "y", "z", "f_dc_0"}), 0)), "no property f_dc_1"));
-  CHECK(holds(error_for("b.ply", ply_header(floats({"x", "y", "z"}), 0)), "holds no gaussians"));
+  CHECK(holds(error_for("b.ply", ply_header(floats({"x", "y", "z"}), 0)), "holds no Gaussians"));
   CHECK(holds(error_of([&] { write_gaussians(folder.path / "a.ksplat", invented(1, 0)); }, Fault::usage),
-              "is not written"));
+              "cannot be written"));
   Gaussians far = invented(1, 0);
   far.means[1] = 1e8f;
   CHECK(holds(error_of([&] { write_gaussians(folder.path / "far.spz", far); }), "lies at 1"));
@@ -528,6 +528,6 @@ TEST_CASE("splat files: what other programs wrote") {
   const auto refusal = [](const char* name) {
     return error_of([&] { read_gaussians(fixtures() / "splat-transform" / name); });
   };
-  CHECK(holds(refusal("minimal-v4.spz"), "an .spz of version 4"));
-  CHECK(holds(refusal("minimal.ksplat"), ".ksplat is not read"));
+  CHECK(holds(refusal("minimal-v4.spz"), "is .spz version 4"));
+  CHECK(holds(refusal("minimal.ksplat"), ".ksplat is not supported"));
 }

@@ -1,21 +1,20 @@
 // Training of gaussians on a small scene made for the test.
 #include <doctest/doctest.h>
 
+#include "models/data/load_images.h"
 #include "models/data/read_scene.h"
-#include "models/data/synthetic_scene.h"
 #include "models/io/checkpoint.h"
-#include "models/methods/registry.h"
 #include "models/metrics/psnr.h"
+#include "models/synth/synthetic_scene.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
 #include "tests/models/folder.h"
+#include "tests/models/made_method.h"
 #include "tests/models/resume.h"
 
 using namespace cloam;
 
 namespace {
-
-using Settings = std::vector<std::pair<std::string, std::string>>;
 
 struct Capture {
   Folder folder;
@@ -27,12 +26,9 @@ struct Capture {
 };
 
 std::unique_ptr<Method> built(const Scene& scene, const Settings& settings, Pixels photos) {
-  auto method = make_method("splat");
-  Config config;
-  method->configure(config);
-  for (const auto& [key, value] : settings) config.set(key, value, "test");
+  auto method = configured("splat", settings);
   method->build({scene}, 7);
-  method->load_data({{scene, std::move(photos)}});
+  load_data(*method, scene, std::move(photos));
   return method;
 }
 
@@ -54,7 +50,7 @@ double test_psnr(Method& method, const Scene& scene) {
   double sum = 0;
   for (const FramePixels& frame : test.frames)
     sum +=
-        psnr(method.render(view_of(scene.frames[frame.frame], test.cameras[static_cast<size_t>(frame.camera)], 0)).rgb,
+        psnr(shown(method, view_of(scene.frames[frame.frame], test.cameras[static_cast<size_t>(frame.camera)], 0)).rgb,
              on_white(frame));
   return sum / static_cast<double>(test.frames.size());
 }
@@ -86,10 +82,10 @@ TEST_CASE("splat: growth from few gaussians is worth its while, with either stra
     more.insert(more.end(), few.begin(), few.end());
     return trained(capture, more, 600);
   };
-  const double still = with({{"growth.from", "100000"}});
-  const double densified = with({{"growth.from", "60"}, {"growth.every", "30"}});
+  const double still = with({{"growth.start", "100000"}});
+  const double densified = with({{"growth.start", "60"}, {"growth.every", "30"}});
   const double mcmc =
-      with({{"growth.strategy", "mcmc"}, {"growth.from", "60"}, {"growth.every", "10"}, {"growth.most", "1500"}});
+      with({{"growth.strategy", "mcmc"}, {"growth.start", "60"}, {"growth.every", "10"}, {"growth.max", "1500"}});
   const double guess = mean_colour(capture.scene);
   MESSAGE("PSNR: mean colour ", guess, ", 150 gaussians ", still, ", densified ", densified, ", mcmc ", mcmc);
   CHECK(still > guess + 3);
@@ -101,20 +97,20 @@ TEST_CASE("splat: a checkpoint of any step holds all that the next step and a re
   const Folder folder;
   write_synthetic_scene(folder.path / "data", {6, 1, 24, 3});
   const Scene scene = read_scene(folder.path / "data");
-  const Settings densify = {{"initial", "random"},  {"initial.random", "200"},   {"growth.from", "20"},
+  const Settings densify = {{"initial", "random"},  {"initial.random", "200"},   {"growth.start", "20"},
                             {"growth.every", "20"}, {"growth.gradient", "1e-5"}, {"growth.reset_every", "50"},
                             {"exposure", "true"},   {"background", "random"},    {"sh.every", "10"}};
   const Settings mcmc = {{"initial", "random"},
                          {"initial.random", "200"},
                          {"growth.strategy", "mcmc"},
-                         {"growth.from", "20"},
+                         {"growth.start", "20"},
                          {"growth.every", "20"}};
   for (const Settings& settings : {densify, mcmc}) {
     CAPTURE(settings[2].first);
     check_resumes_from_every_step({[&] { return built(scene, settings); },
                                    [&](Method& method) {
                                      std::vector<float> look =
-                                         method.render(view_of(scene.frames.front(), scene.cameras.front(), 0)).rgb;
+                                         shown(method, view_of(scene.frames.front(), scene.cameras.front(), 0)).rgb;
                                      look.push_back(static_cast<float>(method.parameters().at("opacities").dim(0)));
                                      return look;
                                    }});
@@ -155,7 +151,7 @@ TEST_CASE("splat: what exposures differ in stays out of the model") {
       for (size_t i = 0; i < frame.rgba.size(); i++)
         if (i % 4 < 3) truth.push_back(static_cast<float>(frame.rgba[i]) / 255.f);
       const Camera& camera = test.cameras[static_cast<size_t>(frame.camera)];
-      sum += psnr(method->render(view_of(scene.frames[frame.frame], camera, 0)).rgb, truth);
+      sum += psnr(shown(*method, view_of(scene.frames[frame.frame], camera, 0)).rgb, truth);
     }
     return sum / static_cast<double>(test.frames.size());
   };
@@ -171,9 +167,9 @@ TEST_CASE("splat: a growth with nothing to do changes nothing") {
                 {{"initial", "random"},
                  {"initial.random", "150"},
                  {"growth.strategy", "mcmc"},
-                 {"growth.from", "5"},
+                 {"growth.start", "5"},
                  {"growth.every", "5"},
-                 {"growth.most", "150"}},
+                 {"growth.max", "150"}},
                 20) > mean_colour(capture.scene));
 }
 

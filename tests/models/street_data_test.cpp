@@ -1,5 +1,5 @@
 // What a step gets of a log: pixels and the rays that look through them, returns and where they lie.
-#include "models/render/street_data.h"
+#include "models/street/street_data.h"
 
 #include <doctest/doctest.h>
 

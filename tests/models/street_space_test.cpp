@@ -1,5 +1,5 @@
 // What a log's LiDAR says about where something is, and what rays save by it.
-#include "models/render/street_space.h"
+#include "models/street/street_space.h"
 
 #include <doctest/doctest.h>
 

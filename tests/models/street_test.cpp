@@ -13,15 +13,15 @@
 #include <set>
 #include <string>
 
-#include "models/data/box_tree.h"
 #include "models/data/check_log.h"
 #include "models/data/load_sweep.h"
-#include "models/data/procedural.h"
 #include "models/data/read_scene.h"
-#include "models/data/street_log.h"
-#include "models/data/street_sensors.h"
-#include "models/data/street_vehicles.h"
 #include "models/io/image.h"
+#include "models/synth/box_tree.h"
+#include "models/synth/procedural.h"
+#include "models/synth/street_log.h"
+#include "models/synth/street_sensors.h"
+#include "models/synth/street_vehicles.h"
 #include "runtime/error.h"
 
 namespace fs = std::filesystem;
@@ -437,7 +437,7 @@ for name in sorted(glob.glob('annotations/cuboids/*.pkl.gz')):
 }
 
 TEST_CASE("road users: white light in front, red behind, and wheels on the ground") {
-  Random random(3);
+  HostRandom random(3);
   for (const RoadUser kind : {RoadUser::car, RoadUser::pickup, RoadUser::truck, RoadUser::semi, RoadUser::bus,
                               RoadUser::emergency, RoadUser::motorcycle, RoadUser::scooter, RoadUser::bicycle}) {
     const RoadUserLooks looks = make_road_user(kind, random);
@@ -487,7 +487,7 @@ TEST_CASE("a course and its coordinates undo each other, straight and bent to ei
 }
 
 TEST_CASE("rays: the tree of boxes finds what a search through all of them finds") {
-  Random random(4);
+  HostRandom random(4);
   const auto point = [&](double reach) {
     return Vector3d(random.between(-reach, reach), random.between(-reach, reach), random.between(-reach, reach));
   };

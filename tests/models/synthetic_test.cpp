@@ -8,9 +8,9 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "models/data/ray_cast.h"
-#include "models/data/synthetic_scene.h"
 #include "models/io/image.h"
+#include "models/synth/ray_cast.h"
+#include "models/synth/synthetic_scene.h"
 #include "runtime/error.h"
 
 using namespace cloam;

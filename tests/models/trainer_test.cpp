@@ -7,8 +7,9 @@
 
 #include "models/io/checkpoint.h"
 #include "models/nn/params.h"
+#include "models/runs/scene_file.h"
 #include "models/train/optimiser.h"
-#include "models/train/scene_file.h"
+#include "models/train/shares_networks.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
 #include "tests/models/errors.h"
@@ -22,41 +23,41 @@ namespace {
 constexpr double kFastSeconds = 1. / 128;  // of a step
 
 /// Each parameter is drawn to 1. A scene's own is in the loss of every second step alone.
-class TwoScenes final : public Method {
+class TwoScenes final : public Method, public SharesNetworks {
  public:
-  const char* name() const override { return "two-scenes"; }
   void configure(Config&) override {}
   void build(const Scenes&, uint64_t) override {
     const Scope scope{params_, "", 1};
     (void)scope.constant("network", {3}, 0.f);
     for (const char* plane : {"plane.0", "plane.1"}) (void)scope.constant(plane, {2, 2}, 0.f);
   }
-  void load_data(std::vector<TrainingData>) override {}
   MemoryPlan memory(const PhotoSizes&) const override { return {}; }
   Params& parameters() override { return params_; }
-  std::vector<LearningRate> learning_rates(const Progress&) const override {
-    return {{"network", 0.1f, false, frozen_}, {"plane", 0.1f, true}};
+  ParameterGroups groups() const override {
+    ParameterGroup network{"network", 0.1f}, plane{"plane", 0.1f};
+    network.frozen = frozen_;
+    plane.sparse = true;
+    return {network, plane};
   }
   void adopt_networks(const TensorMap& parameters) override {
     const float* values = reinterpret_cast<const float*>(parameters.at("network").data.data());
     assign({{params_.at("network"), from_host(std::vector<float>(values, values + 3), {3})}});
     frozen_ = true;
   }
-  Tensor loss(const Progress& progress) override {
+  Tensor loss(const Progress& progress) {
     const Tensor& plane = params_.at(progress.step % 2 == 0 ? "plane.0" : "plane.1");
     clock_ += progress.step <= slow_steps_ ? slow_seconds_ : kFastSeconds;
     if (progress.step == diverges_at_) return sum(sqrt(params_.at("network") * 0.f));  // 0, its gradient NaN
     return sum(square(params_.at("network") - 1.f)) + sum(square(plane - 1.f));
   }
-  Gradients gradients(const Progress& progress, const Tensors& wanted) override {
+  Step step(const Progress& progress, const Tensors& wanted) override {
     fraction_ = progress.fraction();
-    Gradients all = Method::gradients(progress, wanted);
+    Step all = step_of(loss(progress), wanted);
     wanted_ = wanted.size();
     reached_ = 0;
-    for (const Tensor& gradient : all.of_parameters) reached_ += bool(gradient);
+    for (const Tensor& gradient : all.gradients) reached_ += bool(gradient);
     return all;
   }
-  Picture render(const View&) override { return {}; }
   TensorMap state() const override {
     clock_ += save_seconds_;
     return {};
@@ -226,9 +227,9 @@ TEST_CASE("a training that was finished goes on at its last rates, and a stop on
 TEST_CASE("rows that a gradient reaches decay towards zero, the others keep their values") {
   Params params;
   params["w"] = parameter({4.f, 4.f}, {2, 1});
-  const std::vector<LearningRate> rates = {{.prefix = "", .rate = 0.1f, .sparse = true, .decay = 0.5f}};
+  const ParameterGroups rates = {{.prefix = "", .rate = 0.1f, .sparse = true, .decay = 0.5f}};
   Optimiser optimiser(params, rates);
-  optimiser.step(params, {from_host(std::vector<float>{1.f, 0.f}, {2, 1})}, rates, {}, 1);
+  optimiser.step(params, {from_host(std::vector<float>{1.f, 0.f}, {2, 1})}, rates, {1});
   // AdamW: 4 (1 - 0.1 0.5) less a first step as long as the rate.
   CHECK(params["w"].to_host()[0] == doctest::Approx(4 * 0.95 - 0.1));
   CHECK(params["w"].to_host()[1] == 4.f);
@@ -237,14 +238,14 @@ TEST_CASE("rows that a gradient reaches decay towards zero, the others keep thei
 TEST_CASE("a dense parameter without a gradient goes on by its momentum") {
   Params params;
   params["w"] = parameter({0.f, 0.f}, {2});
-  const std::vector<LearningRate> rates = {{"", 0.1f}};
+  const ParameterGroups rates = {{"", 0.1f}};
   Optimiser optimiser(params, rates);
   Tensors first = {from_host(std::vector<float>{1.f, -1.f}, {2})}, none = {Tensor()};
   optimiser.expect(first);
-  optimiser.step(params, first, rates, {}, 1);
+  optimiser.step(params, first, rates, {1});
   const std::vector<float> before = params["w"].to_host();
   optimiser.expect(none);
-  optimiser.step(params, none, rates, {}, 2);
+  optimiser.step(params, none, rates, {2});
   CHECK(params["w"].to_host()[0] < before[0]);
 }
 

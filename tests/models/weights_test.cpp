@@ -140,7 +140,7 @@ TEST_CASE("npz: sizes are checked before memory is asked for") {
   put(path, zip({{"a.npy", npy("6,", kValues)}, {"a.npy", npy("6,", kValues)}}));
   CHECK(holds(error_of([&] { read_npz(path); }), "twice"));
   put(path, zip({{"a.txt", npy("6,", kValues)}}));
-  CHECK(holds(error_of([&] { read_npz(path); }), "want .npy"));
+  CHECK(holds(error_of([&] { read_npz(path); }), "want only .npy"));
 }
 
 TEST_CASE("a folder with one file of weights stands for it") {

@@ -1,0 +1,95 @@
+// See evaluate.h. Photos and renders are compared as float [H,W,3] in [0,1]; nothing is rounded to 8 bits.
+#include "models/eval/evaluate.h"
+
+#include <cmath>
+#include <optional>
+
+#include "models/eval/pictures.h"
+#include "models/metrics/feature_distance.h"
+#include "models/metrics/psnr.h"
+#include "models/metrics/ssim.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+namespace {
+
+void score_actors(ImageScore& score, const Picture& picture, const MeasuredPhoto& photo) {
+  const std::vector<std::uint8_t> mask = photo.actors->any();
+  score.masked_psnr = masked_psnr(picture.rgb, photo.rgb, mask, 3);
+  score.masked_ssim = masked_ssim(picture.rgb, photo.rgb, mask, {photo.pixels.height, photo.pixels.width, 3});
+}
+
+void score_features(ImageScore& score, const FeatureNetwork& network, const Picture& picture,
+                    const MeasuredPhoto& photo) {
+  const int w = photo.pixels.width, h = photo.pixels.height;
+  if (std::min(w, h) < network.smallest) return;
+  const auto distance = [&](const std::vector<float>& a, const std::vector<float>& b) {
+    return static_cast<double>(feature_distance(network, as_batch(a, w, h), as_batch(b, w, h)).item());
+  };
+  score.feature_distance = distance(picture.rgb, photo.rgb);
+  if (!photo.actors || std::isnan(score.masked_psnr)) return;
+  const std::vector<std::uint8_t> mask = photo.actors->any();
+  score.masked_feature_distance = distance(on_black(picture.rgb, mask), on_black(photo.rgb, mask));
+}
+
+ImageScore score_photo(const Picture& picture, const MeasuredPhoto& photo, const Guesses& guesses,
+                       const FeatureNetwork* features) {
+  ImageScore score = score_image(picture.rgb, photo.rgb, photo.pixels);
+  score.guesses = guesses.score(photo);
+  if (photo.actors) score_actors(score, picture, photo);
+  if (features) score_features(score, *features, picture, photo);
+  return score;
+}
+
+}  // namespace
+
+std::vector<float> on_black(const std::vector<float>& rgb, const std::vector<std::uint8_t>& mask) {
+  std::vector<float> out(rgb);
+  for (std::size_t i = 0; i < out.size(); ++i) out[i] = mask[i / 3] != 0 ? out[i] : 0.f;
+  return out;
+}
+
+ImageScore score_image(const std::vector<float>& rgb, const std::vector<float>& truth, const FramePixels& frame) {
+  const ImageShape shape{frame.height, frame.width, 3};
+  ImageScore score;
+  score.psnr = psnr_of(rgb, truth, frame);
+  score.psnr_full = psnr(rgb, truth);
+  score.ssim = frame.mask.empty() ? ssim(rgb, truth, shape) : masked_ssim(rgb, truth, frame.mask, shape);
+  return score;
+}
+
+std::vector<ImageScore> evaluate(RendersViews& method, const MeasuredScene& measured, const EvaluateOptions& options) {
+  std::vector<ImageScore> scores;
+  for (const FramePixels& pixels : measured.photos.frames) {
+    const Frame& frame = measured.scene.frames[pixels.frame];
+    const Camera& camera = measured.photos.cameras[static_cast<std::size_t>(pixels.camera)];
+    const Picture picture = method.render(view_of(frame, camera, measured.index));
+    const std::vector<float> truth = on_white(pixels);
+    const auto mask = measured.masks ? std::optional(measured.masks->of(frame, camera)) : std::nullopt;
+    const MeasuredPhoto photo{measured.scene, pixels, truth, mask ? &*mask : nullptr};
+    scores.push_back(options.compare ? score_photo(picture, photo, measured.guesses, options.features) : ImageScore{});
+    scores.back().name = frame.image;
+    options.seen({scores.back(), pixels, truth, picture, photo.actors});
+  }
+  return scores;
+}
+
+double mean_score(const std::vector<ImageScore>& images, const std::function<double(const ImageScore&)>& figure) {
+  double sum = 0;
+  int count = 0;
+  for (const ImageScore& image : images) {
+    if (std::isnan(figure(image))) continue;
+    sum += figure(image);
+    ++count;
+  }
+  return count > 0 ? sum / count : kNoScore;
+}
+
+Tensor as_batch(const std::vector<float>& rgb, int width, int height) {
+  std::vector<float> planes(rgb.size());
+  const std::size_t count = rgb.size() / 3;
+  for (std::size_t i = 0; i < rgb.size(); ++i) planes[i % 3 * count + i / 3] = rgb[i];
+  return from_host(planes, {1, 3, height, width});
+}
+
+}  // namespace cloam

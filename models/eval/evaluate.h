@@ -1,0 +1,64 @@
+// How near renders come to photos, and what trivial guesses would score on the same photos.
+#pragma once
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "models/eval/baselines.h"
+#include "models/nn/feature_network.h"
+#include "models/train/renders_views.h"
+
+namespace cloam {
+
+/// psnr, ssim: over the pixels that the photo's mask keeps; psnr_full: over all. masked_…: over the actors that have a
+/// box at the photo's step, all together (ssim with both images black elsewhere); NaN where none is seen.
+/// feature_distance: of a network, if one is given; of photo and render, and of both with all but the actors black.
+struct ImageScore {
+  std::string name;
+  double psnr = kNoScore, ssim = kNoScore, psnr_full = kNoScore;
+  double masked_psnr = kNoScore, masked_ssim = kNoScore;
+  double feature_distance = kNoScore, masked_feature_distance = kNoScore;
+  GuessScores guesses = {};
+};
+
+/// The photos of one scene that are measured.
+struct MeasuredScene {
+  int index = 0;       // in the run
+  const Scene& scene;  // of the photos
+  const Pixels& photos;
+  const Guesses& guesses;
+  const ActorMasks* masks = nullptr;  // of logs
+};
+
+/// One image as it is measured. truth, picture.rgb: [H,W,3].
+struct EvaluatedImage {
+  const ImageScore& score;
+  const FramePixels& frame;
+  const std::vector<float>& truth;
+  const Picture& picture;
+  const ActorMask* actors = nullptr;  // of logs
+};
+
+struct EvaluateOptions {
+  bool compare = true;  // false: the photos are no truth, and are only shown beside the renders
+  const FeatureNetwork* features = nullptr;
+  std::function<void(const EvaluatedImage&)> seen = [](const EvaluatedImage&) {};  // called after each
+};
+
+/// The pixels that mask [H,W] is not 0 at, black elsewhere.
+std::vector<float> on_black(const std::vector<float>& rgb, const std::vector<std::uint8_t>& mask);
+
+/// Renders and measures every photo.
+std::vector<ImageScore> evaluate(RendersViews& method, const MeasuredScene& measured,
+                                 const EvaluateOptions& options = {});
+
+/// Figures are taken per image and then averaged, whatever the scene; images without one (NaN) are left out.
+double mean_score(const std::vector<ImageScore>& images, const std::function<double(const ImageScore&)>& figure);
+
+/// PSNR and SSIM of one photo, over what its mask keeps, and PSNR over all pixels.
+ImageScore score_image(const std::vector<float>& rgb, const std::vector<float>& truth, const FramePixels& frame);
+
+/// An image [H,W,3] as networks take it, [1,3,H,W].
+Tensor as_batch(const std::vector<float>& rgb, int width, int height);
+
+}  // namespace cloam

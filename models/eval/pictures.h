@@ -1,0 +1,44 @@
+// Pictures for people: renders as 8-bit images, comparisons, contact sheets.
+#pragma once
+#include <vector>
+
+#include "models/io/image.h"
+#include "models/scene/pixels.h"
+#include "models/street/street.h"
+
+namespace cloam {
+
+/// A photo as metrics see it: [H,W,3] in [0,1], composited on white where it is transparent (the convention of the
+/// NeRF-synthetic scenes).
+std::vector<float> on_white(const FramePixels& frame);
+
+/// values: [H,W,3] in [0,1].
+Image to_image(const std::vector<float>& values, int width, int height);
+
+/// The absolute difference of two [H,W,3], four times as bright so that small errors show.
+Image error_image(const std::vector<float>& a, const std::vector<float>& b, int width, int height);
+
+/// Two lines below a picture of a sheet, cut to its width.
+struct Caption {
+  std::string first, second;
+};
+
+/// RGB images in rows of `columns`, with a gap of white; cells have the size of the largest. captions: one an image, or
+/// none; they are left out where there is no font (draw_text.h).
+Image contact_sheet(const std::vector<Image>& images, int columns, const std::vector<Caption>& captions = {});
+
+/// An asset of that size alone on white, from its front left and a little above.
+Image three_quarter_picture(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int pixels);
+
+/// `count` pictures of pixels x pixels all around an asset of that size, alone on white, from its front
+/// counter-clockwise (orbit.h: turntable_poses).
+std::vector<Image> turntable(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int count,
+                             int pixels);
+
+/// A file name (no extension) for each frame, from its image path with "/" as "_"; all different.
+std::vector<std::string> file_names(const Scene& scene, const std::vector<std::size_t>& frames);
+
+/// Colour (composited, hence A = 1), depth along the ray in scene units (0: nothing) and opacity as layers of one EXR.
+void write_picture_exr(const std::filesystem::path& path, const Picture& picture);
+
+}  // namespace cloam

@@ -1,0 +1,68 @@
+// See paths.h.
+#include "models/io/paths.h"
+
+#include <algorithm>
+
+#include "models/io/bytes.h"
+#include "models/io/safetensors_header.h"  // printable
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kLongestPath = 4096;  // as Linux
+
+[[noreturn]] void refuse(const std::string& named, const std::string& why) {
+  throw Error(Fault::data, text("the path \"", printable(named), "\" ", why));
+}
+
+bool lies_within(const fs::path& folder, const fs::path& path) {
+  return std::mismatch(folder.begin(), folder.end(), path.begin(), path.end()).first == folder.end();
+}
+
+// The rest of an absolute path below the root, which may go by another name there (a link, a mount); else empty.
+fs::path rest_below(const fs::path& root, const fs::path& path) {
+  fs::path above;
+  for (auto part = path.begin(); part != path.end(); ++part) {
+    above /= *part;
+    std::error_code error;
+    if (!fs::equivalent(above, root, error)) continue;
+    fs::path rest;
+    for (++part; part != path.end(); ++part) rest /= *part;
+    return rest;
+  }
+  return {};
+}
+
+}  // namespace
+
+std::string path_named(const fs::path& root, const std::string& named, bool allow_outside) {
+  const bool control = std::any_of(named.begin(), named.end(), [](unsigned char c) { return c < 32 || c == 127; });
+  if (control) refuse(named, "has a control character");
+  if (named.empty()) refuse(named, "is empty");
+  if (named.size() > kLongestPath) refuse(named, text("has ", named.size(), " characters"));
+  const fs::path given = fs::path(named).lexically_normal();
+  const fs::path target = (root / given).lexically_normal();
+  if (lies_within(root, target)) return target.lexically_relative(root).generic_string();
+  const fs::path rest = given.is_absolute() ? rest_below(root, given) : fs::path();
+  if (!rest.empty()) return rest.generic_string();
+  if (allow_outside) return given.generic_string();
+  refuse(named, text("leaves the data folder ", root.string(),
+                     "; add --allow-outside if you trust this data set, or copy or link the files into the folder"));
+}
+
+bool is_file(const fs::path& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
+
+bool has_file(const fs::path& path) {
+  std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  if (status.type() == fs::file_type::not_found) return false;
+  if (!fs::is_regular_file(status)) file_bytes(path);  // says what it is
+  return true;
+}
+
+}  // namespace cloam

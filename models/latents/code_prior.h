@@ -1,0 +1,64 @@
+// What a diffusion of codes adds to a training that learns codes: its term on the codes of the actors that a step sees,
+// and, where a single image is learned from, denoising before that.
+#pragma once
+#include <memory>
+
+#include "models/io/safetensors.h"
+#include "models/latents/code_denoiser.h"
+#include "models/train/method.h"
+
+namespace cloam {
+
+struct CodePriorOptions {
+  float weight = 0.1f;  // of the term: the norm of its gradient by codes over that of all other terms together
+  bool through_network = false;
+  int steps = 100;     // of denoising
+  float guidance = 1;  // guidance.h: strength
+  float noise = 0;     // deviation of what denoising begins with
+};
+
+// Streams of random numbers within a step, beside those of the method itself.
+enum PriorStream : uint32_t { kPriorNoise = 64 };
+
+/// Codes (means) [N,C,side,side] of the actors that a step meets, as gradients reach them; empty: none.
+struct MetCodes {
+  Tensor codes;
+  Condition condition;
+};
+
+class CodeDenoising;
+struct CodeRows;
+
+class CodePrior {
+ public:
+  /// Fault::usage for options that cannot be. The denoiser is called as long as this lives.
+  CodePrior(const CodeDenoiser& denoiser, const CodePriorOptions& options, uint64_t seed);
+  ~CodePrior();
+  /// The first steps of the training, from step 1 on, denoise these codes.
+  void denoise(CodeRows rows);
+  bool denoises() const { return denoising_ != nullptr; }
+
+  /// Before a step is rendered.
+  void begin_step(const Progress& progress);
+  /// Adds the term to loss and gradients of the rendering, which are of `wanted`; or takes the codes' out, to guide
+  /// denoising.
+  void add(Step& step, const Tensors& wanted, const MetCodes& met, const Progress& progress);
+  void end_step(const Progress& progress);
+  /// What the term is multiplied by now; 0 until enough steps have measured.
+  float weight() const;
+  TensorMap state() const;
+  void restore(const TensorMap& state);
+
+ private:
+  Tensor term(const MetCodes& met, const Progress& progress) const;
+
+  CodeDenoiser denoiser_;
+  CodePriorOptions options_;
+  uint64_t seed_;
+  std::unique_ptr<CodeDenoising> denoising_;
+  float rendering_ = 0, term_ = 0;  // running means of the gradients' norms
+  int64_t measured_ = 0;            // steps that are in them
+  Tensor norms_;                    // both, of the last step; empty: it met no actor
+};
+
+}  // namespace cloam

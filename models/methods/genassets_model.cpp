@@ -1,0 +1,399 @@
+// See genassets_model.h.
+#include "models/methods/genassets_model.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+
+#include "models/methods/asset_codes.h"
+#include "models/scene/asset_class.h"
+#include "models/train/config.h"
+#include "runtime/error.h"
+#include "runtime/ops/composite.h"
+#include "runtime/ops/fields.h"
+#include "runtime/ops/volume.h"
+
+namespace cloam {
+namespace {
+
+constexpr float kCodeDeviation = 0.05f;  // of codes' means at the start
+constexpr float kShadowSlack = 0.3f;     // metres behind the background at which ground still counts as seen
+constexpr float kBright = 4;             // shadows begin as sigmoid(kBright)
+constexpr float kLeastTransmittance = 1e-3f;
+constexpr int64_t kHeights = 9;       // at which a log's texels have something in common
+constexpr float kNormalStep = 0.01f;  // metres
+
+// Streams of random numbers within a step.
+enum Stream : uint32_t { kJitter = 0, kCodes = 1 };
+
+RandomKey stream(const RandomKey& key, Stream which) { return {key.seed, key.step, which}; }
+
+Tensor columns(const Tensor& x, int64_t begin, int64_t end) { return slice(x, 1, begin, end); }
+Tensor column(const Tensor& x, int64_t at) { return reshape(slice(x, 1, at, at + 1), {x.dim(0)}); }
+
+/// Fault::usage for widths that group norms cannot divide.
+void check_groups(std::vector<int64_t> widths, int64_t middle, int64_t groups) {
+  for (const int64_t width : widths)
+    if (width % groups != 0)
+      throw Error(Fault::usage, text("setting decoder.groups: ", groups, " does not divide decoder.widths ", width));
+  if (middle % groups != 0)
+    throw Error(Fault::usage, text("setting decoder.groups: ", groups, " does not divide decoder.middle ", middle));
+}
+
+std::unique_ptr<AssetDecoder> make_decoder(const Scope& scope, const StreetModelOptions& options) {
+  AssetDecoderOptions o;
+  o.latent_channels = options.code_channels;
+  o.side = options.code_side;
+  o.classes = kAssetClassCount;
+  o.middle = options.decoder_middle;
+  o.widths = whole_numbers("decoder.widths", options.decoder_widths);
+  check_groups(o.widths, o.middle, options.decoder_groups);
+  o.plane_channels = 3 * options.field.plane_channels;
+  o.groups = options.decoder_groups;
+  return std::make_unique<AssetDecoder>(scope, o);
+}
+
+/// Texels of actors, along each side.
+int64_t planes_side(const StreetModelOptions& options) {
+  return int64_t{options.code_side} << (whole_numbers("decoder.widths", options.decoder_widths).size() - 1);
+}
+
+int64_t code_numbers(const StreetModelOptions& options) {
+  return int64_t{options.code_channels} * options.code_side * options.code_side;
+}
+
+/// Spherical harmonics of directions [S,3] in actors' boxes, or what of them does not depend on the direction.
+Tensor actor_views(const Tensor& directions, bool without_view) {
+  const Tensor harmonics = spherical_harmonics(directions);
+  if (!without_view) return harmonics;
+  std::vector<float> first(static_cast<size_t>(harmonics.dim(1)), 0.f);
+  first[0] = 1;
+  return harmonics * from_host(first, {1, harmonics.dim(1)});
+}
+
+/// Where in an actor's planes points of its cube [S,3] are read: of symmetric actors the right half stands for both.
+Tensor in_cube(const Tensor& points, bool symmetric) {
+  if (!symmetric) return points;
+  const Tensor across = from_host(std::vector<float>{1, 0, 0}, {1, 3});
+  return points * (1.f - across) + (abs(points - 0.5f) + 0.5f) * across;
+}
+
+/// points [S,3] in [0,1]^3 -> [S,2 kHeights]: hat functions of the height for what is near, ramps for the sky. A ramp
+/// stays at 1 above its end: what is higher than any camera saw goes on like the highest that one did.
+Tensor height_features(const Tensor& points) {
+  std::vector<float> knots(kHeights);
+  for (size_t k = 0; k < knots.size(); ++k) knots[k] = static_cast<float>(k);
+  const Tensor above = columns(points, 2, 3) * static_cast<float>(kHeights - 1) - from_host(knots, {1, kHeights});
+  const Tensor hats = maximum(1.f - abs(above), 0.f), ramps = minimum(maximum(above + 1.f, 0.f), 1.f);
+  // The contracted middle ends at half way from the centre to the border.
+  const Tensor far = maximum(max(abs(points - 0.5f), {{1}, true}) * 4.f - 1.f, 0.f);
+  return concat({hats * (1.f - far), ramps * far}, 1);
+}
+
+/// What samples read [S,C] by row, but gradients reach the background's on those rays alone that meet no actor.
+Tensor detached_in_boxes(const Tensor& texels, const StreetSamples& s) {
+  const std::vector<int32_t> offsets = s.offsets.to_host<int32_t>(), rows = s.rows.to_host<int32_t>();
+  const auto background = static_cast<int32_t>(s.points.dim(0));
+  std::vector<float> learns(rows.size(), 1.f);
+  for (size_t ray = 0; ray + 1 < offsets.size(); ++ray) {
+    const auto begin = rows.begin() + offsets[ray], end = rows.begin() + offsets[ray + 1];
+    if (std::none_of(begin, end, [&](int32_t row) { return row >= background; })) continue;
+    for (auto row = begin; row != end; ++row)
+      if (*row < background) learns[static_cast<size_t>(*row)] = 0;
+  }
+  const Tensor mask = from_host(learns, {texels.dim(0), 1});
+  return texels * mask + stop_gradient(texels) * (1.f - mask);
+}
+
+HitAssets hits_of(const RayScene& scene, const StreetSamples& s) {
+  std::vector<bool> hit(scene.appearance.size());
+  for (const Tensor& owners : {s.owners, s.shadow_owners})
+    if (owners.dim(0) > 0)
+      for (const int32_t owner : owners.to_host<int32_t>()) hit[static_cast<size_t>(owner)] = true;
+  return hit_assets(scene.appearance, hit);
+}
+
+}  // namespace
+
+HitAssets hit_assets(const std::vector<AssetPlace>& appearance, const std::vector<bool>& hit) {
+  HitAssets out;
+  out.slot_of.assign(appearance.size() + 1, -1);
+  for (size_t owner = 0; owner < appearance.size(); ++owner)
+    if (hit[owner]) {
+      out.slot_of[owner] = static_cast<int32_t>(out.assets.size());
+      out.assets.push_back(appearance[owner]);
+    }
+  return out;
+}
+
+StreetModel::StreetModel(const StreetModelOptions& options, const Scope& root, const Scenes& scenes)
+    : options_(options) {
+  const Scope networks = root / "networks";
+  options_.image.features = options_.field.features;
+  field_ = std::make_unique<StreetField>(networks / "field", options_.field);
+  image_ = std::make_unique<ImageDecoder>(networks / "image", options_.image);
+  if (options_.decoder) decoder_ = make_decoder(networks / "decoder", options_);
+  if (options_.shadows)
+    shadow_.emplace(networks / "shadow", std::vector<int64_t>{3 * int64_t{options_.field.plane_channels} + 17, 32, 3});
+  for (const Scene& scene : scenes) {
+    if (!scene.is_log)
+      throw Error(Fault::data, text(scene.root.string(), " is not a driving log (format ", scene.format,
+                                    "): genassets needs cameras with time stamps, boxes and LiDAR"));
+    logs_.push_back(make_log(scene, root / ("log" + std::to_string(logs_.size()))));
+  }
+  find_appearance();
+}
+
+StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
+  StreetLog log;
+  log.scene = scene;
+  log.space = std::make_unique<StreetSpace>(scene, options_.space);
+  const int64_t side = options_.background_side, channels = options_.field.plane_channels;
+  log.background = scope.uniform("background", {3 * side * side, channels}, 0.1f);
+  log.common_background = scope.constant("common.background", {2 * kHeights, 3 * channels}, 0.f);
+  const auto actors = static_cast<int64_t>(scene.actors.size());
+  if (actors > 0 && !options_.decoder) {
+    const int64_t texels = planes_side(options_) * planes_side(options_);
+    log.assets = scope.uniform("planes", {actors, 3 * texels * channels}, 0.1f);
+  } else if (actors > 0) {
+    const int64_t numbers = code_numbers(options_) * (options_.variational ? 2 : 1);
+    log.assets = scope.uniform("codes", {actors, numbers}, kCodeDeviation);
+    log.common_code = scope.constant("common.code", {1, numbers}, 0.f);
+  }
+  for (const Actor& actor : scene.actors) log.classes.push_back(asset_class(actor.label));
+  return log;
+}
+
+AssetPlace StreetModel::place_of(const AssetName& asset) const {
+  const auto scene = static_cast<size_t>(asset.scene);
+  if (asset.scene >= 0 && scene < logs_.size()) {
+    const std::vector<Actor>& actors = logs_[scene].scene.actors;
+    for (size_t i = 0; i < actors.size(); ++i)
+      if (actors[i].id == asset.actor_id) return {scene, i};
+  } else if (asset.scene >= 0 && scene < logs_.size() + generated_.size()) {
+    return {logs_.size(), scene - logs_.size()};
+  }
+  throw Error(Fault::data, text("there is no actor ", asset.actor_id, " in log ", asset.scene, " of this run"));
+}
+
+/// An actor that wears an asset which is still to be generated has its own appearance until then.
+void StreetModel::find_appearance() {
+  const auto is_here = [&](const AssetName& asset) {
+    return asset.scene < static_cast<int>(logs_.size() + generated_.size());
+  };
+  for (size_t l = 0; l < logs_.size(); ++l) {
+    logs_[l].appearance.clear();
+    for (size_t a = 0; a < logs_[l].scene.actors.size(); ++a) {
+      const std::optional<AssetName>& asset = logs_[l].scene.actors[a].asset;
+      logs_[l].appearance.push_back(asset && is_here(*asset) ? place_of(*asset) : AssetPlace{l, a});
+    }
+  }
+}
+
+void StreetModel::set_generated(const std::vector<NewAsset>& assets) {
+  if (!decoder_)
+    throw Error(Fault::usage,
+                "the run learned its actors' planes directly (decoder.use = false): it cannot decode codes");
+  const auto numbers = static_cast<size_t>(code_numbers(options_)), width = numbers * (options_.variational ? 2 : 1);
+  std::vector<float> rows;
+  for (const NewAsset& asset : assets) {
+    if (asset.code.size() != numbers)
+      throw Error(Fault::data, text("a code has ", asset.code.size(), " numbers, the run's codes have ", numbers));
+    rows.insert(rows.end(), asset.code.begin(), asset.code.end());
+    rows.resize(rows.size() + width - numbers);
+  }
+  generated_ = assets;
+  generated_codes_ =
+      assets.empty() ? Tensor() : from_host(rows, {static_cast<int64_t>(assets.size()), static_cast<int64_t>(width)});
+  find_appearance();
+}
+
+/// Of any actor that has the appearance: the one who had it first may have another's by now.
+Eigen::Vector3d StreetModel::size_of(const AssetPlace& place) const {
+  for (const StreetLog& log : logs_)
+    for (size_t a = 0; a < log.appearance.size(); ++a)
+      if (log.appearance[a] == place) return log.scene.actors[a].size;
+  return place.log < logs_.size() ? logs_[place.log].scene.actors[place.actor].size : generated_[place.actor].size;
+}
+
+RayScene StreetModel::street(const StreetLog& log, const RayList& rays) const {
+  return {log, boxes_of(log.scene.actors, rays, *log.space), log.space->grid(), log.appearance};
+}
+
+RayScene StreetModel::alone(const AssetPlace& place) const {
+  const StreetLog* host = place.log < logs_.size() ? &logs_[place.log] : &logs_.front();
+  if (place.log == logs_.size()) {
+    const auto alike = std::find_if(logs_.begin(), logs_.end(), [&](const StreetLog& log) {
+      return log.scene.night == generated_[place.actor].night;
+    });
+    if (alike != logs_.end()) host = &*alike;
+  }
+  return {*host, single_box(size_of(place)), sky_of(host->space->grid()), {place}};
+}
+
+/// [N, ...] rows of the codes (or planes) of assets, which may be of several logs.
+Tensor StreetModel::rows_of(const std::vector<AssetPlace>& assets) const {
+  Tensors parts;
+  for (size_t begin = 0, end = 0; begin < assets.size(); begin = end) {
+    const size_t log = assets[begin].log;
+    std::vector<int32_t> rows;
+    for (; end < assets.size() && assets[end].log == log; ++end)
+      rows.push_back(static_cast<int32_t>(assets[end].actor));
+    const bool generated = log == logs_.size();
+    const Tensor own = gather_rows(generated ? generated_codes_ : logs_[log].assets,
+                                   from_host(rows, {static_cast<int64_t>(rows.size())}));
+    parts.push_back(!generated && logs_[log].common_code ? own + logs_[log].common_code : own);
+  }
+  return parts.size() == 1 ? parts.front() : concat(parts, 0);
+}
+
+Condition StreetModel::condition_of(const std::vector<AssetPlace>& assets) const {
+  std::vector<int32_t> classes, nights;
+  for (const AssetPlace& asset : assets) {
+    const bool generated = asset.log == logs_.size();
+    classes.push_back(generated ? generated_[asset.actor].asset_class : logs_[asset.log].classes[asset.actor]);
+    nights.push_back((generated ? generated_[asset.actor].night : logs_[asset.log].scene.night) ? 1 : 0);
+  }
+  return asset_condition(classes, nights);
+}
+
+DecodedAssets StreetModel::decode(const HitAssets& hits, const Sampling& how) const {
+  if (hits.assets.empty()) return {};
+  const auto count = static_cast<int64_t>(hits.assets.size());
+  const int64_t side = planes_side(options_), channels = options_.field.plane_channels;
+  const Tensor rows = rows_of(hits.assets);
+  DecodedAssets out;
+  out.slots = from_host(hits.slot_of, {static_cast<int64_t>(hits.slot_of.size())});
+  if (!decoder_) {
+    out.planes = permute(reshape(rows, {count, 3, side, side, channels}), {1, 0, 2, 3, 4});
+    return out;
+  }
+  Tensor code = rows, mean_code = rows;
+  if (options_.variational) {
+    const int64_t numbers = rows.dim(1) / 2;
+    const Tensor log_variance = slice(rows, 1, numbers, 2 * numbers) + kCodeLogVariance;
+    code = mean_code = slice(rows, 1, 0, numbers);
+    if (how.random)
+      code = mean_code + exp(log_variance * 0.5f) * random_normal({count, numbers}, stream(how.key, kCodes));
+    const Tensor terms = square(mean_code) + exp(log_variance) - 1.f - log_variance;
+    out.kl = mean(terms) * 0.5f;
+  }
+  const Shape shape = {count, options_.code_channels, options_.code_side, options_.code_side};
+  const Condition condition = condition_of(hits.assets);
+  const Tensor planes = (*decoder_)(reshape(code, shape), condition.labels[0]);
+  out.codes = {reshape(mean_code, shape), condition};
+  out.planes = permute(reshape(planes, {count, 3, channels, side, side}), {1, 0, 3, 4, 2});
+  return out;
+}
+
+/// What all samples read of planes, by row.
+Tensor StreetModel::texels_of(const StreetLog& log, const StreetSamples& s, const DecodedAssets& assets) const {
+  const int64_t side = options_.background_side, channels = options_.field.plane_channels;
+  const Tensor background = sample_planes(reshape(log.background, {3, side, side, channels}), s.points) +
+                            matmul(height_features(s.points), log.common_background);
+  if (s.owners.dim(0) == 0) return background;
+  const Tensor points = in_cube(s.actor_points, options_.symmetric);
+  return concat({background, sample_planes(assets.planes, points, gather_rows(assets.slots, s.owners))}, 0);
+}
+
+RenderedRays StreetModel::render(const RayScene& scene, const RayList& rays, const Sampling& how, bool shadows,
+                                 const DecodedAssets* ready) const {
+  const int64_t count = rays.count();
+  const StreetRays at = {from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
+                         how.random ? random_uniform({count, 2}, stream(how.key, kJitter)) : full({count, 2}, 0.5f),
+                         from_host(rays.moments, {count})};
+  StreetSteps steps = options_.steps;
+  steps.shadows = shadows && shadow_;
+  RenderedRays out;
+  out.samples = street_samples(at, scene.boxes, scene.grid, steps);
+  out.marched = out.samples.t.dim(0);
+  out.assets = ready ? *ready : decode(hits_of(scene, out.samples), how);
+  if (how.skip_hidden) {
+    const Tensor texels = texels_of(scene.log, out.samples, out.assets);
+    const Tensor all = stop_gradient(field_->opacity(field_->geometry(texels).distance));
+    if (out.assets.planes) eval_for_gradient({out.assets.planes});
+    out.samples = street_lit(out.samples, all, kLeastTransmittance);
+  }
+  const StreetSamples& s = out.samples;
+  Tensor harmonics = gather_rows(spherical_harmonics(at.directions), s.ray);
+  if (s.owners.dim(0) > 0) harmonics = concat({harmonics, actor_views(s.actor_directions, how.without_view)}, 0);
+  const Tensor texels = texels_of(scene.log, s, out.assets);
+  const StreetField::Geometry geometry =
+      field_->geometry(how.detach_background ? detached_in_boxes(texels, s) : texels);
+  out.alpha = field_->opacity(geometry.distance);
+  const int64_t wide = options_.field.features;
+  const Contents seen = {field_->features(geometry.inner, harmonics), s.t, from_host(rays.ranges, {count}),
+                         options_.near, s.points.dim(0)};
+  const Tensor blended = composite({out.alpha, s.offsets, {}, s.rows, true}, seen);
+  out.features = columns(blended, 0, wide);
+  out.opacity = column(blended, wide);
+  out.depth = column(blended, wide + 1);
+  out.line_of_sight = column(blended, wide + 3);
+  out.actor_opacity = column(blended, wide + 4);
+  if (s.shadow_owners.dim(0) > 0) out.shadow = shadow_of(scene.log, out);
+  return out;
+}
+
+/// How much light is left on each ray's ground [R,3]: the product over the actors whose shadow may fall there.
+Tensor StreetModel::shadow_of(const StreetLog& log, const RenderedRays& rendered) const {
+  const StreetSamples& s = rendered.samples;
+  const int64_t places = s.shadow_owners.dim(0);
+  const Tensor texels = sample_planes(rendered.assets.planes, in_cube(s.shadow_points, options_.symmetric),
+                                      gather_rows(rendered.assets.slots, s.shadow_owners));
+  const Tensor night = full({places, 1}, log.scene.night ? 1.f : 0.f);
+  const Tensor dark =
+      softplus(-((*shadow_)(concat({texels, spherical_harmonics(s.shadow_directions), night}, 1)) + kBright));
+  const Tensor depth = stop_gradient(gather_rows(rendered.depth, s.shadow_ray));
+  const Tensor seen = cast(s.shadow_t <= depth + kShadowSlack, DType::f32) *
+                      (1.f - stop_gradient(gather_rows(rendered.actor_opacity, s.shadow_ray)));
+  return exp(-segment_sum(dark * unsqueeze(seen, 1), s.shadow_offsets));
+}
+
+Tensor StreetModel::image_of(const Tensor& features, const Tensor& shadow) const {
+  const Tensor image = (*image_)(features);
+  return shadow ? image * resize_bilinear(shadow, image.dim(2), image.dim(3)) : image;
+}
+
+StreetPainter StreetModel::painter(const std::function<RayScene(const RayList&)>& scene, bool shadows) const {
+  StreetPainter painter;
+  painter.scale = scale();
+  painter.image = [this](const Tensor& features, const Tensor& light) { return image_of(features, light); };
+  painter.look = [this, scene, shadows](const RayList& rays) {
+    const RenderedRays seen = render(scene(rays), rays, {}, shadows);
+    Tensors all = {seen.features, seen.depth, seen.opacity, seen.actor_opacity, seen.alpha};
+    if (seen.shadow) all.push_back(seen.shadow);
+    eval(all);
+    return SeenByRays{seen.features, seen.shadow,        seen.depth,
+                      seen.opacity,  seen.actor_opacity, street_owners(seen.alpha, seen.samples).to_host<int32_t>()};
+  };
+  return painter;
+}
+
+AssetSamples StreetModel::sample_asset(const AssetPlace& place, const std::vector<float>& points) const {
+  const auto count = static_cast<int64_t>(points.size() / 3);
+  const Tensor planes = stop_gradient(decode(hit_assets({place}, {true}), {}).planes),
+               owners = cast(zeros({count}), DType::i32);
+  const float scale = cube_scale(size_of(place));
+  const auto geometry = [&](const Tensor& at) {
+    return field_->geometry(sample_planes(planes, in_cube(at * scale + 0.5f, options_.symmetric), owners));
+  };
+  const Tensor at = from_host(points, {count, 3});
+  // The way outwards by differences over the corners of a tetrahedron.
+  Tensor outwards = zeros({count, 3});
+  for (const std::vector<float>& corner :
+       std::vector<std::vector<float>>{{1, -1, -1}, {-1, -1, 1}, {-1, 1, -1}, {1, 1, 1}}) {
+    const Tensor step = from_host(corner, {1, 3});
+    outwards = outwards + step * unsqueeze(geometry(at + step * kNormalStep).distance, 1);
+  }
+  const Tensor normal = outwards * rsqrt(sum(square(outwards), {{1}, true}) + 1e-12f);
+  const StreetField::Geometry here = geometry(at);
+  const Tensor feature = field_->features(here.inner, spherical_harmonics(-normal));
+  // The colour that the image decoder gives to a surface of this feature alone.
+  const int64_t side = 3, middle = side * image_->scale() / 2;
+  const Tensor image = (*image_)(broadcast_to(reshape(feature, {count, options_.field.features, 1, 1}),
+                                              {count, options_.field.features, side, side}));
+  const Tensor colour = reshape(slice(slice(image, 2, middle, middle + 1), 3, middle, middle + 1), {count, 3});
+  eval({here.distance, colour});
+  return {here.distance.to_host(), colour.to_host()};
+}
+
+}  // namespace cloam

@@ -1,0 +1,138 @@
+// GenAssets' street: a field over the background's planes and those that a decoder makes of actors' codes, rendered
+// along rays. One set of networks for all logs.
+#pragma once
+#include <memory>
+#include <optional>
+
+#include "models/fields/asset_decoder.h"
+#include "models/fields/street_field.h"
+#include "models/latents/code_prior.h"
+#include "models/latents/new_assets.h"
+#include "models/nn/image_decoder.h"
+#include "models/street/street_boxes.h"
+#include "models/street/street_data.h"
+#include "models/street/street_views.h"
+
+namespace cloam {
+
+struct StreetModelOptions {
+  StreetFieldOptions field;
+  StreetSpaceOptions space;
+  StreetSteps steps;
+  ImageDecoderOptions image;
+  int code_side = 8, code_channels = 32;             // latent code of an actor
+  std::string decoder_widths = "256,128,128,64,64";  // of the blocks; the planes double before each but the first
+  int decoder_middle = 256, decoder_groups = 32;
+  bool decoder = true;      // false: actors' tri-planes are learned directly (Table A2)
+  bool variational = true;  // codes as (mean, log variance) with the KL term
+  bool symmetric = false;   // left and right, in their boxes' x
+  bool shadows = true;
+  int background_side = 256;  // texels
+  float near = 0.1f;          // metres around a LiDAR's return where matter belongs
+};
+
+/// An actor of a log; or, with the number of logs, a generated asset.
+struct AssetPlace {
+  size_t log, actor;
+  bool operator==(const AssetPlace&) const = default;
+};
+
+struct StreetLog {
+  Scene scene;
+  std::unique_ptr<StreetSpace> space;
+  std::unique_ptr<StreetData> data;
+  Tensor background;  // [3 side^2, channels]
+  Tensor assets;      // codes [A, ...] or planes [A, ...]
+  // What a log's texels at one height, and all its codes, have in common is added to them: where no camera looked,
+  // there is nothing else.
+  Tensor common_background, common_code;  // [2 heights, 3 channels], [1, ...]; of planes there is none
+  std::vector<int32_t> classes;           // of the actors
+  std::vector<AssetPlace> appearance;     // of the actors: whose asset they wear
+};
+
+/// How samples are placed and codes drawn; without a key: in the middle, and the mean.
+struct Sampling {
+  RandomKey key = {};
+  bool random = false;
+  bool skip_hidden = true;         // leave out samples behind surfaces
+  bool without_view = false;       // actors are seen without a view direction
+  bool detach_background = false;  // where rays meet boxes, the background learns nothing
+};
+
+/// What rays meet.
+struct RayScene {
+  const StreetLog& log;
+  StreetBoxes boxes;
+  StreetGrid grid;
+  std::vector<AssetPlace> appearance;  // of the boxes' owners
+};
+
+/// Actors that rays meet get slots: only they are decoded.
+struct HitAssets {
+  std::vector<int32_t> slot_of;    // of the owners; -1: none
+  std::vector<AssetPlace> assets;  // by slot
+};
+HitAssets hit_assets(const std::vector<AssetPlace>& appearance, const std::vector<bool>& hit);
+
+struct DecodedAssets {
+  Tensor planes;  // [3,N,side,side,channels]; empty: no asset is met
+  Tensor kl;      // mean over the codes' numbers; empty without
+  Tensor slots;   // int32: place in planes of each owner
+  MetCodes codes = {};
+};
+
+struct RenderedRays {
+  StreetSamples samples;
+  int64_t marched = 0;                           // samples before the hidden ones were left out
+  Tensor alpha;                                  // [S] by row
+  Tensor features, depth;                        // [R,features], [R]
+  Tensor opacity, actor_opacity, line_of_sight;  // [R]
+  Tensor shadow;                                 // [R,3] factors; empty: none
+  DecodedAssets assets;
+};
+
+class StreetModel {
+ public:
+  /// Fault::data for scenes that are no logs, Fault::usage for sizes that do not fit together.
+  StreetModel(const StreetModelOptions& options, const Scope& root, const Scenes& scenes);
+
+  RayScene street(const StreetLog& log, const RayList& rays) const;
+  /// One asset in its box's axes and nothing around it but the sky of a log of its time of day.
+  RayScene alone(const AssetPlace& place) const;
+  RenderedRays render(const RayScene& scene, const RayList& rays, const Sampling& how, bool shadows,
+                      const DecodedAssets* ready = nullptr) const;
+  DecodedAssets decode(const HitAssets& hits, const Sampling& how) const;
+  /// features [N,F,H,W] and shadow [N,3,H,W] (or empty) -> RGB at the image's size.
+  Tensor image_of(const Tensor& features, const Tensor& shadow) const;
+  StreetPainter painter(const std::function<RayScene(const RayList&)>& scene, bool shadows) const;
+  AssetSamples sample_asset(const AssetPlace& place, const std::vector<float>& points) const;
+
+  /// Fault::data for a name that is no actor's of the run and no generated asset's.
+  AssetPlace place_of(const AssetName& asset) const;
+  /// In place of those before.
+  void set_generated(const std::vector<NewAsset>& assets);
+  /// Class and time of day.
+  Condition condition_of(const std::vector<AssetPlace>& assets) const;
+  const StreetModelOptions& options() const { return options_; }
+  int scale() const { return image_->scale(); }
+  std::vector<StreetLog>& logs() { return logs_; }
+
+ private:
+  StreetLog make_log(const Scene& scene, const Scope& scope) const;
+  void find_appearance();
+  Eigen::Vector3d size_of(const AssetPlace& place) const;
+  Tensor rows_of(const std::vector<AssetPlace>& assets) const;
+  Tensor texels_of(const StreetLog& log, const StreetSamples& samples, const DecodedAssets& assets) const;
+  Tensor shadow_of(const StreetLog& log, const RenderedRays& rendered) const;
+
+  StreetModelOptions options_;
+  std::unique_ptr<StreetField> field_;
+  std::unique_ptr<AssetDecoder> decoder_;
+  std::unique_ptr<ImageDecoder> image_;
+  std::optional<SmallMlp> shadow_;
+  std::vector<StreetLog> logs_;
+  std::vector<NewAsset> generated_;
+  Tensor generated_codes_;  // [G, ...] as rows of StreetLog::assets
+};
+
+}  // namespace cloam

@@ -1,0 +1,70 @@
+// GenAssets learning: its losses, parameter groups and steps, on patches or on whole images in tiles.
+#pragma once
+#include "models/methods/genassets_model.h"
+#include "models/nn/feature_network.h"
+#include "models/nn/patch_discriminator.h"
+#include "models/street/tiles.h"
+
+namespace cloam {
+
+struct GenAssetsConfig {
+  StreetModelOptions street;
+  float view_drop = 0.5f;  // share of the steps that see actors without a view direction
+  bool whole_images = false;
+  int tile_rays = 16384, tile_side = 96;
+  int patches = 4, patch_side = 32, lidar_rays = 1024;
+  float weight_rgb = 1, weight_perceptual = 0.1f, weight_adversarial = 0.001f, weight_lidar = 0.01f,
+        weight_line_of_sight = 0.01f, weight_kl = 1e-5f;
+  std::string discriminator_widths = "64,128,256,512";
+  std::string perceptual_weights;  // file; empty: fixed random features
+  float rate_codes = 0.05f, rate_decoder = 1e-4f, rate_field = 1e-3f, rate_image = 1e-3f, rate_background = 0.02f,
+        rate_discriminator = 1e-4f, decay_background = 0.2f;
+  float final_rate = 0.1f, decay_start = 0.3f;
+  CodePriorOptions prior;
+};
+
+/// A step, and the codes of the actors that it met.
+struct StreetStep {
+  Step step;
+  MetCodes codes;
+};
+
+class GenAssetsTraining {
+ public:
+  /// Both must outlive this.
+  GenAssetsTraining(const GenAssetsConfig& config, StreetModel& model, const Scope& networks, uint64_t seed);
+  /// denoised: the codes were, so that they fit already.
+  ParameterGroups groups(bool denoised) const;
+  StreetStep step(const Progress& progress, const Tensors& wanted);
+  /// The networks are another run's from here on.
+  void freeze_networks() { frozen_ = true; }
+  /// Of the samples marched to, those that light reaches, in thousandths: part of a run's state.
+  int64_t lit_permille = 1000;
+
+ private:
+  struct WholeImage;
+  Sampling sampling(const StreetLog& log, const Progress& progress, bool skip_hidden) const;
+  StreetStep on_patches(const StreetLog& log, HostRandom& random, const Progress& progress, const Tensors& wanted);
+  StreetStep in_tiles(const StreetLog& log, HostRandom& random, const Progress& progress, const Tensors& wanted);
+  struct Compared {
+    Tensor image, truth;
+    Tensor squared;       // mean squared error
+    float share = 1;      // of a whole image, that the window is
+    bool window = false;  // terms that it is too small for are left out
+  };
+  Tensor image_loss(const Compared& of) const;
+  Tensor adversarial_loss(const Tensor& image, const Tensor& truth) const;
+  Tensor lidar_terms(const Tensor& depth, const Tensor& ranges, const Tensor& line_of_sight) const;
+
+  const GenAssetsConfig& config_;
+  StreetModel& model_;
+  uint64_t seed_;
+  std::optional<FeatureNetwork> perceptual_;
+  std::optional<PatchDiscriminator> discriminator_;
+  bool frozen_ = false;
+};
+
+/// Whole images: cells around a window that its pixels depend on, as far as it matters.
+constexpr int64_t kHalo = 8;
+
+}  // namespace cloam

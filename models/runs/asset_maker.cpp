@@ -1,0 +1,72 @@
+// See asset_maker.h.
+#include "models/runs/asset_maker.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "models/io/host_random.h"
+#include "models/latents/generates_assets.h"
+#include "models/scene/asset_class.h"
+#include "models/train/shares_networks.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr int kCandidates = 8;
+
+void check_same_networks(const StoredRun& prior, const StoredRun& source, const StoredRun& run) {
+  const auto networks = [](const StoredRun& of) { return networks_in(parameters_in(of.checkpoint.file)); };
+  if (networks(source) == networks(run)) return;
+  throw Error(Fault::data, text(prior.folder.string(), " learned from ", source.folder.string(),
+                                ", whose networks are not those of ", run.folder.string(),
+                                ": its codes mean nothing to them\n  fix: cloam train diffusion ", run.folder.string(),
+                                " -o RUN2, and name RUN2"));
+}
+
+/// How far the sides of two boxes are apart: the largest ratio, as a logarithm.
+double misfit(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return (a.array() / b.array()).log().abs().maxCoeff();
+}
+
+/// One for each actor of a run.
+uint64_t seed_of(const StoredRun& run, const AssetName& name, uint64_t seed) {
+  const std::vector<Actor>& actors = run.scenes.at(static_cast<std::size_t>(name.scene)).actors;
+  const auto place = static_cast<uint64_t>(&actor_of(run.scenes, name) - actors.data());
+  return HostRandom(seed, static_cast<uint64_t>(name.scene) << 32 | place).next();
+}
+
+}  // namespace
+
+AssetMaker::AssetMaker(const std::filesystem::path& prior, const StoredRun& run) {
+  check_is_prior(read_record(prior), prior);
+  prior_ = restore_run(prior);
+  const StoredRun source = read_source(prior_);
+  check_same_networks(prior_, source, run);
+  require<LearnsFromRun>(*prior_.method, prior_.record.method, "generating assets").load(source_of(source));
+}
+
+Replace AssetMaker::make(StoredRun& run, const AssetName& name, const MakerWish& wish) {
+  const Actor& actor = actor_of(run.scenes, name);
+  auto& prior = *as<GeneratesAssets>(*prior_.method);
+  AssetWish wanted;
+  wanted.count = kCandidates;
+  wanted.asset_class = asset_class(actor.label);
+  wanted.night = run.scenes[static_cast<std::size_t>(name.scene)].night;
+  wanted.seed = seed_of(run, name, wish.seed);
+  wanted.guidance = wish.guidance;
+  const std::vector<NewAsset> candidates = prior.generate(wanted);
+  const auto best = std::min_element(candidates.begin(), candidates.end(), [&](const NewAsset& a, const NewAsset& b) {
+    return misfit(a.size, actor.size) < misfit(b.size, actor.size);
+  });
+  const AssetName looks = added_asset(run.scenes.size(), run.generated.assets.size());
+  const nlohmann::ordered_json how = {{"log", name.scene}, {"actor", name.actor_id},    {"prior", fingerprint(prior_)},
+                                      {"seed", wish.seed}, {"guidance", wish.guidance}, {"steps", wanted.steps}};
+  run.generated.shape = prior.code_shape();
+  run.generated.made[text("asset.", run.generated.assets.size())] =
+      how.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+  run.generated.assets.push_back(*best);
+  return {looks, best->size};
+}
+
+}  // namespace cloam

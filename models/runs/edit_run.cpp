@@ -1,0 +1,55 @@
+// See edit_run.h.
+#include "models/runs/edit_run.h"
+
+#include "models/io/commit.h"
+#include "models/runs/scene_file.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+void check_empty(const fs::path& folder) {
+  std::error_code error;
+  if (!fs::exists(folder, error) || (fs::is_directory(folder, error) && fs::is_empty(folder, error))) return;
+  throw Error(Fault::usage, text(folder.string(), " exists; name a new folder with -o"));
+}
+
+void link_or_copy(const fs::path& from, const fs::path& to) {
+  commit_file(to, [&](const fs::path& temp) {
+    std::error_code error;
+    fs::create_hard_link(from, temp, error);
+    if (error) fs::copy_file(from, temp);
+  });
+}
+
+/// The same folder, from another run folder.
+RunData moved(RunData data, const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  data.relative = relative_to_run(fs::weakly_canonical(from, error) / data.relative, to);
+  return data;
+}
+
+}  // namespace
+
+void write_edited_run(const StoredRun& edited, const fs::path& to, const std::string& command_line) {
+  check_empty(to);
+  const fs::path& from = edited.folder;
+  RunRecord record = edited.record;
+  const RunPaths paths{to};
+  const FolderLock lock(to);
+  const std::string name = edited.checkpoint.path.filename().string();
+  link_or_copy(edited.checkpoint.path, paths.checkpoints() / name);
+  commit_text(paths.checkpoints() / "latest.txt", name + "\n");
+  if (fs::exists(RunPaths{from}.config())) link_or_copy(RunPaths{from}.config(), paths.config());
+  if (!edited.generated.assets.empty()) write_new_assets(paths.generated(), edited.generated);
+  write_scenes(paths.scene(), edited.scenes);
+  for (RunData& data : record.data) data = moved(data, from, to);
+  if (record.networks) record.networks = moved(*record.networks, from, to);
+  record.edited_from = RunData{from.string(), relative_to_run(from, to), ""};
+  record.command_line = command_line;
+  write_record(to, record);  // last: from now on it is a run
+}
+
+}  // namespace cloam

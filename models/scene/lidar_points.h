@@ -1,0 +1,20 @@
+// The LiDAR points of one sweep in memory.
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace cloam {
+
+/// One entry a return; positions are [N, 3].
+struct LidarPoints {
+  std::vector<float> positions;       // metres, in the world frame
+  std::vector<float> intensities;     // 0 to 1
+  std::vector<float> times;           // seconds after the sweep's time stamp
+  std::vector<std::uint8_t> sensors;  // 0: the LiDAR that turns, 1: the one that looks ahead
+  std::size_t dropped = 0;            // returns with values that are no numbers, or further than 10^6 m
+
+  std::size_t size() const { return sensors.size(); }
+};
+
+}  // namespace cloam

@@ -1,0 +1,74 @@
+// See lidar_rays.h.
+#include "models/street/lidar_rays.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace cloam {
+namespace {
+
+constexpr std::size_t kMostRays = 20000;
+constexpr double kNearest = 1e-3;  // metres; a return in the LiDAR itself has no direction
+
+}  // namespace
+
+SweepRays sweep_rays(const Sweep& sweep, const LidarPoints& points, int scene) {
+  SweepRays out;
+  out.rays.scene = scene;
+  out.rays.time = sweep.timestamp;
+  const Eigen::Vector3d origin = sweep.world_from_lidar.topRightCorner<3, 1>();
+  const bool turning = std::count(points.sensors.begin(), points.sensors.end(), 0) > 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (turning && points.sensors[i] != 0) continue;
+    const Eigen::Vector3d way =
+        Eigen::Vector3f(points.positions[3 * i], points.positions[3 * i + 1], points.positions[3 * i + 2])
+            .cast<double>() -
+        origin;
+    if (way.norm() < kNearest) continue;
+    out.depths.push_back(static_cast<float>(way.norm()));
+    for (int axis = 0; axis < 3; ++axis) {
+      out.rays.origins.push_back(static_cast<float>(origin[axis]));
+      out.rays.directions.push_back(static_cast<float>(way[axis] / way.norm()));
+    }
+  }
+  return out;
+}
+
+SweepRays thinned(const SweepRays& rays, std::size_t most) {
+  const std::size_t stride = std::max<std::size_t>(1, (rays.depths.size() + most - 1) / most);
+  SweepRays out;
+  out.rays.scene = rays.rays.scene;
+  out.rays.time = rays.rays.time;
+  for (std::size_t i = 0; i < rays.depths.size(); i += stride) {
+    out.depths.push_back(rays.depths[i]);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      out.rays.origins.push_back(rays.rays.origins[3 * i + axis]);
+      out.rays.directions.push_back(rays.rays.directions[3 * i + axis]);
+    }
+  }
+  return out;
+}
+
+std::vector<double> lidar_errors(Street& street, const Scene& scene, int index) {
+  std::vector<double> errors;
+  for (const Sweep& sweep : scene.sweeps) {
+    if (sweep.split != Split::test) continue;
+    const SweepRays rays = thinned(sweep_rays(sweep, load_sweep(scene, sweep), index), kMostRays);
+    if (rays.depths.empty()) continue;
+    const LidarReturns seen = street.measure(rays.rays);
+    for (std::size_t i = 0; i < rays.depths.size(); ++i)
+      errors.push_back(std::abs(static_cast<double>(seen.depths[i]) - static_cast<double>(rays.depths[i])));
+  }
+  return errors;
+}
+
+double median_error(std::vector<double> values) {
+  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  if (values.size() % 2 == 1) return *middle;
+  return 0.5 * (*middle + *std::max_element(values.begin(), middle));
+}
+
+}  // namespace cloam

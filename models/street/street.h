@@ -1,0 +1,39 @@
+// Methods that know actors and LiDAR.
+#pragma once
+#include <vector>
+
+#include "models/scene/view.h"
+
+namespace cloam {
+
+/// Rays in the world frame of a scene; directions of length 1.
+struct WorldRays {
+  int scene = 0;
+  double time = 0;
+  std::vector<float> origins, directions;  // [R,3]
+};
+
+/// What a LiDAR would measure along rays, [R] each.
+struct LidarReturns {
+  std::vector<float> depths;  // metres; 0: nothing is hit
+  std::vector<int> actors;    // as Picture::actors
+};
+
+/// A point cloud's worth of an asset, [N] and [N,3].
+struct AssetSamples {
+  std::vector<float> distances;  // signed, metres in scale, negative inside
+  std::vector<float> colours;    // in [0,1], seen from where the surface faces
+};
+
+class Street {
+ public:
+  virtual ~Street() = default;
+  virtual LidarReturns measure(const WorldRays& rays) = 0;
+  /// The asset alone, on white. box_from_camera: the view in the axes of the actor's box (metres, origin its centre).
+  virtual Picture render_asset(const AssetName& asset, const Camera& camera,
+                               const Eigen::Matrix4d& box_from_camera) = 0;
+  /// points [N,3] in the axes of the actor's box.
+  virtual AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) = 0;
+};
+
+}  // namespace cloam

@@ -1,0 +1,194 @@
+// See street_data.h.
+#include "models/street/street_data.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "models/scene/actor_space.h"
+#include "models/scene/camera.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr size_t kSweepsAStep = 4;
+constexpr double kFarActor = 60;  // metres: patches look no further for actors
+
+Eigen::Vector3d rotate(const Eigen::Matrix4d& pose, const Eigen::Vector3d& v) { return pose.topLeftCorner<3, 3>() * v; }
+Eigen::Vector3d move(const Eigen::Matrix4d& pose, const Eigen::Vector3d& p) {
+  return (pose * p.homogeneous()).head<3>();
+}
+
+}  // namespace
+
+void RayList::add(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, float range) {
+  const Eigen::Vector3d unit = direction.normalized();
+  for (int k = 0; k < 3; ++k) {
+    origins.push_back(static_cast<float>(origin[k]));
+    directions.push_back(static_cast<float>(unit[k]));
+  }
+  moments.push_back(static_cast<int32_t>(times.size()) - 1);
+  ranges.push_back(range);
+}
+
+RayList part_of(const RayList& rays, int64_t begin, int64_t end) {
+  RayList out;
+  out.times = rays.times;
+  out.actors = rays.actors;
+  out.origins.assign(rays.origins.begin() + 3 * begin, rays.origins.begin() + 3 * end);
+  out.directions.assign(rays.directions.begin() + 3 * begin, rays.directions.begin() + 3 * end);
+  out.moments.assign(rays.moments.begin() + begin, rays.moments.begin() + end);
+  out.ranges.assign(rays.ranges.begin() + begin, rays.ranges.begin() + end);
+  return out;
+}
+
+void add_view(RayList& rays, const View& view, const StreetSpace& space, int scale) {
+  const Eigen::Matrix4d street_from_camera = space.street_from_world() * view.world_from_camera;
+  const Eigen::Vector3d origin = street_from_camera.block<3, 1>(0, 3);
+  rays.times.push_back(view.time);
+  const int rows = (view.camera.height + scale - 1) / scale, columns = (view.camera.width + scale - 1) / scale;
+  for (int y = 0; y < rows; ++y)
+    for (int x = 0; x < columns; ++x)
+      rays.add(origin, rotate(street_from_camera, direction(view.camera, {(x + 0.5) * scale, (y + 0.5) * scale})));
+}
+
+StreetData::StreetData(const Scene& scene, Pixels pixels, std::vector<LoadedSweep> sweeps, int scale)
+    : scene_(scene), pixels_(std::move(pixels)), sweeps_(std::move(sweeps)), scale_(scale) {
+  if (pixels_.frames.empty())
+    throw Error(Fault::data, text(scene.root.string(), ": no image of this log is in the training split"));
+  std::erase_if(sweeps_, [](const LoadedSweep& sweep) { return sweep.points.size() == 0; });
+}
+
+int64_t StreetData::patch_side(int64_t wanted) const {
+  for (const Camera& camera : pixels_.cameras)
+    wanted = std::min<int64_t>(wanted, std::min(camera.width, camera.height) / scale_);
+  if (wanted < 1) throw Error(Fault::data, text("images are smaller than the ", scale_, " pixels that a ray covers"));
+  return wanted;
+}
+
+StreetData::Corner StreetData::random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const {
+  const auto columns = static_cast<size_t>(photo.width / scale_ - side + 1),
+             rows = static_cast<size_t>(photo.height / scale_ - side + 1);
+  return {static_cast<int64_t>(random.below(columns)), static_cast<int64_t>(random.below(rows))};
+}
+
+/// A patch that holds the middle of some actor in sight; a random one where there is none.
+StreetData::Corner StreetData::corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const {
+  const Frame& frame = scene_.frames[photo.frame];
+  const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
+  const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
+  std::vector<Eigen::Vector2d> middles;
+  for (const Actor& actor : scene_.actors) {
+    const auto pose = world_from_box_at(actor, frame.timestamp.value_or(0));
+    if (!pose) continue;
+    const Eigen::Vector3d p = move(camera_from_world, pose->block<3, 1>(0, 3));
+    if (p.z() < 0.5 || p.z() > kFarActor) continue;
+    const Eigen::Vector2d at = project(camera, p);
+    if (at.x() >= 0 && at.y() >= 0 && at.x() < photo.width && at.y() < photo.height) middles.push_back(at);
+  }
+  if (middles.empty()) return random_corner(photo, random, side);
+  const Eigen::Vector2d middle = middles[random.below(middles.size())] / scale_;
+  const auto around = [&](double centre, int64_t size) {
+    const auto shift = static_cast<int64_t>(static_cast<double>(random.uniform()) * static_cast<double>(side));
+    return std::clamp<int64_t>(static_cast<int64_t>(centre) - shift, 0, size - side);
+  };
+  return {around(middle.x(), photo.width / scale_), around(middle.y(), photo.height / scale_)};
+}
+
+/// Those whose boxes, twice as wide and long for their shadows, have a corner region that meets the patch.
+void StreetData::mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const {
+  const Frame& frame = scene_.frames[photo.frame];
+  const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
+  const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
+  for (size_t a = 0; a < scene_.actors.size(); ++a) {
+    const auto pose = world_from_box_at(scene_.actors[a], frame.timestamp.value_or(0));
+    if (!pose || rays.actors[a]) continue;
+    Eigen::Vector2d low(1e9, 1e9), high(-1e9, -1e9);
+    bool behind = false;
+    for (int k = 0; k < 8; ++k) {
+      const Eigen::Vector3d sign(k & 1 ? 1 : -1, k & 2 ? 1 : -1, k & 4 ? 0.6 : -0.6);
+      const Eigen::Vector3d p = move(camera_from_world, move(*pose, sign.cwiseProduct(scene_.actors[a].size)));
+      behind = behind || p.z() < 0.1;
+      if (p.z() < 0.1) continue;
+      const Eigen::Vector2d at = project(camera, p) / scale_;
+      low = low.cwiseMin(at);
+      high = high.cwiseMax(at);
+    }
+    if (low.x() > high.x()) continue;  // all of it lies behind the camera
+    const auto meets = [&](int axis, int64_t begin, int64_t size) {
+      return low[axis] < static_cast<double>(begin + size) && high[axis] > static_cast<double>(begin);
+    };
+    rays.actors[a] = behind || (meets(0, region.x, region.columns) && meets(1, region.y, region.rows));
+  }
+}
+
+void StreetData::add_region(RayList& rays, const StreetSpace& space, const FramePixels& photo, const Region& region,
+                            float* truth) const {
+  const Frame& frame = scene_.frames[photo.frame];
+  const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
+  const Eigen::Matrix4d street_from_camera = space.street_from_world() * frame.world_from_camera;
+  const Eigen::Vector3d origin = street_from_camera.block<3, 1>(0, 3);
+  rays.times.push_back(frame.timestamp.value_or(0));
+  mark_actors(rays, photo, region);
+  for (int64_t y = region.y; y < region.y + region.rows; ++y)
+    for (int64_t x = region.x; x < region.x + region.columns; ++x)
+      rays.add(origin, rotate(street_from_camera, direction(camera, {(static_cast<double>(x) + 0.5) * scale_,
+                                                                     (static_cast<double>(y) + 0.5) * scale_})));
+  const int64_t width = region.columns * scale_, height = region.rows * scale_;
+  for (int64_t y = 0; y < height; ++y)
+    for (int64_t x = 0; x < width; ++x) {
+      const auto from = static_cast<size_t>((region.y * scale_ + y) * photo.width + region.x * scale_ + x) * 4;
+      for (int64_t c = 0; c < 3; ++c)
+        truth[(c * height + y) * width + x] = static_cast<float>(photo.rgba[from + static_cast<size_t>(c)]) / 255.f;
+    }
+}
+
+Tensor StreetData::add_patches(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count,
+                               int64_t side) const {
+  const int64_t pixels = side * scale_;
+  std::vector<float> truth(static_cast<size_t>(count * 3 * pixels * pixels));
+  rays.actors.assign(scene_.actors.size(), false);
+  for (int64_t n = 0; n < count; ++n) {
+    const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
+    const Corner corner = n % 2 == 1 ? corner_near_actor(photo, random, side) : random_corner(photo, random, side);
+    add_region(rays, space, photo, {corner.x, corner.y, side, side},
+               &truth[static_cast<size_t>(n * 3 * pixels * pixels)]);
+  }
+  return from_host(truth, {count, 3, pixels, pixels});
+}
+
+Tensor StreetData::add_image(RayList& rays, const StreetSpace& space, HostRandom& random) const {
+  (void)patch_side(1);  // an image of no cell is an error
+  const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
+  const int64_t columns = photo.width / scale_, rows = photo.height / scale_;
+  std::vector<float> truth(static_cast<size_t>(3 * columns * rows * scale_ * scale_));
+  rays.actors.assign(scene_.actors.size(), false);
+  add_region(rays, space, photo, {0, 0, columns, rows}, truth.data());
+  return from_host(truth, {1, 3, rows * scale_, columns * scale_});
+}
+
+void StreetData::add_returns(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count) const {
+  const auto parts = static_cast<int64_t>(std::min(kSweepsAStep, sweeps_.size()));
+  for (int64_t part = 0; part < parts; ++part) {
+    const LoadedSweep& seen = sweeps_[random.below(sweeps_.size())];
+    const Eigen::Matrix4d street_from_world = space.street_from_world();
+    const Eigen::Vector3d lidar = move(street_from_world, seen.sweep->world_from_lidar.block<3, 1>(0, 3));
+    rays.times.push_back(seen.sweep->timestamp);
+    const ActorSpace others(scene_, seen.sweep->timestamp, rays.actors);
+    for (int64_t i = part; i < count; i += parts) {
+      const float* p = &seen.points.positions[3 * random.below(seen.points.size())];
+      const Eigen::Vector3d world(p[0], p[1], p[2]), way = move(street_from_world, world) - lidar;
+      if (!rays.actors.empty() && others.holds(world)) continue;
+      rays.add(lidar, way.norm() > 1e-3 ? way : Eigen::Vector3d::UnitX(), static_cast<float>(way.norm()));
+    }
+  }
+}
+
+std::vector<StreetSpace::Seen> StreetData::seen() const {
+  std::vector<StreetSpace::Seen> out;
+  for (const LoadedSweep& sweep : sweeps_) out.push_back({*sweep.sweep, sweep.points});
+  return out;
+}
+
+}  // namespace cloam

@@ -1,0 +1,291 @@
+// See street_space.h.
+#include "models/street/street_space.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "models/io/tensors.h"
+#include "models/scene/actor_space.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr int kBlock = 8;            // voxels a side of StreetGrid::blocks
+constexpr double kUpperEdge = 0.02;  // share of a sweep's points that are its upper edge
+constexpr double kMiddle = 0.02;     // share of the points on either side that is not of the middle
+constexpr double kBlindRise = 3;     // metres that a wall goes on above LiDARs' sight where no camera looks: a storey
+constexpr int64_t kMostCells = 1 << 26;
+
+using Points = std::vector<Eigen::Vector3d>;
+
+Eigen::Vector3d place_of(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
+
+/// Right-handed axes: z up, x along the way from the first camera's place to the one furthest from it; where they
+/// stand, along the first camera's sight.
+Eigen::Matrix3d axes_of(const Scene& scene) {
+  const Eigen::Vector3d up = scene.up.normalized();
+  const Frame& first = scene.frames.front();
+  Eigen::Vector3d way = Eigen::Vector3d::Zero();
+  for (const Frame& frame : scene.frames) {
+    const Eigen::Vector3d other = place_of(frame) - place_of(first);
+    if (other.norm() > way.norm()) way = other;
+  }
+  way -= up * way.dot(up);
+  if (way.norm() < 1) way = first.world_from_camera.block<3, 1>(0, 2), way -= up * way.dot(up);
+  if (way.norm() < 1e-6) way = up.unitOrthogonal();
+  Eigen::Matrix3d axes;
+  axes.row(0) = way.normalized();
+  axes.row(2) = up;
+  axes.row(1) = up.cross(way.normalized());
+  return axes;
+}
+
+double quantile(std::vector<double> values, double share) {
+  const auto place = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), place, values.end());
+  return *place;
+}
+
+struct Static {
+  Points points, tops;  // street axes; tops: of them those at the upper edge of the LiDAR's sight
+};
+
+void add_sweep(const Scene& scene, const StreetSpace::Seen& seen, const Eigen::Matrix4d& street_from_world,
+               Static& out) {
+  const ActorSpace actors(scene, seen.sweep.timestamp);
+  const Eigen::Vector3d lidar = seen.sweep.world_from_lidar.block<3, 1>(0, 3), up = scene.up.normalized();
+  std::vector<double> elevations;
+  Points kept;
+  for (std::size_t i = 0; i < seen.points.size(); ++i) {
+    const float* p = &seen.points.positions[3 * i];
+    const Eigen::Vector3d world(p[0], p[1], p[2]), way = world - lidar;
+    if (way.norm() < 1e-3 || actors.holds(world)) continue;
+    kept.push_back((street_from_world * world.homogeneous()).head<3>());
+    elevations.push_back(way.dot(up) / way.norm());
+  }
+  if (kept.empty()) return;
+  const double edge = quantile(elevations, 1 - kUpperEdge);
+  for (std::size_t i = 0; i < kept.size(); ++i) {
+    out.points.push_back(kept[i]);
+    if (elevations[i] >= edge) out.tops.push_back(kept[i]);
+  }
+}
+
+}  // namespace
+
+StreetSpace::StreetSpace(const Scene& scene, const StreetSpaceOptions& options) : options_(options) {
+  const Eigen::Matrix3d axes = axes_of(scene);
+  Bounds track{Eigen::Vector3d::Constant(1e30), Eigen::Vector3d::Constant(-1e30)};
+  for (const Frame& frame : scene.frames) {
+    const Eigen::Vector3d p = axes * place_of(frame);
+    track.low = track.low.cwiseMin(p);
+    track.high = track.high.cwiseMax(p);
+  }
+  const Eigen::Vector3d middle = (track.low + track.high) / 2;
+  street_from_world_.topLeftCorner<3, 3>() = axes;
+  street_from_world_.topRightCorner<3, 1>() = -middle;
+  track_ = {track.low - middle, track.high - middle};
+  const Eigen::Vector3d low(options.along, options.sideways, options.below),
+      high(options.along, options.sideways, options.above);
+  const Bounds all{track_.low - low, track_.high + high};
+  lay(all, {all.low / 2, all.high / 2});
+  std::fill(cells_.begin(), cells_.end(), 1);
+  upload();
+}
+
+std::array<int, 3> StreetSpace::counts() const {
+  return {static_cast<int>(numbers_[4]), static_cast<int>(numbers_[5]), static_cast<int>(numbers_[6])};
+}
+
+/// An empty grid. What is not contracted is the middle.
+void StreetSpace::lay(const Bounds& grid, const Bounds& middle) {
+  double voxel = options_.voxel;
+  const Eigen::Vector3d size = (grid.high - grid.low).cwiseMax(voxel);
+  while ((size / voxel).array().ceil().prod() > static_cast<double>(kMostCells)) voxel *= 1.25;
+  numbers_ = {};
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto at = static_cast<std::size_t>(axis);
+    numbers_[at] = static_cast<float>(grid.low[axis]);
+    numbers_[4 + at] = static_cast<float>(std::ceil(size[axis] / voxel));
+    numbers_[7 + at] = static_cast<float>((middle.low[axis] + middle.high[axis]) / 2);
+    numbers_[10 + at] = static_cast<float>(std::max(1.0, (middle.high[axis] - middle.low[axis]) / 2));
+  }
+  numbers_[3] = static_cast<float>(voxel);
+  numbers_[13] = options_.sky;
+  const std::array<int, 3> n = counts();
+  cells_.assign(std::size_t(n[0]) * std::size_t(n[1]) * std::size_t(n[2]), 0);
+}
+
+namespace {
+
+/// The place of a voxel among the cells, or nothing outside.
+struct Voxels {
+  const std::array<float, 16>& numbers;
+  std::array<int, 3> counts;
+  std::optional<std::array<int, 3>> at(const Eigen::Vector3d& p) const {
+    std::array<int, 3> c{};
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double x = std::floor((p[static_cast<Eigen::Index>(k)] - double{numbers[k]}) / double{numbers[3]});
+      if (x < 0 || x >= counts[k]) return std::nullopt;
+      c[k] = static_cast<int>(x);
+    }
+    return c;
+  }
+  Eigen::Vector3d middle(int x, int y, int z) const {
+    return Eigen::Vector3d(numbers[0], numbers[1], numbers[2]) +
+           Eigen::Vector3d(x + 0.5, y + 0.5, z + 0.5) * double{numbers[3]};
+  }
+  std::size_t place(int x, int y, int z) const {
+    return (std::size_t(z) * std::size_t(counts[1]) + std::size_t(y)) * std::size_t(counts[0]) + std::size_t(x);
+  }
+};
+
+/// Those of training images.
+class Cameras {
+ public:
+  Cameras(const Scene& scene, const Eigen::Matrix4d& street_from_world) : scene_(scene) {
+    for (const Frame& frame : scene.frames)
+      if (frame.split == Split::train)
+        views_.push_back({frame.camera, (street_from_world * frame.world_from_camera).inverse()});
+  }
+  /// Does the point (street axes) lie in any of the images?
+  bool see(const Eigen::Vector3d& point) const {
+    return std::any_of(views_.begin(), views_.end(), [&](const View& view) {
+      const Eigen::Vector3d p = (view.camera_from_street * point.homogeneous()).head<3>();
+      if (p.z() <= 0) return false;
+      const Camera& camera = scene_.cameras[static_cast<std::size_t>(view.camera)];
+      const Eigen::Vector2d at = project(camera, p);
+      return at.x() >= 0 && at.y() >= 0 && at.x() < camera.width && at.y() < camera.height;
+    });
+  }
+
+ private:
+  struct View {
+    int camera;
+    Eigen::Matrix4d camera_from_street;
+  };
+  const Scene& scene_;
+  std::vector<View> views_;
+};
+
+}  // namespace
+
+void StreetSpace::mark(const Points& points) {
+  const Voxels voxels{numbers_, counts()};
+  for (const Eigen::Vector3d& p : points)
+    if (const auto c = voxels.at(p)) cells_[voxels.place((*c)[0], (*c)[1], (*c)[2])] = 1;
+}
+
+/// As far as cameras look: above what LiDARs see, they alone can tell matter from air. Elsewhere a storey is a guess.
+void StreetSpace::raise(const Points& tops, const Scene& scene) {
+  const Voxels voxels{numbers_, counts()};
+  const Cameras cameras(scene, street_from_world_);
+  std::map<std::pair<int, int>, int> lowest;  // top of each column
+  for (const Eigen::Vector3d& p : tops)
+    if (const auto c = voxels.at(p)) {
+      const auto [top, fresh] = lowest.insert({{(*c)[0], (*c)[1]}, (*c)[2]});
+      if (!fresh) top->second = std::min(top->second, (*c)[2]);
+    }
+  const int blind = static_cast<int>(kBlindRise / double{numbers_[3]});
+  for (const auto& [column, top] : lowest)
+    for (int z = top; z < voxels.counts[2]; ++z)
+      if (z <= top + blind || cameras.see(voxels.middle(column.first, column.second, z)))
+        cells_[voxels.place(column.first, column.second, z)] = 1;
+}
+
+/// Along one axis after the other: a cube around every occupied voxel.
+void StreetSpace::dilate() {
+  const Voxels voxels{numbers_, counts()};
+  const std::array<int, 3> n = voxels.counts;
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::vector<uint8_t> before = cells_;
+    const std::size_t stride = voxels.place(axis == 0, axis == 1, axis == 2);
+    for (int z = 0; z < n[2]; ++z)
+      for (int y = 0; y < n[1]; ++y)
+        for (int x = 0; x < n[0]; ++x) {
+          const std::size_t here = voxels.place(x, y, z);
+          if (!before[here]) continue;
+          const int place = axis == 0 ? x : axis == 1 ? y : z;
+          for (int by = 1; by <= options_.dilate; ++by) {
+            if (place - by >= 0) cells_[here - std::size_t(by) * stride] = 1;
+            if (place + by < n[std::size_t(axis)]) cells_[here + std::size_t(by) * stride] = 1;
+          }
+        }
+  }
+}
+
+void StreetSpace::look(const Scene& scene, const std::vector<Seen>& sweeps) {
+  Static seen;
+  for (const Seen& sweep : sweeps) add_sweep(scene, sweep, street_from_world_, seen);
+  if (seen.points.empty()) return;
+  const Eigen::Vector3d low(options_.along, options_.sideways, options_.below),
+      high(options_.along, options_.sideways, options_.above);
+  Bounds reach{track_.low - low, track_.high + high}, middle;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> values;
+    for (const Eigen::Vector3d& p : seen.points) values.push_back(p[axis]);
+    const auto [least, most] = std::minmax_element(values.begin(), values.end());
+    reach.low[axis] = std::max(reach.low[axis], *least - 1);
+    if (axis < 2) reach.high[axis] = std::min(reach.high[axis], *most + 1);
+    middle.low[axis] = std::max(reach.low[axis], quantile(values, kMiddle));
+    middle.high[axis] = std::min(reach.high[axis], quantile(values, 1 - kMiddle));
+  }
+  lay(reach, middle);
+  mark(seen.points);
+  raise(seen.tops, scene);
+  dilate();
+  upload();
+}
+
+void StreetSpace::upload() {
+  const std::array<int, 3> n = counts();
+  std::array<int, 3> b{};
+  for (std::size_t k = 0; k < 3; ++k) b[k] = (n[k] + kBlock - 1) / kBlock;
+  const std::size_t block_count = std::size_t(b[0]) * std::size_t(b[1]) * std::size_t(b[2]);
+  std::vector<uint8_t> blocks(block_count, 0);
+  std::size_t place = 0;
+  for (int z = 0; z < n[2]; ++z)
+    for (int y = 0; y < n[1]; ++y)
+      for (int x = 0; x < n[0]; ++x, ++place)
+        if (cells_[place])
+          blocks[(std::size_t(z / kBlock) * std::size_t(b[1]) + std::size_t(y / kBlock)) * std::size_t(b[0]) +
+                 std::size_t(x / kBlock)] = 1;
+  grid_.cells = from_host(cells_, {n[2], n[1], n[0]});
+  grid_.blocks = from_host(blocks, {b[2], b[1], b[0]});
+  grid_.numbers = from_host(std::vector<float>(numbers_.begin(), numbers_.end()), {16});
+}
+
+bool StreetSpace::occupied(const Eigen::Vector3d& point) const {
+  const Voxels voxels{numbers_, counts()};
+  const auto c = voxels.at(point);
+  return c && cells_[voxels.place((*c)[0], (*c)[1], (*c)[2])] != 0;
+}
+
+double StreetSpace::occupied_share() const {
+  return static_cast<double>(std::count(cells_.begin(), cells_.end(), 1)) / static_cast<double>(cells_.size());
+}
+
+TensorMap StreetSpace::state() const {
+  std::vector<uint8_t> bits((cells_.size() + 7) / 8, 0);
+  for (std::size_t i = 0; i < cells_.size(); ++i) bits[i / 8] |= static_cast<uint8_t>(cells_[i] << (i % 8));
+  return {{"cells", named(from_host(bits, {static_cast<int64_t>(bits.size())}))}, {"numbers", named(grid_.numbers)}};
+}
+
+void StreetSpace::restore(const TensorMap& state) {
+  const std::vector<float> numbers = tensor_from(state, "numbers", {16}).to_host();
+  double cells = 1;
+  for (std::size_t k = 4; k < 7; ++k) cells *= numbers[k] >= 1 ? std::floor(numbers[k]) : std::nan("");
+  if (!(cells <= static_cast<double>(kMostCells)) || !(numbers[3] > 0))
+    throw Error(Fault::data, text("the checkpoint's grid has ", cells, " voxels of ", numbers[3], " m"));
+  std::copy(numbers.begin(), numbers.end(), numbers_.begin());
+  const auto count = static_cast<int64_t>(cells);
+  const std::vector<uint8_t> bits = tensor_from(state, "cells", {(count + 7) / 8}).to_host<uint8_t>();
+  cells_.resize(static_cast<std::size_t>(count));
+  for (std::size_t i = 0; i < cells_.size(); ++i) cells_[i] = bits[i / 8] >> (i % 8) & 1;
+  upload();
+}
+
+}  // namespace cloam

@@ -1,0 +1,116 @@
+// See street_views.h.
+#include "models/street/street_views.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+
+#include "runtime/ops.h"
+
+namespace cloam {
+namespace {
+
+constexpr int64_t kBlock = 4096;  // rays
+
+struct Size {
+  int width, height;
+};
+
+/// All blocks side by side, on the host.
+struct Everything {
+  std::vector<float> features, light, depth, opacity, actor_opacity;
+  std::vector<int> actors;
+};
+
+void append(std::vector<float>& to, const Tensor& from) {
+  const std::vector<float> values = from.to_host();
+  to.insert(to.end(), values.begin(), values.end());
+}
+
+Everything look(const StreetPainter& painter, const RayList& rays) {
+  Everything all;
+  for (int64_t begin = 0; begin < rays.count(); begin += kBlock) {
+    const int64_t end = std::min(rays.count(), begin + kBlock);
+    const SeenByRays seen = painter.look(part_of(rays, begin, end));
+    append(all.features, seen.features);
+    append(all.light, seen.light ? seen.light : ones({end - begin, 3}));
+    append(all.depth, seen.depth);
+    append(all.opacity, seen.opacity);
+    append(all.actor_opacity, seen.actor_opacity);
+    for (const int32_t owner : seen.owners) all.actors.push_back(owner + 1);
+  }
+  for (size_t i = 0; i < all.depth.size(); ++i)
+    if (all.opacity[i] < 0.5f) all.depth[i] = 0;
+  return all;
+}
+
+/// Every value of a map for the scale x scale pixels that it stands for, cut to the picture.
+template <class T>
+std::vector<T> spread(const std::vector<T>& map, int scale, const Size& size) {
+  const int columns = (size.width + scale - 1) / scale;
+  std::vector<T> out;
+  for (int y = 0; y < size.height; ++y)
+    for (int x = 0; x < size.width; ++x) out.push_back(map[static_cast<size_t>((y / scale) * columns + x / scale)]);
+  return out;
+}
+
+/// Rays by rows and columns to [1,C,rows,columns].
+Tensor map_of(const std::vector<float>& values, int scale, const Size& size) {
+  const int64_t rows = (size.height + scale - 1) / scale, columns = (size.width + scale - 1) / scale;
+  return permute(from_host(values, {1, rows, columns, static_cast<int64_t>(values.size()) / (rows * columns)}),
+                 {0, 3, 1, 2});
+}
+
+/// [1,C,h,w], cut to the picture, as [H,W,C].
+std::vector<float> pixels_of(const Tensor& image, const Size& size) {
+  const Tensor cut = slice(slice(image, 2, 0, size.height), 3, 0, size.width);
+  return permute(reshape(cut, {image.dim(1), size.height, size.width}), {1, 2, 0}).to_host();
+}
+
+}  // namespace
+
+Picture street_picture(const StreetPainter& painter, const View& view, const StreetSpace& space) {
+  const Size size = {view.camera.width, view.camera.height};
+  RayList rays;
+  add_view(rays, view, space, painter.scale);
+  const Everything all = look(painter, rays);
+  const auto map = [&](const std::vector<float>& values) { return map_of(values, painter.scale, size); };
+  Picture out{size.width, size.height, {}, {}, {}, {}};
+  out.rgb = pixels_of(painter.image(map(all.features), map(all.light)), size);
+  out.depth = spread(all.depth, painter.scale, size);
+  out.opacity = spread(all.opacity, painter.scale, size);
+  out.actors = spread(all.actors, painter.scale, size);
+  return out;
+}
+
+LidarReturns street_returns(const StreetPainter& painter, const WorldRays& rays, const StreetSpace& space) {
+  const Eigen::Matrix4d& street_from_world = space.street_from_world();
+  RayList list;
+  list.times.push_back(rays.time);
+  for (size_t i = 0; i + 3 <= rays.origins.size(); i += 3) {
+    const Eigen::Vector3d origin = Eigen::Map<const Eigen::Vector3f>(&rays.origins[i]).cast<double>(),
+                          direction = Eigen::Map<const Eigen::Vector3f>(&rays.directions[i]).cast<double>();
+    list.add((street_from_world * origin.homogeneous()).head<3>(), street_from_world.topLeftCorner<3, 3>() * direction);
+  }
+  Everything all = look(painter, list);
+  return {std::move(all.depth), std::move(all.actors)};
+}
+
+Picture asset_picture(const StreetPainter& painter, const Camera& camera, const Eigen::Matrix4d& box_from_camera) {
+  const Size size = {camera.width, camera.height};
+  const int scale = painter.scale;
+  RayList rays;
+  rays.times.push_back(0);
+  for (int y = 0; y < (size.height + scale - 1) / scale; ++y)
+    for (int x = 0; x < (size.width + scale - 1) / scale; ++x)
+      rays.add(box_from_camera.block<3, 1>(0, 3),
+               box_from_camera.topLeftCorner<3, 3>() * direction(camera, {(x + 0.5) * scale, (y + 0.5) * scale}));
+  const Everything all = look(painter, rays);
+  const Tensor image = painter.image(map_of(all.features, scale, size), Tensor());
+  const Tensor covered = resize_bilinear(map_of(all.actor_opacity, scale, size), image.dim(2), image.dim(3));
+  Picture out{size.width, size.height, {}, {}, {}, {}};
+  out.rgb = pixels_of(image * covered + (1.f - covered), size);
+  out.opacity = pixels_of(covered, size);
+  return out;
+}
+
+}  // namespace cloam

@@ -1,0 +1,22 @@
+// Capability: learns from captures and driving logs.
+#pragma once
+#include "models/scene/pixels.h"
+
+namespace cloam {
+
+/// One scene of those that build() was given.
+struct TrainingData {
+  const Scene& scene;
+  Pixels pixels;  // of the training split
+};
+
+class LearnsFromCaptures {
+ public:
+  virtual ~LearnsFromCaptures() = default;
+  /// After build; one entry a scene, in the same order.
+  virtual void load_data(std::vector<TrainingData> data) = 0;
+  /// What the user should know about how it will begin with a scene, a line each. After build.
+  virtual std::vector<std::string> warnings(const Scene&) const { return {}; }
+};
+
+}  // namespace cloam

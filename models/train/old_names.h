@@ -1,0 +1,14 @@
+// Names that settings and the tensors of checkpoints had in earlier versions, so that old runs load and old commands
+// work.
+#pragma once
+#include <string>
+
+namespace cloam {
+
+/// The name that a setting has now; the same for one that was never renamed.
+std::string current_setting(const std::string& key);
+
+/// The same for a tensor of a checkpoint ("state.average.unet.in.weight").
+std::string current_tensor(const std::string& name);
+
+}  // namespace cloam

@@ -1,0 +1,27 @@
+// See parameter_groups.h.
+#include "models/train/parameter_groups.h"
+
+#include <cmath>
+
+#include "runtime/error.h"
+
+namespace cloam {
+
+float LearningRateSchedule::at(const Progress& progress) const {
+  const auto step = static_cast<float>(progress.step);
+  const float along = decay_steps > 0 ? step / static_cast<float>(decay_steps)
+                                      : std::clamp((progress.fraction() - decay_start) / (1.f - decay_start), 0.f, 1.f);
+  const float warm = warm_up > 0 ? std::min(1.f, step / static_cast<float>(warm_up)) : 1.f;
+  const float delayed = delay > 0 ? std::clamp(step / static_cast<float>(delay) - 1, 0.01f, 1.f) : 1.f;
+  return std::pow(final_factor, along) * warm * delayed;
+}
+
+const ParameterGroup& group_of(const std::string& name, const ParameterGroups& groups) {
+  const ParameterGroup* best = nullptr;
+  for (const ParameterGroup& group : groups)
+    if (name.starts_with(group.prefix) && (!best || group.prefix.size() > best->prefix.size())) best = &group;
+  if (!best) throw Error(Fault::internal, text("no parameter group is given for ", name));
+  return *best;
+}
+
+}  // namespace cloam

@@ -1,0 +1,44 @@
+// Methods as tests make them: by name and settings, with data, and what they show.
+#pragma once
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "models/methods/registry.h"
+#include "models/scene/pixels.h"
+#include "models/train/learns_from_captures.h"
+#include "models/train/renders_views.h"
+
+namespace cloam {
+
+using Settings = std::vector<std::pair<std::string, std::string>>;
+
+/// Of settings given twice the later one stands.
+inline std::unique_ptr<Method> configured(const std::string& name, const Settings& settings) {
+  auto method = make_method(name);
+  Config config;
+  method->configure(config);
+  for (const auto& [key, value] : settings) config.set(key, value, "test");
+  return method;
+}
+
+/// Of one scene.
+inline void load_data(Method& method, const Scene& scene, Pixels pixels) {
+  std::vector<TrainingData> data;
+  data.push_back({scene, std::move(pixels)});
+  as<LearnsFromCaptures>(method)->load_data(std::move(data));
+}
+
+inline Picture shown(Method& method, const View& view) { return as<RendersViews>(method)->render(view); }
+
+inline Tensor loss_of(Method& method, const Progress& progress) { return method.step(progress, {}).loss; }
+
+/// A figure of an evaluated step.
+inline double figure(const Step& step, const std::string& name) {
+  for (const Figure& one : step.figures)
+    if (one.name == name) return one.value();
+  throw Error(Fault::internal, "no figure " + name);
+}
+
+}  // namespace cloam
