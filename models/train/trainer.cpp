@@ -289,7 +289,8 @@ Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {
   for (auto& [name, p] : method.parameters()) updates.push_back({p, tensor_from(stored, name, p.shape())});
   assign(updates);
   TensorMap state;
-  for (const auto& [name, tensor] : checkpoint.tensors) state[current_tensor(name)] = tensor;
+  for (const auto& [name, tensor] : with_prefix(checkpoint.tensors, kState))
+    state[current_tensor(kState + name)] = tensor;
   method.restore(with_prefix(state, kState));
   Progress progress;
   progress.step = number_in(checkpoint, "step");
