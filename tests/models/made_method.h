@@ -9,6 +9,7 @@
 #include "models/scene/pixels.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/renders_views.h"
+#include "runtime/error.h"
 
 namespace cloam {
 

@@ -1,0 +1,56 @@
+// Runs of earlier versions, whose settings and tensors had other names.
+#include "models/train/old_names.h"
+
+#include <doctest/doctest.h>
+
+#include <set>
+
+#include "models/train/trainer.h"
+#include "tests/models/worlds.h"
+
+using namespace cloam;
+
+TEST_CASE("a setting's old name sets the new one, and every new name is a setting that there is") {
+  Config config;
+  const auto method = make_method("diffusion");
+  method->configure(config);
+  config.set("train.average", "0.5", "test");
+  for (const ConfigEntry& entry : config.entries())
+    if (entry.key == "train.ema") CHECK(to_string(entry.value) == "0.5");
+  std::set<std::string> known;
+  for (const std::string& name : method_names()) {
+    Config all;
+    make_method(name)->configure(all);
+    for (const ConfigEntry& entry : all.entries()) known.insert(entry.key);
+  }
+  for (const char* old :
+       {"train.average", "schedule.times", "weight.stray", "train.distortion", "data.least_steps", "growth.most",
+        "growth.faint", "growth.small", "growth.large", "growth.from", "image.doublings", "image.side"}) {
+    CAPTURE(old);
+    CHECK(!known.contains(old));
+    CHECK(known.contains(current_setting(old)));
+  }
+}
+
+TEST_CASE("a checkpoint with tensors under their old names restores the same method") {
+  const Worlds worlds;
+  const Folder folder;
+  const auto method = configured("diffusion", small_settings("diffusion"));
+  load_world(*method, worlds);
+  TrainOptions options;
+  options.steps = 2;
+  train({*method, folder.path, {}, nullptr, nullptr}, options, {});
+  SafetensorsFile file = load_latest_checkpoint(folder.path).file, before = file;
+  before.tensors.clear();
+  int renamed = 0;
+  for (const auto& [name, tensor] : file.tensors) {
+    const bool of_ema = name.starts_with("state.ema.");
+    before.tensors[of_ema ? "state.average." + name.substr(10) : name] = tensor;
+    renamed += of_ema;
+  }
+  CHECK(renamed > 10);
+  const auto again = configured("diffusion", small_settings("diffusion"));
+  load_world(*again, worlds);
+  restore_method(*again, before);
+  CHECK(again->state() == method->state());
+}
