@@ -1,4 +1,4 @@
-// Parts of radiance fields: small networks, hash grids, tri-planes (ops/mlp.cpp, grid.cpp, planes.cpp).
+// Parts of radiance fields: small networks and hash grids (ops/mlp.cpp, grid.cpp).
 #pragma once
 #include "runtime/ops.h"
 
@@ -25,11 +25,5 @@ class HashGridEncoder {
  private:
   Tensor levels_;
 };
-
-/// Tri-plane features: planes [3,H,W,C] (xy, xz, yz), points [S,3] in [0,1]^3 -> [S,3C]; bilinear, half-pixel centres,
-/// border padding; once differentiable in both.
-Tensor sample_planes(const Tensor& planes, const Tensor& points);
-/// The same for many: planes [3,A,H,W,C], owners [S] int32 in [0,A), whose planes each point reads.
-Tensor sample_planes(const Tensor& planes, const Tensor& points, const Tensor& owners);
 
 }  // namespace cloam
