@@ -21,7 +21,8 @@ Tensor minimum(const Tensor& a, const Tensor& b);  // at ties the gradient goes 
 Tensor maximum(const Tensor& a, const Tensor& b);  // at ties the gradient goes to b
 Tensor pow(const Tensor& a, const Tensor& b);      // a >= 0
 Tensor atan2(const Tensor& a, const Tensor& b);
-Tensor modulo(const Tensor& a, const Tensor& b);  // integers, C's remainder
+Tensor modulo(const Tensor& a, const Tensor& b);   // integers, C's remainder
+Tensor bit_xor(const Tensor& a, const Tensor& b);  // integers
 Tensor abs(const Tensor& x);
 Tensor sign(const Tensor& x);   // no gradient
 Tensor floor(const Tensor& x);  // no gradient

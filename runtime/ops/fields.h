@@ -14,12 +14,16 @@ Tensor mlp_composed(const Tensor& x, const Tensors& weights);
 struct HashGrid {
   int levels = 8, features = 4, log2_rows = 16, coarsest = 16, finest = 1024;
 };
-Shape hash_grid_table_shape(const HashGrid& grid);  // [levels * 2^log2_rows, features]
+/// [levels * owners * 2^log2_rows, features]: by level, then by owner.
+Shape hash_grid_table_shape(const HashGrid& grid, int64_t owners = 1);
 class HashGridEncoder {
  public:
   explicit HashGridEncoder(const HashGrid& grid);
-  /// points [S,3] in [0,1]^3, table as above -> [S, levels * features]; once differentiable in both.
-  Tensor operator()(const Tensor& points, const Tensor& table) const;
+  /// points [S,3] in [0,1]^3, table as above -> [S, levels * features]. Many small grids lie in one table: owners int32
+  /// [S] says whose rows each point reads. Any number of times differentiable in points and table.
+  Tensor operator()(const Tensor& points, const Tensor& table, const Tensor& owners = {}) const;
+  /// The same of general ops: its reference, and its derivatives beyond the first.
+  Tensor composed(const Tensor& points, const Tensor& table, const Tensor& owners = {}) const;
   HashGrid grid;
 
  private:

@@ -6,6 +6,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/ops/composed.h"
+#include "runtime/ops/places.h"
 #include "runtime/ops/scan.h"
 
 namespace cloam {
@@ -34,15 +35,6 @@ cl::Kernel& vectors_kernel(const Variant& v, const char* name, int64_t channels)
   return kernel(v.stem.c_str(), name, all);
 }
 
-/// Inputs [first, end) of an op: points [S,axes] and, if there are several, the owner of each.
-struct Places {
-  Places(const Tensors& in, size_t first, size_t end)
-      : points(in[first]), owned(end - first > 1 ? 1 : 0), owners(in[end - 1]) {}
-  const Tensor& points;
-  const int owned;
-  const Tensor& owners;  // where there are none, a buffer for the argument that is not read
-};
-
 Tensor composed(const Tensors& in);
 
 /// in: points, perhaps owners, g -> [P,A,H,W,C].
@@ -70,7 +62,7 @@ void SampleGradImages::by_pairs(const Tensors& in, Tensor& out) {
   const int64_t n = of.points.dim(0), items = n * p.count;
   const Tensor rows = empty({items * 4}, DType::i32), values = empty({items * 4, p.channels});
   launch(kernel("sample", "sample_pairs"), "sample_pairs", elements(items), of.points, of.owners, in.back(), rows,
-         values, n, of.points.dim(1), of.owned, p.rows, p.height, p.width, p.channels);
+         values, n, of.points.dim(1), of.owned ? 1 : 0, p.rows, p.height, p.width, p.channels);
   const Tensor sums = reshape(scatter_add_rows(values, rows, p.count * p.rows * p.width), out.shape());
   eval({sums});
   out.node()->storage = dense(sums).node()->storage;
@@ -84,10 +76,10 @@ void SampleGradImages::by_bands(const Variant& v, const Tensors& in, const Tenso
   const Tensor counts = empty({p.count * bands * chunks}, DType::i32), starts = empty(counts.shape(), DType::i32);
   const Tensor list = empty({std::max<int64_t>(1, 2 * p.count * n), 4}, DType::i32);
   launch(vectors_kernel(v, "sample_count", p.channels), "sample_count", range2(chunks, p.count), of.points, of.owners,
-         counts, n, axes, of.owned, p.rows, p.height, chunks, chunk);
+         counts, n, axes, of.owned ? 1 : 0, p.rows, p.height, chunks, chunk);
   scan_rows(counts, starts, 1, {.exclusive = true});
   launch(vectors_kernel(v, "sample_list", p.channels), "sample_list", range2(chunks, p.count), of.points, of.owners,
-         starts, list, n, axes, of.owned, p.rows, p.height, p.width, chunks, chunk);
+         starts, list, n, axes, of.owned ? 1 : 0, p.rows, p.height, p.width, chunks, chunk);
   launch(vectors_kernel(v, "sample_add", p.channels), "sample_add", range2(bands, p.count), in.back(), list, starts,
          out, p.rows, p.height, p.width, chunks);
 }
@@ -100,7 +92,7 @@ struct SampleGradPoints final : Op {
     const auto [range, chunk] = chunks(out.dim(0), 512);
     const Layout p(in[0].shape());
     launch(kernel("sample", name()), name(), range, in[0], of.points, of.owners, in.back(), out, out.dim(0), out.dim(1),
-           of.owned, p.rows, p.height, p.width, p.channels, chunk);
+           of.owned ? 1 : 0, p.rows, p.height, p.width, p.channels, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     const auto gradient = [](const Tensors& of) {
@@ -119,13 +111,13 @@ struct Sample final : Op {
     const Variant& v = variant_for(p);
     auto [range, chunk] = chunks(n, 512);
     if (v.where != "cpu") {
-      launch(kernel(v), name(), range, in[0], of.points, of.owners, out, n, axes, of.owned, p.rows, p.height, p.width,
-             p.channels, chunk);
+      launch(kernel(v), name(), range, in[0], of.points, of.owners, out, n, axes, of.owned ? 1 : 0, p.rows, p.height,
+             p.width, p.channels, chunk);
       return;
     }
     range.global[1] = static_cast<size_t>(p.count);
     launch(vectors_kernel(v, "sample_vectors", p.channels), name(), range, in[0], of.points, of.owners, out, n, axes,
-           of.owned, p.rows, p.height, p.width, chunk);
+           of.owned ? 1 : 0, p.rows, p.height, p.width, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     Tensors all = in, gradients(in.size());
@@ -177,11 +169,8 @@ Tensors inputs(const char* op, int64_t count, const Tensor& images, const Tensor
   const Dims d =
       match(op, {{planes ? "planes" : "images", images, wanted}, {"points", points, planes ? "S 3" : "S 2"}});
   const Tensor stack = reshape(images, {count, owners ? d["A"] : 1, d["H"], d["W"], d["C"]});
-  if (!owners) return {stack, points};
-  if (owners.dtype() != DType::i32 || !(owners.shape() == Shape{d["S"]}))
-    throw Error(Fault::internal, text("[", op, "] owners is ", to_string(owners.shape()), " ", name_of(owners.dtype()),
-                                      ", want int32, one a point: ", d["S"]));
-  return {stack, points, owners};
+  check_owners(op, owners, points);
+  return owners ? Tensors{stack, points, owners} : Tensors{stack, points};
 }
 
 Tensor sampled(const Tensors& in) {
@@ -190,6 +179,12 @@ Tensor sampled(const Tensors& in) {
 }
 
 }  // namespace
+
+void check_owners(const char* op, const Tensor& owners, const Tensor& points) {
+  if (owners && (owners.dtype() != DType::i32 || !(owners.shape() == Shape{points.dim(0)})))
+    throw Error(Fault::internal, text("[", op, "] owners is ", to_string(owners.shape()), " ", name_of(owners.dtype()),
+                                      ", want int32, one a point: ", points.dim(0)));
+}
 
 Tensor sample_images(const Tensor& images, const Tensor& places, const Tensor& owners) {
   return sampled(inputs("sample_images", 1, images, places, owners));

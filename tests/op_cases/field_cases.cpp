@@ -68,6 +68,7 @@ double grid_feature(const HostArrays& in, int64_t sample, int level, int64_t fea
         static_cast<uint32_t>(std::clamp(std::floor(at), 0.0, static_cast<double>(cells - 1)));
     part[static_cast<size_t>(axis)] = at - base[static_cast<size_t>(axis)];
   }
+  const int64_t owners = in[1].dim(0) / (3 * rows), owner = in.size() > 2 ? static_cast<int64_t>(in[2][sample]) : 0;
   double total = 0;
   for (uint32_t corner = 0; corner < 8; corner++) {
     double weight = 1;
@@ -80,21 +81,46 @@ double grid_feature(const HostArrays& in, int64_t sample, int level, int64_t fea
     const bool dense = side * side * side <= rows;
     const uint32_t row =
         dense ? at[0] + side * (at[1] + side * at[2]) : (at[0] ^ at[1] * 2654435761u ^ at[2] * 805459861u) % rows;
-    total += weight * in[1].at({level * 64 + row, feature});
+    total += weight * in[1].at({(level * owners + owner) * rows + row, feature});
   }
   return total;
 }
 
+/// One owner without a number, or several.
+OpCase grid_row(const char* label, int64_t samples, int64_t owners) {
+  OpCase row = {
+      .op = "hash_grid",
+      .label = label,
+      .inputs = {between({samples, 3}, 0, 1), normal(hash_grid_table_shape(kGrid, owners))},
+      .run = [](const Tensors& in) { return HashGridEncoder(kGrid)(in[0], in[1], in.size() > 2 ? in[2] : Tensor()); },
+      .reference =
+          [](const HostArrays& in) {
+            return from_index({in[0].dim(0), 6}, [&](const Shape& i) {
+              return grid_feature(in, i[0], static_cast<int>(i[1] / 2), i[1] % 2);
+            });
+          }};
+  if (owners > 1) row.inputs.push_back(below({samples}, owners));
+  return row;
+}
+
+OpCase composed_grid_row(const char* label, int64_t samples, int64_t owners) {
+  OpCase row = grid_row(label, samples, owners);
+  row.op = "hash_grid_composed";
+  row.run = [](const Tensors& in) {
+    return HashGridEncoder(kGrid).composed(in[0], in[1], in.size() > 2 ? in[2] : Tensor());
+  };
+  return row;
+}
+
 void add_grids(OpCases& rows) {
-  rows.push_back({.op = "hash_grid",
-                  .inputs = {between({71, 3}, 0, 1), normal({192, 2})},
-                  .run = [](const Tensors& in) { return HashGridEncoder(kGrid)(in[0], in[1]); },
-                  .reference =
-                      [](const HostArrays& in) {
-                        return from_index({in[0].dim(0), 6}, [&](const Shape& i) {
-                          return grid_feature(in, i[0], static_cast<int>(i[1] / 2), i[1] % 2);
-                        });
-                      }});
+  rows.push_back(grid_row("", 71, 1));
+  rows.push_back(grid_row("owners", 71, 5));
+  rows.push_back(composed_grid_row("", 71, 1));
+  rows.push_back(composed_grid_row("owners", 71, 5));
+  OpCase again = grid_row("second order", 4, 3);  // points that no difference takes to another cell
+  again.inputs[0] = given({4, 3}, {0.07, 0.57, 0.38, 0.68, 0.29, 0.93, 0.41, 0.82, 0.18, 0.32, 0.63, 0.07});
+  again.second_order = true;
+  rows.push_back(again);
 }
 
 /// Bilinear with half-pixel centres; beyond the outer centres the border value goes on.
