@@ -67,6 +67,4 @@ struct Registered {
 };
 const std::vector<std::string>& registered_ops();
 
-[[noreturn]] void no_gradient(const char* op, const char* why);
-
 }  // namespace cloam

@@ -5,7 +5,7 @@
 namespace cloam {
 
 /// x [S,I] through weights[0] [I,W], ReLU, ... weights.back() [W,O] -> [S,O]; no biases. One fused kernel for
-/// W in 16, 32 ... 128 and I, O up to 128 (once differentiable); mlp_composed is its reference and has all derivatives.
+/// W in 16, 32 ... 128 and I, O up to 128; mlp_composed is its reference and gives the derivatives beyond the first.
 Tensor mlp(const Tensor& x, const Tensors& weights);
 Tensor mlp_composed(const Tensor& x, const Tensors& weights);
 

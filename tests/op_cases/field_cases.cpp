@@ -46,6 +46,10 @@ void add_perceptrons(OpCases& rows) {
   rows.push_back(fused(9, {7, 80, 1}));
   rows.push_back(fused(70, {17, 128, 128, 20}));
   rows.push_back(fused(0, {5, 16, 16, 3}));
+  OpCase again = fused(2, {3, 16, 2});
+  again.label = "second order";
+  again.second_order = true;
+  rows.push_back(again);
   OpCase composed = fused(7, {5, 6, 3});
   composed.op = "mlp_composed";
   composed.run = [](const Tensors& in) { return mlp_composed(in[0], {in[1], in[2]}); };
