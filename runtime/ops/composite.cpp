@@ -1,6 +1,9 @@
 // Compositing of samples along rays: by densities (NeRF, Mildenhall et al. 2020) or by opacities.
 #include "runtime/ops/composite.h"
 
+#include <algorithm>
+#include <bit>
+
 #include "runtime/cl.h"
 #include "runtime/ops/composed.h"
 
@@ -25,7 +28,10 @@ Tensors inputs(const Medium& m, const Contents& s) {
   return in;
 }
 
-constexpr int64_t kInRegisters = 64;  // channels
+/// Registers for the sums of so many channels (WIDTH of composite.cl); 0: too many.
+int registers_for(int64_t channels) {
+  return channels <= 64 ? static_cast<int>(std::bit_ceil(static_cast<uint64_t>(std::max<int64_t>(4, channels)))) : 0;
+}
 
 /// Which inputs there are, and the scalars.
 struct Form {
@@ -37,10 +43,12 @@ struct Form {
   uint64_t key() const { return uint64_t{dt} + 2 * uint64_t{rows} + 4 * uint64_t{ranges}; }
   int64_t width(int64_t channels) const { return channels + 3 + (ranges ? 2 : 0) + (dt ? 1 : 0); }
   Constants constants(int64_t channels) const {
+    const int width = registers_for(channels);
     return {{"DENSITY", dt},
             {"ROWS", rows},
             {"SIGHT", ranges},
-            {"WIDTH", channels <= kInRegisters ? static_cast<int>(channels) : 0}};
+            {"WIDTH", width},
+            {"WHOLE", width == 0 || width == channels}};
   }
   Medium medium(const Tensors& in) const {
     return {in[0], in[1], dt ? in[2] : Tensor(), rows ? in[2 + size_t{dt}] : Tensor(), sky};
