@@ -390,6 +390,8 @@ void pack(const Tensor& tensor, const Tensor& to) {
   run_group(group, steps[static_cast<int>(tensor.dtype())], graph);
 }
 
+void adopt(Tensor& out, const Tensor& value) { out.node()->storage = dense(value).node()->storage; }
+
 Tensor dense(const Tensor& tensor) {
   eval({tensor});
   if (tensor.node()->storage.dense(tensor.shape())) return tensor;

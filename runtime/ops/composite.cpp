@@ -85,11 +85,7 @@ struct CompositeWeightsGrad final : Op {
            or_any(m.rows, m.offsets), m.offsets, in.back(), out, rays, m.sky ? 1 : 0, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    const auto composed = [form = form](const Tensors& of) {
-      const Tensors own(of.begin(), of.end() - 1);
-      return vjp_of([&](const Tensors& x) { return weights_of(x, form); }, own, of.back())[0];
-    };
-    return vjp_of(composed, in, g);
+    return vjp_of_gradient([form = form](const Tensors& x) { return weights_of(x, form); }, 0, in, g);
   }
   Form form;
 };
@@ -104,8 +100,7 @@ struct CompositeWeights final : Op {
     const auto [range, chunk] = chunks(rays, 64);
     const Variant& v = choose("composite", form.dt && !form.rows && !form.sky ? "samples" : "any");
     if (v.where == "cpu")
-      launch(kernel(v.stem.c_str(), "composite_samples_weights"), name(), range, m.matter, m.dt, m.offsets, out, rays,
-             chunk);
+      launch(kernel(v, "composite_samples_weights"), name(), range, m.matter, m.dt, m.offsets, out, rays, chunk);
     else
       launch(kernel("composite", name(), form.constants(0)), name(), range, m.matter, or_any(m.dt, m.matter),
              or_any(m.rows, m.offsets), m.offsets, out, rays, m.sky ? 1 : 0, chunk);
@@ -144,8 +139,8 @@ struct CompositeGrad final : Op {
     const auto [range, chunk] = chunks(rays, 64);
     const Variant& v = sums_variant(form, channels);
     if (v.where == "cpu")
-      launch(kernel(v.stem.c_str(), "composite_samples_grad"), name(), range, m.matter, s.features, s.t, m.dt,
-             m.offsets, sums, g, out, rays, samples, chunk);
+      launch(kernel(v, "composite_samples_grad"), name(), range, m.matter, s.features, s.t, m.dt, m.offsets, sums, g,
+             out, rays, samples, chunk);
     else
       launch(kernel("composite", name(), form.constants(channels)), name(), range, m.matter, or_any(m.dt, m.matter),
              or_any(m.rows, m.offsets), s.features, s.t, m.offsets, or_any(s.ranges, m.matter), sums, g, out, rays,

@@ -39,11 +39,7 @@ struct GridShape {
   int64_t level_count() const { return static_cast<int64_t>(each.size()); }
   int64_t owned(const Shape& table) const { return table[0] / (rows * level_count()); }
   /// A kernel of the variant's file, with its constants and ours.
-  cl::Kernel& part(const Variant& v, const char* name) const {
-    Constants all = v.constants;
-    all.push_back({"FEATURES", features});
-    return kernel(v.stem.c_str(), name, all);
-  }
+  cl::Kernel& part(const Variant& v, const char* name) const { return kernel(v, name, {{"FEATURES", features}}); }
 };
 
 Tensor composed(const Tensors& in, const GridShape& shape);
@@ -92,8 +88,7 @@ void HashGridGradTable::by_pairs(const Variant& v, const Tensors& in, Tensor& ou
   launch(shape.part(v, "hash_grid_pairs"), "hash_grid_pairs", elements(items), of.points, of.owners, in.back(),
          shape.levels, rows, values, n, shape.owned(out.shape()), shape.rows, shape.level_count());
   const Tensor sums = scatter_add_rows(values, rows, out.dim(0));
-  eval({sums});
-  out.node()->storage = dense(sums).node()->storage;
+  adopt(out, sums);
 }
 
 /// in: the table, points, perhaps owners, g -> [S,3].
@@ -108,11 +103,7 @@ struct HashGridGradPoints final : GridOp {
            shape.levels, in.back(), out, n, shape.owned(in[0].shape()), shape.rows, shape.level_count(), chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    const auto gradient = [shape = shape](const Tensors& of) {
-      const Tensors own(of.begin(), of.end() - 1);
-      return vjp_of([&](const Tensors& x) { return composed(x, shape); }, own, of.back())[1];
-    };
-    return vjp_of(gradient, in, g);
+    return vjp_of_gradient([shape = shape](const Tensors& x) { return composed(x, shape); }, 1, in, g);
   }
 };
 

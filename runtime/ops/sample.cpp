@@ -28,11 +28,8 @@ const Variant& variant_for(const Layout& p) {
 }
 
 cl::Kernel& vectors_kernel(const Variant& v, const char* name, int64_t channels) {
-  Constants all = v.constants;
   const int lanes = channels % 16 == 0 ? 16 : 4;
-  all.push_back({"LANES", lanes});
-  all.push_back({"VECTORS", static_cast<int>(channels / lanes)});
-  return kernel(v.stem.c_str(), name, all);
+  return kernel(v, name, {{"LANES", lanes}, {"VECTORS", static_cast<int>(channels / lanes)}});
 }
 
 Tensor composed(const Tensors& in);
@@ -64,8 +61,7 @@ void SampleGradImages::by_pairs(const Tensors& in, Tensor& out) {
   launch(kernel("sample", "sample_pairs"), "sample_pairs", elements(items), of.points, of.owners, in.back(), rows,
          values, n, of.points.dim(1), of.owned ? 1 : 0, p.rows, p.height, p.width, p.channels);
   const Tensor sums = reshape(scatter_add_rows(values, rows, p.count * p.rows * p.width), out.shape());
-  eval({sums});
-  out.node()->storage = dense(sums).node()->storage;
+  adopt(out, sums);
 }
 
 void SampleGradImages::by_bands(const Variant& v, const Tensors& in, const Tensor& out) {
@@ -95,10 +91,7 @@ struct SampleGradPoints final : Op {
            of.owned ? 1 : 0, p.rows, p.height, p.width, p.channels, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    const auto gradient = [](const Tensors& of) {
-      return vjp_of(composed, Tensors(of.begin(), of.end() - 1), of.back())[1];
-    };
-    return vjp_of(gradient, in, g);
+    return vjp_of_gradient(composed, 1, in, g);
   }
 };
 

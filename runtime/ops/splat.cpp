@@ -20,8 +20,7 @@ Tensor records_of(const Variant& variant, const Tensors& in) {
   const Tensor records = empty({count, 16});
   const Share work = share(count, 1024);
   if (count > 0)
-    launch(kernel(variant.stem.c_str(), "splat_records", variant.constants), "splat_records", work.range, in[0], in[1],
-           records, count, work.chunk);
+    launch(kernel(variant, "splat_records"), "splat_records", work.range, in[0], in[1], records, count, work.chunk);
   return records;
 }
 
