@@ -1,11 +1,11 @@
 // Light along rays, front to back (Max 1995; NeRF eq. 3): w_i = alpha_i prod_{j<i} (1 - alpha_j). Ragged: ray r owns the
 // places [offsets[r], offsets[r + 1]). matter is opacity alpha or, with DENSITY, sigma: alpha = 1 - exp(-sigma dt). With
 // ROWS place i is row rows[i] of matter, dt and features, else row i. sky: the last sample takes the light that is left.
-// Every kernel: version 1, a work-item a ray (a chunk of rays on CPU devices). WIDTH: the channels up to 64, whose
-// sums lie in registers, else 0.
+// Every kernel: version 1, a work-item a ray (a chunk of rays on CPU devices). WIDTH: 4, 8, 16,
+// 32 or 64 registers for the sums of up to so many channels (WHOLE: of just as many), 0: of more channels, none.
 //: variant composite reference any
 //: variant composite gpu any
-#define CHANNELS (WIDTH ? WIDTH : channels)
+#define EACH_CHANNEL for (int c = 0; c < (WIDTH ? WIDTH : channels); c++) if (WHOLE || c < channels)
 #define EXTRA (3 + 2 * SIGHT)
 
 inline int row_of(__global const int* rows, int i) { return ROWS ? rows[i] : i; }
@@ -36,14 +36,14 @@ FAT __kernel void composite(__global const float* restrict matter, __global cons
 #else
     __global float* sum = to;
 #endif
-    for (int c = 0; c < CHANNELS; c++) sum[c] = 0.0f;
+    EACH_CHANNEL sum[c] = 0.0f;
     float through = 1.0f, opacity = 0.0f, depth = 0.0f, distortion = 0.0f, stray = 0.0f, marked = 0.0f, front = 0.0f, front_s = 0.0f;
     const int last = offsets[r + 1];
     for (int i = offsets[r]; i < last; i++) {
       const int row = row_of(rows, i);
       const float alpha = alpha_at(matter, dt, row), w = through * (sky && i + 1 == last ? 1.0f : alpha), distance = fabs(t[i]);
       __global const float* f = features + (size_t)row * channels;
-      for (int c = 0; c < CHANNELS; c++) sum[c] += w * f[c];
+      EACH_CHANNEL sum[c] += w * f[c];
       depth += w * distance;
       if (t[i] >= 0.0f) opacity += w;
       if (SIGHT && strays(distance, ranges[r], near)) stray += w * w;
@@ -57,7 +57,7 @@ FAT __kernel void composite(__global const float* restrict matter, __global cons
       through *= 1.0f - alpha;
     }
 #if WIDTH
-    for (int c = 0; c < WIDTH; c++) to[c] = sum[c];
+    EACH_CHANNEL to[c] = sum[c];
 #endif
     to[channels] = sky ? opacity : 1.0f - through;
     to[channels + 1] = depth;
@@ -126,8 +126,8 @@ INLINE float take_gradient(const Place* at, __global const float* features, __gl
   __global const float* f = features + (size_t)at->row * channels;
   __global float* df = dfeatures + (size_t)at->row * channels;
   float u = fabs(at->t) * g[channels + 1];
-  for (int c = 0; c < CHANNELS; c++) u += f[c] * g[c];
-  for (int c = 0; c < CHANNELS; c++) df[c] = at->w * g[c];
+  EACH_CHANNEL u += f[c] * g[c];
+  EACH_CHANNEL df[c] = at->w * g[c];
   if (at->t >= 0.0f) u += g[channels];
   if (SIGHT && strays(fabs(at->t), at->range, near)) u += 2.0f * at->w * g[channels + 3];
   if (SIGHT && at->row >= split) u += g[channels + 4];

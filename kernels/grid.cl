@@ -1,5 +1,6 @@
-// Multiresolution hash grid (Mueller et al. 2022): points [S,3] in [0,1]^3, table [LEVELS * rows, FEATURES]
-// -> [S, LEVELS * FEATURES]. Cell corners index a dense grid while it fits `rows`, else a spatial hash.
+// Multiresolution hash grid (Mueller et al. 2022): points [S,3] in [0,1]^3, table [LEVELS, owned, rows, FEATURES]
+// -> [S, LEVELS * FEATURES]. Cell corners index a dense grid while it fits `rows`, else a spatial hash. owners [S] says
+// whose rows a sample reads (owned 1: there is one owner, and owners is not read).
 // hash_grid, version 1: a work-item takes a chunk of samples at one level, so that a level's table stays in cache. Its
 // gradient lists (row, weight * g) pairs for a deterministic scatter.
 // hash_grid_blocks, for CPU devices: the rows of a block of samples are computed as vectors and asked for before they are
@@ -42,15 +43,18 @@ inline Cell cell_at(__global const float* restrict points, int s, float resoluti
   return c;
 }
 
+// The first of a sample's rows in a level.
+inline uint first_row(__global const int* restrict owners, int s, int owned, int rows) { return owned > 1 ? (uint)owners[s] * (uint)rows : 0; }
+
 // Rows of the eight corners (bit 0: x, bit 1: y, bit 2: z). `side` = resolution + 1 corners an axis; 0: the level is hashed.
-inline void corner_rows(Cell c, uint side, uint rows, uint row[8]) {
+inline void corner_rows(Cell c, uint side, uint rows, uint first, uint row[8]) {
   if (side) {
-    const uint base = c.x + side * (c.y + side * c.z);
+    const uint base = first + c.x + side * (c.y + side * c.z);
     UNROLL for (int k = 0; k < 8; k++) row[k] = base + (k & 1) + ((k >> 1 & 1) + (k >> 2) * side) * side;
   } else {
     const uint y0 = c.y * 2654435761u, z0 = c.z * 805459861u, mask = rows - 1;
     UNROLL for (int k = 0; k < 8; k++)
-      row[k] = ((c.x + (k & 1)) ^ (y0 + (k >> 1 & 1) * 2654435761u) ^ (z0 + (k >> 2) * 805459861u)) & mask;
+      row[k] = first + (((c.x + (k & 1)) ^ (y0 + (k >> 1 & 1) * 2654435761u) ^ (z0 + (k >> 2) * 805459861u)) & mask);
   }
 }
 
@@ -59,17 +63,17 @@ inline float corner_weight(Cell c, int corner) {
 }
 
 // levels: per level resolution and side.
-FAT __kernel void hash_grid(__global const float* restrict points, __global const float* restrict table, __global const int* restrict levels,
-                            __global float* restrict out, int n, int rows, int level_count, int chunk) {
+FAT __kernel void hash_grid(__global const float* restrict points, __global const int* restrict owners, __global const float* restrict table,
+                            __global const int* restrict levels, __global float* restrict out, int n, int owned, int rows, int level_count, int chunk) {
   const int level = get_global_id(1);
   const float resolution = (float)levels[2 * level];
   const uint side = (uint)levels[2 * level + 1];
-  __global const float* restrict t = table + (size_t)level * rows * FEATURES;
+  __global const float* restrict t = table + (size_t)level * owned * rows * FEATURES;
   const int end = min(n, ((int)get_global_id(0) + 1) * chunk);
   for (int s = get_global_id(0) * chunk; s < end; s++) {
     const Cell c = cell_at(points, s, resolution);
     uint row[8];
-    corner_rows(c, side, (uint)rows, row);
+    corner_rows(c, side, (uint)rows, first_row(owners, s, owned, rows), row);
     feature v[8];
     UNROLL for (int k = 0; k < 8; k++) v[k] = LOAD(row[k], t);
     UNROLL for (int k = 0; k < 8; k += 2) v[k] += c.f.x * (v[k + 1] - v[k]);
@@ -84,11 +88,16 @@ typedef struct {
   float fx[BLOCK], fy[BLOCK], fz[BLOCK];
 } Block;
 
+// Of a level of the table; rows: of an owner.
+typedef struct {
+  int resolution, side, owned, rows;
+} Level;
+
 // Rows and places of samples [first, first + BLOCK), the last of them repeated beyond n; their rows are asked for.
-inline void find_block(__global const float* restrict points, __global const float* restrict table, int2 first_n, int2 level, uint mask, Block* restrict b) {
-  const int first = first_n.x, last = first_n.y - 1, most = level.x - 1;
-  const uint side = (uint)level.y;
-  const float resolution = (float)level.x;
+inline void find_block(__global const float* restrict points, __global const int* restrict owners, __global const float* restrict table, int2 first_n, Level level, Block* restrict b) {
+  const int first = first_n.x, last = first_n.y - 1, most = level.resolution - 1;
+  const uint side = (uint)level.side, mask = (uint)level.rows - 1;
+  const float resolution = (float)level.resolution;
   uint x[BLOCK], y[BLOCK], z[BLOCK];
   float end[3 * BLOCK];
   const int whole = first + BLOCK <= last + 1;
@@ -117,22 +126,27 @@ inline void find_block(__global const float* restrict points, __global const flo
     else
       for (int i = 0; i < BLOCK; i++) b->row[k][i] = ((x[i] + dx) ^ (y[i] + dy) * 2654435761u ^ (z[i] + dz) * 805459861u) & mask;
   }
+  if (level.owned > 1)
+    for (int i = 0; i < BLOCK; i++) {
+      const uint of_owner = first_row(owners, min(first + i, last), level.owned, level.rows);
+      UNROLL for (int k = 0; k < 8; k++) b->row[k][i] += of_owner;
+    }
   for (int i = 0; i < BLOCK; i++)
     UNROLL for (int k = 0; k < 8; k += 2) __builtin_prefetch(table + b->row[k][i] * FEATURES);
 }
 
 // by_level [LEVELS][n][FEATURES]; work-items: chunks of samples x levels.
-FAT __kernel void hash_grid_blocks(__global const float* restrict points, __global const float* restrict table, __global const int* restrict levels,
-                                   __global float* restrict by_level, int n, int rows, int chunk) {
+FAT __kernel void hash_grid_blocks(__global const float* restrict points, __global const int* restrict owners, __global const float* restrict table,
+                                   __global const int* restrict levels, __global float* restrict by_level, int n, int owned, int rows, int chunk) {
   const int level = get_global_id(1);
-  const int2 form = vload2(level, levels);
-  __global const float* restrict t = table + (size_t)level * rows * FEATURES;
+  const Level form = {levels[2 * level], levels[2 * level + 1], owned, rows};
+  __global const float* restrict t = table + (size_t)level * owned * rows * FEATURES;
   __global float* restrict out = by_level + (size_t)level * n * FEATURES;
   const int begin = get_global_id(0) * chunk, end = min(n, begin + chunk);
   Block b[2];
-  if (begin < end) find_block(points, t, (int2)(begin, n), form, rows - 1, b);
+  if (begin < end) find_block(points, owners, t, (int2)(begin, n), form, b);
   for (int first = begin, turn = 0; first < end; first += BLOCK, turn ^= 1) {
-    if (first + BLOCK < end) find_block(points, t, (int2)(first + BLOCK, n), form, rows - 1, b + (turn ^ 1));
+    if (first + BLOCK < end) find_block(points, owners, t, (int2)(first + BLOCK, n), form, b + (turn ^ 1));
     const Block* now = b + turn;
     for (int i = 0; i < min(BLOCK, end - first); i++) {
       feature v[8];
@@ -168,19 +182,19 @@ inline void clear(__global float* to, uint count, int sparse) {
   for (; i < count; i++) to[i] = 0.0f;
 }
 
-// dtable[row] += w * g for the rows [part, part + 1) / parts of one level.
-FAT __kernel void hash_grid_dtable(__global const float* restrict points, __global const float* restrict by_level, __global const int* restrict levels,
-                                   __global float* restrict dtable, int n, int rows, int parts) {
+// dtable[row] += w * g for the rows [part, part + 1) / parts of one level, of all owners.
+FAT __kernel void hash_grid_dtable(__global const float* restrict points, __global const int* restrict owners, __global const float* restrict by_level,
+                                   __global const int* restrict levels, __global float* restrict dtable, int n, int owned, int rows, int parts) {
   const int level = get_global_id(0) / parts, part = get_global_id(0) % parts;
-  const int2 form = vload2(level, levels);
-  const uint part_rows = ((uint)rows + parts - 1) / parts, lo = part * part_rows, hi = min((uint)rows, lo + part_rows);
-  __global float* restrict t = dtable + (size_t)level * rows * FEATURES;
+  const Level form = {levels[2 * level], levels[2 * level + 1], owned, rows};
+  const uint all = (uint)owned * (uint)rows, part_rows = (all + parts - 1) / parts, lo = min(all, part * part_rows), hi = min(all, lo + part_rows);
+  __global float* restrict t = dtable + (size_t)level * all * FEATURES;
   __global const float* restrict g = by_level + (size_t)level * n * FEATURES;
-  clear(t + lo * FEATURES, (hi - lo) * FEATURES, 16 * n < rows * FEATURES / 16);
+  clear(t + (size_t)lo * FEATURES, (hi - lo) * FEATURES, 16 * n < all * FEATURES / 16);
   Block b[2];
-  if (n > 0) find_block(points, t, (int2)(0, n), form, rows - 1, b);
+  if (n > 0) find_block(points, owners, t, (int2)(0, n), form, b);
   for (int first = 0, turn = 0; first < n; first += BLOCK, turn ^= 1) {
-    if (first + BLOCK < n) find_block(points, t, (int2)(first + BLOCK, n), form, rows - 1, b + (turn ^ 1));
+    if (first + BLOCK < n) find_block(points, owners, t, (int2)(first + BLOCK, n), form, b + (turn ^ 1));
     const Block* now = b + turn;
     for (int i = 0; i < min(BLOCK, n - first); i++) {
       const feature gs = LOAD(first + i, g);
@@ -195,24 +209,26 @@ FAT __kernel void hash_grid_dtable(__global const float* restrict points, __glob
 #endif
 
 // Pairs for the scatter: row_of [S * level_count * 8], value [S * level_count * 8, FEATURES].
-__kernel void hash_grid_pairs(__global const float* restrict points, __global const float* restrict g, __global const int* restrict levels,
-                              __global int* restrict row_of, __global float* restrict value, int n, int rows, int level_count) {
+__kernel void hash_grid_pairs(__global const float* restrict points, __global const int* restrict owners, __global const float* restrict g,
+                              __global const int* restrict levels, __global int* restrict row_of, __global float* restrict value, int n, int owned,
+                              int rows, int level_count) {
   const int item = get_global_id(0);
   if (item >= n * level_count) return;
   const int s = item / level_count, level = item % level_count;
   const Cell c = cell_at(points, s, (float)levels[2 * level]);
   const feature gs = LOAD(item, g);
   uint row[8];
-  corner_rows(c, (uint)levels[2 * level + 1], (uint)rows, row);
+  corner_rows(c, (uint)levels[2 * level + 1], (uint)rows, first_row(owners, s, owned, rows), row);
   for (int k = 0; k < 8; k++) {
-    row_of[item * 8 + k] = level * rows + (int)row[k];
+    row_of[item * 8 + k] = level * owned * rows + (int)row[k];
     STORE(corner_weight(c, k) * gs, item * 8 + k, value);
   }
 }
 
 // dpoints [S,3]: derivative of the trilinear weights along each axis.
-FAT __kernel void hash_grid_dpoints(__global const float* restrict points, __global const float* restrict table, __global const int* restrict levels,
-                                    __global const float* restrict g, __global float* restrict dpoints, int n, int rows, int level_count, int chunk) {
+FAT __kernel void hash_grid_dpoints(__global const float* restrict points, __global const int* restrict owners, __global const float* restrict table,
+                                    __global const int* restrict levels, __global const float* restrict g, __global float* restrict dpoints, int n,
+                                    int owned, int rows, int level_count, int chunk) {
   const int end = min(n, ((int)get_global_id(0) + 1) * chunk);
   for (int s = get_global_id(0) * chunk; s < end; s++) {
     float3 total = (float3)(0.0f);
@@ -221,9 +237,9 @@ FAT __kernel void hash_grid_dpoints(__global const float* restrict points, __glo
       const Cell c = cell_at(points, s, resolution);
       const feature gs = LOAD(s * level_count + level, g);
       uint row[8];
-      corner_rows(c, (uint)levels[2 * level + 1], (uint)rows, row);
+      corner_rows(c, (uint)levels[2 * level + 1], (uint)rows, first_row(owners, s, owned, rows), row);
       for (int k = 0; k < 8; k++) {
-        const float v = resolution * DOT(gs, LOAD(row[k], table + (size_t)level * rows * FEATURES));
+        const float v = resolution * DOT(gs, LOAD(row[k], table + (size_t)level * owned * rows * FEATURES));
         const float wx = (k & 1) ? c.f.x : 1.0f - c.f.x, wy = (k & 2) ? c.f.y : 1.0f - c.f.y, wz = (k & 4) ? c.f.z : 1.0f - c.f.z;
         total += v * (float3)((k & 1) ? wy * wz : -wy * wz, (k & 2) ? wx * wz : -wx * wz, (k & 4) ? wx * wy : -wx * wy);
       }

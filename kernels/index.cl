@@ -1,13 +1,6 @@
 // Rows by number: gather_rows out[i,:] = table[rows[i],:], and its transpose, the sum of value rows that share a
 // number. Rows hold `width` numbers; row numbers outside the table count as its nearest row. A piece is a row on CPU
 // devices, a row's column on GPU devices, so no two work-items ever add into one place. version 1.
-#if BYTES == 1
-typedef uchar element;
-#elif BYTES == 2
-typedef ushort element;
-#else
-typedef uint element;
-#endif
 
 inline int inside(int row, int count) { return clamp(row, 0, count - 1); }
 

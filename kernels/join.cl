@@ -1,12 +1,5 @@
 // Copies between row-structured tensors of BYTES-wide elements. version 1: a work-item copies whole runs.
 // copy_rows: in [outer, run] -> out [outer, pitch] at column `begin`. pad_rows: the same, zeros elsewhere.
-#if BYTES == 1
-typedef uchar element;
-#elif BYTES == 2
-typedef ushort element;
-#else
-typedef uint element;
-#endif
 
 __kernel void copy_rows(__global const element* restrict in, __global element* restrict out, int outer, int run, int pitch,
                         int begin, int per_item) {

@@ -10,28 +10,21 @@
 #define ROW_LO(chunk) ((int)get_group_id(0) * (chunk))
 #define ROW_HI(n, chunk) min((n), ((int)get_group_id(0) + 1) * (chunk))
 
-inline float sum_lanes(float value, __local float* shared) {
-  const int lane = get_local_id(0);
-  barrier(CLK_LOCAL_MEM_FENCE);  // what was here before is read
-  shared[lane] = value;
-  for (int width = LANES / 2; width > 0; width /= 2) {
-    barrier(CLK_LOCAL_MEM_FENCE);
-    if (lane < width) shared[lane] += shared[lane + width];
+#define ADD(a, b) ((a) + (b))
+#define OVER_LANES(name, join)                                                               \
+  inline float name(float value, __local float* shared) {                                    \
+    const int lane = get_local_id(0);                                                        \
+    barrier(CLK_LOCAL_MEM_FENCE); /* what was here before is read */                         \
+    shared[lane] = value;                                                                    \
+    for (int width = LANES / 2; width > 0; width /= 2) {                                     \
+      barrier(CLK_LOCAL_MEM_FENCE);                                                          \
+      if (lane < width) shared[lane] = join(shared[lane], shared[lane + width]);             \
+    }                                                                                        \
+    barrier(CLK_LOCAL_MEM_FENCE);                                                            \
+    return shared[0];                                                                        \
   }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  return shared[0];
-}
-inline float max_lanes(float value, __local float* shared) {
-  const int lane = get_local_id(0);
-  barrier(CLK_LOCAL_MEM_FENCE);
-  shared[lane] = value;
-  for (int width = LANES / 2; width > 0; width /= 2) {
-    barrier(CLK_LOCAL_MEM_FENCE);
-    if (lane < width) shared[lane] = fmax(shared[lane], shared[lane + width]);
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  return shared[0];
-}
+OVER_LANES(sum_lanes, ADD)
+OVER_LANES(max_lanes, fmax)
 
 inline float2 moments(__global const float* restrict x, int n, __local float* shared) {
   const float centre = x[0];

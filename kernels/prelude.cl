@@ -26,6 +26,15 @@
 #endif
 #endif
 
+// Of kernels that copy whatever has so many bytes.
+#if BYTES == 1
+typedef uchar element;
+#elif BYTES == 2
+typedef ushort element;
+#elif BYTES == 4
+typedef uint element;
+#endif
+
 // exp, 2 ulp: 2^n * p(f), |f| <= ln2/2. Saturates to 0 and inf outside the float range.
 inline float m_exp(float x) {
   const float c = fmin(fmax(x, -104.0f), 89.0f);

@@ -33,30 +33,40 @@ inline float falloff(Splat s, float dx, float dy) {
   return fmin(0.99f, s.opacity * e) < LEAST_ALPHA ? 0.0f : e;
 }
 
+// What a pixel has seen so far.
+typedef struct {
+  float through, red, green, blue;
+  int done;
+} Pixel;
+
+inline void blend(Pixel* p, Splat s, int x, int y) {
+  const float alpha = fmin(0.99f, s.opacity * falloff(s, s.x - ((float)x + 0.5f), s.y - ((float)y + 0.5f)));
+  const float next = p->through * (1.0f - alpha), w = p->through * alpha;
+  p->done = next < LEAST_THROUGH;
+  if (!p->done) {
+    p->red += w * s.red;
+    p->green += w * s.green;
+    p->blue += w * s.blue;
+    p->through = next;
+  }
+}
+
+inline void store_pixel(Pixel p, __global float* out, int i, int plane) {
+  out[i] = p.red;
+  out[plane + i] = p.green;
+  out[2 * plane + i] = p.blue;
+  out[3 * plane + i] = p.through;
+}
+
 // version 1: a work-item a pixel.
 __kernel void blend_pixels(__global const float* restrict splats, __global const float* restrict colours, __global const int* restrict ids, __global const int* restrict offsets,
                            __global float* restrict out, int height, int width) {
   const int i = get_global_id(0), x = i % width, y = i / width, plane = height * width;
   if (i >= plane) return;
   const int tile = y / TILE * ((width + TILE - 1) / TILE) + x / TILE, end = offsets[tile + 1];
-  float through = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f;
-  int done = 0;
-  for (int k = offsets[tile]; k < end && !done; k++) {
-    const Splat s = splat_of(ids[k], splats, colours);
-    const float alpha = fmin(0.99f, s.opacity * falloff(s, s.x - ((float)x + 0.5f), s.y - ((float)y + 0.5f)));
-    const float next = through * (1.0f - alpha), w = through * alpha;
-    done = next < LEAST_THROUGH;
-    if (!done) {
-      red += w * s.red;
-      green += w * s.green;
-      blue += w * s.blue;
-      through = next;
-    }
-  }
-  out[i] = red;
-  out[plane + i] = green;
-  out[2 * plane + i] = blue;
-  out[3 * plane + i] = through;
+  Pixel pixel = {1.0f, 0.0f, 0.0f, 0.0f, 0};
+  for (int k = offsets[tile]; k < end && !pixel.done; k++) blend(&pixel, splat_of(ids[k], splats, colours), x, y);
+  store_pixel(pixel, out, i, plane);
 }
 
 // version 1: a work-item a tile; a pixel at a time adds its part to the rows of the tile's pairs.
@@ -111,33 +121,15 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void blend_groups(
   __local Splat batch[LANES];
   const int across = (width + TILE - 1) / TILE, tile = get_group_id(0), lane = get_local_id(0), plane = height * width;
   const int x = tile % across * TILE + lane % TILE, y = tile / across * TILE + lane / TILE, end = offsets[tile + 1];
-  float through = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f;
-  int done = 0;
+  Pixel pixel = {1.0f, 0.0f, 0.0f, 0.0f, 0};
   for (int from = offsets[tile]; from < end; from += LANES) {
     if (from + lane < end) batch[lane] = splat_of(ids[from + lane], splats, colours);
     barrier(CLK_LOCAL_MEM_FENCE);
     const int count = min(LANES, end - from);
-    for (int k = 0; k < count && !done; k++) {
-      const Splat s = batch[k];
-      const float alpha = fmin(0.99f, s.opacity * falloff(s, s.x - ((float)x + 0.5f), s.y - ((float)y + 0.5f)));
-      const float next = through * (1.0f - alpha), w = through * alpha;
-      done = next < LEAST_THROUGH;
-      if (!done) {
-        red += w * s.red;
-        green += w * s.green;
-        blue += w * s.blue;
-        through = next;
-      }
-    }
+    for (int k = 0; k < count && !pixel.done; k++) blend(&pixel, batch[k], x, y);
     barrier(CLK_LOCAL_MEM_FENCE);
   }
-  if (x < width && y < height) {
-    const int i = y * width + x;
-    out[i] = red;
-    out[plane + i] = green;
-    out[2 * plane + i] = blue;
-    out[3 * plane + i] = through;
-  }
+  if (x < width && y < height) store_pixel(pixel, out, y * width + x, plane);
 }
 
 // The lanes find d loss / d power and w of FEW gaussians at their pixels; then, turned round, PARTS lanes a gaussian sum

@@ -76,12 +76,7 @@ inline void ask_ahead(__global const float* records, __global const int* ids, in
   __builtin_prefetch(records + RECORD * (size_t)ids[min(k + AHEAD, end - 1)]);
 }
 
-inline float16 load_row(__global const float* from, int count) {
-  if (count >= TILE) return vload16(0, from);
-  float all[TILE];
-  for (int x = 0; x < TILE; x++) all[x] = x < count ? from[x] : 0.0f;
-  return vload16(0, all);
-}
+inline float16 load_row(__global const float* from, int count) { return read_first(from, TILE, count); }
 
 __kernel FAT void blend_rows(__global const float* restrict records, __global const int* restrict ids,
                              __global const int* restrict offsets, __global float* restrict out, int height, int width) {

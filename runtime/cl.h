@@ -39,8 +39,12 @@ void finish();
 
 /// kernels/<stem>.cl, compiled once per set of constants.
 cl::Kernel& kernel(const char* stem, const char* name, const Constants& constants = {});
-/// The kernel of a chosen variant; `more`: constants that the op's code decides (transposes, say).
-cl::Kernel& kernel(const Variant& variant, const Constants& more = {});
+/// A kernel of a chosen variant's file, with its constants; `more`: those that the op's code decides (transposes, say).
+cl::Kernel& kernel(const Variant& variant, const char* name, const Constants& more = {});
+/// The one that the variant names.
+inline cl::Kernel& kernel(const Variant& variant, const Constants& more = {}) {
+  return kernel(variant, variant.kernel.c_str(), more);
+}
 bool has_kernel_text(const std::string& stem);
 std::string kernel_text(const std::string& stem);
 std::vector<std::string> kernel_stems();

@@ -13,67 +13,54 @@ constexpr int kMaxRecompute = 16;  // steps worth doing twice instead of storing
 constexpr int kMaxCode = 1024;     // steps in one kernel: compile time
 constexpr int kMergeWindow = 24;   // how many earlier groups a sibling looks back over
 
-class Cutter {
- public:
-  explicit Cutter(const Walk& graph) : walk_(graph), state_(graph.nodes.size()) {}
-  Plan run();
+/// What is known of a node.
+struct State {
+  std::vector<int> users;
+  std::set<int> roots;      // kernels this pointwise node is part of
+  std::vector<int> leaves;  // tensors it reads when written into a kernel
+  int cost = 1;
+  int scalars = 0;  // constants in it when written into a kernel
+  bool inlined = false, output = false;
+  int ready = -1;  // step that produces it; -1: there from the start
+  int group = -1;  // group that produces it
+};
 
- private:
-  using Values = std::unordered_map<int, int>;  // of one group: node -> place in its code
-  struct State {
-    std::vector<int> users;
-    std::set<int> roots;      // kernels this pointwise node is part of
-    std::vector<int> leaves;  // tensors it reads when written into a kernel
-    int cost = 1;
-    int scalars = 0;  // constants in it when written into a kernel
-    bool inlined = false, output = false, in_memory = false;
-    int ready = -1;  // step that produces it; -1: there from the start
-    int group = -1;  // group that produces it
-  };
-
-  Node* node(int i) const { return walk_.nodes[static_cast<size_t>(i)]; }
-  State& at(int i) { return state_[static_cast<size_t>(i)]; }
-  int size() const { return static_cast<int>(walk_.nodes.size()); }
-  int shape_id(int i) const { return walk_.shape_ids[static_cast<size_t>(i)]; }
+/// The nodes of a walk, as all parts of the cut see them.
+struct Nodes {
+  Node* node(int i) const { return walk.nodes[static_cast<size_t>(i)]; }
+  State& at(int i) const { return states[static_cast<size_t>(i)]; }
+  int size() const { return static_cast<int>(walk.nodes.size()); }
+  int shape_id(int i) const { return walk.shape_ids[static_cast<size_t>(i)]; }
   bool pending(int i) const { return node(i)->op && !node(i)->storage.buffer; }
   OpKind kind(int i) const { return node(i)->op->kind(); }
   bool pointwise(int i) const { return pending(i) && kind(i) == OpKind::pointwise; }
+  bool reduction(int i) const { return pending(i) && kind(i) == OpKind::reduce; }
   bool constant(int i) const { return pending(i) && kind(i) == OpKind::constant; }
 
+  const Walk& walk;
+  std::vector<State>& states;
+};
+
+// ---- Which nodes are written into the kernels of their users.
+
+struct Inliner : Nodes {
   void find_users();
   void choose_inlined();
   bool joins_users(int i);
   void limit_inputs();
   std::vector<int> leaves_of(int i);
   void count_scalars(int i);
-  void add_steps();
-  void add_pointwise(int i);
-  void add_reduce(int i);
-  int find_group(int i);
-  bool room(const Group& group, int i);
-  int value_of(Group& group, Values& values, int i);
-  Operand operand_of(Group& group, Values& values, int i);
-  void find_last_uses();
-  void find_heirs();
-  bool dies_at(int i, const Step& step) const;
-  bool shares_buffer(int i) const;
-
-  const Walk& walk_;
-  std::vector<State> state_;
-  std::vector<Values> group_values_;
-  std::vector<int> group_step_;
-  Plan plan_;
 };
 
-void Cutter::find_users() {
+void Inliner::find_users() {
   for (int i = 0; i < size(); i++) {
     if (!pending(i)) continue;
     for (const Tensor& in : node(i)->in) at(in.node()->index).users.push_back(i);
   }
-  for (int i : walk_.outputs) at(i).output = true;
+  for (int i : walk.outputs) at(i).output = true;
 }
 
-bool Cutter::joins_users(int i) {
+bool Inliner::joins_users(int i) {
   if (at(i).output || at(i).users.empty()) return false;
   for (int user : at(i).users) {
     const bool same_space =
@@ -83,14 +70,14 @@ bool Cutter::joins_users(int i) {
   return true;
 }
 
-void Cutter::choose_inlined() {
+void Inliner::choose_inlined() {
   for (int i = 0; i < size(); i++) {
     if (!pointwise(i)) continue;
     for (const Tensor& in : node(i)->in)
       if (pointwise(in.node()->index)) at(i).cost = std::min(2000, at(i).cost + at(in.node()->index).cost);
   }
   for (int i = size() - 1; i >= 0; i--) {
-    if (pending(i) && kind(i) == OpKind::reduce) at(i).roots = {i};
+    if (reduction(i)) at(i).roots = {i};
     if (!pointwise(i)) continue;
     const bool joins = joins_users(i);
     for (int user : at(i).users) at(i).roots.insert(at(user).roots.begin(), at(user).roots.end());
@@ -99,7 +86,7 @@ void Cutter::choose_inlined() {
   }
 }
 
-std::vector<int> Cutter::leaves_of(int i) {
+std::vector<int> Inliner::leaves_of(int i) {
   std::vector<int> leaves;
   for (const Tensor& in : node(i)->in) {
     const int at_in = in.node()->index;
@@ -114,7 +101,7 @@ std::vector<int> Cutter::leaves_of(int i) {
   return leaves;
 }
 
-void Cutter::count_scalars(int i) {
+void Inliner::count_scalars(int i) {
   at(i).scalars = 0;
   for (const Tensor& in : node(i)->in) {
     const int operand = in.node()->index;
@@ -123,9 +110,9 @@ void Cutter::count_scalars(int i) {
 }
 
 /// Goes up the graph; where a kernel would read too much, the operand that brings most is stored after all.
-void Cutter::limit_inputs() {
+void Inliner::limit_inputs() {
   for (int i = 0; i < size(); i++) {
-    if (!pointwise(i) && !(pending(i) && kind(i) == OpKind::reduce)) continue;
+    if (!pointwise(i) && !reduction(i)) continue;
     at(i).leaves = leaves_of(i);
     count_scalars(i);
     while (at(i).leaves.size() > kMaxInputs || at(i).cost > kMaxCode || at(i).scalars > kMaxScalars) {
@@ -146,10 +133,28 @@ void Cutter::limit_inputs() {
   }
   // What was stored late changes what its other users read.
   for (int i = 0; i < size(); i++)
-    if (pointwise(i) || (pending(i) && kind(i) == OpKind::reduce)) at(i).leaves = leaves_of(i);
+    if (pointwise(i) || reduction(i)) at(i).leaves = leaves_of(i);
 }
 
-Operand Cutter::operand_of(Group& group, Values& values, int i) {
+// ---- Steps, and the groups of those that are generated kernels.
+
+using Values = std::unordered_map<int, int>;  // of one group: node -> place in its code
+
+struct Grouper : Nodes {
+  void add_steps();
+  void add_pointwise(int i);
+  void add_reduce(int i);
+  int find_group(int i) const;
+  bool room(const Group& group, int i) const;
+  int value_of(Group& group, Values& values, int i) const;
+  Operand operand_of(Group& group, Values& values, int i) const;
+
+  Plan plan = {};
+  std::vector<Values> values_of = {};  // of each group
+  std::vector<int> step_of = {};       // of each group
+};
+
+Operand Grouper::operand_of(Group& group, Values& values, int i) const {
   const auto slot = [](std::vector<GroupInput>& list, int n, DType dtype) {
     for (size_t k = 0; k < list.size(); k++)
       if (list[k].node == n) return static_cast<int>(k);
@@ -161,7 +166,7 @@ Operand Cutter::operand_of(Group& group, Values& values, int i) {
   return {Operand::input, slot(group.inputs, i, node(i)->dtype)};
 }
 
-int Cutter::value_of(Group& group, Values& values, int i) {
+int Grouper::value_of(Group& group, Values& values, int i) const {
   if (const auto found = values.find(i); found != values.end()) return found->second;
   Instruction step;
   step.op = static_cast<const PointwiseOp*>(node(i)->op.get());
@@ -171,7 +176,7 @@ int Cutter::value_of(Group& group, Values& values, int i) {
   return values[i] = static_cast<int>(group.code.size()) - 1;
 }
 
-bool Cutter::room(const Group& group, int i) {
+bool Grouper::room(const Group& group, int i) const {
   std::set<int> reads;
   for (const GroupInput& in : group.inputs) reads.insert(in.node);
   reads.insert(at(i).leaves.begin(), at(i).leaves.end());
@@ -181,31 +186,30 @@ bool Cutter::room(const Group& group, int i) {
 }
 
 /// An earlier kernel over the same space that all of i's inputs precede (or that makes them itself), or -1.
-int Cutter::find_group(int i) {
-  const int count = static_cast<int>(plan_.groups.size());
+int Grouper::find_group(int i) const {
+  const int count = static_cast<int>(plan.groups.size());
   for (int g = count - 1; g >= std::max(0, count - kMergeWindow); g--) {
-    const Group& group = plan_.groups[static_cast<size_t>(g)];
+    const Group& group = plan.groups[static_cast<size_t>(g)];
     if (group.reduce || shape_id(group.shape_node) != shape_id(i)) continue;
     bool precede = true;
-    for (int leaf : at(i).leaves)
-      precede &= at(leaf).group == g || at(leaf).ready < group_step_[static_cast<size_t>(g)];
+    for (int leaf : at(i).leaves) precede &= at(leaf).group == g || at(leaf).ready < step_of[static_cast<size_t>(g)];
     if (precede && room(group, i)) return g;
   }
   return -1;
 }
 
-void Cutter::add_pointwise(int i) {
+void Grouper::add_pointwise(int i) {
   int g = constant(i) ? -1 : find_group(i);
   if (g < 0) {
-    g = static_cast<int>(plan_.groups.size());
-    group_step_.push_back(static_cast<int>(plan_.steps.size()));
-    plan_.groups.emplace_back();
-    plan_.groups.back().shape_node = i;
-    group_values_.emplace_back();
-    plan_.steps.push_back({Step::group, g, {}});
+    g = static_cast<int>(plan.groups.size());
+    step_of.push_back(static_cast<int>(plan.steps.size()));
+    plan.groups.emplace_back();
+    plan.groups.back().shape_node = i;
+    values_of.emplace_back();
+    plan.steps.push_back({Step::group, g, {}});
   }
-  Group& group = plan_.groups[static_cast<size_t>(g)];
-  Values& values = group_values_[static_cast<size_t>(g)];
+  Group& group = plan.groups[static_cast<size_t>(g)];
+  Values& values = values_of[static_cast<size_t>(g)];
   int value = 0;
   if (constant(i)) {
     group.code.push_back({nullptr, {operand_of(group, values, i)}, node(i)->dtype});
@@ -214,11 +218,11 @@ void Cutter::add_pointwise(int i) {
     value = value_of(group, values, i);
   }
   group.outputs.push_back({value, i, node(i)->dtype});
-  at(i).ready = group_step_[static_cast<size_t>(g)];
+  at(i).ready = step_of[static_cast<size_t>(g)];
   at(i).group = g;
 }
 
-void Cutter::add_reduce(int i) {
+void Grouper::add_reduce(int i) {
   Group group;
   Values values;
   const int source = node(i)->in[0].node()->index;
@@ -228,14 +232,14 @@ void Cutter::add_reduce(int i) {
   group.reduce_node = i;
   group.reduce_dtype = node(i)->dtype;
   group.shape_node = source;
-  at(i).ready = static_cast<int>(plan_.steps.size());
-  plan_.steps.push_back({Step::group, static_cast<int>(plan_.groups.size()), {}});
-  plan_.groups.push_back(group);
-  group_values_.push_back(values);
-  group_step_.push_back(at(i).ready);
+  at(i).ready = static_cast<int>(plan.steps.size());
+  plan.steps.push_back({Step::group, static_cast<int>(plan.groups.size()), {}});
+  plan.groups.push_back(group);
+  values_of.push_back(values);
+  step_of.push_back(at(i).ready);
 }
 
-void Cutter::add_steps() {
+void Grouper::add_steps() {
   for (int i = 0; i < size(); i++) {
     if (!pending(i) || at(i).inlined) continue;
     if (constant(i)) {
@@ -247,20 +251,30 @@ void Cutter::add_steps() {
     } else if (kind(i) == OpKind::reduce) {
       add_reduce(i);
     } else {
-      at(i).ready = static_cast<int>(plan_.steps.size());
-      plan_.steps.push_back({kind(i) == OpKind::view ? Step::view : Step::kernel, i, {}});
+      at(i).ready = static_cast<int>(plan.steps.size());
+      plan.steps.push_back({kind(i) == OpKind::view ? Step::view : Step::kernel, i, {}});
     }
   }
 }
 
+// ---- How long values live.
+
+struct Lifetimes : Nodes {
+  void find_last_uses();
+  void find_heirs();
+  bool shares_buffer(int i) const;
+
+  Plan& plan;
+};
+
 /// Counted on the launches as cut: an inlined node is used where its kernel runs.
-void Cutter::find_last_uses() {
-  std::vector<int> last(state_.size(), -1);
-  for (size_t s = 0; s < plan_.steps.size(); s++) {
-    const Step& step = plan_.steps[s];
+void Lifetimes::find_last_uses() {
+  std::vector<int> last(states.size(), -1);
+  for (size_t s = 0; s < plan.steps.size(); s++) {
+    const Step& step = plan.steps[s];
     const auto use = [&](int i) { last[static_cast<size_t>(i)] = static_cast<int>(s); };
     if (step.kind == Step::group) {
-      const Group& group = plan_.groups[static_cast<size_t>(step.index)];
+      const Group& group = plan.groups[static_cast<size_t>(step.index)];
       for (const GroupInput& in : group.inputs) use(in.node);
       for (const GroupOutput& out : group.outputs) use(out.node);
       if (group.reduce) use(group.reduce_node);
@@ -271,50 +285,49 @@ void Cutter::find_last_uses() {
   }
   for (int i = 0; i < size(); i++)
     if (last[static_cast<size_t>(i)] >= 0 && pending(i) && !at(i).output)
-      plan_.steps[static_cast<size_t>(last[static_cast<size_t>(i)])].last_uses.push_back(i);
+      plan.steps[static_cast<size_t>(last[static_cast<size_t>(i)])].last_uses.push_back(i);
 }
 
-bool Cutter::dies_at(int i, const Step& step) const {
-  return std::find(step.last_uses.begin(), step.last_uses.end(), i) != step.last_uses.end();
-}
-
-bool Cutter::shares_buffer(int i) const {
+bool Lifetimes::shares_buffer(int i) const {
   const auto is_view = [&](int n) { return node(n)->op->kind() == OpKind::view; };
-  const std::vector<int>& users = state_[static_cast<size_t>(i)].users;
-  return is_view(i) || std::any_of(users.begin(), users.end(), is_view);
+  return is_view(i) || std::ranges::any_of(at(i).users, is_view);
 }
 
 /// A pointwise result takes the buffer of an input that dies in the same launch and lies alike, unless views share that
 /// buffer (and running checks again that nobody else holds it).
-void Cutter::find_heirs() {
-  for (const Step& step : plan_.steps) {
+void Lifetimes::find_heirs() {
+  for (const Step& step : plan.steps) {
     if (step.kind != Step::group) continue;
-    Group& group = plan_.groups[static_cast<size_t>(step.index)];
+    Group& group = plan.groups[static_cast<size_t>(step.index)];
     std::vector<bool> taken(group.inputs.size());
     for (GroupOutput& out : group.outputs)
       for (size_t k = 0; k < group.inputs.size() && out.heir_of < 0; k++) {
         const int i = group.inputs[k].node;
         const bool alike = group.inputs[k].dtype == out.dtype && shape_id(i) == shape_id(group.shape_node);
-        if (taken[k] || !alike || !dies_at(i, step) || shares_buffer(i)) continue;
+        if (taken[k] || !alike || std::ranges::find(step.last_uses, i) == step.last_uses.end() || shares_buffer(i))
+          continue;
         out.heir_of = static_cast<int>(k);
         taken[k] = true;
       }
   }
 }
 
-Plan Cutter::run() {
-  find_users();
-  choose_inlined();
-  limit_inputs();
-  add_steps();
-  find_last_uses();
-  find_heirs();
-  plan_.signature = walk_.signature;
-  return std::move(plan_);
-}
-
 }  // namespace
 
-Plan cut(const Walk& graph) { return Cutter(graph).run(); }
+Plan cut(const Walk& graph) {
+  std::vector<State> states(graph.nodes.size());
+  const Nodes nodes{graph, states};
+  Inliner inliner{nodes};
+  inliner.find_users();
+  inliner.choose_inlined();
+  inliner.limit_inputs();
+  Grouper grouper{nodes};
+  grouper.add_steps();
+  Lifetimes lifetimes{nodes, grouper.plan};
+  lifetimes.find_last_uses();
+  lifetimes.find_heirs();
+  grouper.plan.signature = graph.signature;
+  return std::move(grouper.plan);
+}
 
 }  // namespace cloam

@@ -58,6 +58,8 @@ Tensor make(std::shared_ptr<const Op> op, const Shape& shape, Tensors in, DType 
 Tensor empty(const Shape& shape, DType dtype = DType::f32);
 /// `tensor` evaluated and dense: itself, or a packed copy.
 Tensor dense(const Tensor& tensor);
+/// Makes the result of an op, while it runs, what other ops gave.
+void adopt(Tensor& out, const Tensor& value);
 /// Copies an evaluated tensor, however it lies, into the dense memory of `to`, of its shape and type.
 void pack(const Tensor& tensor, const Tensor& to);
 /// Every kernel op says its name once, `static const Registered registered("matmul");` beside its code: an op without a
@@ -66,7 +68,5 @@ struct Registered {
   explicit Registered(const char* name);
 };
 const std::vector<std::string>& registered_ops();
-
-[[noreturn]] void no_gradient(const char* op, const char* why);
 
 }  // namespace cloam

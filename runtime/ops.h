@@ -21,7 +21,8 @@ Tensor minimum(const Tensor& a, const Tensor& b);  // at ties the gradient goes 
 Tensor maximum(const Tensor& a, const Tensor& b);  // at ties the gradient goes to b
 Tensor pow(const Tensor& a, const Tensor& b);      // a >= 0
 Tensor atan2(const Tensor& a, const Tensor& b);
-Tensor modulo(const Tensor& a, const Tensor& b);  // integers, C's remainder
+Tensor modulo(const Tensor& a, const Tensor& b);   // integers, C's remainder
+Tensor bit_xor(const Tensor& a, const Tensor& b);  // integers
 Tensor abs(const Tensor& x);
 Tensor sign(const Tensor& x);   // no gradient
 Tensor floor(const Tensor& x);  // no gradient
@@ -169,7 +170,6 @@ Tensor resize_bilinear(const Tensor& x, int64_t height, int64_t width);
 // row.
 /// table [L, ...] of any dtype, rows [...] -> [rows..., ...]: out[i] = table[rows[i]].
 Tensor gather_rows(const Tensor& table, const Tensor& rows);
-Tensor embedding(const Tensor& table, const Tensor& ids);  // gather_rows under its other name
 /// values [n, ...] f32, rows [n] -> [count, ...]: out[r] = the sum of values[i] with rows[i] = r, in a fixed order.
 Tensor scatter_add_rows(const Tensor& values, const Tensor& rows, int64_t count);
 

@@ -13,6 +13,7 @@ struct Walk {
   std::vector<int> shape_ids;  // equal ids: equal shapes
   std::vector<int> outputs;
   std::vector<uint64_t> signature;
+  uint64_t hash = 0;  // of the signature
 };
 /// Fills `out` anew, in the memory it already has. Outputs with values are passed over.
 void walk(const Tensors& outputs, Walk& out);

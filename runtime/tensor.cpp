@@ -87,10 +87,6 @@ std::vector<std::string>& op_names() {
 Registered::Registered(const char* name) { op_names().push_back(name); }
 const std::vector<std::string>& registered_ops() { return op_names(); }
 
-void no_gradient(const char* op, const char* why) {
-  throw Error(Fault::internal, text("[", op, "] has no gradient: ", why));
-}
-
 Tensor make(std::shared_ptr<const Op> op, const Shape& shape, Tensors in, DType dtype) {
   auto node = std::make_shared<Node>();
   node->op = std::move(op);

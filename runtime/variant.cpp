@@ -171,10 +171,10 @@ bool states_kernel(const Variant& variant) {
 
 void record_choices(std::vector<Choice>* into) { recorder = into; }
 
-cl::Kernel& kernel(const Variant& variant, const Constants& more) {
+cl::Kernel& kernel(const Variant& variant, const char* name, const Constants& more) {
   Constants all = variant.constants;
   all.insert(all.end(), more.begin(), more.end());
-  return kernel(variant.stem.c_str(), variant.kernel.c_str(), all);
+  return kernel(variant.stem.c_str(), name, all);
 }
 
 std::string cache_folder() {

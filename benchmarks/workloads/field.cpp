@@ -3,6 +3,7 @@
 #include "runtime/error.h"
 #include "runtime/ops.h"
 #include "runtime/ops/fields.h"
+#include "runtime/ops/sample.h"
 
 namespace cloam {
 namespace {

@@ -82,7 +82,7 @@ void Unet::build_up(const Scope& scope, int64_t width, std::vector<int64_t>& kep
 /// What every residual block projects: silu of time and labels together, [N, embedding].
 Tensor Unet::embed(const Tensor& t, const Condition& condition) const {
   Tensor sum = time2_(silu(time1_(timestep_encoding(t, options_.base))));
-  for (size_t i = 0; i < label_tables_.size(); i++) sum = sum + embedding(label_tables_[i], condition.labels[i]);
+  for (size_t i = 0; i < label_tables_.size(); i++) sum = sum + gather_rows(label_tables_[i], condition.labels[i]);
   return silu(sum);
 }
 

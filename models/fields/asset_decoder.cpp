@@ -55,8 +55,8 @@ Tensor AssetDecoder::operator()(const Tensor& latent, const Tensor& class_id) co
     throw Error(Fault::internal, text("[asset_decoder] latent is ", to_string(latent.shape()), ", want [N, ",
                                       options_.latent_channels, ", H, W]"));
   const int64_t of = options_.class_channels;
-  const Tensor of_class = reshape(embedding(class_table_, class_id), {d["N"], of, 1, 1}),
-               of_place = reshape(embedding(class_places_, class_id), {d["N"], of, d["H"], d["W"]});
+  const Tensor of_class = reshape(gather_rows(class_table_, class_id), {d["N"], of, 1, 1}),
+               of_place = reshape(gather_rows(class_places_, class_id), {d["N"], of, d["H"], d["W"]});
   Tensor h = middle1_(enter_(concat({latent, of_class + of_place}, 1)));
   h = middle2_(attention_(h));
   for (const Stage& stage : stages_) h = stage.block(stage.after_doubling ? stage.after_doubling->on_doubled(h) : h);

@@ -1,7 +1,7 @@
 // Tri-plane field.
 #include "models/fields/triplane_field.h"
 
-#include "runtime/ops/fields.h"
+#include "runtime/ops/sample.h"
 
 namespace cloam {
 

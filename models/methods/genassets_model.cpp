@@ -9,7 +9,7 @@
 #include "models/train/config.h"
 #include "runtime/error.h"
 #include "runtime/ops/composite.h"
-#include "runtime/ops/fields.h"
+#include "runtime/ops/sample.h"
 #include "runtime/ops/volume.h"
 
 namespace cloam {

@@ -36,6 +36,13 @@ Tensors vjp_of(const Composition& composed, const Tensors& in, const Tensor& g) 
   return out;
 }
 
+Tensors vjp_of_gradient(const Composition& composed, size_t which, const Tensors& in, const Tensor& g) {
+  const auto gradient = [&](const Tensors& of) {
+    return vjp_of(composed, Tensors(of.begin(), of.end() - 1), of.back())[which];
+  };
+  return vjp_of(gradient, in, g);
+}
+
 Tensor packed(const Tensors& parts) {
   Tensors flat;
   for (const Tensor& part : parts) flat.push_back(reshape(part, {part.numel()}));

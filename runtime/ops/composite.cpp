@@ -1,6 +1,9 @@
 // Compositing of samples along rays: by densities (NeRF, Mildenhall et al. 2020) or by opacities.
 #include "runtime/ops/composite.h"
 
+#include <algorithm>
+#include <bit>
+
 #include "runtime/cl.h"
 #include "runtime/ops/composed.h"
 
@@ -25,7 +28,10 @@ Tensors inputs(const Medium& m, const Contents& s) {
   return in;
 }
 
-constexpr int64_t kInRegisters = 64;  // channels
+/// Registers for the sums of so many channels (WIDTH of composite.cl); 0: too many.
+int registers_for(int64_t channels) {
+  return channels <= 64 ? static_cast<int>(std::bit_ceil(static_cast<uint64_t>(std::max<int64_t>(4, channels)))) : 0;
+}
 
 /// Which inputs there are, and the scalars.
 struct Form {
@@ -37,10 +43,12 @@ struct Form {
   uint64_t key() const { return uint64_t{dt} + 2 * uint64_t{rows} + 4 * uint64_t{ranges}; }
   int64_t width(int64_t channels) const { return channels + 3 + (ranges ? 2 : 0) + (dt ? 1 : 0); }
   Constants constants(int64_t channels) const {
+    const int width = registers_for(channels);
     return {{"DENSITY", dt},
             {"ROWS", rows},
             {"SIGHT", ranges},
-            {"WIDTH", channels <= kInRegisters ? static_cast<int>(channels) : 0}};
+            {"WIDTH", width},
+            {"WHOLE", width == 0 || width == channels}};
   }
   Medium medium(const Tensors& in) const {
     return {in[0], in[1], dt ? in[2] : Tensor(), rows ? in[2 + size_t{dt}] : Tensor(), sky};
@@ -77,11 +85,7 @@ struct CompositeWeightsGrad final : Op {
            or_any(m.rows, m.offsets), m.offsets, in.back(), out, rays, m.sky ? 1 : 0, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    const auto composed = [form = form](const Tensors& of) {
-      const Tensors own(of.begin(), of.end() - 1);
-      return vjp_of([&](const Tensors& x) { return weights_of(x, form); }, own, of.back())[0];
-    };
-    return vjp_of(composed, in, g);
+    return vjp_of_gradient([form = form](const Tensors& x) { return weights_of(x, form); }, 0, in, g);
   }
   Form form;
 };
@@ -96,8 +100,7 @@ struct CompositeWeights final : Op {
     const auto [range, chunk] = chunks(rays, 64);
     const Variant& v = choose("composite", form.dt && !form.rows && !form.sky ? "samples" : "any");
     if (v.where == "cpu")
-      launch(kernel(v.stem.c_str(), "composite_samples_weights"), name(), range, m.matter, m.dt, m.offsets, out, rays,
-             chunk);
+      launch(kernel(v, "composite_samples_weights"), name(), range, m.matter, m.dt, m.offsets, out, rays, chunk);
     else
       launch(kernel("composite", name(), form.constants(0)), name(), range, m.matter, or_any(m.dt, m.matter),
              or_any(m.rows, m.offsets), m.offsets, out, rays, m.sky ? 1 : 0, chunk);
@@ -136,8 +139,8 @@ struct CompositeGrad final : Op {
     const auto [range, chunk] = chunks(rays, 64);
     const Variant& v = sums_variant(form, channels);
     if (v.where == "cpu")
-      launch(kernel(v.stem.c_str(), "composite_samples_grad"), name(), range, m.matter, s.features, s.t, m.dt,
-             m.offsets, sums, g, out, rays, samples, chunk);
+      launch(kernel(v, "composite_samples_grad"), name(), range, m.matter, s.features, s.t, m.dt, m.offsets, sums, g,
+             out, rays, samples, chunk);
     else
       launch(kernel("composite", name(), form.constants(channels)), name(), range, m.matter, or_any(m.dt, m.matter),
              or_any(m.rows, m.offsets), s.features, s.t, m.offsets, or_any(s.ranges, m.matter), sums, g, out, rays,

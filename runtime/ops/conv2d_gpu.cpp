@@ -106,8 +106,7 @@ void run_product(const char* name, const Product& p, const Operands& of, int64_t
          p.a_outer, p.a_group, p.image_group, p.height, p.width, p.spread, p.j.columns, p.j.plane, p.j.step, p.j.first,
          p.j.outer, p.k.columns, p.k.plane, p.k.step, p.k.first, p.k.outer, p.c_row, p.c_inner, p.c_outer, p.c_group,
          splits == 1 ? 0 : count, splits, k_each, of.bias_step, of.epilogue);
-  if (splits > 1)
-    launch(kernel(v.stem.c_str(), "add_parts", v.constants), "conv2d_add", elements(count), to, out, count, splits);
+  if (splits > 1) launch(kernel(v, "add_parts"), "conv2d_add", elements(count), to, out, count, splits);
 }
 
 }  // namespace

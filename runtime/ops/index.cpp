@@ -90,8 +90,6 @@ Tensor gather_rows(const Tensor& table, const Tensor& rows) {
   return make(std::make_shared<GatherRows>(), shape, {table, rows}, table.dtype());
 }
 
-Tensor embedding(const Tensor& table, const Tensor& ids) { return gather_rows(table, ids); }
-
 Tensor scatter_add_rows(const Tensor& values, const Tensor& rows, int64_t count) {
   check_rows("scatter_add_rows", rows);
   if (values.rank() == 0 || rows.rank() != 1 || values.dim(0) != rows.dim(0) || values.dtype() != DType::f32 ||

@@ -35,20 +35,16 @@ void MaxPool::run(const Tensors& in, Tensor& out) const {
   const Tensor &x = in[0], &values = in.back(), &pooled = part == Part::spread ? in[1] : out;
   const int64_t H = x.dim(2), W = x.dim(3), P = pooled.dim(2), Q = pooled.dim(3);
   const Variant& v = choose("max_pool");
-  Constants constants = v.constants;
-  for (const auto& [key, value] :
-       Constants{{"WINDOW", with.window}, {"STRIDE", with.stride}, {"PAD", with.pad}, {"PLACES", part != Part::pool}})
-    constants.emplace_back(key, value);
+  const Constants form = {
+      {"WINDOW", with.window}, {"STRIDE", with.stride}, {"PAD", with.pad}, {"PLACES", part != Part::pool}};
   if (v.where == "cpu") {
     const int64_t planes = x.dim(0) * x.dim(1);
     const Share work = share(planes, 4096 / (P * Q));
     const char* which = part == Part::spread ? "max_pool2d_spread_planes" : "max_pool2d_planes";
-    launch(kernel(v.stem.c_str(), which, constants), name(), work.range, x, values, out, planes, H, W, P, Q,
-           work.chunk);
+    launch(kernel(v, which, form), name(), work.range, x, values, out, planes, H, W, P, Q, work.chunk);
   } else {
     const char* which = part == Part::spread ? "max_pool2d_spread" : "max_pool2d";
-    launch(kernel(v.stem.c_str(), which, constants), name(), elements(out.numel()), x, values, out, out.numel(), H, W,
-           P, Q);
+    launch(kernel(v, which, form), name(), elements(out.numel()), x, values, out, out.numel(), H, W, P, Q);
   }
 }
 

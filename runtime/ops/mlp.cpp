@@ -2,7 +2,7 @@
 #include <algorithm>
 
 #include "runtime/cl.h"
-#include "runtime/ops.h"
+#include "runtime/ops/composed.h"
 #include "runtime/ops/fields.h"
 
 namespace cloam {
@@ -13,9 +13,16 @@ const Registered kRegistered("mlp");
 struct Sizes {
   int64_t in, width, hidden, out;
   int64_t weights() const { return in * width + (hidden - 1) * width * width + width * out; }
-  int64_t packed() const {  // of mlp_pack
+  int64_t padded() const {  // of mlp_pack
     const auto whole_vectors = [](int64_t columns) { return (columns + 15) / 16 * 16; };
     return width * (out + (hidden - 1) * width + whole_vectors(in) + whole_vectors(out));
+  }
+  /// The weights end to end -> those of each layer.
+  Tensors split(const Tensor& all) const {
+    std::vector<Shape> shapes(static_cast<size_t>(hidden) + 1, {width, width});
+    shapes.front()[0] = in;
+    shapes.back()[1] = out;
+    return unpacked(all, shapes);
   }
   Constants constants() const {
     return {{"IN", static_cast<int>(in)},
@@ -33,11 +40,7 @@ struct Saved {
   Tensor hidden, packed;
 };
 
-cl::Kernel& part(const Variant& v, const char* name, const Sizes& sizes) {
-  Constants all = v.constants;
-  for (const auto& width : sizes.constants()) all.push_back(width);
-  return kernel(v.stem.c_str(), name, all);
-}
+cl::Kernel& part(const Variant& v, const char* name, const Sizes& sizes) { return kernel(v, name, sizes.constants()); }
 
 struct MlpForward final : Op {
   explicit MlpForward(const Sizes& s) : sizes(s) {}
@@ -51,7 +54,7 @@ struct MlpForward final : Op {
 
 Saved forward_on_cpu(const Variant& v, const Sizes& sizes, const Tensors& in, const Tensor& out, bool keep) {
   const int64_t n = in[0].dim(0), share = per_item(n, 128), items = (n + share - 1) / share;
-  const Tensor packed = empty({sizes.packed()});
+  const Tensor packed = empty({sizes.padded()});
   const Tensor hidden = empty(keep ? Shape{sizes.hidden, n, sizes.width} : Shape{items, 2 * v["BLOCK"], sizes.width});
   if (keep || sizes.out % 16 != 0)
     launch(part(v, "mlp_pack", sizes), "mlp_pack", range1(keep ? sizes.hidden + 2 : 2), in[1], packed);
@@ -83,8 +86,12 @@ struct MlpBackward final : Op {
   explicit MlpBackward(std::shared_ptr<const MlpForward> op) : forward(std::move(op)) {}
   const char* name() const override { return "mlp_grad"; }
   void run(const Tensors& in, Tensor& out) const override;
-  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
-    no_gradient("mlp", "the fused op is once differentiable; use mlp_composed where second derivatives are needed");
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    const auto both = [sizes = forward->sizes](const Tensors& of) {
+      return packed(
+          vjp_of([&](const Tensors& x) { return mlp_composed(x[0], sizes.split(x[1])); }, {of[0], of[1]}, of[2]));
+    };
+    return vjp_of(both, in, g);
   }
   std::shared_ptr<const MlpForward> forward;
 };
@@ -117,8 +124,7 @@ void backward_on_gpu(const Sizes& sizes, const Saved& saved, const Tensors& in, 
     parts.push_back(reshape(matmul(transpose(into), of), {into.dim(1) * of.dim(1)}));
   }
   const Tensor all = concat(parts, 0);
-  eval({all});
-  out.node()->storage = dense(all).node()->storage;
+  adopt(out, all);
 }
 
 void MlpBackward::run(const Tensors& in, Tensor& out) const {

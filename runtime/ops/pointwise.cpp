@@ -88,6 +88,7 @@ ROW2(maximum, maximum, "(a > b ? a : b)", kP, where(a > b, g, 0.f), where(a > b,
 ROW2(pow, pow, "m_pow(a, b)", kF, g* b* pow(a, b - 1.f), g* y* log(a))
 ROW2(atan2, atan2, "atan2(a, b)", kF, g* b / (a * a + b * b), -(g* a / (a * a + b * b)))
 ROW2(modulo, modulo, "(a % b)", kP, Tensor(), Tensor())
+ROW2(bit_xor, bit_xor, "(a ^ b)", kP, Tensor(), Tensor())
 ROW2(operator<, less, "(a < b)", kM, Tensor(), Tensor())
 ROW2(operator>, greater, "(a > b)", kM, Tensor(), Tensor())
 ROW2(operator<=, less_equal, "(a <= b)", kM, Tensor(), Tensor())

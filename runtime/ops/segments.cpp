@@ -63,8 +63,8 @@ void sum_segments(const Tensor& values, const Tensor& order, const Tensor& offse
     const Constants rows = {{"ORDERED", bool{order}}, {"FLAT", !order && width > 0 && 16 % width == 0}};
     launch(kernel(v, rows), "segment_sum", range1(parts), values, order ? order : offsets, offsets, out, heads, parts,
            n, count, width, length);
-    launch(kernel(v.stem.c_str(), "join_heads", rows), "join_heads", range1(parts), offsets, heads, out, parts, count,
-           width, length);
+    launch(kernel(v, "join_heads", rows), "join_heads", range1(parts), offsets, heads, out, parts, count, width,
+           length);
     return;
   }
   const int64_t pieces = row_pieces(parts, width), joins = row_pieces(count, width);

@@ -5,20 +5,14 @@
 #include <bit>
 
 #include "runtime/cl.h"
-#include "runtime/ops.h"
+#include "runtime/ops/composed.h"
 #include "runtime/ops/share.h"
+#include "runtime/ops/splat_composed.h"
 
 namespace cloam {
 namespace {
 
 const Registered kRegistered("splat_blend");
-
-constexpr int64_t kTile = 16;
-
-struct Picture {
-  int64_t height, width;
-  int64_t tiles() const { return (height + kTile - 1) / kTile * ((width + kTile - 1) / kTile); }
-};
 
 /// The gaussians' numbers side by side, as the kernels of CPU devices read them.
 Tensor records_of(const Variant& variant, const Tensors& in) {
@@ -26,14 +20,13 @@ Tensor records_of(const Variant& variant, const Tensors& in) {
   const Tensor records = empty({count, 16});
   const Share work = share(count, 1024);
   if (count > 0)
-    launch(kernel(variant.stem.c_str(), "splat_records", variant.constants), "splat_records", work.range, in[0], in[1],
-           records, count, work.chunk);
+    launch(kernel(variant, "splat_records"), "splat_records", work.range, in[0], in[1], records, count, work.chunk);
   return records;
 }
 
 /// in: splats, colours, ids, offsets, slots, the picture, its gradient -> [P,16], as kernels/splat.cl says.
 struct SplatGrad final : Op {
-  SplatGrad(const Picture& of, bool probed) : picture(of), with_probe(probed) {}
+  SplatGrad(const SplatPicture& of, bool probed) : picture(of), with_probe(probed) {}
   const char* name() const override { return "splat_blend_grad"; }
   void run(const Tensors& in, Tensor& out) const override {
     if (out.numel() == 0) return;
@@ -47,20 +40,25 @@ struct SplatGrad final : Op {
       launch(kernel(variant), what, variant.where == "gpu" ? range1(tiles * 256, 256) : range1(tiles, 1), in[0], in[1],
              in[2], in[3], in[4], in[5], in[6], out, picture.height, picture.width);
   }
-  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
-    no_gradient("splat_blend", "it is once differentiable");
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    const auto rows = [picture = picture](const Tensors& of) {
+      const Tensors own = {gather_rows(of[0], of[2]), gather_rows(of[1], of[2]), of[3]};
+      const Tensors each = vjp_of([&](const Tensors& x) { return blend_composed(x, picture); }, own, of[6]);
+      return scatter_add_rows(pad(concat({each[0], each[1]}, 1), 1, 0, 6), of[4], of[4].dim(0));
+    };
+    return vjp_of(rows, in, g);
   }
-  Picture picture;
+  SplatPicture picture;
   bool with_probe;
 };
 
 /// in: splats, colours, the probe, ids, offsets, slots, first -> [4,H,W].
 struct SplatBlend final : Op {
-  explicit SplatBlend(const Picture& of) : picture(of) {}
+  explicit SplatBlend(const SplatPicture& of) : picture(of) {}
   const char* name() const override { return "splat_blend"; }
   void run(const Tensors& in, Tensor& out) const override;
   Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override;
-  Picture picture;
+  SplatPicture picture;
 };
 
 void SplatBlend::run(const Tensors& in, Tensor& out) const {
@@ -87,12 +85,12 @@ Tensors SplatBlend::vjp(const Tensors& in, const Tensor& out, const Tensor& g) c
 /// Three channels at a time: what a pixel is made of is found anew for each.
 Tensor blend_three(const Splats& splats, const Tensor& colours, const SplatTiles& tiles) {
   const Tensor probe = splats.probe ? splats.probe : zeros({splats.seen.dim(0), 2});
-  return make(std::make_shared<SplatBlend>(Picture{tiles.height, tiles.width}), {4, tiles.height, tiles.width},
+  return make(std::make_shared<SplatBlend>(SplatPicture{tiles.height, tiles.width}), {4, tiles.height, tiles.width},
               {splats.seen, colours, probe, tiles.ids, tiles.offsets, tiles.slots, tiles.first});
 }
 
 void check_tiles(const Splats& splats, const SplatTiles& tiles) {
-  const Picture picture{tiles.height, tiles.width};
+  const SplatPicture picture{tiles.height, tiles.width};
   match("splat_blend", {{"seen", splats.seen, "G V"},
                         {"colours", splats.colours, "G C"},
                         {"ids", tiles.ids, "P"},

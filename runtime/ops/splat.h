@@ -17,15 +17,19 @@ struct SplatCamera {
   bool antialiased = false;  // opacities shrink by what the blur widens (Yu et al. 2024, Mip-Splatting)
 };
 /// view [3,4]: camera_from_world -> [G,7]: x, y in pixels, conic a, b, c (the inverse covariance (a b; b c)), opacity
-/// (0 where it is not seen), depth along the camera's axis. Once differentiable in the cloud and in view.
+/// (0 where it is not seen), depth along the camera's axis. Any number of times differentiable in the cloud and in
+/// view; the composed form is its reference.
 Tensor splat_project(const Cloud& cloud, const Tensor& view, const SplatCamera& camera);
+Tensor splat_project_composed(const Cloud& cloud, const Tensor& view, const SplatCamera& camera);
 /// Colours towards an eye [3] from coefficients of spherical harmonics first [G,3] and rest [G,15,3], of degrees up to
-/// `degree` (0 to 3): max(0, 0.5 + sum) -> [G,3]. Once differentiable in all tensors.
+/// `degree` (0 to 3): max(0, 0.5 + sum) -> [G,3]. Any number of times differentiable in all tensors; the composed
+/// form is its reference.
 struct Harmonics {
   Tensor first, rest;
   int degree = 3;
 };
 Tensor splat_colours(const Harmonics& harmonics, const Tensor& means, const Tensor& eye);
+Tensor splat_colours_composed(const Harmonics& harmonics, const Tensor& means, const Tensor& eye);
 
 /// What each tile of 16 x 16 pixels blends, front to back. Tiles row by row, those at the right and lower edge cut.
 struct SplatTiles {
@@ -53,8 +57,10 @@ struct Blended {
   Tensor image;          // [H,W,C]
   Tensor transmittance;  // [H,W]: what of the background is seen
 };
-/// 3D Gaussian Splatting's blending (Kerbl et al. 2023). Once differentiable in the splats; the gradients are the same
-/// bits each time. Three channels a pass.
+/// 3D Gaussian Splatting's blending (Kerbl et al. 2023). Any number of times differentiable in the splats; the
+/// gradients are the same bits each time. Three channels a pass. The composed form is its reference: 256 numbers a pair
+/// in memory, and nothing for the probe, whose gradient is that of no function.
 Blended splat_blend(const Splats& splats, const SplatTiles& tiles);
+Blended splat_blend_composed(const Splats& splats, const SplatTiles& tiles);
 
 }  // namespace cloam

@@ -3,9 +3,9 @@
 #include <limits>
 
 #include "runtime/cl.h"
-#include "runtime/ops.h"
+#include "runtime/ops/composed.h"
 #include "runtime/ops/scan.h"
-#include "runtime/ops/splat.h"
+#include "runtime/ops/splat_composed.h"
 
 namespace cloam {
 namespace {
@@ -14,35 +14,39 @@ const Registered kRegistered[] = {Registered("splat_project"), Registered("splat
 
 constexpr int64_t kSeen = 7, kTile = 16, kCameraNumbers = 18;
 
-struct Look {
-  float blur, near;
-  int antialiased;
-};
-
 /// in: means, scales, rotations, logits, camera [18], g -> [G,11], or [G,23] with the pose's part.
 struct ProjectGrad final : Op {
-  ProjectGrad(const Look& how, bool pose) : look(how), with_pose(pose) {}
+  ProjectGrad(const SplatLook& how, bool pose) : look(how), with_pose(pose) {}
   const char* name() const override { return "splat_project_grad"; }
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 256);
     launch(kernel("splat_project", "project_grad"), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], out,
-           out.dim(0), look.blur, look.near, look.antialiased, with_pose ? 1 : 0, chunk);
+           out.dim(0), look.blur, look.near, look.antialiased ? 1 : 0, with_pose ? 1 : 0, chunk);
   }
-  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
-    no_gradient("splat_project", "it is once differentiable");
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    const auto rows = [look = look, with_pose = with_pose](const Tensors& of) {
+      const int64_t count = of[0].dim(0);
+      const Tensor view = reshape(slice(of[4], 0, 0, 12), {1, 3, 4}), lens = slice(of[4], 0, 12, kCameraNumbers);
+      const Tensors own = {of[0], of[1], of[2], of[3], broadcast_to(view, {count, 3, 4}), lens};
+      const Tensors each = vjp_of([&](const Tensors& x) { return project_composed(x, look); }, own, of[5]);
+      Tensors columns = {each[0], each[1], each[2], unsqueeze(each[3], 1)};
+      if (with_pose) columns.push_back(reshape(each[4], {count, 12}));
+      return concat(columns, 1);
+    };
+    return vjp_of(rows, in, g);
   }
-  Look look;
+  SplatLook look;
   bool with_pose;
 };
 
 /// in: means, scales, rotations, logits, camera [18] -> [G,7].
 struct Project final : Op {
-  explicit Project(const Look& how) : look(how) {}
+  explicit Project(const SplatLook& how) : look(how) {}
   const char* name() const override { return "splat_project"; }
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 256);
     launch(kernel("splat_project", "project"), name(), range, in[0], in[1], in[2], in[3], in[4], out, out.dim(0),
-           look.blur, look.near, look.antialiased, chunk);
+           look.blur, look.near, look.antialiased ? 1 : 0, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     const int64_t count = in[0].dim(0);
@@ -54,7 +58,7 @@ struct Project final : Op {
     return {slice(rows, 1, 0, 3), slice(rows, 1, 3, 6), slice(rows, 1, 6, 10), reshape(slice(rows, 1, 10, 11), {count}),
             camera};
   }
-  Look look;
+  SplatLook look;
 };
 
 /// in: rest, means, eye, the colours found, g -> [G,51].
@@ -66,8 +70,15 @@ struct ColoursGrad final : Op {
     launch(kernel("splat_project", "colours_grad"), name(), range, in[0], in[1], in[2], in[3], in[4], out, out.dim(0),
            bands, chunk);
   }
-  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override {
-    no_gradient("splat_colours", "it is once differentiable");
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    const auto rows = [bands = bands](const Tensors& of) {
+      const int64_t count = of[1].dim(0);
+      const Tensors own = {zeros({count, 3}), of[0], of[1], of[2]};  // linear in the first
+      const Tensors each = vjp_of([&](const Tensors& x) { return harmonic_sums_composed(x, bands); }, own,
+                                  where(of[3] > 0.f, of[4], 0.f));
+      return concat({each[0], reshape(each[1], {count, 45}), each[2]}, 1);
+    };
+    return vjp_of(rows, in, g);
   }
   int bands;
 };
@@ -125,7 +136,7 @@ Tensor splat_project(const Cloud& cloud, const Tensor& view, const SplatCamera& 
   const std::vector<float> lens = {
       camera.fx, camera.fy, camera.cx, camera.cy, static_cast<float>(camera.width), static_cast<float>(camera.height)};
   const Tensor numbers = concat({reshape(view, {12}), from_host(lens, {kCameraNumbers - 12})}, 0);
-  return make(std::make_shared<Project>(Look{camera.blur, camera.near, camera.antialiased ? 1 : 0}),
+  return make(std::make_shared<Project>(SplatLook{camera.blur, camera.near, camera.antialiased}),
               {cloud.means.dim(0), kSeen}, {cloud.means, cloud.scales, cloud.rotations, cloud.opacities, numbers});
 }
 

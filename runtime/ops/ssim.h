@@ -9,7 +9,9 @@ struct Likeness {
   Tensor l1;    // of |x - y|
   Tensor ssim;  // Wang et al. 2004: Gaussian window of 11 x 11 with sigma 1.5, zeros around the picture, values up to 1
 };
-/// x, y [C,H,W]. Once differentiable in x, no gradient to y. What a mask leaves out the caller makes black in both.
+/// x, y [C,H,W]. Any number of times differentiable in x, no gradient to y; the composed form is the reference. What a
+/// mask leaves out the caller makes black in both.
 Likeness likeness(const Tensor& x, const Tensor& y);
+Likeness likeness_composed(const Tensor& x, const Tensor& y);
 
 }  // namespace cloam

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "runtime/ops/fields.h"
+#include "runtime/ops/sample.h"
 #include "runtime/ops/volume.h"
 #include "tests/op_cases/cases.h"
 
@@ -45,6 +46,10 @@ void add_perceptrons(OpCases& rows) {
   rows.push_back(fused(9, {7, 80, 1}));
   rows.push_back(fused(70, {17, 128, 128, 20}));
   rows.push_back(fused(0, {5, 16, 16, 3}));
+  OpCase again = fused(2, {3, 16, 2});
+  again.label = "second order";
+  again.second_order = true;
+  rows.push_back(again);
   OpCase composed = fused(7, {5, 6, 3});
   composed.op = "mlp_composed";
   composed.run = [](const Tensors& in) { return mlp_composed(in[0], {in[1], in[2]}); };
@@ -67,6 +72,7 @@ double grid_feature(const HostArrays& in, int64_t sample, int level, int64_t fea
         static_cast<uint32_t>(std::clamp(std::floor(at), 0.0, static_cast<double>(cells - 1)));
     part[static_cast<size_t>(axis)] = at - base[static_cast<size_t>(axis)];
   }
+  const int64_t owners = in[1].dim(0) / (3 * rows), owner = in.size() > 2 ? static_cast<int64_t>(in[2][sample]) : 0;
   double total = 0;
   for (uint32_t corner = 0; corner < 8; corner++) {
     double weight = 1;
@@ -79,21 +85,46 @@ double grid_feature(const HostArrays& in, int64_t sample, int level, int64_t fea
     const bool dense = side * side * side <= rows;
     const uint32_t row =
         dense ? at[0] + side * (at[1] + side * at[2]) : (at[0] ^ at[1] * 2654435761u ^ at[2] * 805459861u) % rows;
-    total += weight * in[1].at({level * 64 + row, feature});
+    total += weight * in[1].at({(level * owners + owner) * rows + row, feature});
   }
   return total;
 }
 
+/// One owner without a number, or several.
+OpCase grid_row(const char* label, int64_t samples, int64_t owners) {
+  OpCase row = {
+      .op = "hash_grid",
+      .label = label,
+      .inputs = {between({samples, 3}, 0, 1), normal(hash_grid_table_shape(kGrid, owners))},
+      .run = [](const Tensors& in) { return HashGridEncoder(kGrid)(in[0], in[1], in.size() > 2 ? in[2] : Tensor()); },
+      .reference =
+          [](const HostArrays& in) {
+            return from_index({in[0].dim(0), 6}, [&](const Shape& i) {
+              return grid_feature(in, i[0], static_cast<int>(i[1] / 2), i[1] % 2);
+            });
+          }};
+  if (owners > 1) row.inputs.push_back(below({samples}, owners));
+  return row;
+}
+
+OpCase composed_grid_row(const char* label, int64_t samples, int64_t owners) {
+  OpCase row = grid_row(label, samples, owners);
+  row.op = "hash_grid_composed";
+  row.run = [](const Tensors& in) {
+    return HashGridEncoder(kGrid).composed(in[0], in[1], in.size() > 2 ? in[2] : Tensor());
+  };
+  return row;
+}
+
 void add_grids(OpCases& rows) {
-  rows.push_back({.op = "hash_grid",
-                  .inputs = {between({71, 3}, 0, 1), normal({192, 2})},
-                  .run = [](const Tensors& in) { return HashGridEncoder(kGrid)(in[0], in[1]); },
-                  .reference =
-                      [](const HostArrays& in) {
-                        return from_index({in[0].dim(0), 6}, [&](const Shape& i) {
-                          return grid_feature(in, i[0], static_cast<int>(i[1] / 2), i[1] % 2);
-                        });
-                      }});
+  rows.push_back(grid_row("", 71, 1));
+  rows.push_back(grid_row("owners", 71, 5));
+  rows.push_back(composed_grid_row("", 71, 1));
+  rows.push_back(composed_grid_row("owners", 71, 5));
+  OpCase again = grid_row("second order", 4, 3);  // points that no difference takes to another cell
+  again.inputs[0] = given({4, 3}, {0.07, 0.57, 0.38, 0.68, 0.29, 0.93, 0.41, 0.82, 0.18, 0.32, 0.63, 0.07});
+  again.second_order = true;
+  rows.push_back(again);
 }
 
 /// Bilinear with half-pixel centres; beyond the outer centres the border value goes on.
@@ -111,41 +142,66 @@ double texture(const std::function<double(int64_t, int64_t)>& texel, int64_t hei
   return total;
 }
 
-OpCase planes_row(const char* label, const Shape& planes, int64_t samples) {
-  const auto reference = [](const HostArrays& in) {
+using Sampler = Tensor (*)(const Tensor& images, const Tensor& points, const Tensor& owners);
+
+/// Images [(3,)(A,)H,W,C]: 3 of each owner for points of three axes, A with owners.
+struct Sampling {
+  const char* op;
+  Sampler run;
+  int64_t axes = 3;
+};
+
+OpCase sampling_row(const Sampling& how, const char* label, const Shape& images, int64_t samples) {
+  const int64_t count = how.axes == 3 ? 3 : 1;
+  const auto reference = [count](const HostArrays& in) {
     constexpr std::array<std::array<int64_t, 2>, 3> kAxes{{{0, 1}, {0, 2}, {1, 2}}};
-    const int rank = in[0].shape.rank();
-    const int64_t channels = in[0].dim(-1);
-    return from_index({in[1].dim(0), 3 * channels}, [&](const Shape& i) {
-      const auto& axes = kAxes[static_cast<size_t>(i[1] / channels)];
+    const int64_t channels = in[0].dim(-1), height = in[0].dim(-3), width = in[0].dim(-2);
+    const int64_t owned = in[0].size() / (count * height * width * channels);
+    return from_index({in[1].dim(0), count * channels}, [&](const Shape& i) {
+      const int64_t image = i[1] / channels * owned + (in.size() > 2 ? static_cast<int64_t>(in[2][i[0]]) : 0);
       const auto texel = [&](int64_t row, int64_t column) {
-        const int64_t plane = i[1] / channels, channel = i[1] % channels;
-        if (in.size() == 2) return in[0].at({plane, row, column, channel});
-        return in[0].at({plane, static_cast<int64_t>(in[2][i[0]]), row, column, channel});
+        return in[0][((image * height + row) * width + column) * channels + i[1] % channels];
       };
-      return texture(texel, in[0].dim(rank - 3), in[0].dim(rank - 2), in[1].at({i[0], axes[0]}),
-                     in[1].at({i[0], axes[1]}));
+      const auto& axes = kAxes[static_cast<size_t>(i[1] / channels)];
+      return texture(texel, height, width, in[1].at({i[0], axes[0]}), in[1].at({i[0], axes[1]}));
     });
   };
-  OpCase row = {.op = "sample_planes",
-                .label = label,
-                .inputs = {normal(planes), between({samples, 3}, 0, 1)},
-                .run = [](const Tensors& in) { return sample_planes(in[0], in[1]); },
-                .reference = reference};
-  if (planes.rank() == 4) return row;
-  row.inputs.push_back(below({samples}, planes[1]));
-  row.run = [](const Tensors& in) { return sample_planes(in[0], in[1], in[2]); };
+  OpCase row = {
+      .op = how.op,
+      .label = label,
+      .inputs = {normal(images), between({samples, how.axes}, 0, 1)},
+      .run = [run = how.run](const Tensors& in) { return run(in[0], in[1], in.size() > 2 ? in[2] : Tensor()); },
+      .reference = reference};
+  const int owner_axis = count == 3 ? 1 : 0;
+  if (images.rank() == owner_axis + 4) row.inputs.push_back(below({samples}, images[owner_axis]));
   return row;
 }
 
-void add_planes(OpCases& rows) {
-  rows.push_back(planes_row("", {3, 5, 4, 2}, 11));
-  rows.push_back(planes_row("whole vectors, several bands", {3, 37, 3, 16}, 53));
-  rows.push_back(planes_row("one texel", {3, 1, 1, 32}, 3));
-  rows.push_back(planes_row("no points", {3, 2, 2, 16}, 0));
-  rows.push_back(planes_row("four lanes", {3, 7, 5, 12}, 23));
-  rows.push_back(planes_row("owners", {3, 4, 3, 4, 2}, 29));
-  rows.push_back(planes_row("owners, bands across them", {3, 5, 13, 3, 12}, 61));
+/// Points that no difference of the second order takes to another texel: the middles between centres of 4 and of 5.
+InputSpec between_centres(int64_t axes) {
+  const std::vector<double> all = {0.2, 0.28, 0.44, 0.42, 0.71, 0.69, 0.68, 0.33, 0.46};
+  return given({9 / axes, axes}, {all.begin(), all.begin() + 9 / axes * axes});
+}
+
+void add_images(OpCases& rows) {
+  const Sampling planes{"sample_planes", sample_planes}, images{"sample_images", sample_images, 2};
+  rows.push_back(sampling_row(planes, "", {3, 5, 4, 2}, 11));
+  rows.push_back(sampling_row(planes, "whole vectors, several bands", {3, 37, 3, 16}, 53));
+  rows.push_back(sampling_row(planes, "one texel", {3, 1, 1, 32}, 3));
+  rows.push_back(sampling_row(planes, "no points", {3, 2, 2, 16}, 0));
+  rows.push_back(sampling_row(planes, "four lanes", {3, 7, 5, 12}, 23));
+  rows.push_back(sampling_row(planes, "owners", {3, 4, 3, 4, 2}, 29));
+  rows.push_back(sampling_row(planes, "owners, bands across them", {3, 5, 13, 3, 12}, 61));
+  rows.push_back(sampling_row(images, "", {5, 4, 3}, 13));
+  rows.push_back(sampling_row(images, "owners, whole vectors", {4, 19, 3, 16}, 47));
+  rows.push_back(sampling_row({"sample_planes_composed", sample_planes_composed}, "owners", {3, 4, 3, 4, 2}, 29));
+  rows.push_back(sampling_row({"sample_images_composed", sample_images_composed, 2}, "", {5, 4, 3}, 13));
+  for (const Sampling& how : {planes, images}) {
+    OpCase again = sampling_row(how, "second order", how.axes == 3 ? Shape{3, 4, 5, 2} : Shape{4, 5, 2}, 9 / how.axes);
+    again.inputs[1] = between_centres(how.axes);
+    again.second_order = true;
+    rows.push_back(again);
+  }
 }
 
 /// The place whose share of all weight before it is u, and the old edges, in order. Every bin gets 1e-5 more, so that
@@ -232,7 +288,7 @@ void add_harmonics(OpCases& rows) {
 void add_field_cases(OpCases& rows) {
   add_perceptrons(rows);
   add_grids(rows);
-  add_planes(rows);
+  add_images(rows);
   add_sampling(rows);
   add_harmonics(rows);
 }

@@ -69,10 +69,6 @@ void add_rows_by_number(OpCases& rows) {
   rows.back().zero = {{0, 3}, {0}};
   rows.push_back(scattering("vector", {23}, 5));
   rows.push_back(scattering("a long table", {17, 3}, 9001));  // goes by sorting
-  OpCase embedded = gathering("", normal({7, 5}), below({6}, 7));
-  embedded.op = "embedding";
-  embedded.run = [](const Tensors& in) { return embedding(in[0], in[1]); };
-  rows.push_back(embedded);
 }
 
 /// Keys [n], or [n,2] with the low word first.

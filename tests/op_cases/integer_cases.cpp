@@ -64,6 +64,9 @@ void add_integer_cases(OpCases& rows) {
   rows.push_back(integers("multiply", operator*, [](double a, double b) { return a * b; }));
   rows.push_back(integers("divide", operator/, [](double a, double b) { return std::trunc(a / b); }));
   rows.push_back(integers("modulo", modulo, [](double a, double b) { return std::fmod(a, b); }));
+  rows.push_back(integers("bit_xor", bit_xor, [](double a, double b) {
+    return static_cast<double>(static_cast<int32_t>(a) ^ static_cast<int32_t>(b));
+  }));
   rows.push_back(integers("minimum", minimum, [](double a, double b) { return std::min(a, b); }));
   rows.push_back(integers("maximum", maximum, [](double a, double b) { return std::max(a, b); }));
   rows.push_back(integers("less", operator<, [](double a, double b) { return double(a < b); }));

@@ -64,15 +64,17 @@ void blend(const HostArrays& in, const SplatScene& scene, int64_t x, int64_t y, 
   }
 }
 
-OpCase blending(const char* label, const SplatScene& scene) {
-  return {.op = "splat_blend",
+using Blender = Blended (*)(const Splats& splats, const SplatTiles& tiles);
+
+OpCase blending(const char* label, const SplatScene& scene, Blender blender = splat_blend) {
+  return {.op = blender == splat_blend ? "splat_blend" : "splat_blend_composed",
           .label = label,
           .inputs = inputs_of(scene, label),
           .run =
-              [scene](const Tensors& in) {
+              [scene, blender](const Tensors& in) {
                 const Tensor seen = concat({in[0], in[1], unsqueeze(in[3], 1), ones({scene.count, 1})}, 1);
                 const SplatTiles tiles = splat_lists(in[4], in[5], {scene.count, scene.height, scene.width});
-                const Blended out = splat_blend({seen, in[2]}, tiles);
+                const Blended out = blender({seen, in[2]}, tiles);
                 return concat({out.image, unsqueeze(out.transmittance, -1)}, 2);
               },
           .reference =
@@ -214,6 +216,12 @@ OpCase colouring(const char* label, int degree) {
               }};
 }
 
+OpCase second_order(OpCase row) {
+  row.second_order = true;
+  row.gradient_tolerance = 1e-3;
+  return row;
+}
+
 }  // namespace
 
 void add_splat_cases(OpCases& rows) {
@@ -221,10 +229,29 @@ void add_splat_cases(OpCases& rows) {
   rows.push_back(blending("long lists", {16, 33, 29, 1, 4, 0.05, 0.15, 300}));
   rows.push_back(blending("opaque", {33, 16, 17, 4, 30, 0.5, 1.2, 40}));
   rows.push_back(blending("features", {17, 18, 9, 2, 9, 0.1, 0.8, 9, 5}));
+  rows.push_back(blending("", {19, 37, 13, 2, 9, 0.05, 0.95, 23}, splat_blend_composed));
+  rows.back().tolerance = 1e-4;  // light left over is a difference of sums over all tiles
+  rows.back().gradient_tolerance = 1e-3;
+  rows.push_back(second_order(blending("second order", {6, 5, 4, 7, 9, 0.2, 0.6, 4})));  // every alpha above 1/255
   rows.push_back(projection("", false));
   rows.push_back(projection("antialiased", true));
+  OpCase near = projection("second order", true);  // all in the picture
+  for (size_t i = 0; i < 4; i++) near.inputs[i].shape[0] = 5;
+  near.inputs[0] = between({5, 3}, -1, 1);
+  rows.push_back(second_order(near));
+  OpCase projected = projection("", true);
+  projected.op = "splat_project_composed";
+  projected.run = [](const Tensors& in) {
+    return splat_project_composed({in[0], in[1], in[2], in[3]}, in[4], lens(true));
+  };
+  rows.push_back(projected);
   rows.push_back(colouring("", 3));
   rows.push_back(colouring("degree 1", 1));
+  rows.push_back(second_order(colouring("second order", 3)));
+  OpCase coloured = colouring("", 2);
+  coloured.op = "splat_colours_composed";
+  coloured.run = [](const Tensors& in) { return splat_colours_composed({in[0], in[1], 2}, in[2], in[3]); };
+  rows.push_back(coloured);
 }
 
 }  // namespace cloam

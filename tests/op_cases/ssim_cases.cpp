@@ -38,15 +38,13 @@ HostArray compared(const HostArrays& in) {
   return out;
 }
 
+Tensor joined(const Likeness& of) { return concat({reshape(of.l1, {1}), reshape(of.ssim, {1})}, 0); }
+
 OpCase comparing(const char* label, const Shape& picture, double low, double high) {
   return {.op = "ssim",
           .label = label,
           .inputs = {between(picture, low, high), constant(between(picture, low, high))},
-          .run =
-              [](const Tensors& in) {
-                const Likeness out = likeness(in[0], in[1]);
-                return concat({reshape(out.l1, {1}), reshape(out.ssim, {1})}, 0);
-              },
+          .run = [](const Tensors& in) { return joined(likeness(in[0], in[1])); },
           .reference = compared};
 }
 
@@ -61,6 +59,16 @@ void add_ssim_cases(OpCases& rows) {
   OpCase flat = comparing("bright and flat", {1, 13, 50}, 0.9, 0.95);
   flat.gradient_tolerance = 3e-4;  // variances of 1e-4 out of squares of 1
   rows.push_back(flat);
+  OpCase composed = comparing("", {2, 9, 13}, 0, 1);
+  composed.op = "ssim_composed";
+  composed.run = [](const Tensors& in) { return joined(likeness_composed(in[0], in[1])); };
+  composed.gradient_tolerance = 3e-4;
+  rows.push_back(composed);
+  OpCase again = comparing("second order", {1, 4, 5}, 0, 0.4);
+  again.inputs[1] = constant(between({1, 4, 5}, 0.6, 1));  // no value crosses the other picture's
+  again.second_order = true;
+  again.gradient_tolerance = 1e-3;
+  rows.push_back(again);
 }
 
 }  // namespace cloam
