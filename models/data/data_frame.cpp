@@ -3,11 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <optional>
+#include <type_traits>
 
 #include "models/io/bytes.h"
 #include "models/io/gzip.h"
+#include "models/io/npy.h"
 #include "models/io/paths.h"
 #include "models/io/pickle.h"
 #include "models/io/safetensors_header.h"  // printable
@@ -39,47 +40,26 @@ struct Array {
   }
 };
 
-std::size_t bytes_of(const std::string& type) {
-  for (const char* known : {"b1", "i1", "u1"}) {
-    if (type == known) return 1;
-  }
-  for (const char* known : {"i2", "u2"}) {
-    if (type == known) return 2;
-  }
-  for (const char* known : {"i4", "u4", "f4"}) {
-    if (type == known) return 4;
-  }
-  for (const char* known : {"i8", "u8", "f8"}) {
-    if (type == known) return 8;
-  }
-  return 0;
-}
-
 template <class Stored, class Value>
 std::vector<Value> converted(std::span<const std::uint8_t> raw, std::int64_t start, std::int64_t step,
                              std::int64_t count) {
   std::vector<Value> result(static_cast<std::size_t>(count));
   for (std::int64_t i = 0; i < count; ++i) {
-    Stored value;
-    std::memcpy(&value, raw.data() + static_cast<std::size_t>(start + i * step) * sizeof(Stored), sizeof(Stored));
-    result[static_cast<std::size_t>(i)] = static_cast<Value>(value);
+    const std::uint8_t* at = raw.data() + static_cast<std::size_t>(start + i * step) * sizeof(Stored);
+    result[static_cast<std::size_t>(i)] = static_cast<Value>(number_at<Stored>(at));
   }
   return result;
 }
 
 ColumnValues numeric_column(const Array& array, std::int64_t start, std::int64_t step, std::int64_t rows) {
-  const auto& raw = array.raw;
-  if (array.type == "b1") return converted<std::uint8_t, std::uint8_t>(raw, start, step, rows);
-  if (array.type == "i1") return converted<std::int8_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "u1") return converted<std::uint8_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "i2") return converted<std::int16_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "u2") return converted<std::uint16_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "i4") return converted<std::int32_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "u4") return converted<std::uint32_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "i8") return converted<std::int64_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "u8") return converted<std::uint64_t, double>(raw, start, step, rows);
-  if (array.type == "f4") return converted<float, double>(raw, start, step, rows);
-  return converted<double, double>(raw, start, step, rows);
+  if (array.type == "b1") return converted<std::uint8_t, std::uint8_t>(array.raw, start, step, rows);
+  ColumnValues column;
+  with_numpy_kind(array.type, [&](auto number) {
+    using Stored = decltype(number);
+    constexpr bool whole = std::is_integral_v<Stored> && !std::is_same_v<Stored, std::uint64_t>;
+    column = converted<Stored, std::conditional_t<whole, std::int64_t, double>>(array.raw, start, step, rows);
+  });
+  return column;
 }
 
 class FrameBuilder {
@@ -176,9 +156,9 @@ class FrameBuilder {
     for (std::int64_t i = 0; i < columns; ++i) {
       const std::int64_t start = array.columns_first ? i : i * rows, step = array.columns_first && !flat ? columns : 1;
       ColumnValues& target = take(values, places[static_cast<std::size_t>(i)]);
-      target = array.type[0] == 'O'   ? object_column(array, start, step, rows)
-               : bytes_of(array.type) ? numeric_column(array, start, step, rows)
-                                      : ColumnValues();
+      target = array.type[0] == 'O'      ? object_column(array, start, step, rows)
+               : numpy_bytes(array.type) ? numeric_column(array, start, step, rows)
+                                         : ColumnValues();
     }
   }
 
@@ -270,7 +250,7 @@ class FrameBuilder {
   }
 
   void require_length(const PickleValue& value, const Array& array) const {
-    const std::size_t size = bytes_of(array.type), count = static_cast<std::size_t>(array.length());
+    const std::size_t size = numpy_bytes(array.type), count = static_cast<std::size_t>(array.length());
     if (size == 0 && array.type[0] != 'O') return;  // a type that is not read
     const std::size_t wanted = size ? size * count : count, found = size ? array.raw.size() : array.objects.size();
     const bool sound = wanted == found && (size || array.raw.empty());
@@ -287,7 +267,7 @@ class FrameBuilder {
     const auto state = pickle_.list(type.state, "a dtype's state");
     if (state.size() < 2) fail(type.state, "looked for a dtype's byte order");
     const auto order = pickle_.text(state[1], "a dtype's byte order");
-    return bytes_of(name) && (order == "<" || order == "|") ? name : "?";
+    return numpy_bytes(name) && (order == "<" || order == "|") ? name : "?";
   }
 
   const PickleValue& object_at(const Array& array, std::int64_t i) const {
@@ -314,7 +294,7 @@ class FrameBuilder {
     if (scalar.arguments.size() != 2) fail(value, "looked for a number's dtype and bytes");
     Array array;
     array.type = type_name(scalar.arguments[0]);
-    if (!bytes_of(array.type)) return {};
+    if (!numpy_bytes(array.type)) return {};
     array.shape = {1};
     array.raw = pickle_.bytes(scalar.arguments[1], "a number's bytes");
     require_length(value, array);

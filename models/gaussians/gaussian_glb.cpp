@@ -4,12 +4,12 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <nlohmann/json.hpp>
 #include <set>
 
 #include "models/gaussians/turn.h"
 #include "models/gaussians/values.h"
+#include "models/io/bytes.h"
 #include "models/io/glb.h"
 #include "models/io/json.h"
 #include "runtime/error.h"
@@ -50,9 +50,7 @@ struct Component {
 
 template <class Stored>
 double read_as(const std::uint8_t* bytes) {
-  Stored value;
-  std::memcpy(&value, bytes, sizeof value);
-  return static_cast<double>(value);
+  return static_cast<double>(number_at<Stored>(bytes));
 }
 
 constexpr Component kComponents[] = {

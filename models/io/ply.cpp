@@ -31,9 +31,7 @@ struct NumberType {
 
 template <class Stored>
 float read_as(const std::uint8_t* bytes) {
-  Stored value;
-  std::memcpy(&value, bytes, sizeof value);
-  return static_cast<float>(value);
+  return static_cast<float>(number_at<Stored>(bytes));
 }
 
 constexpr NumberType kTypes[] = {
