@@ -18,6 +18,8 @@ constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
 constexpr std::uint64_t kMostParsed = std::uint64_t{512} << 20;
 constexpr std::uint64_t kListed = 24, kKeyed = 112, kContainer = 56;  // bytes that values take, about
 constexpr std::size_t kDeepest = 64;
+constexpr int kOutOfRange = 406;  // the library's number of the error
+constexpr std::size_t kLongestReason = 300;
 
 [[noreturn]] void wrong(const std::string& where, const std::string& key, const std::string& wanted,
                         const Json& found) {
@@ -67,9 +69,8 @@ std::string place(std::string_view content, std::size_t offset) {
 // with a callback looks at all earlier values of a list whenever an object in it ends.
 class Builder : public nlohmann::json_sax<Json> {
  public:
-  Builder(std::string_view content, const std::string& name) : content_(content), name_(name) {}
-
-  Json take() { return std::move(root_); }
+  Builder(std::string_view content, const std::string& name, Json& root)
+      : content_(content), name_(name), root_(root) {}
 
   bool null() override { return add(nullptr); }
   bool boolean(bool value) override { return add(value); }
@@ -100,9 +101,6 @@ class Builder : public nlohmann::json_sax<Json> {
   }
 
  private:
-  static constexpr int kOutOfRange = 406;
-  static constexpr std::size_t kLongestReason = 300;
-
   [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(name_, ": ", why)); }
 
   bool add(Json value) {
@@ -137,7 +135,7 @@ class Builder : public nlohmann::json_sax<Json> {
 
   std::string_view content_;
   const std::string& name_;
-  Json root_;
+  Json& root_;
   std::vector<Json*> open_;  // containers that are not closed yet, the innermost last
   std::string key_;
   std::uint64_t bytes_ = 0;
@@ -163,9 +161,10 @@ Json parse_json(std::string_view given, const std::string& name) {
   const bool pythonic = given.find("NaN") != given.npos || given.find("Infinity") != given.npos;
   const std::string changed = pythonic ? without_python_words(given) : "";
   const std::string_view content = pythonic ? changed : given;
-  Builder builder(content, name);
+  Json root;
+  Builder builder(content, name, root);
   Json::sax_parse(content.begin(), content.end(), &builder);
-  return builder.take();
+  return root;
 }
 
 const Json& member(const Json& object, const std::string& key, const std::string& where) {
