@@ -1,7 +1,6 @@
 // See colmap_model.h. Both kinds of file fill the same records; a table says what each lens's parameters are.
 #include "models/data/colmap_model.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -11,6 +10,7 @@
 #include "models/io/bytes.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/scene/pose.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -356,10 +356,7 @@ Eigen::Matrix4d world_from_camera(const ColmapImage& image, const std::string& w
   }
   const Eigen::Vector4d unit = image.rotation / length;
   const Eigen::Matrix3d turn = Eigen::Quaterniond(unit[0], unit[1], unit[2], unit[3]).toRotationMatrix().transpose();
-  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-  pose.topLeftCorner<3, 3>() = turn;
-  pose.topRightCorner<3, 1>() = -turn * image.translation;
-  return rigid(pose, where);
+  return rigid(pose_from(turn, -turn * image.translation), where);
 }
 
 }  // namespace cloam

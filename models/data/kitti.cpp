@@ -2,7 +2,6 @@
 // 0 after rectification, in which the images of all four lie.
 #include "models/data/kitti.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <charconv>
 #include <chrono>
@@ -19,6 +18,7 @@
 #include "models/io/image.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/scene/pose.h"
 
 namespace cloam {
 namespace {
@@ -155,10 +155,7 @@ class Calibration {
 
   /// Rotation R and translation T.
   Eigen::Matrix4d pose() const {
-    Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-    pose.topLeftCorner<3, 3>() = matrix3("R");
-    pose.topRightCorner<3, 1>() = Eigen::Vector3d(numbers("T", 3).data());
-    return rigid(pose, where("R"));
+    return rigid(pose_from(matrix3("R"), Eigen::Vector3d(numbers("T", 3).data())), where("R"));
   }
 
  private:
@@ -225,13 +222,10 @@ std::set<int> numbers_in(const fs::path& folder, const char* extension) {
 }
 
 Eigen::Matrix4d pose_of(const Eigen::Vector3d& roll_pitch_yaw, const Eigen::Vector3d& position) {
-  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-  pose.topLeftCorner<3, 3>() = (Eigen::AngleAxisd(roll_pitch_yaw.z(), Eigen::Vector3d::UnitZ()) *
-                                Eigen::AngleAxisd(roll_pitch_yaw.y(), Eigen::Vector3d::UnitY()) *
-                                Eigen::AngleAxisd(roll_pitch_yaw.x(), Eigen::Vector3d::UnitX()))
-                                   .toRotationMatrix();
-  pose.topRightCorner<3, 1>() = position;
-  return pose;
+  const Eigen::Quaterniond turn = Eigen::AngleAxisd(roll_pitch_yaw.z(), Eigen::Vector3d::UnitZ()) *
+                                  Eigen::AngleAxisd(roll_pitch_yaw.y(), Eigen::Vector3d::UnitY()) *
+                                  Eigen::AngleAxisd(roll_pitch_yaw.x(), Eigen::Vector3d::UnitX());
+  return pose_from(turn.toRotationMatrix(), position);
 }
 
 /// What GPS and inertial sensors tell: angles in radians, metres above the sea.
@@ -265,8 +259,7 @@ class DriveReader {
         sweep_times_(drive, "velodyne_points/timestamps.txt") {
     const Eigen::Matrix4d velo_from_imu = calibration("calib_imu_to_velo.txt").pose(),
                           cam0_from_velo = calibration("calib_velo_to_cam.txt").pose();
-    Eigen::Matrix4d rect_from_cam0 = Eigen::Matrix4d::Identity();
-    rect_from_cam0.topLeftCorner<3, 3>() = cameras_.matrix3("R_rect_00");
+    const Eigen::Matrix4d rect_from_cam0 = pose_from(cameras_.matrix3("R_rect_00"), Eigen::Vector3d::Zero());
     imu_from_velo_ = inverse(velo_from_imu);
     imu_from_rect_ =
         imu_from_velo_ * inverse(cam0_from_velo) * inverse(rigid(rect_from_cam0, cameras_.where("R_rect_00")));
@@ -460,10 +453,8 @@ class DriveReader {
   static Eigen::Matrix4d read_box(const pugi::xml_node& pose, double height, const std::string& where) {
     const auto value = [&](const char* key) { return value_of(pose, key, where); };
     const Eigen::Vector3d angles(value("rx"), value("ry"), value("rz")), place(value("tx"), value("ty"), value("tz"));
-    Eigen::Matrix4d tracklet_from_box = Eigen::Matrix4d::Identity();
-    tracklet_from_box.topLeftCorner<3, 3>() << 0, 1, 0, -1, 0, 0, 0, 0, 1;
-    tracklet_from_box(2, 3) = height / 2;
-    return pose_of(angles, place) * tracklet_from_box;
+    const Eigen::Matrix3d turn{{0, 1, 0}, {-1, 0, 0}, {0, 0, 1}};
+    return pose_of(angles, place) * pose_from(turn, {0, 0, height / 2});
   }
 
   fs::path drive_;

@@ -1,7 +1,8 @@
 // See pandaset.h.
 #include "models/data/pandaset.h"
 
-#include <Eigen/Geometry>
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -15,6 +16,7 @@
 #include "models/io/json.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/scene/pose.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -60,16 +62,12 @@ Eigen::Matrix4d read_pose(const Json& json, const std::string& where) {
   if (!(std::abs(turn.norm() - 1) < 0.01)) {
     throw Error(Fault::data, text(where, ": the heading has length ", turn.norm(), ", want 1"));
   }
-  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-  pose.topLeftCorner<3, 3>() = turn.normalized().toRotationMatrix();
-  const char* axes[] = {"x", "y", "z"};
-  for (int axis = 0; axis < 3; ++axis) pose(axis, 3) = number(position, axes[axis], where);
-  return rigid(pose, where);
+  const Eigen::Vector3d place(number(position, "x", where), number(position, "y", where), number(position, "z", where));
+  return rigid(pose_from(turn.normalized().toRotationMatrix(), place), where);
 }
 
 double read_time(const Json& json, const std::string& where) {
-  const auto* found = json.is_number() ? &json : nullptr;
-  const double time = found ? found->get<double>() : NAN;
+  const double time = json.is_number() ? json.get<double>() : NAN;
   if (!std::isfinite(time)) throw Error(Fault::data, text(where, ": looked for a time in seconds"));
   return time;
 }
@@ -189,10 +187,7 @@ class LogReader {
     const bool real = front != scene_.frames.end() &&
                       std::abs(scene_.cameras[std::size_t(front->camera)].fx - kRealFrontFocal) < 0.01;
     if (!real) return poses.pose(step);
-    Eigen::Matrix4d front_from_lidar = Eigen::Matrix4d::Identity();
-    front_from_lidar.topLeftCorner<3, 3>() = kFrontFromLidar.normalized().toRotationMatrix();
-    front_from_lidar.topRightCorner<3, 1>() = kFrontFromLidarOrigin;
-    return front->world_from_camera * front_from_lidar;
+    return front->world_from_camera * pose_from(kFrontFromLidar.normalized().toRotationMatrix(), kFrontFromLidarOrigin);
   }
 
   void read_cuboids() {
@@ -232,10 +227,8 @@ class LogReader {
     for (std::size_t row = 0; row < frame.rows(); ++row) {
       if (sensors[row] == 1) continue;
       const Eigen::Vector3d size(width[row], length[row], height[row]);
-      Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
       // Yaw 0 looks along the world's y, as the box's own axes do.
-      pose.topLeftCorner<3, 3>() = Eigen::AngleAxisd(yaws[row], Eigen::Vector3d::UnitZ()).toRotationMatrix();
-      pose.topRightCorner<3, 1>() = Eigen::Vector3d(x[row], y[row], z[row]);
+      const Eigen::Matrix4d pose = pose_from(turn_about_z(yaws[row]), {x[row], y[row], z[row]});
       const std::string where = text(file, ", row ", row, " (", printable(ids[row]), ")");
       log_.add({ids[row], labels[row], size, stationary[row] != 0, {step, time, pose}}, where);
     }
@@ -253,7 +246,7 @@ class LogReader {
 
 }  // namespace
 
-std::string pandaset_number(int step) { return (step < 10 ? "0" : "") + std::to_string(step); }
+std::string pandaset_number(int step) { return fmt::format("{:02}", step); }
 
 bool is_pandaset(const fs::path& root) {
   if (is_file(root / "lidar" / "poses.json")) return true;

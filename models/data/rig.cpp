@@ -1,7 +1,6 @@
 // See rig.h.
 #include "models/data/rig.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -15,6 +14,7 @@
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
 #include "models/io/words.h"
+#include "models/scene/pose.h"
 
 namespace cloam {
 namespace {
@@ -55,11 +55,8 @@ Eigen::Matrix4d read_pose(const Json& object, const std::string& key, const std:
 // world_from_box, or position and yaw; yaw 0 looks along the world's y, as the box's own axes do.
 Eigen::Matrix4d read_box_pose(const Json& box, const std::string& where) {
   if (box.is_object() && box.contains("world_from_box")) return read_pose(box, "world_from_box", where);
-  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-  pose.topLeftCorner<3, 3>() =
-      Eigen::AngleAxisd(number(box, "yaw", where), Eigen::Vector3d::UnitZ()).toRotationMatrix();
-  pose.topRightCorner<3, 1>() = vector3(box, "position", where);
-  return checked_pose(pose, text(where, ": position"));
+  const Eigen::Matrix3d turn = turn_about_z(number(box, "yaw", where));
+  return checked_pose(pose_from(turn, vector3(box, "position", where)), text(where, ": position"));
 }
 
 /// The moments that steps are counted by.
