@@ -1,8 +1,9 @@
 // See colmap_model.h. Both kinds of file fill the same records; a table says what each lens's parameters are.
 #include "models/data/colmap_model.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <numbers>
 
@@ -10,6 +11,7 @@
 #include "models/io/bytes.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/io/words.h"
 #include "models/scene/pose.h"
 #include "runtime/error.h"
 
@@ -59,14 +61,6 @@ double& place(Camera& camera, std::string_view name) {
     default:
       return name == "p1" ? camera.p1 : camera.p2;
   }
-}
-
-// Words between blanks, tabs and a carriage return.
-std::string_view next_word(std::string_view& rest) {
-  rest.remove_prefix(std::min(rest.find_first_not_of(" \t\r"), rest.size()));
-  const std::string_view word = rest.substr(0, rest.find_first_of(" \t\r"));
-  rest.remove_prefix(word.size());
-  return word;
 }
 
 /// One record of a file after another, as numbers. `what` names the record for errors.
@@ -169,11 +163,9 @@ class TextFile : public Records {
   template <class Number>
   Number number(const char* what) {
     const std::string_view word = next_word(line_);
-    Number value{};
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (word.empty() || error != std::errc() || end != word.data() + word.size())
-      fail(text("looked for ", what, ", found '", printable(word), "'"));
-    return value;
+    const auto value = number_in<Number>(word);
+    if (!value) fail(text("looked for ", what, ", found '", printable(word), "'"));
+    return *value;
   }
 
   std::vector<std::uint8_t> bytes_;
@@ -219,9 +211,9 @@ void add_camera(ColmapModel& model, std::uint64_t id, const Lens& lens, Records&
 }
 
 std::string lens_names() {
-  std::string names;
-  for (const Lens& lens : kLenses) names += (names.empty() ? "" : ", ") + std::string(lens.name);
-  return names;
+  std::vector<std::string_view> names;
+  for (const Lens& lens : kLenses) names.emplace_back(lens.name);
+  return fmt::format("{}", fmt::join(names, ", "));
 }
 
 [[noreturn]] void unknown_lens(const std::string& name, const Records& file) {

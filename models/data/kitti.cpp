@@ -2,6 +2,8 @@
 // 0 after rectification, in which the images of all four lie.
 #include "models/data/kitti.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <charconv>
 #include <chrono>
@@ -18,6 +20,7 @@
 #include "models/io/image.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/io/words.h"
 #include "models/scene/pose.h"
 
 namespace cloam {
@@ -36,12 +39,7 @@ constexpr double kRadians = std::numbers::pi / 180;
 
 std::string camera_name(int camera) { return text("image_0", camera); }
 
-std::string padded(int number, std::size_t width) {
-  const std::string digits = std::to_string(number);
-  return std::string(width - std::min(width, digits.size()), '0') + digits;
-}
-
-std::string number_name(int step) { return padded(step, 10); }
+std::string number_name(int step) { return fmt::format("{:010}", step); }
 
 bool is_folder(const fs::path& path) {
   std::error_code error;
@@ -56,12 +54,9 @@ bool is_drive(const fs::path& folder) {
 }
 
 std::vector<fs::path> folders_in(const fs::path& folder) {
-  std::vector<fs::path> found;
-  std::error_code error;
-  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
-    if (found.size() < kMostEntries && is_folder(entry->path())) found.push_back(entry->path());
-  }
-  std::sort(found.begin(), found.end());
+  std::vector<fs::path> found = entries_of(folder);
+  std::erase_if(found, [](const fs::path& entry) { return !is_folder(entry); });
+  found.resize(std::min(found.size(), kMostEntries));
   return found;
 }
 
@@ -107,22 +102,17 @@ std::vector<std::string> lines_of(const std::string& content) {
 }
 
 double number_of(std::string_view word, const std::string& where) {
-  double value = 0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (error == std::errc() && end == word.data() + word.size() && std::isfinite(value)) return value;
+  if (const auto value = number_in<double>(word); value && std::isfinite(*value)) return *value;
   throw Error(Fault::data, text(where, ": looked for a finite number, found '", printable(word), "'"));
 }
 
 // The first `count` numbers of a line.
 std::vector<double> numbers_of(std::string_view line, std::size_t count, const std::string& where) {
-  constexpr std::string_view spaces = " \t\r\n";
   std::vector<double> numbers;
   while (numbers.size() < count) {
-    line.remove_prefix(std::min(line.find_first_not_of(spaces), line.size()));
-    if (line.empty()) throw Error(Fault::data, text(where, ": looked for ", count, " numbers, found ", numbers.size()));
-    const std::string_view word = line.substr(0, line.find_first_of(spaces));
+    const std::string_view word = next_word(line);
+    if (word.empty()) throw Error(Fault::data, text(where, ": looked for ", count, " numbers, found ", numbers.size()));
     numbers.push_back(number_of(word, where));
-    line.remove_prefix(word.size());
   }
   return numbers;
 }
@@ -210,13 +200,11 @@ class TimeStamps {
 // Frame numbers of the files in a folder: 0000000007.png is 7. Other names are no frames.
 std::set<int> numbers_in(const fs::path& folder, const char* extension) {
   std::set<int> numbers;
-  std::error_code error;
-  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
-    const std::string stem = entry->path().stem().string();
-    int number = 0;
-    const auto [last, failed] = std::from_chars(stem.data(), stem.data() + stem.size(), number);
-    const bool named = failed == std::errc() && last == stem.data() + stem.size() && stem.size() == 10;
-    if (named && number >= 0 && number < kMostSteps && entry->path().extension() == extension) numbers.insert(number);
+  for (const fs::path& entry : entries_of(folder)) {
+    const std::string stem = entry.stem().string();
+    const int number = number_in<int>(stem).value_or(-1);
+    const bool named = stem.size() == 10 && number >= 0 && number < kMostSteps;
+    if (named && entry.extension() == extension) numbers.insert(number);
   }
   return numbers;
 }
@@ -416,7 +404,7 @@ class DriveReader {
     if (!tracklets) throw Error(Fault::data, text(file, ": has no <tracklets> in <boost_serialization>"));
     int index = 0;
     for (const pugi::xml_node tracklet : tracklets.children("item")) {
-      const std::string id = padded(index++, 3);
+      const std::string id = fmt::format("{:03}", index++);
       log_.guarded("tracklet", [&] { read_tracklet(tracklet, id, text(file, ", tracklet ", id)); });
     }
     if (boxes_without_pose_ > 0)

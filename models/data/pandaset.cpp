@@ -115,12 +115,10 @@ class LogReader {
 
   // Folders of images that are not read.
   void warn_of_other_cameras() {
-    std::error_code error;
-    std::set<std::string> names;
-    for (fs::directory_iterator entry(scene_.root / "camera", error), end; !error && entry != end;
-         entry.increment(error))
-      if (entry->is_directory(error)) names.insert(entry->path().filename().string());
-    for (const std::string& name : names) {
+    for (const fs::path& entry : entries_of(scene_.root / "camera")) {
+      std::error_code error;
+      if (!fs::is_directory(entry, error)) continue;
+      const std::string name = entry.filename().string();
       const bool known =
           std::find(std::begin(kPandasetCameras), std::end(kPandasetCameras), name) != std::end(kPandasetCameras);
       if (known && is_file(scene_.root / "camera" / name / "poses.json")) continue;

@@ -1,7 +1,6 @@
 // See path_file.h.
 #include "models/data/path_file.h"
 
-#include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -9,6 +8,7 @@
 #include "models/io/bytes.h"
 #include "models/io/json.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -27,15 +27,16 @@ PathPoint point(const std::array<double, 5>& v, const std::string& where) {
 
 PathPoint point_of_line(const std::string& line, const std::string& where) {
   std::array<double, 5> values{};
-  const char *at = line.data(), *end = line.data() + line.size();
+  std::string_view rest = line;
   for (std::size_t i = 0; i < values.size(); ++i) {
-    while (at != end && *at == ' ') ++at;
-    const auto [next, problem] = std::from_chars(at, end, values[i]);
-    const bool last = i + 1 == values.size();
-    if (problem != std::errc() || !std::isfinite(values[i]) || (last ? next != end : next == end || *next != ',')) {
+    rest.remove_prefix(std::min(rest.find_first_not_of(' '), rest.size()));
+    const std::size_t end = i + 1 == values.size() ? rest.size() : rest.find(',');
+    const auto value = number_in<double>(rest.substr(0, end));
+    if (end == std::string_view::npos || !value || !std::isfinite(*value)) {
       throw Error(Fault::data, text(where, ": want five numbers (", kHead, "), found: ", printable(line)));
     }
-    at = next + (last ? 0 : 1);
+    values[i] = *value;
+    rest.remove_prefix(std::min(end + 1, rest.size()));
   }
   return point(values, where);
 }

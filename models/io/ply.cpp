@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <fstream>
 #include <istream>
@@ -14,6 +13,7 @@
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -48,12 +48,8 @@ constexpr NumberType kTypes[] = {
 // Words of one line, without the carriage return that Windows leaves.
 std::vector<std::string_view> words_of(std::string_view line) {
   std::vector<std::string_view> words;
-  while (true) {
-    line.remove_prefix(std::min(line.find_first_not_of(" \t\r"), line.size()));
-    if (line.empty()) return words;
-    words.push_back(line.substr(0, line.find_first_of(" \t\r")));
-    line.remove_prefix(words.back().size());
-  }
+  for (auto word = next_word(line); !word.empty(); word = next_word(line)) words.push_back(word);
+  return words;
 }
 
 std::string trimmed(std::string_view words) {
@@ -121,7 +117,7 @@ class Parser {
       if (first && found != "ply\n" && found != "ply\r\n") fail("is not a .ply file: its first line is not 'ply'");
       if (!found.ends_with('\n')) fail(text("the .ply header has no end within ", kLongestHeader, " bytes"));
       left -= found.size();
-      const auto words = words_of(std::string_view(found).substr(0, found.size() - 1));
+      const auto words = words_of(found);
       if (first || words.empty() || words[0] == "obj_info") continue;
       if (words[0] == "end_header") break;
       if (words[0] == "comment") {
@@ -152,10 +148,9 @@ class Parser {
 
   void read_element(const std::vector<std::string_view>& words) {
     if (words[1] != "vertex") fail(text("its first element is ", printable(words[1]), ", want vertex"));
-    const auto [end, error] = std::from_chars(words[2].data(), words[2].data() + words[2].size(), header_.count);
-    if (error != std::errc() || end != words[2].data() + words[2].size()) {
-      fail(text("the number of vertices is ", printable(words[2])));
-    }
+    const auto count = number_in<std::uint64_t>(words[2]);
+    if (!count) fail(text("the number of vertices is ", printable(words[2])));
+    header_.count = *count;
   }
 
   void read_property(const std::vector<std::string_view>& words) {
@@ -208,7 +203,7 @@ class Parser {
     for (std::uint64_t row = 0; row < header_.count; ++row) {
       const std::optional<std::string> found = line(kLongestLine);
       if (!found) fail(text("vertex ", row, " has a line of more than ", kLongestLine, " bytes"));
-      const auto words = words_of(std::string_view(*found).substr(0, found->find('\n')));
+      const auto words = words_of(*found);
       if (words.size() != types_.size()) {
         fail(text("vertex ", row, " has ", words.size(), " numbers, want ", types_.size()));
       }
@@ -218,12 +213,9 @@ class Parser {
   }
 
   float number(std::string_view word, std::uint64_t row) const {
-    double value = 0;  // 1e99 is a number, if none that a float holds
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (error != std::errc() || end != word.data() + word.size()) {
-      fail(text("vertex ", row, ": '", printable(word), "' is not a number"));
-    }
-    return static_cast<float>(value);
+    const auto value = number_in<double>(word);  // 1e99 is a number, if none that a float holds
+    if (!value) fail(text("vertex ", row, ": '", printable(word), "' is not a number"));
+    return static_cast<float>(*value);
   }
 
   std::streambuf& bytes_;
