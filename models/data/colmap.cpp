@@ -48,12 +48,8 @@ class Reader {
               [](const ColmapImage& a, const ColmapImage& b) { return a.name < b.name; });
     scene_.frames_listed = model_.images.size();
     for (const ColmapImage& image : model_.images) {
-      try {
-        read_image(image, folder_.string() + ", image " + printable(image.name));
-      } catch (const Error& error) {
-        if (!options_.skip_bad || error.fault() != Fault::data) throw;
-        scene_.warnings.push_back(text("frame dropped: ", error.what()));
-      }
+      guarded(options_.skip_bad, scene_.warnings, "frame dropped",
+              [&] { read_image(image, folder_.string() + ", image " + printable(image.name)); });
     }
     warn_of_other_models();
     finish_photos(scene_, missing_, options_);

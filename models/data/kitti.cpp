@@ -12,7 +12,9 @@
 #include <optional>
 #include <pugixml.hpp>
 #include <set>
+#include <sstream>
 #include <string_view>
+#include <tuple>
 
 #include "models/data/log_builder.h"
 #include "models/data/poses.h"
@@ -81,9 +83,8 @@ fs::path one_drive(const fs::path& root) {
   constexpr std::size_t most = 10;
   std::string names;
   for (std::size_t i = 0; i < std::min(most, drives.size()); ++i) names += "\n  " + drives[i].string();
-  throw Error(Fault::data,
-              text(root.string(), ": holds ", drives.size(),
-                   " drives, want one; give the folder of one of them:", names, drives.size() > most ? "\n  ..." : ""));
+  throw Error(Fault::data, text(root.string(), ": holds ", drives.size(), " drives, want one; give the folder of one ",
+                                "of them:", names, drives.size() > most ? "\n  ..." : ""));
 }
 
 std::string read_text(const fs::path& path) {
@@ -93,11 +94,8 @@ std::string read_text(const fs::path& path) {
 
 std::vector<std::string> lines_of(const std::string& content) {
   std::vector<std::string> lines;
-  for (std::size_t start = 0; start < content.size();) {
-    const std::size_t end = std::min(content.find('\n', start), content.size());
-    lines.push_back(content.substr(start, end - start));
-    start = end + 1;
-  }
+  std::istringstream rest(content);
+  for (std::string line; std::getline(rest, line);) lines.push_back(line);
   return lines;
 }
 
@@ -336,7 +334,7 @@ class DriveReader {
 
   struct RectifiedCamera {
     Camera intrinsics;
-    Eigen::Matrix4d rect_from_camera = Eigen::Matrix4d::Identity();
+    Eigen::Matrix4d rect_from_camera;
   };
 
   // P_rect = K [I | t]: pixels from points in rect, with the camera at -t. No half pixel is added to the centre: LiDAR
@@ -351,31 +349,24 @@ class DriveReader {
       throw Error(Fault::data, text(cameras_.where(key), " is not the projection of a rectified image: looked for ",
                                     "fx 0 cx ., 0 fy cy ., 0 0 1 ."));
     }
-    RectifiedCamera camera;
-    camera.intrinsics.fx = intrinsics(0, 0);
-    camera.intrinsics.fy = intrinsics(1, 1);
-    camera.intrinsics.cx = intrinsics(0, 2);
-    camera.intrinsics.cy = intrinsics(1, 2);
-    require_sound(camera.intrinsics, cameras_.where(key));
-    camera.rect_from_camera.topRightCorner<3, 1>() = -(intrinsics.inverse() * projection.col(3));
-    camera.rect_from_camera = rigid(camera.rect_from_camera, cameras_.where(key));
-    set_size(camera.intrinsics, size_key, image);
-    return camera;
+    Camera camera{0, 0, intrinsics(0, 0), intrinsics(1, 1), intrinsics(0, 2), intrinsics(1, 2)};
+    require_sound(camera, cameras_.where(key));
+    const Eigen::Matrix4d shift = pose_from(Eigen::Matrix3d::Identity(), -(intrinsics.inverse() * projection.col(3)));
+    const Eigen::Matrix4d rect_from_camera = rigid(shift, cameras_.where(key));
+    std::tie(camera.width, camera.height) = read_size(size_key, image);
+    return {camera, rect_from_camera};
   }
 
-  void set_size(Camera& camera, const std::string& key, const std::string& image) const {
+  std::pair<int, int> read_size(const std::string& key, const std::string& image) const {
     if (!cameras_.has(key)) {
       const ImageSize size = read_image_size(drive_ / image);
-      camera.width = size.width;
-      camera.height = size.height;
-      return;
+      return {size.width, size.height};
     }
     constexpr double longest = 1 << 17;
     const auto size = cameras_.numbers(key, 2);
     const bool sound = std::all_of(size.begin(), size.end(), [](double side) { return side >= 1 && side <= longest; });
     if (!sound) throw Error(Fault::data, text(cameras_.where(key), " is ", size[0], " by ", size[1], " pixels"));
-    camera.width = int(size[0]);
-    camera.height = int(size[1]);
+    return {int(size[0]), int(size[1])};
   }
 
   double time_at(const TimeStamps& times, int step) const {

@@ -10,7 +10,6 @@ namespace cloam {
 namespace {
 
 constexpr double kLongestBox = 200;  // metres: a train
-constexpr std::size_t kMostNamed = 5;
 
 }  // namespace
 
@@ -49,10 +48,8 @@ Scene LogBuilder::finish(const LookedFor& places) {
   if (repeated_ > 0)
     scene.warnings.push_back(text(repeated_, " boxes dropped: their actors have another box at the same step"));
   if (!missing_.empty()) {
-    std::string names;
-    for (std::size_t i = 0; i < std::min(missing_.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing_[i];
-    scene.warnings.push_back(text(missing_.size(), " listed files are missing and skipped: ", names,
-                                  missing_.size() > kMostNamed ? ", ..." : "", near_misses(scene.root, missing_)));
+    scene.warnings.push_back(text(missing_.size(), " listed files are missing and skipped: ", some_of(missing_),
+                                  near_misses(scene.root, missing_)));
   }
   if (scene.sweeps.empty()) scene.warnings.push_back(text("no LiDAR sweeps: looked for ", places.sweeps));
   if (scene.actors.empty()) scene.warnings.push_back(text("no boxes of actors: looked for ", places.boxes));

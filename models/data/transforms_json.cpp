@@ -121,12 +121,8 @@ class Reader {
     if (source.file.contains("ply_file_path")) ++unused_["ply_file_path"];
     scene_.has_test_split |= split == Split::test || !source.tests.empty();
     for (std::size_t i = 0; i < frames.size(); ++i) {
-      try {
-        read_frame(source, frames[i], text(name, ", frame ", i));
-      } catch (const Error& error) {
-        if (!options_.skip_bad || error.fault() != Fault::data) throw;
-        scene_.warnings.push_back(text("frame dropped: ", error.what()));
-      }
+      guarded(options_.skip_bad, scene_.warnings, "frame dropped",
+              [&] { read_frame(source, frames[i], text(name, ", frame ", i)); });
     }
   }
 
