@@ -47,20 +47,12 @@ constexpr Lens kLenses[] = {
 
 double& place(Camera& camera, std::string_view name) {
   const auto number = static_cast<std::size_t>(name.back() - '1');
-  switch (name.front()) {
-    case 'f':
-      return name == "fy" ? camera.fy : camera.fx;
-    case 'c':
-      return name == "cx" ? camera.cx : camera.cy;
-    case 'k':
-      return camera.k[number];
-    case 'd':
-      return camera.denominator[number];
-    case 's':
-      return camera.prism[number];
-    default:
-      return name == "p1" ? camera.p1 : camera.p2;
-  }
+  if (name.starts_with('k')) return camera.k[number];
+  if (name.starts_with('d')) return camera.denominator[number];
+  if (name.starts_with('s')) return camera.prism[number];
+  if (name.starts_with('p')) return number == 0 ? camera.p1 : camera.p2;
+  if (name.starts_with('c')) return name == "cx" ? camera.cx : camera.cy;
+  return name == "fy" ? camera.fy : camera.fx;
 }
 
 /// One record of a file after another, as numbers. `what` names the record for errors.

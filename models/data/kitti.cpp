@@ -5,7 +5,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <numbers>
@@ -66,13 +65,8 @@ std::vector<fs::path> drives_in(const fs::path& root) {
   if (is_drive(root)) return {root};
   std::vector<fs::path> drives;
   for (const fs::path& folder : folders_in(root)) {
-    if (is_drive(folder)) {
-      drives.push_back(folder);
-      continue;
-    }
-    for (const fs::path& inner : folders_in(folder)) {
-      if (is_drive(inner)) drives.push_back(inner);
-    }
+    const auto likely = is_drive(folder) ? std::vector{folder} : folders_in(folder);
+    std::copy_if(likely.begin(), likely.end(), std::back_inserter(drives), is_drive);
   }
   return drives;
 }
@@ -164,9 +158,7 @@ std::optional<double> time_of(std::string_view line, const std::string& where) {
                 text(where, ": looked for a time like 2011-09-26 13:04:44.540000000, found '", printable(line), "'"));
   }
   const auto whole = [&](std::size_t start, std::size_t size) {
-    int value = -1;  // no part of a time
-    std::from_chars(line.data() + start, line.data() + start + size, value);
-    return value;
+    return number_in<int>(line.substr(start, size)).value_or(-1);  // no part of a time
   };
   const std::chrono::year_month_day day{std::chrono::year(whole(0, 4)), std::chrono::month(unsigned(whole(5, 2))),
                                         std::chrono::day(unsigned(whole(8, 2)))};
@@ -178,7 +170,6 @@ std::optional<double> time_of(std::string_view line, const std::string& where) {
 /// The time stamps of one sensor, a line a frame.
 class TimeStamps {
  public:
-  TimeStamps() = default;
   TimeStamps(const fs::path& drive, const std::string& file) : file_(file), path_(drive / file) {
     if (has_file(path_)) lines_ = lines_of(read_text(path_));
   }

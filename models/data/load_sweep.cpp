@@ -87,8 +87,7 @@ Columns read_npy_points(const fs::path& path, const Sweep&) {
 }
 
 Columns read_ply_points(const fs::path& path, const Sweep&) {
-  const auto bytes = read_file(path, kMostBytes);
-  const PlyVertices vertices = parse_ply(bytes, path.string());
+  const PlyVertices vertices = read_ply_vertices(path);
   const auto doubles = [](const std::vector<float>& values) {
     return std::vector<double>(values.begin(), values.end());
   };

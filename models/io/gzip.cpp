@@ -22,10 +22,10 @@ constexpr std::size_t kPiece = std::size_t{1} << 18;
 
 class Inflater {
  public:
-  explicit Inflater(std::span<const std::uint8_t> bytes) : size_(bytes.size()) {
+  explicit Inflater(std::span<const std::uint8_t> bytes, int window = kGzipWindow) : size_(bytes.size()) {
     stream_.next_in = const_cast<Bytef*>(bytes.data());
     stream_.avail_in = static_cast<uInt>(bytes.size());
-    inflateInit2(&stream_, kGzipWindow);
+    if (inflateInit2(&stream_, window) != Z_OK) throw Error(Fault::internal, "zlib failed to start");
   }
   ~Inflater() { inflateEnd(&stream_); }
   Inflater(const Inflater&) = delete;
@@ -70,6 +70,11 @@ std::vector<std::uint8_t> gunzip(std::span<const std::uint8_t> bytes, std::uint6
   }
   if (inflater.offset() != bytes.size()) damaged(name, inflater.offset(), "more bytes follow its end");
   return result;
+}
+
+bool inflate_exactly(std::span<const std::uint8_t> bytes, std::span<std::uint8_t> result) {
+  Inflater inflater(bytes, -MAX_WBITS);
+  return inflater.next(result) == result.size() && inflater.ended() && inflater.offset() == bytes.size();
 }
 
 std::vector<std::uint8_t> gzip(std::span<const std::uint8_t> bytes) {

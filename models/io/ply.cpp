@@ -5,10 +5,8 @@
 #include <cerrno>
 #include <cstring>
 #include <fstream>
-#include <istream>
 #include <numeric>
 #include <set>
-#include <streambuf>
 
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
@@ -56,14 +54,6 @@ std::string trimmed(std::string_view words) {
   const std::size_t begin = std::min(words.find_first_not_of(" \t\r\n"), words.size());
   return std::string(words.substr(begin, words.find_last_not_of(" \t\r\n") + 1 - begin));
 }
-
-// Bytes in memory as a stream, without a copy.
-struct SpanBuffer : std::streambuf {
-  explicit SpanBuffer(std::span<const std::uint8_t> bytes) {
-    char* begin = const_cast<char*>(reinterpret_cast<const char*>(bytes.data()));
-    setg(begin, begin, begin + bytes.size());
-  }
-};
 
 std::string listed(const std::vector<std::string>& names) {
   std::string all;
@@ -264,10 +254,9 @@ void read_ply(const std::filesystem::path& path, const std::function<PlyRow(cons
   Parser(file, size, path.string()).parse(begin);
 }
 
-PlyVertices parse_ply(std::span<const std::uint8_t> bytes, const std::string& name) {
-  PlyVertices vertices{name, {}};
-  SpanBuffer buffer(bytes);
-  Parser(buffer, bytes.size(), name).parse([&](const PlyHeader& header) -> PlyRow {
+PlyVertices read_ply_vertices(const std::filesystem::path& path) {
+  PlyVertices vertices{path.string(), {}};
+  read_ply(path, [&](const PlyHeader& header) -> PlyRow {
     for (const PlyProperty& property : header.properties) vertices.columns.push_back({property.name, {}});
     for (PlyColumn& column : vertices.columns) column.values.reserve(header.count);
     return [&](std::span<const float> values) {

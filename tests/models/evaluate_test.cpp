@@ -255,7 +255,7 @@ TEST_CASE("what renders write is read back: 16-bit labels, points, and a camera'
   CHECK(read_labels(folder.path / "many.png").values == std::vector<std::uint16_t>{256, 65535});
 
   write_ply_vertices(folder.path / "points.ply", {{"x", {1.5f, -2}}, {"actor", {0, 3}}});
-  const PlyVertices points = parse_ply(read_file(folder.path / "points.ply", 1 << 20), "points.ply");
+  const PlyVertices points = read_ply_vertices(folder.path / "points.ply");
   CHECK(points.column("x") == std::vector<float>{1.5f, -2});
   CHECK(points.column("actor") == std::vector<float>{0, 3});
 
