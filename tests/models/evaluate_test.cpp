@@ -17,17 +17,12 @@
 #include "models/io/ply.h"
 #include "models/street/lidar_rays.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 
 using namespace cloam;
 namespace fs = std::filesystem;
 
 namespace {
-
-struct Folder {
-  fs::path path = fs::temp_directory_path() / "cloam-evaluate-test";
-  Folder() { fs::remove_all(path); }
-  ~Folder() { fs::remove_all(path); }
-};
 
 Eigen::Matrix4d at(double x, double y, double z) {
   Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
