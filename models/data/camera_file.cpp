@@ -17,7 +17,7 @@ Camera camera_of(const Json& json, const std::string& where) {
   for (const char* side : {"w", "h"}) {
     const double value = number(json, side, where);
     if (value >= 1 && value <= kLargestSide) continue;
-    throw Error(Fault::data, text(where, ": \"", side, "\" is ", value, ", want 1 to ", kLargestSide));
+    bad_data(where, ": \"", side, "\" is ", value, ", want 1 to ", kLargestSide);
   }
   return read_camera_json(json, json, {}, where);
 }
@@ -32,8 +32,8 @@ int log_of(const Json& json, const Logs& logs, const std::string& where) {
   const Json& log = json["log"];
   for (std::size_t i = 0; i < logs.names.size(); ++i)
     if (log == Json(logs.names[i]) || log == Json(i)) return static_cast<int>(i);
-  throw Error(Fault::data, text(where, ": \"log\" is ", log.dump().substr(0, 60),
-                                ", want the name or number of one of ", logs.names.size(), " logs"));
+  bad_data(where, ": \"log\" is ", log.dump().substr(0, 60), ", want the name or number of one of ", logs.names.size(),
+           " logs");
 }
 
 View view_of(const Json& json, const Logs& logs, const std::string& where) {
@@ -57,7 +57,7 @@ std::vector<View> read_camera_file(const std::filesystem::path& path, const std:
     if (frame.is_object()) merged.update(frame);
     views.push_back(view_of(merged, logs, text(where, ", frame ", views.size())));
   }
-  if (views.empty()) throw Error(Fault::data, where + ": \"frames\" is empty");
+  if (views.empty()) bad_data(where + ": \"frames\" is empty");
   return views;
 }
 

@@ -65,10 +65,9 @@ class Reader {
     frame.image = path_named(scene_.root, (fs::path(images_) / image.name).generic_string(), options_.allow_outside);
     frame.world_from_camera = world_from_camera(image, where);
     const auto camera = model_.cameras.find(image.camera);
-    if (camera == model_.cameras.end()) {
-      throw Error(Fault::data, text(where, ": refers to camera ", image.camera, ", which is not among the model's ",
-                                    model_.cameras.size(), " cameras"));
-    }
+    if (camera == model_.cameras.end())
+      bad_data(where, ": refers to camera ", image.camera, ", which is not among the model's ", model_.cameras.size(),
+               " cameras");
     if (!has_file(scene_.root / frame.image)) {
       missing_.push_back(frame.image);
       return;

@@ -84,14 +84,13 @@ class BinaryFile : public Records {
   std::uint64_t count(std::uint64_t least_bytes, const char* what) {
     const auto promised = reader_.little<std::uint64_t>(what);
     if (promised <= reader_.remaining() / least_bytes) return promised;
-    throw Error(Fault::data, text(where(), ": ", promised, " ", what, " are declared, only ", reader_.remaining(),
-                                  " bytes follow; the file is damaged or truncated"));
+    bad_data(where(), ": ", promised, " ", what, " are declared, only ", reader_.remaining(),
+             " bytes follow; the file is damaged or truncated");
   }
   void skip(std::uint64_t bytes, const char* what) { reader_.skip(bytes, what); }
   void end() const {
     if (reader_.remaining() == 0) return;
-    throw Error(Fault::data,
-                text(where(), ": ", reader_.remaining(), " bytes follow the last record; the file is damaged"));
+    bad_data(where(), ": ", reader_.remaining(), " bytes follow the last record; the file is damaged");
   }
 
  private:
@@ -150,7 +149,7 @@ class TextFile : public Records {
   std::string word() { return std::string(next_word(line_)); }
 
  private:
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(where(), ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { bad_data(where(), ": ", why); }
 
   template <class Number>
   Number number(const char* what) {
@@ -168,7 +167,7 @@ class TextFile : public Records {
 
 int side(std::uint64_t pixels, const Records& file) {
   if (pixels >= 1 && pixels <= kLongestSide) return static_cast<int>(pixels);
-  throw Error(Fault::data, text(file.where(), ": an image side of ", pixels, " pixels, want 1 to ", kLongestSide));
+  bad_data(file.where(), ": an image side of ", pixels, " pixels, want 1 to ", kLongestSide);
 }
 
 /// Distortion that is zero is none.
@@ -188,18 +187,17 @@ void add_camera(ColmapModel& model, std::uint64_t id, const Lens& lens, Records&
   std::string_view names = lens.parameters;
   for (std::string_view name = next_word(names); !name.empty(); name = next_word(names)) {
     const double value = file.real("a camera's parameter");
-    if (!std::isfinite(value))
-      throw Error(Fault::data, text(file.where(), ": ", lens.name, "'s ", name, " is ", value));
+    if (!std::isfinite(value)) bad_data(file.where(), ": ", lens.name, "'s ", name, " is ", value);
     place(camera, name) = value;
     if (name == "f") camera.fy = value;
   }
   if (camera.model == CameraModel::fov) camera.k[0] = std::abs(camera.k[0]);  // the lens is the same for both signs
   if (camera.model == CameraModel::fov && camera.k[0] >= std::numbers::pi)
-    throw Error(Fault::data, text(file.where(), ": FOV's omega is ", camera.k[0], ", want radians below pi"));
+    bad_data(file.where(), ": FOV's omega is ", camera.k[0], ", want radians below pi");
   camera.model = simplest(camera);
   require_sound(camera, file.where());
   if (!model.cameras.emplace(static_cast<std::uint32_t>(id), camera).second)
-    throw Error(Fault::data, text(file.where(), ": camera ", id, " is defined twice"));
+    bad_data(file.where(), ": camera ", id, " is defined twice");
 }
 
 std::string lens_names() {
@@ -209,8 +207,8 @@ std::string lens_names() {
 }
 
 [[noreturn]] void unknown_lens(const std::string& name, const Records& file) {
-  throw Error(Fault::data, text(file.where(), ": the camera model ", name, " is not supported; supported: ",
-                                lens_names(), "; let COLMAP undistort the images (colmap image_undistorter)"));
+  bad_data(file.where(), ": the camera model ", name, " is not supported; supported: ", lens_names(),
+           "; let COLMAP undistort the images (colmap image_undistorter)");
 }
 
 ColmapImage image_of(Records& file) {
@@ -335,9 +333,7 @@ ColmapModel read_colmap_model(const fs::path& folder, bool observations) {
 
 Eigen::Matrix4d world_from_camera(const ColmapImage& image, const std::string& where) {
   const double length = image.rotation.norm();
-  if (!(length > 1e-6 && length < 1e6)) {
-    throw Error(Fault::data, text(where, ": the quaternion of the pose has length ", length, ", want 1"));
-  }
+  if (!(length > 1e-6 && length < 1e6)) bad_data(where, ": the quaternion of the pose has length ", length, ", want 1");
   const Eigen::Vector4d unit = image.rotation / length;
   const Eigen::Matrix3d turn = Eigen::Quaterniond(unit[0], unit[1], unit[2], unit[3]).toRotationMatrix().transpose();
   return rigid(pose_from(turn, -turn * image.translation), where);

@@ -78,7 +78,7 @@ class FrameBuilder {
 
  private:
   [[noreturn]] void fail(const PickleValue& value, const std::string& why) const {
-    throw Error(Fault::data, text(pickle_.file(), ": byte ", value.offset, ": ", why));
+    bad_data(pickle_.file(), ": byte ", value.offset, ": ", why);
   }
 
   // Since pandas 1.3: BlockManager(blocks, axes). Before: a state of four parts, the last a dict by version.
@@ -366,15 +366,14 @@ const Column* DataFrame::find(std::string_view name) const {
 }
 
 void DataFrame::add(Column column) {
-  if (has(column.name)) throw Error(Fault::data, text(file_, ": two columns ", printable(column.name)));
+  if (has(column.name)) bad_data(file_, ": two columns ", printable(column.name));
   const bool unread = std::holds_alternative<std::monostate>(column.values);
   const bool first =
       std::all_of(columns_.begin(), columns_.end(), [](const Column& c) { return c.values.index() == 0; });
   if (!unread && first) rows_ = length_of(column.values);
-  if (!unread && length_of(column.values) != rows_) {
-    throw Error(Fault::data, text(file_, ": the column ", printable(column.name), " has ", length_of(column.values),
-                                  " rows, others have ", rows_));
-  }
+  if (!unread && length_of(column.values) != rows_)
+    bad_data(file_, ": the column ", printable(column.name), " has ", length_of(column.values), " rows, others have ",
+             rows_);
   columns_.push_back(std::move(column));
 }
 
@@ -382,7 +381,7 @@ const Column& DataFrame::column(std::string_view name) const {
   if (const Column* found = find(name)) return *found;
   std::string names;
   for (const Column& column : columns_) names += (names.empty() ? "" : ", ") + printable(column.name);
-  throw Error(Fault::data, text(file_, ": no column ", name, "; it has ", names.substr(0, 400)));
+  bad_data(file_, ": no column ", name, "; it has ", names.substr(0, 400));
 }
 
 std::vector<double> DataFrame::numbers(std::string_view name) const {
@@ -391,7 +390,7 @@ std::vector<double> DataFrame::numbers(std::string_view name) const {
   return std::visit(
       [&](const auto& values) -> std::vector<double> {
         if constexpr (requires { static_cast<double>(values[0]); }) return {values.begin(), values.end()};
-        throw Error(Fault::data, text(file_, ": the column ", name, " does not hold numbers"));
+        bad_data(file_, ": the column ", name, " does not hold numbers");
       },
       found.values);
 }
@@ -401,7 +400,7 @@ const std::vector<std::string>& DataFrame::texts(std::string_view name) const {
   const Column& found = column(name);
   if (rows_ == 0) return none;
   if (const auto* texts = std::get_if<std::vector<std::string>>(&found.values)) return *texts;
-  throw Error(Fault::data, text(file_, ": the column ", name, " does not hold strings"));
+  bad_data(file_, ": the column ", name, " does not hold strings");
 }
 
 DataFrame parse_data_frame(std::span<const std::uint8_t> bytes, const std::string& name) {

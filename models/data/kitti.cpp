@@ -77,8 +77,8 @@ fs::path one_drive(const fs::path& root) {
   constexpr std::size_t most = 10;
   std::string names;
   for (std::size_t i = 0; i < std::min(most, drives.size()); ++i) names += "\n  " + drives[i].string();
-  throw Error(Fault::data, text(root.string(), ": holds ", drives.size(), " drives, want one; give the folder of one ",
-                                "of them:", names, drives.size() > most ? "\n  ..." : ""));
+  bad_data(root.string(), ": holds ", drives.size(), " drives, want one; give the folder of one ", "of them:", names,
+           drives.size() > most ? "\n  ..." : "");
 }
 
 std::string read_text(const fs::path& path) {
@@ -95,7 +95,7 @@ std::vector<std::string> lines_of(const std::string& content) {
 
 double number_of(std::string_view word, const std::string& where) {
   if (const auto value = number_in<double>(word); value && std::isfinite(*value)) return *value;
-  throw Error(Fault::data, text(where, ": looked for a finite number, found '", printable(word), "'"));
+  bad_data(where, ": looked for a finite number, found '", printable(word), "'");
 }
 
 // The first `count` numbers of a line.
@@ -103,7 +103,7 @@ std::vector<double> numbers_of(std::string_view line, std::size_t count, const s
   std::vector<double> numbers;
   while (numbers.size() < count) {
     const std::string_view word = next_word(line);
-    if (word.empty()) throw Error(Fault::data, text(where, ": looked for ", count, " numbers, found ", numbers.size()));
+    if (word.empty()) bad_data(where, ": looked for ", count, " numbers, found ", numbers.size());
     numbers.push_back(number_of(word, where));
   }
   return numbers;
@@ -113,10 +113,9 @@ std::vector<double> numbers_of(std::string_view line, std::size_t count, const s
 class Calibration {
  public:
   explicit Calibration(const fs::path& path) : path_(path) {
-    if (!has_file(path)) {
-      throw Error(Fault::data, text(path.string(), " is missing: a drive needs its day's calibration in the folder ",
-                                    "above it (the archive ..._calib.zip)"));
-    }
+    if (!has_file(path))
+      bad_data(path.string(), " is missing: a drive needs its day's calibration in the folder ",
+               "above it (the archive ..._calib.zip)");
     for (const std::string& line : lines_of(read_text(path))) {
       const std::size_t colon = line.find(':');
       if (colon != std::string::npos) entries_.emplace(line.substr(0, colon), line.substr(colon + 1));
@@ -127,7 +126,7 @@ class Calibration {
   std::string where(const std::string& name) const { return text(path_.string(), ": ", name); }
 
   std::vector<double> numbers(const std::string& name, std::size_t count) const {
-    if (!has(name)) throw Error(Fault::data, text(where(name), " is missing"));
+    if (!has(name)) bad_data(where(name), " is missing");
     return without_quotes(path_, [&] { return numbers_of(entries_.at(name), count, where(name)); });
   }
 
@@ -153,16 +152,13 @@ std::optional<double> time_of(std::string_view line, const std::string& where) {
   if (line.empty()) return {};
   const bool shaped = line.size() >= 19 && line[4] == '-' && line[7] == '-' && (line[10] == ' ' || line[10] == 'T') &&
                       line[13] == ':' && line[16] == ':';
-  if (!shaped) {
-    throw Error(Fault::data,
-                text(where, ": looked for a time like 2011-09-26 13:04:44.540000000, found '", printable(line), "'"));
-  }
+  if (!shaped) bad_data(where, ": looked for a time like 2011-09-26 13:04:44.540000000, found '", printable(line), "'");
   const auto whole = [&](std::size_t start, std::size_t size) {
     return number_in<int>(line.substr(start, size)).value_or(-1);  // no part of a time
   };
   const std::chrono::year_month_day day{std::chrono::year(whole(0, 4)), std::chrono::month(unsigned(whole(5, 2))),
                                         std::chrono::day(unsigned(whole(8, 2)))};
-  if (!day.ok()) throw Error(Fault::data, text(where, ": no such date: '", printable(line.substr(0, 10)), "'"));
+  if (!day.ok()) bad_data(where, ": no such date: '", printable(line.substr(0, 10)), "'");
   const double days = double(std::chrono::sys_days(day).time_since_epoch().count());
   return 86400 * days + 3600 * whole(11, 2) + 60 * whole(14, 2) + number_of(line.substr(17), where);
 }
@@ -213,9 +209,8 @@ struct Oxts {
 
 Oxts read_oxts(const std::string& content, const std::string& file) {
   const auto values = numbers_of(content, 6, file);
-  if (std::abs(values[0]) > 85 || std::abs(values[1]) > 360) {
-    throw Error(Fault::data, text(file, ": latitude ", values[0], ", longitude ", values[1], " degrees"));
-  }
+  if (std::abs(values[0]) > 85 || std::abs(values[1]) > 360)
+    bad_data(file, ": latitude ", values[0], ", longitude ", values[1], " degrees");
   return {values[0] * kRadians, values[1] * kRadians, values[2], {values[3], values[4], values[5]}};
 }
 
@@ -243,10 +238,9 @@ class DriveReader {
   }
 
   Scene read() {
-    if (drive_.filename().string().ends_with("_extract")) {
-      throw Error(Fault::data, text(drive_.string(), ": is an unsynchronised drive, whose images are not rectified; ",
-                                    "download the drive named ..._sync"));
-    }
+    if (drive_.filename().string().ends_with("_extract"))
+      bad_data(drive_.string(), ": is an unsynchronised drive, whose images are not rectified; ",
+               "download the drive named ..._sync");
     read_poses();
     for (int camera = 0; camera < kCameras; ++camera) {
       if (is_folder(drive_ / camera_name(camera) / "data")) read_camera(camera);
@@ -272,15 +266,13 @@ class DriveReader {
         const Oxts oxts = without_quotes(drive_ / file, [&] { return read_oxts(content, file); });
         if (!first) first = oxts;
         const Eigen::Vector3d place = position(oxts, *first) - position(*first, *first);
-        if (place.norm() > kFarthest) {
-          throw Error(Fault::data, text(file, ": the car is ", place.norm(), " m away from its first position"));
-        }
+        if (place.norm() > kFarthest) bad_data(file, ": the car is ", place.norm(), " m away from its first position");
         world_from_imu_.emplace(step, rigid(pose_of(oxts.roll_pitch_yaw, place), file));
       });
     }
     if (!world_from_imu_.empty()) return;
-    throw Error(Fault::data, text(drive_.string(), ": no pose: looked for oxts/data/0000000000.txt and so on, which ",
-                                  "the archives ..._sync.zip hold"));
+    bad_data(drive_.string(), ": no pose: looked for oxts/data/0000000000.txt and so on, which ",
+             "the archives ..._sync.zip hold");
   }
 
   // Files of one sensor by step: those that are there, and those that the poses lead one to expect.
@@ -336,10 +328,9 @@ class DriveReader {
     const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> projection(values.data());
     const Eigen::Matrix3d intrinsics = projection.leftCols<3>();
     const Eigen::Vector3d others(intrinsics(0, 1), intrinsics(1, 0), intrinsics(2, 0));
-    if (others.norm() > 1e-6 || std::abs(intrinsics(2, 1)) > 1e-9 || std::abs(intrinsics(2, 2) - 1) > 1e-9) {
-      throw Error(Fault::data, text(cameras_.where(key), " is not the projection of a rectified image: looked for ",
-                                    "fx 0 cx ., 0 fy cy ., 0 0 1 ."));
-    }
+    if (others.norm() > 1e-6 || std::abs(intrinsics(2, 1)) > 1e-9 || std::abs(intrinsics(2, 2) - 1) > 1e-9)
+      bad_data(cameras_.where(key), " is not the projection of a rectified image: looked for ",
+               "fx 0 cx ., 0 fy cy ., 0 0 1 .");
     Camera camera{0, 0, intrinsics(0, 0), intrinsics(1, 1), intrinsics(0, 2), intrinsics(1, 2)};
     require_sound(camera, cameras_.where(key));
     const Eigen::Matrix4d shift = pose_from(Eigen::Matrix3d::Identity(), -(intrinsics.inverse() * projection.col(3)));
@@ -356,7 +347,7 @@ class DriveReader {
     constexpr double longest = 1 << 17;
     const auto size = cameras_.numbers(key, 2);
     const bool sound = std::all_of(size.begin(), size.end(), [](double side) { return side >= 1 && side <= longest; });
-    if (!sound) throw Error(Fault::data, text(cameras_.where(key), " is ", size[0], " by ", size[1], " pixels"));
+    if (!sound) bad_data(cameras_.where(key), " is ", size[0], " by ", size[1], " pixels");
     return {int(size[0]), int(size[1])};
   }
 
@@ -381,9 +372,9 @@ class DriveReader {
     auto bytes = read_file(drive_ / file, kMostXmlBytes);
     pugi::xml_document document;  // expands no entity that a file defines
     const auto parsed = document.load_buffer_inplace(bytes.data(), bytes.size());
-    if (!parsed) throw Error(Fault::data, text(file, ": byte ", parsed.offset, ": ", parsed.description()));
+    if (!parsed) bad_data(file, ": byte ", parsed.offset, ": ", parsed.description());
     const pugi::xml_node tracklets = document.child("boost_serialization").child("tracklets");
-    if (!tracklets) throw Error(Fault::data, text(file, ": has no <tracklets> in <boost_serialization>"));
+    if (!tracklets) bad_data(file, ": has no <tracklets> in <boost_serialization>");
     int index = 0;
     for (const pugi::xml_node tracklet : tracklets.children("item")) {
       const std::string id = fmt::format("{:03}", index++);
@@ -395,14 +386,14 @@ class DriveReader {
 
   static double value_of(const pugi::xml_node& node, const char* key, const std::string& where) {
     const pugi::xml_node child = node.child(key);
-    if (!child) throw Error(Fault::data, text(where, ": <", key, "> is missing"));
+    if (!child) bad_data(where, ": <", key, "> is missing");
     return number_of(child.text().get(), text(where, ": <", key, ">"));
   }
 
   void read_tracklet(const pugi::xml_node& tracklet, const std::string& id, const std::string& where) {
     const double height = value_of(tracklet, "h", where), first = value_of(tracklet, "first_frame", where);
     const Eigen::Vector3d size(value_of(tracklet, "w", where), value_of(tracklet, "l", where), height);
-    if (!(first >= 0 && first < kMostSteps)) throw Error(Fault::data, text(where, ": <first_frame> is ", first));
+    if (!(first >= 0 && first < kMostSteps)) bad_data(where, ": <first_frame> is ", first);
     const std::string label = printable(tracklet.child("objectType").text().get());
     int step = int(first);
     for (const pugi::xml_node pose : tracklet.child("poses").children("item")) {

@@ -111,7 +111,7 @@ class Loader {
     const std::string sizes = text(frame.image, ": ", image.width, "x", image.height, " pixels, listed as ",
                                    camera.width, "x", camera.height);
     if (!has_aspect(camera, image.width, image.height))
-      throw Error(Fault::data, text(sizes, ": the aspect ratio differs, so the intrinsics cannot be scaled to it"));
+      bad_data(sizes, ": the aspect ratio differs, so the intrinsics cannot be scaled to it");
     resized_.add(sizes);
     return resized(camera, image.width, image.height);
   }
@@ -120,8 +120,8 @@ class Loader {
     Image mask = read_image(scene_.root / *frame.mask);
     if (mask.width != image.width || mask.height != image.height) mask = upright(mask, turn);  // drawn as stored
     if (mask.width == image.width && mask.height == image.height) return mask;
-    throw Error(Fault::data, text(*frame.mask, ": the mask has ", mask.width, "x", mask.height,
-                                  " pixels, but its image ", frame.image, " has ", image.width, "x", image.height));
+    bad_data(*frame.mask, ": the mask has ", mask.width, "x", mask.height, " pixels, but its image ", frame.image,
+             " has ", image.width, "x", image.height);
   }
 
   const Scene& scene_;

@@ -23,12 +23,9 @@ LogBuilder::LogBuilder(const std::filesystem::path& root, const char* format, co
 void LogBuilder::add(const LabelledBox& labelled, const std::string& where) {
   const Eigen::Vector3d& size = labelled.size;
   ActorBox box = labelled.box;
-  if (!box.world_from_box.allFinite() || !size.allFinite())
-    throw Error(Fault::data, text(where, ": a value is NaN or infinite"));
-  if (!(size.minCoeff() > 0) || size.maxCoeff() > kLongestBox) {
-    throw Error(Fault::data,
-                text(where, ": implausible box size: ", size.x(), " by ", size.y(), " by ", size.z(), " m"));
-  }
+  if (!box.world_from_box.allFinite() || !size.allFinite()) bad_data(where, ": a value is NaN or infinite");
+  if (!(size.minCoeff() > 0) || size.maxCoeff() > kLongestBox)
+    bad_data(where, ": implausible box size: ", size.x(), " by ", size.y(), " by ", size.z(), " m");
   box.world_from_box = rigid(box.world_from_box, where);
   Actor& actor = actors_[labelled.id];
   if (!actor.boxes.empty() && actor.boxes.back().step == box.step) {
@@ -53,10 +50,9 @@ Scene LogBuilder::finish(const LookedFor& places) {
   }
   if (scene.sweeps.empty()) scene.warnings.push_back(text("no LiDAR sweeps: looked for ", places.sweeps));
   if (scene.actors.empty()) scene.warnings.push_back(text("no boxes of actors: looked for ", places.boxes));
-  if (scene.frames.empty()) {
-    throw Error(Fault::data, text(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed in ",
-                                  places.images, near_misses(scene.root, missing_)));
-  }
+  if (scene.frames.empty())
+    bad_data(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed in ", places.images,
+             near_misses(scene.root, missing_));
   return std::move(scene);
 }
 

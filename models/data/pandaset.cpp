@@ -50,8 +50,8 @@ Json read_json(const fs::path& root, const std::string& name) { return parse_jso
 
 const Json& entries(const Json& json, const std::string& where) {
   if (json.is_array() && json.size() <= kMostSteps) return json;
-  throw Error(Fault::data, text(where, ": looked for a list of at most ", kMostSteps, " entries, found ",
-                                json.is_array() ? text(json.size()) : std::string(json.type_name())));
+  bad_data(where, ": looked for a list of at most ", kMostSteps, " entries, found ",
+           json.is_array() ? text(json.size()) : std::string(json.type_name()));
 }
 
 // {"position": {x, y, z}, "heading": {w, x, y, z}}: world from sensor.
@@ -59,16 +59,14 @@ Eigen::Matrix4d read_pose(const Json& json, const std::string& where) {
   const Json &position = member(json, "position", where), &heading = member(json, "heading", where);
   const Eigen::Quaterniond turn(number(heading, "w", where), number(heading, "x", where), number(heading, "y", where),
                                 number(heading, "z", where));
-  if (!(std::abs(turn.norm() - 1) < 0.01)) {
-    throw Error(Fault::data, text(where, ": the heading has length ", turn.norm(), ", want 1"));
-  }
+  if (!(std::abs(turn.norm() - 1) < 0.01)) bad_data(where, ": the heading has length ", turn.norm(), ", want 1");
   const Eigen::Vector3d place(number(position, "x", where), number(position, "y", where), number(position, "z", where));
   return rigid(pose_from(turn.normalized().toRotationMatrix(), place), where);
 }
 
 double read_time(const Json& json, const std::string& where) {
   const double time = json.is_number() ? json.get<double>() : NAN;
-  if (!std::isfinite(time)) throw Error(Fault::data, text(where, ": looked for a time in seconds"));
+  if (!std::isfinite(time)) bad_data(where, ": looked for a time in seconds");
   return time;
 }
 
@@ -161,7 +159,7 @@ class LogReader {
     const std::size_t count = entries(poses.entries, folder + "/poses.json").size(),
                       times = entries(poses.times, folder + "/timestamps.json").size();
     if (count == times) return poses;
-    throw Error(Fault::data, text(folder, ": ", count, " poses but ", times, " time stamps"));
+    bad_data(folder, ": ", count, " poses but ", times, " time stamps");
   }
 
   void read_sweeps() {

@@ -43,8 +43,7 @@ struct Settings {
 
 int side(double value, const char* key, const std::string& where) {
   if (value >= 1 && value <= kLongestSide && value == std::floor(value)) return static_cast<int>(value);
-  throw Error(Fault::data,
-              text(where, ": ", key, " is ", value, ", want a whole number of pixels up to ", kLongestSide));
+  bad_data(where, ": ", key, " is ", value, ", want a whole number of pixels up to ", kLongestSide);
 }
 
 // From the focal length itself, or the field of view in radians.
@@ -52,10 +51,8 @@ std::optional<double> focal_length(const Settings& settings, const std::string& 
   if (const auto focal = settings.number("fl_" + axis)) return focal;
   const auto angle = settings.number("camera_angle_" + axis);
   if (!angle) return {};
-  if (!(*angle > 0 && *angle < std::numbers::pi)) {
-    throw Error(Fault::data,
-                text(settings.where, ": camera_angle_", axis, " is ", *angle, ", want radians between 0 and pi"));
-  }
+  if (!(*angle > 0 && *angle < std::numbers::pi))
+    bad_data(settings.where, ": camera_angle_", axis, " is ", *angle, ", want radians between 0 and pi");
   return 0.5 * size / std::tan(0.5 * *angle);
 }
 
@@ -66,8 +63,8 @@ CameraModel camera_model(const Settings& settings, const Camera& camera) {
   if (name == "OPENCV_FISHEYE" || fisheye) return CameraModel::fisheye;
   const std::set<std::string> known = {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"};
   if (known.contains(name)) return straight ? CameraModel::pinhole : CameraModel::opencv;
-  throw Error(Fault::data, text(settings.where, ": camera_model is ", name.substr(0, 40),
-                                ", want PINHOLE, OPENCV or OPENCV_FISHEYE; undistort the images first"));
+  bad_data(settings.where, ": camera_model is ", name.substr(0, 40),
+           ", want PINHOLE, OPENCV or OPENCV_FISHEYE; undistort the images first");
 }
 
 // One json file and which of its frames test.
@@ -153,8 +150,7 @@ class Reader {
     frame.timestamp = optional_number(json, "time", where);
     frame.mask = optional_string(json, "mask_path", where);
     if (frame.mask) frame.mask = path_named(scene_.root, *frame.mask, options_.allow_outside);
-    if (frame.mask && !has_file(scene_.root / *frame.mask))
-      throw Error(Fault::data, text(where, ": the mask ", *frame.mask, " is missing"));
+    if (frame.mask && !has_file(scene_.root / *frame.mask)) bad_data(where, ": the mask ", *frame.mask, " is missing");
     frame.camera = index_of(read_camera_json(source.file, json, scene_.root / frame.image, where));
     scene_.frames.push_back(std::move(frame));
   }
@@ -205,11 +201,10 @@ Camera read_camera_json(const Json& file, const Json& frame, const fs::path& ima
   camera.width = w ? side(*w, "w", settings.where) : size.width;
   camera.height = h ? side(*h, "h", settings.where) : size.height;
   const auto fx = focal_length(settings, "x", camera.width), fy = focal_length(settings, "y", camera.height);
-  if (!fx && !fy) {
-    throw Error(Fault::data, text(settings.where,
-                                  ": no focal length: looked for fl_x, fl_y, camera_angle_x and "
-                                  "camera_angle_y in the frame and in the file"));
-  }
+  if (!fx && !fy)
+    bad_data(settings.where,
+             ": no focal length: looked for fl_x, fl_y, camera_angle_x and "
+             "camera_angle_y in the frame and in the file");
   camera.fx = fx ? *fx : *fy;
   camera.fy = fy ? *fy : *fx;
   camera.cx = settings.number("cx", 0.5 * camera.width);

@@ -78,7 +78,7 @@ class Document {
 
   const std::string& name() const { return name_; }
   const Json& json() const { return json_; }
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, name_ + ": " + why); }
+  [[noreturn]] void fail(const std::string& why) const { bad_data(name_ + ": " + why); }
 
   /// The `index`-th of "nodes", "accessors" and the like.
   const Json& item(const char* list, std::uint64_t index) const {

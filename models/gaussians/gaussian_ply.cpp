@@ -55,10 +55,8 @@ Places rest_places(const PlyHeader& header) {
       std::count_if(header.properties.begin(), header.properties.end(),
                     [](const PlyProperty& property) { return property.name.starts_with("f_rest_"); }));
   const std::size_t coefficients = count / 3;
-  if (count != 0 && count != 9 && count != 24 && count != 45) {
-    throw Error(Fault::data, text(header.file, ": its vertices have ", count,
-                                  " properties f_rest_N, want 0, 9, 24 or 45 (degree 0 to 3)"));
-  }
+  if (count != 0 && count != 9 && count != 24 && count != 45)
+    bad_data(header.file, ": its vertices have ", count, " properties f_rest_N, want 0, 9, 24 or 45 (degree 0 to 3)");
   const Places by_channel = places_of(header, "f_rest_", count);
   Places places;
   for (std::size_t k = 0; k < coefficients; ++k) {

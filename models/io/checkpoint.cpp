@@ -97,8 +97,8 @@ LoadedCheckpoint load_latest_checkpoint(const fs::path& folder) {
       return loaded;
     } catch (const Error& problem) { damage += (damage.empty() ? "" : "; ") + std::string(problem.what()); }
   }
-  throw Error(Fault::data, text("no usable checkpoint in ", folder.string(), ": ", describe(folder),
-                                damage.empty() ? "" : "; ", damage, "; train first, or name another run folder"));
+  bad_data("no usable checkpoint in ", folder.string(), ": ", describe(folder), damage.empty() ? "" : "; ", damage,
+           "; train first, or name another run folder");
 }
 
 }  // namespace cloam

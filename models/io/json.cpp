@@ -23,8 +23,8 @@ constexpr std::size_t kLongestReason = 300;
 
 [[noreturn]] void wrong(const std::string& where, const std::string& key, const std::string& wanted,
                         const Json& found) {
-  throw Error(Fault::data, text(where, ": ", key, " is ", found.type_name(), ", want ", wanted,
-                                found.is_null() ? " (NaN and Infinity are not numbers)" : ""));
+  bad_data(where, ": ", key, " is ", found.type_name(), ", want ", wanted,
+           found.is_null() ? " (NaN and Infinity are not numbers)" : "");
 }
 
 // Where the string that begins at `start` ends, behind its quote.
@@ -101,7 +101,7 @@ class Builder : public nlohmann::json_sax<Json> {
   }
 
  private:
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(name_, ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { bad_data(name_, ": ", why); }
 
   bool add(Json value) {
     place_for(std::move(value));
@@ -170,7 +170,7 @@ Json parse_json(std::string_view given, const std::string& name) {
 const Json& member(const Json& object, const std::string& key, const std::string& where) {
   if (!object.is_object()) wrong(where, "the value around " + key, "an object", object);
   const auto found = object.find(key);
-  if (found == object.end()) throw Error(Fault::data, text(where, ": the key ", key, " is missing"));
+  if (found == object.end()) bad_data(where, ": the key ", key, " is missing");
   return *found;
 }
 
@@ -211,18 +211,16 @@ bool flag(const Json& object, const std::string& key, bool otherwise, const std:
 
 Eigen::Matrix4d matrix4(const Json& object, const std::string& key, const std::string& where) {
   const Json& rows = array(object, key, where);
-  if (rows.size() != 4 && rows.size() != 3) {
-    throw Error(Fault::data, text(where, ": ", key, " has ", rows.size(), " rows, want 4 (or 3) rows of 4 numbers"));
-  }
+  if (rows.size() != 4 && rows.size() != 3)
+    bad_data(where, ": ", key, " has ", rows.size(), " rows, want 4 (or 3) rows of 4 numbers");
   Eigen::Matrix4d matrix = Eigen::Matrix4d::Identity();
   for (std::size_t r = 0; r < rows.size(); ++r) {
     const std::string row = text(key, "[", r, "]");
     if (!rows[r].is_array() || rows[r].size() != 4) wrong(where, row, "4 numbers", rows[r]);
     for (std::size_t c = 0; c < 4; ++c) matrix(r, c) = finite(rows[r][c], text(row, "[", c, "]"), where);
   }
-  if ((matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).norm() > 1e-6) {
-    throw Error(Fault::data, text(where, ": the last row of ", key, " is not 0 0 0 1"));
-  }
+  if ((matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).norm() > 1e-6)
+    bad_data(where, ": the last row of ", key, " is not 0 0 0 1");
   return matrix;
 }
 

@@ -40,12 +40,10 @@ std::string as_json(std::string_view header) {
 
 void read_shape(const Json& shape, const std::string& looked_for, NpyArray& array) {
   constexpr std::uint64_t most = std::uint64_t{1} << 56;
-  if (shape.size() > kMostAxes) throw Error(Fault::data, text(looked_for, "at most ", kMostAxes, " axes"));
+  if (shape.size() > kMostAxes) bad_data(looked_for, "at most ", kMostAxes, " axes");
   for (const Json& extent : shape) {
-    if (!extent.is_number() || extent < 0) throw Error(Fault::data, looked_for + "a whole number");
-    if (!extent.is_number_unsigned() || extent > most) {
-      throw Error(Fault::data, text(looked_for, "an extent of at most ", most));
-    }
+    if (!extent.is_number() || extent < 0) bad_data(looked_for + "a whole number");
+    if (!extent.is_number_unsigned() || extent > most) bad_data(looked_for, "an extent of at most ", most);
     array.shape.push_back(extent);
   }
 }
@@ -53,14 +51,11 @@ void read_shape(const Json& shape, const std::string& looked_for, NpyArray& arra
 void read_header(std::string_view header, NpyArray& array) {
   const std::string looked_for = array.name + ": the .npy header is damaged: looked for ",
                     keys = looked_for + "descr, fortran_order and shape, each once";
-  if (!header.starts_with('{')) {
-    throw Error(Fault::data, text(looked_for, "{ at '", printable(header.substr(0, 30)), "'"));
-  }
+  if (!header.starts_with('{')) bad_data(looked_for, "{ at '", printable(header.substr(0, 30)), "'");
   const Json json = parse_json(as_json(header), keys);
-  if (json.size() != 3 || !json.contains("fortran_order")) throw Error(Fault::data, keys);
-  if (member(json, "descr", keys).is_array()) {
-    throw Error(Fault::data, looked_for + "an array of plain numbers (found a structure with fields)");
-  }
+  if (json.size() != 3 || !json.contains("fortran_order")) bad_data(keys);
+  if (member(json, "descr", keys).is_array())
+    bad_data(looked_for + "an array of plain numbers (found a structure with fields)");
   array.type = string(json, "descr", keys);
   array.columns_first = flag(json, "fortran_order", false, keys);
   read_shape(cloam::array(json, "shape", keys), looked_for, array);
@@ -71,8 +66,7 @@ std::uint64_t checked_length(const NpyArray& array, std::uint64_t most) {
   std::uint64_t length = 1;
   for (const std::uint64_t extent : array.shape) {
     if (extent == 0) return 0;
-    if (length > most / extent)
-      throw Error(Fault::data, text(array.name, ": its shape has more values than its bytes"));
+    if (length > most / extent) bad_data(array.name, ": its shape has more values than its bytes");
     length *= extent;
   }
   return length;
@@ -113,34 +107,26 @@ NpyArray parse_npy(std::span<const std::uint8_t> bytes, const std::string& name)
   ByteReader reader(bytes, name);
   const auto magic = reader.take(std::min(kMagic.size(), reader.remaining()), "the first bytes");
   if (!std::equal(magic.begin(), magic.end(), kMagic.begin(), kMagic.end(),
-                  [](std::uint8_t a, char b) { return a == static_cast<std::uint8_t>(b); })) {
-    throw Error(Fault::data,
-                text(name, ": is not an .npy file: it does not begin with \\x93NUMPY; save it with numpy.save"));
-  }
+                  [](std::uint8_t a, char b) { return a == static_cast<std::uint8_t>(b); }))
+    bad_data(name, ": is not an .npy file: it does not begin with \\x93NUMPY; save it with numpy.save");
   const auto version = reader.little<std::uint8_t>("the version");
   reader.skip(1, "the version");
-  if (version < 1 || version > 3) {
-    throw Error(Fault::data, text(name, ": .npy version ", int(version), ", want versions 1 to 3"));
-  }
+  if (version < 1 || version > 3) bad_data(name, ": .npy version ", int(version), ", want versions 1 to 3");
   const std::uint64_t length = version == 1 ? reader.little<std::uint16_t>("the length of the header")
                                             : reader.little<std::uint32_t>("the length of the header");
-  if (length > kLongestHeader) {
-    throw Error(Fault::data, text(name, ": a header of ", length, " bytes, the most is ", kLongestHeader));
-  }
+  if (length > kLongestHeader) bad_data(name, ": a header of ", length, " bytes, the most is ", kLongestHeader);
   const auto header = reader.take(length, "the header");
   NpyArray array;
   array.name = name;
   read_header({reinterpret_cast<const char*>(header.data()), header.size()}, array);
   const std::size_t size = bytes_of(array.type);
-  if (size == 0) {
-    throw Error(Fault::data, text(name, ": holds values of type ", printable(array.type),
-                                  ", want numbers in little-endian order: save it with .astype('<f4')"));
-  }
+  if (size == 0)
+    bad_data(name, ": holds values of type ", printable(array.type),
+             ", want numbers in little-endian order: save it with .astype('<f4')");
   const std::uint64_t count = checked_length(array, std::numeric_limits<std::uint64_t>::max() / size);
-  if (count * size != reader.remaining()) {
-    throw Error(Fault::data, text(name, ": its shape asks for ", count * size, " bytes of values, found ",
-                                  reader.remaining(), "; the file is damaged or truncated"));
-  }
+  if (count * size != reader.remaining())
+    bad_data(name, ": its shape asks for ", count * size, " bytes of values, found ", reader.remaining(),
+             "; the file is damaged or truncated");
   array.content = reader.take(count * size, "the values");
   return array;
 }

@@ -36,7 +36,7 @@ class Zip {
   std::vector<std::uint8_t> content(const Entry& entry) const;
 
  private:
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(name_, ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { bad_data(name_, ": ", why); }
   Bytes end_record() const;
   Entry next_entry(ByteReader& reader) const;
   Bytes packed(const Entry& entry) const;
@@ -144,11 +144,10 @@ TensorMap read_npz(const std::filesystem::path& path) {
   TensorMap all;
   for (const Entry& entry : zip.directory()) {
     const std::string label = text(path.string(), ": member ", printable(entry.name));
-    if (!entry.name.ends_with(".npy")) throw Error(Fault::data, text(label, ": want only .npy members"));
+    if (!entry.name.ends_with(".npy")) bad_data(label, ": want only .npy members");
     const std::vector<std::uint8_t> content = zip.content(entry);
     const std::string name = entry.name.substr(0, entry.name.size() - 4);
-    if (!all.emplace(name, as_tensor(parse_npy(content, label))).second)
-      throw Error(Fault::data, text(label, ": appears twice"));
+    if (!all.emplace(name, as_tensor(parse_npy(content, label))).second) bad_data(label, ": appears twice");
   }
   return all;
 }

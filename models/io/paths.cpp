@@ -14,7 +14,7 @@ namespace fs = std::filesystem;
 constexpr std::size_t kLongestPath = 4096;  // as Linux
 
 [[noreturn]] void refuse(const std::string& named, const std::string& why) {
-  throw Error(Fault::data, text("the path \"", printable(named), "\" ", why));
+  bad_data("the path \"", printable(named), "\" ", why);
 }
 
 bool lies_within(const fs::path& folder, const fs::path& path) {

@@ -35,7 +35,7 @@ auto without_quotes(const std::filesystem::path& file, Read read) {
   } catch (const Error& error) {
     std::error_code ignored;
     if (error.fault() != Fault::data || !std::filesystem::is_symlink(file, ignored)) throw;
-    throw Error(Fault::data, text(file.string(), ": the file that this link leads to is damaged or of another kind"));
+    bad_data(file.string(), ": the file that this link leads to is damaged or of another kind");
   }
 }
 

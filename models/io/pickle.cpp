@@ -81,7 +81,7 @@ struct Place {
   std::size_t byte = 0;  // of the opcode
 
   [[noreturn]] void fail(const std::string& why) const {
-    throw Error(Fault::data, text(file, ": byte ", byte, ": ", why, "; no code was executed"));
+    bad_data(file, ": byte ", byte, ": ", why, "; no code was executed");
   }
 };
 
@@ -392,8 +392,7 @@ Pickle::Pickle(std::span<const std::uint8_t> bytes, std::string name) : file_(st
 }
 
 void Pickle::unlike(const PickleValue& value, const std::string& wanted) const {
-  throw Error(Fault::data,
-              cloam::text(file_, ": byte ", value.offset, ": looked for ", wanted, ", found ", kind_name(value.kind)));
+  bad_data(cloam::text(file_, ": byte ", value.offset, ": looked for ", wanted, ", found ", kind_name(value.kind)));
 }
 
 std::span<const PickleValue> Pickle::list(const PickleValue& value, const char* what) const {

@@ -62,7 +62,7 @@ std::string listed(const std::vector<std::string>& names) {
 }
 
 [[noreturn]] void no_property(const std::string& file, std::string_view name, const std::vector<std::string>& names) {
-  throw Error(Fault::data, text(file, ": its vertices have no property ", name, "; they have ", listed(names)));
+  bad_data(file, ": its vertices have no property ", name, "; they have ", listed(names));
 }
 
 class Parser {
@@ -83,7 +83,7 @@ class Parser {
   }
 
  private:
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(header_.file, ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { bad_data(header_.file, ": ", why); }
 
   // Up to the end of the line or of the file; nothing where the line is longer.
   std::optional<std::string> line(std::size_t longest) {
@@ -248,9 +248,8 @@ const std::vector<float>& PlyVertices::column(std::string_view name) const {
 void read_ply(const std::filesystem::path& path, const std::function<PlyRow(const PlyHeader&)>& begin) {
   const std::uint64_t size = file_bytes(path);
   std::filebuf file;
-  if (!file.open(path, std::ios::in | std::ios::binary)) {
-    throw Error(Fault::data, text(path.string(), ": cannot be opened: ", std::strerror(errno)));
-  }
+  if (!file.open(path, std::ios::in | std::ios::binary))
+    bad_data(path.string(), ": cannot be opened: ", std::strerror(errno));
   Parser(file, size, path.string()).parse(begin);
 }
 

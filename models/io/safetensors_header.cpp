@@ -53,9 +53,8 @@ class HeaderItem {
 
  private:
   [[noreturn]] void refuse(const std::string& found, const std::string& key) const {
-    throw Error(Fault::data,
-                text("header of tensor '", printable(name_), "': found ", found, " at key '", printable(key),
-                     "', want {\"dtype\":string, \"shape\":[sizes], \"data_offsets\":[begin,end]}"));
+    bad_data("header of tensor '", printable(name_), "': found ", found, " at key '", printable(key),
+             "', want {\"dtype\":string, \"shape\":[sizes], \"data_offsets\":[begin,end]}");
   }
 
   const Json& field(const std::string& key) const {

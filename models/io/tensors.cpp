@@ -48,7 +48,7 @@ std::vector<std::byte> host_bytes(const Tensor& tensor) {
 
 const NamedTensor& find(const TensorMap& map, const std::string& name) {
   const auto found = map.find(name);
-  if (found == map.end()) throw Error(Fault::data, text("there is no tensor ", name));
+  if (found == map.end()) bad_data("there is no tensor ", name);
   return found->second;
 }
 
@@ -80,8 +80,8 @@ Tensor tensor_from(const TensorMap& map, const std::string& name, const Shape& s
   for (DType candidate : {DType::i32, DType::u32, DType::u8})
     if (stored.dtype == stored_type(candidate)) dtype = candidate;
   if (stored.shape != want || stored.dtype != stored_type(dtype))
-    throw Error(Fault::data, text("the tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(),
-                                  " bytes, want shape ", to_string(shape)));
+    bad_data("the tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(), " bytes, want shape ",
+             to_string(shape));
   return from_bytes(stored.data.data(), dtype, shape);
 }
 
@@ -92,8 +92,8 @@ std::vector<Value> values_from(const TensorMap& map, const std::string& name, co
   if (stored.dtype != dtype || stored.shape != shape) {
     std::string want;
     for (const int64_t extent : shape) want += text(want.empty() ? "" : " x ", extent);
-    throw Error(Fault::data, text("the tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(),
-                                  " bytes, want ", dtype, " of shape ", want));
+    bad_data("the tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(), " bytes, want ", dtype,
+             " of shape ", want);
   }
   std::vector<Value> out(stored.data.size() / sizeof(Value));
   std::memcpy(out.data(), stored.data.data(), stored.data.size());

@@ -43,8 +43,8 @@ fs::path the_file(const fs::path& path) {
   if (found.size() == 1) return found[0];
   std::string names;
   for (const fs::path& file : found) names += " " + file.filename().string();
-  throw Error(Fault::data, text(path.string(), ": want a folder with one file of weights (.npz or safetensors), found ",
-                                found.empty() ? "none" : "several:", names, "; name the file itself"));
+  bad_data(path.string(), ": want a folder with one file of weights (.npz or safetensors), found ",
+           found.empty() ? "none" : "several:", names, "; name the file itself");
 }
 
 }  // namespace
@@ -52,12 +52,12 @@ fs::path the_file(const fs::path& path) {
 std::vector<float> Weights::take(const std::string& name, const std::vector<int64_t>& shape) const {
   const std::string wanted = text(file.string(), ": looked for ", name, " F32 ", shape_text(shape), ", found ");
   const auto at = tensors.find(name);
-  if (at == tensors.end()) throw Error(Fault::data, wanted + content());
+  if (at == tensors.end()) bad_data(wanted + content());
   if (at->second.shape != shape || at->second.dtype != "F32")
-    throw Error(Fault::data, text(wanted, at->second.dtype, " ", shape_text(at->second.shape)));
+    bad_data(wanted, at->second.dtype, " ", shape_text(at->second.shape));
   const std::vector<float> values = values_from<float>(tensors, name, shape);
   if (!std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); }))
-    throw Error(Fault::data, wanted + "NaN or infinite values in it");
+    bad_data(wanted + "NaN or infinite values in it");
   return values;
 }
 
@@ -81,8 +81,8 @@ Weights read_weights(const fs::path& path) {
     case Format::safetensors:
       return {file, read_safetensors(file).tensors};
     default:
-      throw Error(Fault::data, text(file.string(), ": want a file of weights (.npz or safetensors), found ",
-                                    fs::exists(file) ? "something else" : "no file"));
+      bad_data(file.string(), ": want a file of weights (.npz or safetensors), found ",
+               fs::exists(file) ? "something else" : "no file");
   }
 }
 

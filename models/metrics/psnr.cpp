@@ -10,8 +10,7 @@ namespace cloam {
 namespace {
 
 void need_same_size(size_t a, size_t b) {
-  if (a != b || a == 0)
-    throw Error(Fault::data, text("psnr needs two images of one size, got ", a, " and ", b, " values"));
+  if (a != b || a == 0) bad_data("psnr needs two images of one size, got ", a, " and ", b, " values");
 }
 
 double decibel(double mean_squared_error) { return -10.0 * std::log10(mean_squared_error); }
@@ -29,9 +28,8 @@ double psnr(std::span<const float> a, std::span<const float> b) {
 
 double masked_psnr(std::span<const float> a, std::span<const float> b, std::span<const uint8_t> mask, int channels) {
   need_same_size(a.size(), b.size());
-  if (channels < 1 || a.size() % static_cast<size_t>(channels) != 0) {
-    throw Error(Fault::data, text("an image of ", a.size(), " values does not divide into ", channels, " channels"));
-  }
+  if (channels < 1 || a.size() % static_cast<size_t>(channels) != 0)
+    bad_data("an image of ", a.size(), " values does not divide into ", channels, " channels");
   const auto width = static_cast<size_t>(channels);
   need_same_size(a.size() / width, mask.size());
   double sum = 0;
