@@ -8,7 +8,6 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <set>
-#include <unordered_map>
 
 #include "models/data/photos.h"
 #include "models/data/poses.h"
@@ -157,19 +156,9 @@ class Reader {
 
   /// Of an equal camera among the scene's. By a table: each frame may have a camera of its own.
   int index_of(const Camera& camera) {
-    std::size_t hash = 0;
-    for (const double value : {double(camera.width), double(camera.height), camera.fx, camera.fy, camera.cx, camera.cy,
-                               camera.k[0], camera.k[1], camera.k[2], camera.k[3], camera.p1, camera.p2})
-      hash = 31 * hash + std::hash<double>()(value);
-    const auto [first, last] = cameras_.equal_range(hash);
-    const auto found = std::find_if(first, last, [&](const auto& entry) {
-      return scene_.cameras[static_cast<std::size_t>(entry.second)] == camera;
-    });
-    if (found != last) return found->second;
-    scene_.cameras.push_back(camera);
-    const int index = static_cast<int>(scene_.cameras.size()) - 1;
-    cameras_.emplace(hash, index);
-    return index;
+    const auto [found, is_new] = cameras_.emplace(camera, static_cast<int>(scene_.cameras.size()));
+    if (is_new) scene_.cameras.push_back(camera);
+    return found->second;
   }
 
   void warn_of_unused() {
@@ -187,7 +176,7 @@ class Reader {
   ReadOptions options_;
   Scene scene_;
   std::vector<std::string> missing_;
-  std::unordered_multimap<std::size_t, int> cameras_;  // places in the scene's, by their values
+  std::map<Camera, int> cameras_;              // places in the scene's
   std::map<std::string, std::size_t> unused_;  // keys that mean something to others, and how often they stand there
 };
 

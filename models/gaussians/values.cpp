@@ -63,6 +63,13 @@ Gaussians zero_gaussians(std::uint64_t count, const std::string& file) {
   return gaussians;
 }
 
+void append(Gaussians& all, const Gaussians& more) {
+  for (const Field& field : kFields) {
+    const std::vector<float>& values = more.*field.values;
+    (all.*field.values).insert((all.*field.values).end(), values.begin(), values.end());
+  }
+}
+
 int degree_of(const Gaussians& gaussians) {
   std::size_t used = 0;  // coefficients, of any gaussian
   for (std::size_t i = 0; i < gaussians.sh_rest.size(); ++i) {

@@ -10,18 +10,8 @@ namespace cloam {
 namespace {
 
 const char* stored_type(DType dtype) {
-  switch (dtype) {
-    case DType::i32:
-      return "I32";
-    case DType::u32:
-      return "U32";
-    case DType::u8:
-      return "U8";
-    case DType::f16:
-      return "F16";
-    default:
-      return "F32";
-  }
+  constexpr const char* names[] = {"F32", "I32", "U32", "U8", "F16"};  // in the order of DType
+  return names[static_cast<size_t>(dtype)];
 }
 
 template <class T>
@@ -32,18 +22,11 @@ std::vector<std::byte> bytes_of(const std::vector<T>& values) {
 }
 
 std::vector<std::byte> host_bytes(const Tensor& tensor) {
-  switch (tensor.dtype()) {
-    case DType::i32:
-      return bytes_of(tensor.to_host<int32_t>());
-    case DType::u32:
-      return bytes_of(tensor.to_host<uint32_t>());
-    case DType::u8:
-      return bytes_of(tensor.to_host<uint8_t>());
-    case DType::f32:
-      return bytes_of(tensor.to_host<float>());
-    default:
-      throw Error(Fault::internal, "[checkpoint] float16 tensors are not saved");
-  }
+  if (tensor.dtype() == DType::i32) return bytes_of(tensor.to_host<int32_t>());
+  if (tensor.dtype() == DType::u32) return bytes_of(tensor.to_host<uint32_t>());
+  if (tensor.dtype() == DType::u8) return bytes_of(tensor.to_host<uint8_t>());
+  if (tensor.dtype() == DType::f32) return bytes_of(tensor.to_host<float>());
+  throw Error(Fault::internal, "[checkpoint] float16 tensors are not saved");
 }
 
 const NamedTensor& find(const TensorMap& map, const std::string& name) {
