@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -16,6 +15,7 @@
 #include "models/io/json.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/scene/edit.h"
 #include "models/scene/pose.h"
 #include "runtime/error.h"
 
@@ -189,7 +189,8 @@ class LogReader {
   void read_cuboids() {
     std::error_code error;
     if (!fs::is_directory(scene_.root / "annotations/cuboids", error)) return;
-    for (const auto& [step, time] : times_of_steps()) {
+    // Cuboids are labelled on sweeps; without LiDAR the first camera's times must do.
+    for (const auto& [step, time] : moments_of(scene_)) {
       const std::string stem = "annotations/cuboids/" + pandaset_number(step);
       const std::string file = find_file(scene_.root, stem, {".pkl.gz", ".pkl"});
       if (file.empty()) {
@@ -198,14 +199,6 @@ class LogReader {
       }
       log_.guarded("cuboids", [&] { read_cuboids_of(file, step, time); });
     }
-  }
-
-  // Cuboids are labelled on sweeps; without LiDAR the first camera's times must do.
-  std::map<int, double> times_of_steps() const {
-    std::map<int, double> times;
-    for (const Sweep& sweep : scene_.sweeps) times.emplace(sweep.step, sweep.timestamp);
-    for (const Frame& frame : scene_.frames) times.emplace(frame.step, frame.timestamp.value_or(0));
-    return times;
   }
 
   void read_cuboids_of(const std::string& file, int step, double time) {
