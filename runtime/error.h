@@ -36,4 +36,10 @@ std::string text(const Parts&... parts) {
   return out.str();
 }
 
+/// Throws the error of files that are not as they should be: bad_data(path.string(), ": no points").
+template <class... Parts>
+[[noreturn]] void bad_data(const Parts&... parts) {
+  throw Error(Fault::data, text(parts...));
+}
+
 }  // namespace cloam

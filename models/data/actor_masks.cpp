@@ -93,12 +93,11 @@ ActorMasks::ActorMasks(const Scene& scene, bool use_truth) : scene_(scene) {
   std::map<std::string, int> places;
   for (std::size_t i = 0; i < scene.actors.size(); ++i) places[scene.actors[i].id] = 1 + static_cast<int>(i);
   const Json json = parse_json_file(path);
-  if (!json.is_object()) throw Error(Fault::data, path.string() + ": want an object of instance numbers");
+  if (!json.is_object()) bad_data(path.string() + ": want an object of instance numbers");
   for (const auto& [number, id] : json.items()) {
     const bool sound = !number.empty() && number.size() <= 5 &&
                        std::all_of(number.begin(), number.end(), [](char c) { return c >= '0' && c <= '9'; });
-    if (!sound || !id.is_string())
-      throw Error(Fault::data, text(path.string(), ": \"", number.substr(0, 40), "\": want \"NUMBER\": \"ID\""));
+    if (!sound || !id.is_string()) bad_data(path.string(), ": \"", number.substr(0, 40), "\": want \"NUMBER\": \"ID\"");
     const auto place = places.find(id.get<std::string>());
     numbers_[std::stoi(number)] = place == places.end() ? 0 : place->second;  // without any box: does not count
   }
@@ -111,8 +110,8 @@ ActorMask ActorMasks::read(const Frame& frame, const Camera& camera) const {
   const Labels labels = read_labels(path);
   const int factor = camera.width > 0 ? std::max(1, labels.width / camera.width) : 1;
   if (labels.width / factor != camera.width || labels.height / factor != camera.height)
-    throw Error(Fault::data, text(path.string(), ": the mask has ", labels.width, "x", labels.height,
-                                  " pixels, the image as loaded ", camera.width, "x", camera.height));
+    bad_data(path.string(), ": the mask has ", labels.width, "x", labels.height, " pixels, the image as loaded ",
+             camera.width, "x", camera.height);
   ActorMask mask{labels.width, labels.height, {}};
   for (const std::uint16_t number : labels.values) {
     const auto found = numbers_.find(number);

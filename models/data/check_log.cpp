@@ -9,6 +9,7 @@
 #include <span>
 
 #include "models/data/load_sweep.h"
+#include "models/data/reader.h"
 #include "models/io/image.h"
 #include "runtime/error.h"
 
@@ -227,16 +228,13 @@ LogReport check_log(const Scene& scene, bool skip_bad) {
   Comparisons comparisons;
   const std::set<int> compared = compared_steps(scene);
   for (const Sweep& sweep : scene.sweeps) {
-    try {
+    guarded(skip_bad, report.warnings, "left out of the check", [&] {
       const LidarPoints points = load_sweep(scene, sweep);
       report.points_per_sweep += double(points.size()) / double(scene.sweeps.size());
       report.points_dropped += points.dropped;
       check_boxes(scene, sweep, points, report);
       if (compared.contains(sweep.step)) compare_images(scene, sweep, points, comparisons);
-    } catch (const Error& error) {
-      if (!skip_bad || error.fault() != Fault::data) throw;
-      report.warnings.push_back(text("left out of the check: ", error.what()));
-    }
+    });
   }
   for (const auto& [sensor, comparison] : comparisons) {
     report.fits.push_back(finish(comparison));

@@ -48,12 +48,8 @@ class Reader {
               [](const ColmapImage& a, const ColmapImage& b) { return a.name < b.name; });
     scene_.frames_listed = model_.images.size();
     for (const ColmapImage& image : model_.images) {
-      try {
-        read_image(image, folder_.string() + ", image " + printable(image.name));
-      } catch (const Error& error) {
-        if (!options_.skip_bad || error.fault() != Fault::data) throw;
-        scene_.warnings.push_back(text("frame dropped: ", error.what()));
-      }
+      guarded(options_.skip_bad, scene_.warnings, "frame dropped",
+              [&] { read_image(image, folder_.string() + ", image " + printable(image.name)); });
     }
     warn_of_other_models();
     finish_photos(scene_, missing_, options_);
@@ -69,10 +65,9 @@ class Reader {
     frame.image = path_named(scene_.root, (fs::path(images_) / image.name).generic_string(), options_.allow_outside);
     frame.world_from_camera = world_from_camera(image, where);
     const auto camera = model_.cameras.find(image.camera);
-    if (camera == model_.cameras.end()) {
-      throw Error(Fault::data, text(where, ": refers to camera ", image.camera, ", which is not among the model's ",
-                                    model_.cameras.size(), " cameras"));
-    }
+    if (camera == model_.cameras.end())
+      bad_data(where, ": refers to camera ", image.camera, ", which is not among the model's ", model_.cameras.size(),
+               " cameras");
     if (!has_file(scene_.root / frame.image)) {
       missing_.push_back(frame.image);
       return;

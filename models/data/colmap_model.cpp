@@ -1,9 +1,9 @@
 // See colmap_model.h. Both kinds of file fill the same records; a table says what each lens's parameters are.
 #include "models/data/colmap_model.h"
 
-#include <Eigen/Geometry>
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <numbers>
 
@@ -11,6 +11,8 @@
 #include "models/io/bytes.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/io/words.h"
+#include "models/scene/pose.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -45,28 +47,12 @@ constexpr Lens kLenses[] = {
 
 double& place(Camera& camera, std::string_view name) {
   const auto number = static_cast<std::size_t>(name.back() - '1');
-  switch (name.front()) {
-    case 'f':
-      return name == "fy" ? camera.fy : camera.fx;
-    case 'c':
-      return name == "cx" ? camera.cx : camera.cy;
-    case 'k':
-      return camera.k[number];
-    case 'd':
-      return camera.denominator[number];
-    case 's':
-      return camera.prism[number];
-    default:
-      return name == "p1" ? camera.p1 : camera.p2;
-  }
-}
-
-// Words between blanks, tabs and a carriage return.
-std::string_view next_word(std::string_view& rest) {
-  rest.remove_prefix(std::min(rest.find_first_not_of(" \t\r"), rest.size()));
-  const std::string_view word = rest.substr(0, rest.find_first_of(" \t\r"));
-  rest.remove_prefix(word.size());
-  return word;
+  if (name.starts_with('k')) return camera.k[number];
+  if (name.starts_with('d')) return camera.denominator[number];
+  if (name.starts_with('s')) return camera.prism[number];
+  if (name.starts_with('p')) return number == 0 ? camera.p1 : camera.p2;
+  if (name.starts_with('c')) return name == "cx" ? camera.cx : camera.cy;
+  return name == "fy" ? camera.fy : camera.fx;
 }
 
 /// One record of a file after another, as numbers. `what` names the record for errors.
@@ -98,14 +84,13 @@ class BinaryFile : public Records {
   std::uint64_t count(std::uint64_t least_bytes, const char* what) {
     const auto promised = reader_.little<std::uint64_t>(what);
     if (promised <= reader_.remaining() / least_bytes) return promised;
-    throw Error(Fault::data, text(where(), ": ", promised, " ", what, " are declared, only ", reader_.remaining(),
-                                  " bytes follow; the file is damaged or truncated"));
+    bad_data(where(), ": ", promised, " ", what, " are declared, only ", reader_.remaining(),
+             " bytes follow; the file is damaged or truncated");
   }
   void skip(std::uint64_t bytes, const char* what) { reader_.skip(bytes, what); }
   void end() const {
     if (reader_.remaining() == 0) return;
-    throw Error(Fault::data,
-                text(where(), ": ", reader_.remaining(), " bytes follow the last record; the file is damaged"));
+    bad_data(where(), ": ", reader_.remaining(), " bytes follow the last record; the file is damaged");
   }
 
  private:
@@ -164,16 +149,14 @@ class TextFile : public Records {
   std::string word() { return std::string(next_word(line_)); }
 
  private:
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(where(), ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { bad_data(where(), ": ", why); }
 
   template <class Number>
   Number number(const char* what) {
     const std::string_view word = next_word(line_);
-    Number value{};
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (word.empty() || error != std::errc() || end != word.data() + word.size())
-      fail(text("looked for ", what, ", found '", printable(word), "'"));
-    return value;
+    const auto value = number_in<Number>(word);
+    if (!value) fail(text("looked for ", what, ", found '", printable(word), "'"));
+    return *value;
   }
 
   std::vector<std::uint8_t> bytes_;
@@ -184,7 +167,7 @@ class TextFile : public Records {
 
 int side(std::uint64_t pixels, const Records& file) {
   if (pixels >= 1 && pixels <= kLongestSide) return static_cast<int>(pixels);
-  throw Error(Fault::data, text(file.where(), ": an image side of ", pixels, " pixels, want 1 to ", kLongestSide));
+  bad_data(file.where(), ": an image side of ", pixels, " pixels, want 1 to ", kLongestSide);
 }
 
 /// Distortion that is zero is none.
@@ -204,29 +187,28 @@ void add_camera(ColmapModel& model, std::uint64_t id, const Lens& lens, Records&
   std::string_view names = lens.parameters;
   for (std::string_view name = next_word(names); !name.empty(); name = next_word(names)) {
     const double value = file.real("a camera's parameter");
-    if (!std::isfinite(value))
-      throw Error(Fault::data, text(file.where(), ": ", lens.name, "'s ", name, " is ", value));
+    if (!std::isfinite(value)) bad_data(file.where(), ": ", lens.name, "'s ", name, " is ", value);
     place(camera, name) = value;
     if (name == "f") camera.fy = value;
   }
   if (camera.model == CameraModel::fov) camera.k[0] = std::abs(camera.k[0]);  // the lens is the same for both signs
   if (camera.model == CameraModel::fov && camera.k[0] >= std::numbers::pi)
-    throw Error(Fault::data, text(file.where(), ": FOV's omega is ", camera.k[0], ", want radians below pi"));
+    bad_data(file.where(), ": FOV's omega is ", camera.k[0], ", want radians below pi");
   camera.model = simplest(camera);
   require_sound(camera, file.where());
   if (!model.cameras.emplace(static_cast<std::uint32_t>(id), camera).second)
-    throw Error(Fault::data, text(file.where(), ": camera ", id, " is defined twice"));
+    bad_data(file.where(), ": camera ", id, " is defined twice");
 }
 
 std::string lens_names() {
-  std::string names;
-  for (const Lens& lens : kLenses) names += (names.empty() ? "" : ", ") + std::string(lens.name);
-  return names;
+  std::vector<std::string_view> names;
+  for (const Lens& lens : kLenses) names.emplace_back(lens.name);
+  return fmt::format("{}", fmt::join(names, ", "));
 }
 
 [[noreturn]] void unknown_lens(const std::string& name, const Records& file) {
-  throw Error(Fault::data, text(file.where(), ": the camera model ", name, " is not supported; supported: ",
-                                lens_names(), "; let COLMAP undistort the images (colmap image_undistorter)"));
+  bad_data(file.where(), ": the camera model ", name, " is not supported; supported: ", lens_names(),
+           "; let COLMAP undistort the images (colmap image_undistorter)");
 }
 
 ColmapImage image_of(Records& file) {
@@ -351,15 +333,10 @@ ColmapModel read_colmap_model(const fs::path& folder, bool observations) {
 
 Eigen::Matrix4d world_from_camera(const ColmapImage& image, const std::string& where) {
   const double length = image.rotation.norm();
-  if (!(length > 1e-6 && length < 1e6)) {
-    throw Error(Fault::data, text(where, ": the quaternion of the pose has length ", length, ", want 1"));
-  }
+  if (!(length > 1e-6 && length < 1e6)) bad_data(where, ": the quaternion of the pose has length ", length, ", want 1");
   const Eigen::Vector4d unit = image.rotation / length;
   const Eigen::Matrix3d turn = Eigen::Quaterniond(unit[0], unit[1], unit[2], unit[3]).toRotationMatrix().transpose();
-  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-  pose.topLeftCorner<3, 3>() = turn;
-  pose.topRightCorner<3, 1>() = -turn * image.translation;
-  return rigid(pose, where);
+  return rigid(pose_from(turn, -turn * image.translation), where);
 }
 
 }  // namespace cloam

@@ -3,11 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <optional>
+#include <type_traits>
 
 #include "models/io/bytes.h"
 #include "models/io/gzip.h"
+#include "models/io/npy.h"
 #include "models/io/paths.h"
 #include "models/io/pickle.h"
 #include "models/io/safetensors_header.h"  // printable
@@ -39,47 +40,26 @@ struct Array {
   }
 };
 
-std::size_t bytes_of(const std::string& type) {
-  for (const char* known : {"b1", "i1", "u1"}) {
-    if (type == known) return 1;
-  }
-  for (const char* known : {"i2", "u2"}) {
-    if (type == known) return 2;
-  }
-  for (const char* known : {"i4", "u4", "f4"}) {
-    if (type == known) return 4;
-  }
-  for (const char* known : {"i8", "u8", "f8"}) {
-    if (type == known) return 8;
-  }
-  return 0;
-}
-
 template <class Stored, class Value>
 std::vector<Value> converted(std::span<const std::uint8_t> raw, std::int64_t start, std::int64_t step,
                              std::int64_t count) {
   std::vector<Value> result(static_cast<std::size_t>(count));
   for (std::int64_t i = 0; i < count; ++i) {
-    Stored value;
-    std::memcpy(&value, raw.data() + static_cast<std::size_t>(start + i * step) * sizeof(Stored), sizeof(Stored));
-    result[static_cast<std::size_t>(i)] = static_cast<Value>(value);
+    const std::uint8_t* at = raw.data() + static_cast<std::size_t>(start + i * step) * sizeof(Stored);
+    result[static_cast<std::size_t>(i)] = static_cast<Value>(number_at<Stored>(at));
   }
   return result;
 }
 
 ColumnValues numeric_column(const Array& array, std::int64_t start, std::int64_t step, std::int64_t rows) {
-  const auto& raw = array.raw;
-  if (array.type == "b1") return converted<std::uint8_t, std::uint8_t>(raw, start, step, rows);
-  if (array.type == "i1") return converted<std::int8_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "u1") return converted<std::uint8_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "i2") return converted<std::int16_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "u2") return converted<std::uint16_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "i4") return converted<std::int32_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "u4") return converted<std::uint32_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "i8") return converted<std::int64_t, std::int64_t>(raw, start, step, rows);
-  if (array.type == "u8") return converted<std::uint64_t, double>(raw, start, step, rows);
-  if (array.type == "f4") return converted<float, double>(raw, start, step, rows);
-  return converted<double, double>(raw, start, step, rows);
+  if (array.type == "b1") return converted<std::uint8_t, std::uint8_t>(array.raw, start, step, rows);
+  ColumnValues column;
+  with_numpy_kind(array.type, [&](auto number) {
+    using Stored = decltype(number);
+    constexpr bool whole = std::is_integral_v<Stored> && !std::is_same_v<Stored, std::uint64_t>;
+    column = converted<Stored, std::conditional_t<whole, std::int64_t, double>>(array.raw, start, step, rows);
+  });
+  return column;
 }
 
 class FrameBuilder {
@@ -98,7 +78,7 @@ class FrameBuilder {
 
  private:
   [[noreturn]] void fail(const PickleValue& value, const std::string& why) const {
-    throw Error(Fault::data, text(pickle_.file(), ": byte ", value.offset, ": ", why));
+    bad_data(pickle_.file(), ": byte ", value.offset, ": ", why);
   }
 
   // Since pandas 1.3: BlockManager(blocks, axes). Before: a state of four parts, the last a dict by version.
@@ -176,9 +156,9 @@ class FrameBuilder {
     for (std::int64_t i = 0; i < columns; ++i) {
       const std::int64_t start = array.columns_first ? i : i * rows, step = array.columns_first && !flat ? columns : 1;
       ColumnValues& target = take(values, places[static_cast<std::size_t>(i)]);
-      target = array.type[0] == 'O'   ? object_column(array, start, step, rows)
-               : bytes_of(array.type) ? numeric_column(array, start, step, rows)
-                                      : ColumnValues();
+      target = array.type[0] == 'O'      ? object_column(array, start, step, rows)
+               : numpy_bytes(array.type) ? numeric_column(array, start, step, rows)
+                                         : ColumnValues();
     }
   }
 
@@ -270,7 +250,7 @@ class FrameBuilder {
   }
 
   void require_length(const PickleValue& value, const Array& array) const {
-    const std::size_t size = bytes_of(array.type), count = static_cast<std::size_t>(array.length());
+    const std::size_t size = numpy_bytes(array.type), count = static_cast<std::size_t>(array.length());
     if (size == 0 && array.type[0] != 'O') return;  // a type that is not read
     const std::size_t wanted = size ? size * count : count, found = size ? array.raw.size() : array.objects.size();
     const bool sound = wanted == found && (size || array.raw.empty());
@@ -287,7 +267,7 @@ class FrameBuilder {
     const auto state = pickle_.list(type.state, "a dtype's state");
     if (state.size() < 2) fail(type.state, "looked for a dtype's byte order");
     const auto order = pickle_.text(state[1], "a dtype's byte order");
-    return bytes_of(name) && (order == "<" || order == "|") ? name : "?";
+    return numpy_bytes(name) && (order == "<" || order == "|") ? name : "?";
   }
 
   const PickleValue& object_at(const Array& array, std::int64_t i) const {
@@ -314,7 +294,7 @@ class FrameBuilder {
     if (scalar.arguments.size() != 2) fail(value, "looked for a number's dtype and bytes");
     Array array;
     array.type = type_name(scalar.arguments[0]);
-    if (!bytes_of(array.type)) return {};
+    if (!numpy_bytes(array.type)) return {};
     array.shape = {1};
     array.raw = pickle_.bytes(scalar.arguments[1], "a number's bytes");
     require_length(value, array);
@@ -386,15 +366,14 @@ const Column* DataFrame::find(std::string_view name) const {
 }
 
 void DataFrame::add(Column column) {
-  if (has(column.name)) throw Error(Fault::data, text(file_, ": two columns ", printable(column.name)));
+  if (has(column.name)) bad_data(file_, ": two columns ", printable(column.name));
   const bool unread = std::holds_alternative<std::monostate>(column.values);
   const bool first =
       std::all_of(columns_.begin(), columns_.end(), [](const Column& c) { return c.values.index() == 0; });
   if (!unread && first) rows_ = length_of(column.values);
-  if (!unread && length_of(column.values) != rows_) {
-    throw Error(Fault::data, text(file_, ": the column ", printable(column.name), " has ", length_of(column.values),
-                                  " rows, others have ", rows_));
-  }
+  if (!unread && length_of(column.values) != rows_)
+    bad_data(file_, ": the column ", printable(column.name), " has ", length_of(column.values), " rows, others have ",
+             rows_);
   columns_.push_back(std::move(column));
 }
 
@@ -402,7 +381,7 @@ const Column& DataFrame::column(std::string_view name) const {
   if (const Column* found = find(name)) return *found;
   std::string names;
   for (const Column& column : columns_) names += (names.empty() ? "" : ", ") + printable(column.name);
-  throw Error(Fault::data, text(file_, ": no column ", name, "; it has ", names.substr(0, 400)));
+  bad_data(file_, ": no column ", name, "; it has ", names.substr(0, 400));
 }
 
 std::vector<double> DataFrame::numbers(std::string_view name) const {
@@ -411,7 +390,7 @@ std::vector<double> DataFrame::numbers(std::string_view name) const {
   return std::visit(
       [&](const auto& values) -> std::vector<double> {
         if constexpr (requires { static_cast<double>(values[0]); }) return {values.begin(), values.end()};
-        throw Error(Fault::data, text(file_, ": the column ", name, " does not hold numbers"));
+        bad_data(file_, ": the column ", name, " does not hold numbers");
       },
       found.values);
 }
@@ -421,7 +400,7 @@ const std::vector<std::string>& DataFrame::texts(std::string_view name) const {
   const Column& found = column(name);
   if (rows_ == 0) return none;
   if (const auto* texts = std::get_if<std::vector<std::string>>(&found.values)) return *texts;
-  throw Error(Fault::data, text(file_, ": the column ", name, " does not hold strings"));
+  bad_data(file_, ": the column ", name, " does not hold strings");
 }
 
 DataFrame parse_data_frame(std::span<const std::uint8_t> bytes, const std::string& name) {

@@ -2,16 +2,18 @@
 // 0 after rectification, in which the images of all four lie.
 #include "models/data/kitti.h"
 
-#include <Eigen/Geometry>
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <numbers>
 #include <optional>
 #include <pugixml.hpp>
 #include <set>
+#include <sstream>
 #include <string_view>
+#include <tuple>
 
 #include "models/data/log_builder.h"
 #include "models/data/poses.h"
@@ -19,6 +21,8 @@
 #include "models/io/image.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/io/words.h"
+#include "models/scene/pose.h"
 
 namespace cloam {
 namespace {
@@ -36,12 +40,7 @@ constexpr double kRadians = std::numbers::pi / 180;
 
 std::string camera_name(int camera) { return text("image_0", camera); }
 
-std::string padded(int number, std::size_t width) {
-  const std::string digits = std::to_string(number);
-  return std::string(width - std::min(width, digits.size()), '0') + digits;
-}
-
-std::string number_name(int step) { return padded(step, 10); }
+std::string number_name(int step) { return fmt::format("{:010}", step); }
 
 bool is_folder(const fs::path& path) {
   std::error_code error;
@@ -56,12 +55,9 @@ bool is_drive(const fs::path& folder) {
 }
 
 std::vector<fs::path> folders_in(const fs::path& folder) {
-  std::vector<fs::path> found;
-  std::error_code error;
-  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
-    if (found.size() < kMostEntries && is_folder(entry->path())) found.push_back(entry->path());
-  }
-  std::sort(found.begin(), found.end());
+  std::vector<fs::path> found = entries_of(folder);
+  std::erase_if(found, [](const fs::path& entry) { return !is_folder(entry); });
+  found.resize(std::min(found.size(), kMostEntries));
   return found;
 }
 
@@ -69,13 +65,8 @@ std::vector<fs::path> drives_in(const fs::path& root) {
   if (is_drive(root)) return {root};
   std::vector<fs::path> drives;
   for (const fs::path& folder : folders_in(root)) {
-    if (is_drive(folder)) {
-      drives.push_back(folder);
-      continue;
-    }
-    for (const fs::path& inner : folders_in(folder)) {
-      if (is_drive(inner)) drives.push_back(inner);
-    }
+    const auto likely = is_drive(folder) ? std::vector{folder} : folders_in(folder);
+    std::copy_if(likely.begin(), likely.end(), std::back_inserter(drives), is_drive);
   }
   return drives;
 }
@@ -86,9 +77,8 @@ fs::path one_drive(const fs::path& root) {
   constexpr std::size_t most = 10;
   std::string names;
   for (std::size_t i = 0; i < std::min(most, drives.size()); ++i) names += "\n  " + drives[i].string();
-  throw Error(Fault::data,
-              text(root.string(), ": holds ", drives.size(),
-                   " drives, want one; give the folder of one of them:", names, drives.size() > most ? "\n  ..." : ""));
+  bad_data(root.string(), ": holds ", drives.size(), " drives, want one; give the folder of one ", "of them:", names,
+           drives.size() > most ? "\n  ..." : "");
 }
 
 std::string read_text(const fs::path& path) {
@@ -98,31 +88,23 @@ std::string read_text(const fs::path& path) {
 
 std::vector<std::string> lines_of(const std::string& content) {
   std::vector<std::string> lines;
-  for (std::size_t start = 0; start < content.size();) {
-    const std::size_t end = std::min(content.find('\n', start), content.size());
-    lines.push_back(content.substr(start, end - start));
-    start = end + 1;
-  }
+  std::istringstream rest(content);
+  for (std::string line; std::getline(rest, line);) lines.push_back(line);
   return lines;
 }
 
 double number_of(std::string_view word, const std::string& where) {
-  double value = 0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (error == std::errc() && end == word.data() + word.size() && std::isfinite(value)) return value;
-  throw Error(Fault::data, text(where, ": looked for a finite number, found '", printable(word), "'"));
+  if (const auto value = number_in<double>(word); value && std::isfinite(*value)) return *value;
+  bad_data(where, ": looked for a finite number, found '", printable(word), "'");
 }
 
 // The first `count` numbers of a line.
 std::vector<double> numbers_of(std::string_view line, std::size_t count, const std::string& where) {
-  constexpr std::string_view spaces = " \t\r\n";
   std::vector<double> numbers;
   while (numbers.size() < count) {
-    line.remove_prefix(std::min(line.find_first_not_of(spaces), line.size()));
-    if (line.empty()) throw Error(Fault::data, text(where, ": looked for ", count, " numbers, found ", numbers.size()));
-    const std::string_view word = line.substr(0, line.find_first_of(spaces));
+    const std::string_view word = next_word(line);
+    if (word.empty()) bad_data(where, ": looked for ", count, " numbers, found ", numbers.size());
     numbers.push_back(number_of(word, where));
-    line.remove_prefix(word.size());
   }
   return numbers;
 }
@@ -131,10 +113,9 @@ std::vector<double> numbers_of(std::string_view line, std::size_t count, const s
 class Calibration {
  public:
   explicit Calibration(const fs::path& path) : path_(path) {
-    if (!has_file(path)) {
-      throw Error(Fault::data, text(path.string(), " is missing: a drive needs its day's calibration in the folder ",
-                                    "above it (the archive ..._calib.zip)"));
-    }
+    if (!has_file(path))
+      bad_data(path.string(), " is missing: a drive needs its day's calibration in the folder ",
+               "above it (the archive ..._calib.zip)");
     for (const std::string& line : lines_of(read_text(path))) {
       const std::size_t colon = line.find(':');
       if (colon != std::string::npos) entries_.emplace(line.substr(0, colon), line.substr(colon + 1));
@@ -145,7 +126,7 @@ class Calibration {
   std::string where(const std::string& name) const { return text(path_.string(), ": ", name); }
 
   std::vector<double> numbers(const std::string& name, std::size_t count) const {
-    if (!has(name)) throw Error(Fault::data, text(where(name), " is missing"));
+    if (!has(name)) bad_data(where(name), " is missing");
     return without_quotes(path_, [&] { return numbers_of(entries_.at(name), count, where(name)); });
   }
 
@@ -155,10 +136,7 @@ class Calibration {
 
   /// Rotation R and translation T.
   Eigen::Matrix4d pose() const {
-    Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-    pose.topLeftCorner<3, 3>() = matrix3("R");
-    pose.topRightCorner<3, 1>() = Eigen::Vector3d(numbers("T", 3).data());
-    return rigid(pose, where("R"));
+    return rigid(pose_from(matrix3("R"), Eigen::Vector3d(numbers("T", 3).data())), where("R"));
   }
 
  private:
@@ -174,18 +152,13 @@ std::optional<double> time_of(std::string_view line, const std::string& where) {
   if (line.empty()) return {};
   const bool shaped = line.size() >= 19 && line[4] == '-' && line[7] == '-' && (line[10] == ' ' || line[10] == 'T') &&
                       line[13] == ':' && line[16] == ':';
-  if (!shaped) {
-    throw Error(Fault::data,
-                text(where, ": looked for a time like 2011-09-26 13:04:44.540000000, found '", printable(line), "'"));
-  }
+  if (!shaped) bad_data(where, ": looked for a time like 2011-09-26 13:04:44.540000000, found '", printable(line), "'");
   const auto whole = [&](std::size_t start, std::size_t size) {
-    int value = -1;  // no part of a time
-    std::from_chars(line.data() + start, line.data() + start + size, value);
-    return value;
+    return number_in<int>(line.substr(start, size)).value_or(-1);  // no part of a time
   };
   const std::chrono::year_month_day day{std::chrono::year(whole(0, 4)), std::chrono::month(unsigned(whole(5, 2))),
                                         std::chrono::day(unsigned(whole(8, 2)))};
-  if (!day.ok()) throw Error(Fault::data, text(where, ": no such date: '", printable(line.substr(0, 10)), "'"));
+  if (!day.ok()) bad_data(where, ": no such date: '", printable(line.substr(0, 10)), "'");
   const double days = double(std::chrono::sys_days(day).time_since_epoch().count());
   return 86400 * days + 3600 * whole(11, 2) + 60 * whole(14, 2) + number_of(line.substr(17), where);
 }
@@ -193,7 +166,6 @@ std::optional<double> time_of(std::string_view line, const std::string& where) {
 /// The time stamps of one sensor, a line a frame.
 class TimeStamps {
  public:
-  TimeStamps() = default;
   TimeStamps(const fs::path& drive, const std::string& file) : file_(file), path_(drive / file) {
     if (has_file(path_)) lines_ = lines_of(read_text(path_));
   }
@@ -213,25 +185,20 @@ class TimeStamps {
 // Frame numbers of the files in a folder: 0000000007.png is 7. Other names are no frames.
 std::set<int> numbers_in(const fs::path& folder, const char* extension) {
   std::set<int> numbers;
-  std::error_code error;
-  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
-    const std::string stem = entry->path().stem().string();
-    int number = 0;
-    const auto [last, failed] = std::from_chars(stem.data(), stem.data() + stem.size(), number);
-    const bool named = failed == std::errc() && last == stem.data() + stem.size() && stem.size() == 10;
-    if (named && number >= 0 && number < kMostSteps && entry->path().extension() == extension) numbers.insert(number);
+  for (const fs::path& entry : entries_of(folder)) {
+    const std::string stem = entry.stem().string();
+    const int number = number_in<int>(stem).value_or(-1);
+    const bool named = stem.size() == 10 && number >= 0 && number < kMostSteps;
+    if (named && entry.extension() == extension) numbers.insert(number);
   }
   return numbers;
 }
 
 Eigen::Matrix4d pose_of(const Eigen::Vector3d& roll_pitch_yaw, const Eigen::Vector3d& position) {
-  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-  pose.topLeftCorner<3, 3>() = (Eigen::AngleAxisd(roll_pitch_yaw.z(), Eigen::Vector3d::UnitZ()) *
-                                Eigen::AngleAxisd(roll_pitch_yaw.y(), Eigen::Vector3d::UnitY()) *
-                                Eigen::AngleAxisd(roll_pitch_yaw.x(), Eigen::Vector3d::UnitX()))
-                                   .toRotationMatrix();
-  pose.topRightCorner<3, 1>() = position;
-  return pose;
+  const Eigen::Quaterniond turn = Eigen::AngleAxisd(roll_pitch_yaw.z(), Eigen::Vector3d::UnitZ()) *
+                                  Eigen::AngleAxisd(roll_pitch_yaw.y(), Eigen::Vector3d::UnitY()) *
+                                  Eigen::AngleAxisd(roll_pitch_yaw.x(), Eigen::Vector3d::UnitX());
+  return pose_from(turn.toRotationMatrix(), position);
 }
 
 /// What GPS and inertial sensors tell: angles in radians, metres above the sea.
@@ -242,9 +209,8 @@ struct Oxts {
 
 Oxts read_oxts(const std::string& content, const std::string& file) {
   const auto values = numbers_of(content, 6, file);
-  if (std::abs(values[0]) > 85 || std::abs(values[1]) > 360) {
-    throw Error(Fault::data, text(file, ": latitude ", values[0], ", longitude ", values[1], " degrees"));
-  }
+  if (std::abs(values[0]) > 85 || std::abs(values[1]) > 360)
+    bad_data(file, ": latitude ", values[0], ", longitude ", values[1], " degrees");
   return {values[0] * kRadians, values[1] * kRadians, values[2], {values[3], values[4], values[5]}};
 }
 
@@ -265,18 +231,16 @@ class DriveReader {
         sweep_times_(drive, "velodyne_points/timestamps.txt") {
     const Eigen::Matrix4d velo_from_imu = calibration("calib_imu_to_velo.txt").pose(),
                           cam0_from_velo = calibration("calib_velo_to_cam.txt").pose();
-    Eigen::Matrix4d rect_from_cam0 = Eigen::Matrix4d::Identity();
-    rect_from_cam0.topLeftCorner<3, 3>() = cameras_.matrix3("R_rect_00");
+    const Eigen::Matrix4d rect_from_cam0 = pose_from(cameras_.matrix3("R_rect_00"), Eigen::Vector3d::Zero());
     imu_from_velo_ = inverse(velo_from_imu);
     imu_from_rect_ =
         imu_from_velo_ * inverse(cam0_from_velo) * inverse(rigid(rect_from_cam0, cameras_.where("R_rect_00")));
   }
 
   Scene read() {
-    if (drive_.filename().string().ends_with("_extract")) {
-      throw Error(Fault::data, text(drive_.string(), ": is an unsynchronised drive, whose images are not rectified; ",
-                                    "download the drive named ..._sync"));
-    }
+    if (drive_.filename().string().ends_with("_extract"))
+      bad_data(drive_.string(), ": is an unsynchronised drive, whose images are not rectified; ",
+               "download the drive named ..._sync");
     read_poses();
     for (int camera = 0; camera < kCameras; ++camera) {
       if (is_folder(drive_ / camera_name(camera) / "data")) read_camera(camera);
@@ -302,15 +266,13 @@ class DriveReader {
         const Oxts oxts = without_quotes(drive_ / file, [&] { return read_oxts(content, file); });
         if (!first) first = oxts;
         const Eigen::Vector3d place = position(oxts, *first) - position(*first, *first);
-        if (place.norm() > kFarthest) {
-          throw Error(Fault::data, text(file, ": the car is ", place.norm(), " m away from its first position"));
-        }
+        if (place.norm() > kFarthest) bad_data(file, ": the car is ", place.norm(), " m away from its first position");
         world_from_imu_.emplace(step, rigid(pose_of(oxts.roll_pitch_yaw, place), file));
       });
     }
     if (!world_from_imu_.empty()) return;
-    throw Error(Fault::data, text(drive_.string(), ": no pose: looked for oxts/data/0000000000.txt and so on, which ",
-                                  "the archives ..._sync.zip hold"));
+    bad_data(drive_.string(), ": no pose: looked for oxts/data/0000000000.txt and so on, which ",
+             "the archives ..._sync.zip hold");
   }
 
   // Files of one sensor by step: those that are there, and those that the poses lead one to expect.
@@ -355,7 +317,7 @@ class DriveReader {
 
   struct RectifiedCamera {
     Camera intrinsics;
-    Eigen::Matrix4d rect_from_camera = Eigen::Matrix4d::Identity();
+    Eigen::Matrix4d rect_from_camera;
   };
 
   // P_rect = K [I | t]: pixels from points in rect, with the camera at -t. No half pixel is added to the centre: LiDAR
@@ -366,35 +328,27 @@ class DriveReader {
     const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> projection(values.data());
     const Eigen::Matrix3d intrinsics = projection.leftCols<3>();
     const Eigen::Vector3d others(intrinsics(0, 1), intrinsics(1, 0), intrinsics(2, 0));
-    if (others.norm() > 1e-6 || std::abs(intrinsics(2, 1)) > 1e-9 || std::abs(intrinsics(2, 2) - 1) > 1e-9) {
-      throw Error(Fault::data, text(cameras_.where(key), " is not the projection of a rectified image: looked for ",
-                                    "fx 0 cx ., 0 fy cy ., 0 0 1 ."));
-    }
-    RectifiedCamera camera;
-    camera.intrinsics.fx = intrinsics(0, 0);
-    camera.intrinsics.fy = intrinsics(1, 1);
-    camera.intrinsics.cx = intrinsics(0, 2);
-    camera.intrinsics.cy = intrinsics(1, 2);
-    require_sound(camera.intrinsics, cameras_.where(key));
-    camera.rect_from_camera.topRightCorner<3, 1>() = -(intrinsics.inverse() * projection.col(3));
-    camera.rect_from_camera = rigid(camera.rect_from_camera, cameras_.where(key));
-    set_size(camera.intrinsics, size_key, image);
-    return camera;
+    if (others.norm() > 1e-6 || std::abs(intrinsics(2, 1)) > 1e-9 || std::abs(intrinsics(2, 2) - 1) > 1e-9)
+      bad_data(cameras_.where(key), " is not the projection of a rectified image: looked for ",
+               "fx 0 cx ., 0 fy cy ., 0 0 1 .");
+    Camera camera{0, 0, intrinsics(0, 0), intrinsics(1, 1), intrinsics(0, 2), intrinsics(1, 2)};
+    require_sound(camera, cameras_.where(key));
+    const Eigen::Matrix4d shift = pose_from(Eigen::Matrix3d::Identity(), -(intrinsics.inverse() * projection.col(3)));
+    const Eigen::Matrix4d rect_from_camera = rigid(shift, cameras_.where(key));
+    std::tie(camera.width, camera.height) = read_size(size_key, image);
+    return {camera, rect_from_camera};
   }
 
-  void set_size(Camera& camera, const std::string& key, const std::string& image) const {
+  std::pair<int, int> read_size(const std::string& key, const std::string& image) const {
     if (!cameras_.has(key)) {
       const ImageSize size = read_image_size(drive_ / image);
-      camera.width = size.width;
-      camera.height = size.height;
-      return;
+      return {size.width, size.height};
     }
     constexpr double longest = 1 << 17;
     const auto size = cameras_.numbers(key, 2);
     const bool sound = std::all_of(size.begin(), size.end(), [](double side) { return side >= 1 && side <= longest; });
-    if (!sound) throw Error(Fault::data, text(cameras_.where(key), " is ", size[0], " by ", size[1], " pixels"));
-    camera.width = int(size[0]);
-    camera.height = int(size[1]);
+    if (!sound) bad_data(cameras_.where(key), " is ", size[0], " by ", size[1], " pixels");
+    return {int(size[0]), int(size[1])};
   }
 
   double time_at(const TimeStamps& times, int step) const {
@@ -418,12 +372,12 @@ class DriveReader {
     auto bytes = read_file(drive_ / file, kMostXmlBytes);
     pugi::xml_document document;  // expands no entity that a file defines
     const auto parsed = document.load_buffer_inplace(bytes.data(), bytes.size());
-    if (!parsed) throw Error(Fault::data, text(file, ": byte ", parsed.offset, ": ", parsed.description()));
+    if (!parsed) bad_data(file, ": byte ", parsed.offset, ": ", parsed.description());
     const pugi::xml_node tracklets = document.child("boost_serialization").child("tracklets");
-    if (!tracklets) throw Error(Fault::data, text(file, ": has no <tracklets> in <boost_serialization>"));
+    if (!tracklets) bad_data(file, ": has no <tracklets> in <boost_serialization>");
     int index = 0;
     for (const pugi::xml_node tracklet : tracklets.children("item")) {
-      const std::string id = padded(index++, 3);
+      const std::string id = fmt::format("{:03}", index++);
       log_.guarded("tracklet", [&] { read_tracklet(tracklet, id, text(file, ", tracklet ", id)); });
     }
     if (boxes_without_pose_ > 0)
@@ -432,14 +386,14 @@ class DriveReader {
 
   static double value_of(const pugi::xml_node& node, const char* key, const std::string& where) {
     const pugi::xml_node child = node.child(key);
-    if (!child) throw Error(Fault::data, text(where, ": <", key, "> is missing"));
+    if (!child) bad_data(where, ": <", key, "> is missing");
     return number_of(child.text().get(), text(where, ": <", key, ">"));
   }
 
   void read_tracklet(const pugi::xml_node& tracklet, const std::string& id, const std::string& where) {
     const double height = value_of(tracklet, "h", where), first = value_of(tracklet, "first_frame", where);
     const Eigen::Vector3d size(value_of(tracklet, "w", where), value_of(tracklet, "l", where), height);
-    if (!(first >= 0 && first < kMostSteps)) throw Error(Fault::data, text(where, ": <first_frame> is ", first));
+    if (!(first >= 0 && first < kMostSteps)) bad_data(where, ": <first_frame> is ", first);
     const std::string label = printable(tracklet.child("objectType").text().get());
     int step = int(first);
     for (const pugi::xml_node pose : tracklet.child("poses").children("item")) {
@@ -460,10 +414,8 @@ class DriveReader {
   static Eigen::Matrix4d read_box(const pugi::xml_node& pose, double height, const std::string& where) {
     const auto value = [&](const char* key) { return value_of(pose, key, where); };
     const Eigen::Vector3d angles(value("rx"), value("ry"), value("rz")), place(value("tx"), value("ty"), value("tz"));
-    Eigen::Matrix4d tracklet_from_box = Eigen::Matrix4d::Identity();
-    tracklet_from_box.topLeftCorner<3, 3>() << 0, 1, 0, -1, 0, 0, 0, 0, 1;
-    tracklet_from_box(2, 3) = height / 2;
-    return pose_of(angles, place) * tracklet_from_box;
+    const Eigen::Matrix3d turn{{0, 1, 0}, {-1, 0, 0}, {0, 0, 1}};
+    return pose_of(angles, place) * pose_from(turn, {0, 0, height / 2});
   }
 
   fs::path drive_;

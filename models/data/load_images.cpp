@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/data/reader.h"
 #include "models/io/image.h"
 #include "runtime/error.h"
 
@@ -81,25 +82,22 @@ class Loader {
     pixels_.frames.push_back(std::move(result));
   }
 
-  void warn(const std::string& warning) { pixels_.warnings.push_back(warning); }
-
-  Pixels finish() {
-    if (resized_.images > 0) {
-      warn(text(resized_.images, " images do not have the size that the data set lists (", resized_.first,
-                "); their intrinsics are scaled"));
+  Pixels load(Split split) {
+    for (const std::size_t index : frames_of(scene_, split)) {
+      guarded(options_.skip_bad, pixels_.warnings, "frame dropped", [&] { load(index); });
     }
-    if (turned_.images > 0) {
-      warn(text(turned_.images, " images (", turned_.first,
-                ", ...) are rotated as their EXIF orientation says: the data set lists the rotated size"));
-    }
-    if (left_.images > 0) {
-      warn(text(left_.images, " images (", left_.first,
-                ", ...) have an EXIF orientation that is ignored: the listed size is that of the stored image"));
-    }
+    warn(resized_, "do not have the size that the data set lists", "their intrinsics are scaled");
+    warn(turned_, "are rotated as their EXIF orientation says", "the data set lists the rotated size");
+    warn(left_, "have an EXIF orientation that is ignored", "the listed size is that of the stored image");
     return std::move(pixels_);
   }
 
  private:
+  void warn(const Remark& remark, const char* what, const char* why) {
+    if (remark.images == 0) return;
+    pixels_.warnings.push_back(text(remark.images, " images (", remark.first, ", ...) ", what, ": ", why));
+  }
+
   /// The EXIF orientation to follow; 1: as stored.
   int turn_of(const Frame& frame, const Image& image) {
     const bool turn = must_turn(scene_.cameras[frame.camera], image);
@@ -113,7 +111,7 @@ class Loader {
     const std::string sizes = text(frame.image, ": ", image.width, "x", image.height, " pixels, listed as ",
                                    camera.width, "x", camera.height);
     if (!has_aspect(camera, image.width, image.height))
-      throw Error(Fault::data, text(sizes, ": the aspect ratio differs, so the intrinsics cannot be scaled to it"));
+      bad_data(sizes, ": the aspect ratio differs, so the intrinsics cannot be scaled to it");
     resized_.add(sizes);
     return resized(camera, image.width, image.height);
   }
@@ -122,8 +120,8 @@ class Loader {
     Image mask = read_image(scene_.root / *frame.mask);
     if (mask.width != image.width || mask.height != image.height) mask = upright(mask, turn);  // drawn as stored
     if (mask.width == image.width && mask.height == image.height) return mask;
-    throw Error(Fault::data, text(*frame.mask, ": the mask has ", mask.width, "x", mask.height,
-                                  " pixels, but its image ", frame.image, " has ", image.width, "x", image.height));
+    bad_data(*frame.mask, ": the mask has ", mask.width, "x", mask.height, " pixels, but its image ", frame.image,
+             " has ", image.width, "x", image.height);
   }
 
   const Scene& scene_;
@@ -136,16 +134,7 @@ class Loader {
 
 Pixels load_images(const Scene& scene, Split split, const LoadOptions& options) {
   if (options.downscale < 1) throw Error(Fault::usage, text("--downscale ", options.downscale, ": want 1 or more"));
-  Loader loader(scene, options);
-  for (const std::size_t index : frames_of(scene, split)) {
-    try {
-      loader.load(index);
-    } catch (const Error& error) {
-      if (!options.skip_bad || error.fault() != Fault::data) throw;
-      loader.warn(text("frame dropped: ", error.what()));
-    }
-  }
-  return loader.finish();
+  return Loader(scene, options).load(split);
 }
 
 }  // namespace cloam

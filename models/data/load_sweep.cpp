@@ -46,10 +46,9 @@ Columns read_data_frame_points(const fs::path& path, const Sweep& sweep) {
 Columns read_kitti_points(const fs::path& path, const Sweep&) {
   const auto bytes = read_file(path, kMostBytes);
   constexpr std::size_t size = 4 * sizeof(float);
-  if (bytes.size() % size != 0) {
-    throw Error(Fault::data, text(path.string(), ": holds ", bytes.size(), " bytes, want a multiple of ", size,
-                                  " (x y z reflectance as float32); the file is damaged or truncated"));
-  }
+  if (bytes.size() % size != 0)
+    bad_data(path.string(), ": holds ", bytes.size(), " bytes, want a multiple of ", size,
+             " (x y z reflectance as float32); the file is damaged or truncated");
   ByteReader reader(bytes, path.string());
   Columns columns;
   while (reader.remaining() > 0) {
@@ -70,11 +69,9 @@ void scale_intensity(std::vector<double>& values) {
 Columns read_npy_points(const fs::path& path, const Sweep&) {
   const auto bytes = read_file(path, kMostBytes);
   const NpyArray array = parse_npy(bytes, path.string());
-  if (array.shape.size() != 2 || array.shape[1] < 3) {
-    throw Error(Fault::data, text(path.string(), ": looked for an array of shape [N, 3] (x y z) or [N, 4] with ",
-                                  "intensity, found ", array.shape.size(), " axes",
-                                  array.shape.size() == 2 ? text(", the second of ", array.shape[1]) : ""));
-  }
+  if (array.shape.size() != 2 || array.shape[1] < 3)
+    bad_data(path.string(), ": looked for an array of shape [N, 3] (x y z) or [N, 4] with ", "intensity, found ",
+             array.shape.size(), " axes", array.shape.size() == 2 ? text(", the second of ", array.shape[1]) : "");
   const std::vector<float> values = npy_floats(array);
   const std::size_t rows = array.shape[0], width = array.shape[1];
   Columns columns;
@@ -87,8 +84,7 @@ Columns read_npy_points(const fs::path& path, const Sweep&) {
 }
 
 Columns read_ply_points(const fs::path& path, const Sweep&) {
-  const auto bytes = read_file(path, kMostBytes);
-  const PlyVertices vertices = parse_ply(bytes, path.string());
+  const PlyVertices vertices = read_ply_vertices(path);
   const auto doubles = [](const std::vector<float>& values) {
     return std::vector<double>(values.begin(), values.end());
   };
@@ -114,9 +110,8 @@ Columns read_columns(const fs::path& path, const Sweep& sweep) {
   const auto reader = std::find_if(std::begin(kReaders), std::end(kReaders),
                                    [&](const PointReader& known) { return path.extension() == known.extension; });
   if (reader != std::end(kReaders)) return reader->read(path, sweep);
-  throw Error(Fault::data,
-              text(path.string(),
-                   ": cannot read LiDAR points from this kind of file; supported: .pkl.gz, .pkl, .bin, .npy, .ply"));
+  bad_data(path.string(),
+           ": cannot read LiDAR points from this kind of file; supported: .pkl.gz, .pkl, .bin, .npy, .ply");
 }
 
 }  // namespace

@@ -10,7 +10,6 @@ namespace cloam {
 namespace {
 
 constexpr double kLongestBox = 200;  // metres: a train
-constexpr std::size_t kMostNamed = 5;
 
 }  // namespace
 
@@ -24,12 +23,9 @@ LogBuilder::LogBuilder(const std::filesystem::path& root, const char* format, co
 void LogBuilder::add(const LabelledBox& labelled, const std::string& where) {
   const Eigen::Vector3d& size = labelled.size;
   ActorBox box = labelled.box;
-  if (!box.world_from_box.allFinite() || !size.allFinite())
-    throw Error(Fault::data, text(where, ": a value is NaN or infinite"));
-  if (!(size.minCoeff() > 0) || size.maxCoeff() > kLongestBox) {
-    throw Error(Fault::data,
-                text(where, ": implausible box size: ", size.x(), " by ", size.y(), " by ", size.z(), " m"));
-  }
+  if (!box.world_from_box.allFinite() || !size.allFinite()) bad_data(where, ": a value is NaN or infinite");
+  if (!(size.minCoeff() > 0) || size.maxCoeff() > kLongestBox)
+    bad_data(where, ": implausible box size: ", size.x(), " by ", size.y(), " by ", size.z(), " m");
   box.world_from_box = rigid(box.world_from_box, where);
   Actor& actor = actors_[labelled.id];
   if (!actor.boxes.empty() && actor.boxes.back().step == box.step) {
@@ -49,17 +45,14 @@ Scene LogBuilder::finish(const LookedFor& places) {
   if (repeated_ > 0)
     scene.warnings.push_back(text(repeated_, " boxes dropped: their actors have another box at the same step"));
   if (!missing_.empty()) {
-    std::string names;
-    for (std::size_t i = 0; i < std::min(missing_.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing_[i];
-    scene.warnings.push_back(text(missing_.size(), " listed files are missing and skipped: ", names,
-                                  missing_.size() > kMostNamed ? ", ..." : "", near_misses(scene.root, missing_)));
+    scene.warnings.push_back(text(missing_.size(), " listed files are missing and skipped: ", some_of(missing_),
+                                  near_misses(scene.root, missing_)));
   }
   if (scene.sweeps.empty()) scene.warnings.push_back(text("no LiDAR sweeps: looked for ", places.sweeps));
   if (scene.actors.empty()) scene.warnings.push_back(text("no boxes of actors: looked for ", places.boxes));
-  if (scene.frames.empty()) {
-    throw Error(Fault::data, text(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed in ",
-                                  places.images, near_misses(scene.root, missing_)));
-  }
+  if (scene.frames.empty())
+    bad_data(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed in ", places.images,
+             near_misses(scene.root, missing_));
   return std::move(scene);
 }
 

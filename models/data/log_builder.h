@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "models/data/reader.h"
-#include "runtime/error.h"
 
 namespace cloam {
 
@@ -32,12 +31,7 @@ class LogBuilder {
   /// Runs `step`, and with --skip-bad turns its complaint about the data into a warning.
   template <class Step>
   void guarded(const char* what, Step step) {
-    try {
-      step();
-    } catch (const Error& error) {
-      if (!options_.skip_bad || error.fault() != Fault::data) throw;
-      scene.warnings.push_back(text(what, " dropped: ", error.what()));
-    }
+    cloam::guarded(options_.skip_bad, scene.warnings, text(what, " dropped"), step);
   }
 
   void missing(const std::string& file) { missing_.push_back(file); }

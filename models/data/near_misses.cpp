@@ -1,6 +1,8 @@
 // See near_misses.h.
 #include "models/data/near_misses.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <map>
 #include <set>
@@ -74,6 +76,12 @@ bool is_video_name(const fs::path& path) {
 
 std::string frames_command(const fs::path& video) {
   return text("mkdir frames && ffmpeg -i '", video.string(), "' -vf fps=2 frames/%04d.jpg");
+}
+
+std::string some_of(const std::vector<std::string>& names) {
+  constexpr std::size_t most = 5;
+  const auto end = names.begin() + static_cast<std::ptrdiff_t>(std::min(most, names.size()));
+  return fmt::format("{}{}", fmt::join(names.begin(), end, ", "), names.size() > most ? ", ..." : "");
 }
 
 std::string near_misses(const fs::path& root, const std::vector<std::string>& missing) {

@@ -10,6 +10,9 @@ namespace cloam {
 /// images/a.jpg (and 3 more like it): rename ...", or "" where nothing is near.
 std::string near_misses(const std::filesystem::path& root, const std::vector<std::string>& missing);
 
+/// The first five names: "a, b, c, d, e, ...".
+std::string some_of(const std::vector<std::string>& names);
+
 /// Photos of telephones (.heic, .heif), which are not read. In any letter case.
 bool is_heic_name(const std::filesystem::path& path);
 /// What to do about them.

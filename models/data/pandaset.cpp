@@ -1,10 +1,10 @@
 // See pandaset.h.
 #include "models/data/pandaset.h"
 
-#include <Eigen/Geometry>
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -15,6 +15,8 @@
 #include "models/io/json.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/scene/edit.h"
+#include "models/scene/pose.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -48,8 +50,8 @@ Json read_json(const fs::path& root, const std::string& name) { return parse_jso
 
 const Json& entries(const Json& json, const std::string& where) {
   if (json.is_array() && json.size() <= kMostSteps) return json;
-  throw Error(Fault::data, text(where, ": looked for a list of at most ", kMostSteps, " entries, found ",
-                                json.is_array() ? text(json.size()) : std::string(json.type_name())));
+  bad_data(where, ": looked for a list of at most ", kMostSteps, " entries, found ",
+           json.is_array() ? text(json.size()) : std::string(json.type_name()));
 }
 
 // {"position": {x, y, z}, "heading": {w, x, y, z}}: world from sensor.
@@ -57,20 +59,14 @@ Eigen::Matrix4d read_pose(const Json& json, const std::string& where) {
   const Json &position = member(json, "position", where), &heading = member(json, "heading", where);
   const Eigen::Quaterniond turn(number(heading, "w", where), number(heading, "x", where), number(heading, "y", where),
                                 number(heading, "z", where));
-  if (!(std::abs(turn.norm() - 1) < 0.01)) {
-    throw Error(Fault::data, text(where, ": the heading has length ", turn.norm(), ", want 1"));
-  }
-  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-  pose.topLeftCorner<3, 3>() = turn.normalized().toRotationMatrix();
-  const char* axes[] = {"x", "y", "z"};
-  for (int axis = 0; axis < 3; ++axis) pose(axis, 3) = number(position, axes[axis], where);
-  return rigid(pose, where);
+  if (!(std::abs(turn.norm() - 1) < 0.01)) bad_data(where, ": the heading has length ", turn.norm(), ", want 1");
+  const Eigen::Vector3d place(number(position, "x", where), number(position, "y", where), number(position, "z", where));
+  return rigid(pose_from(turn.normalized().toRotationMatrix(), place), where);
 }
 
 double read_time(const Json& json, const std::string& where) {
-  const auto* found = json.is_number() ? &json : nullptr;
-  const double time = found ? found->get<double>() : NAN;
-  if (!std::isfinite(time)) throw Error(Fault::data, text(where, ": looked for a time in seconds"));
+  const double time = json.is_number() ? json.get<double>() : NAN;
+  if (!std::isfinite(time)) bad_data(where, ": looked for a time in seconds");
   return time;
 }
 
@@ -117,12 +113,10 @@ class LogReader {
 
   // Folders of images that are not read.
   void warn_of_other_cameras() {
-    std::error_code error;
-    std::set<std::string> names;
-    for (fs::directory_iterator entry(scene_.root / "camera", error), end; !error && entry != end;
-         entry.increment(error))
-      if (entry->is_directory(error)) names.insert(entry->path().filename().string());
-    for (const std::string& name : names) {
+    for (const fs::path& entry : entries_of(scene_.root / "camera")) {
+      std::error_code error;
+      if (!fs::is_directory(entry, error)) continue;
+      const std::string name = entry.filename().string();
       const bool known =
           std::find(std::begin(kPandasetCameras), std::end(kPandasetCameras), name) != std::end(kPandasetCameras);
       if (known && is_file(scene_.root / "camera" / name / "poses.json")) continue;
@@ -165,7 +159,7 @@ class LogReader {
     const std::size_t count = entries(poses.entries, folder + "/poses.json").size(),
                       times = entries(poses.times, folder + "/timestamps.json").size();
     if (count == times) return poses;
-    throw Error(Fault::data, text(folder, ": ", count, " poses but ", times, " time stamps"));
+    bad_data(folder, ": ", count, " poses but ", times, " time stamps");
   }
 
   void read_sweeps() {
@@ -189,16 +183,14 @@ class LogReader {
     const bool real = front != scene_.frames.end() &&
                       std::abs(scene_.cameras[std::size_t(front->camera)].fx - kRealFrontFocal) < 0.01;
     if (!real) return poses.pose(step);
-    Eigen::Matrix4d front_from_lidar = Eigen::Matrix4d::Identity();
-    front_from_lidar.topLeftCorner<3, 3>() = kFrontFromLidar.normalized().toRotationMatrix();
-    front_from_lidar.topRightCorner<3, 1>() = kFrontFromLidarOrigin;
-    return front->world_from_camera * front_from_lidar;
+    return front->world_from_camera * pose_from(kFrontFromLidar.normalized().toRotationMatrix(), kFrontFromLidarOrigin);
   }
 
   void read_cuboids() {
     std::error_code error;
     if (!fs::is_directory(scene_.root / "annotations/cuboids", error)) return;
-    for (const auto& [step, time] : times_of_steps()) {
+    // Cuboids are labelled on sweeps; without LiDAR the first camera's times must do.
+    for (const auto& [step, time] : moments_of(scene_)) {
       const std::string stem = "annotations/cuboids/" + pandaset_number(step);
       const std::string file = find_file(scene_.root, stem, {".pkl.gz", ".pkl"});
       if (file.empty()) {
@@ -207,14 +199,6 @@ class LogReader {
       }
       log_.guarded("cuboids", [&] { read_cuboids_of(file, step, time); });
     }
-  }
-
-  // Cuboids are labelled on sweeps; without LiDAR the first camera's times must do.
-  std::map<int, double> times_of_steps() const {
-    std::map<int, double> times;
-    for (const Sweep& sweep : scene_.sweeps) times.emplace(sweep.step, sweep.timestamp);
-    for (const Frame& frame : scene_.frames) times.emplace(frame.step, frame.timestamp.value_or(0));
-    return times;
   }
 
   void read_cuboids_of(const std::string& file, int step, double time) {
@@ -232,10 +216,8 @@ class LogReader {
     for (std::size_t row = 0; row < frame.rows(); ++row) {
       if (sensors[row] == 1) continue;
       const Eigen::Vector3d size(width[row], length[row], height[row]);
-      Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
       // Yaw 0 looks along the world's y, as the box's own axes do.
-      pose.topLeftCorner<3, 3>() = Eigen::AngleAxisd(yaws[row], Eigen::Vector3d::UnitZ()).toRotationMatrix();
-      pose.topRightCorner<3, 1>() = Eigen::Vector3d(x[row], y[row], z[row]);
+      const Eigen::Matrix4d pose = pose_from(turn_about_z(yaws[row]), {x[row], y[row], z[row]});
       const std::string where = text(file, ", row ", row, " (", printable(ids[row]), ")");
       log_.add({ids[row], labels[row], size, stationary[row] != 0, {step, time, pose}}, where);
     }
@@ -253,7 +235,7 @@ class LogReader {
 
 }  // namespace
 
-std::string pandaset_number(int step) { return (step < 10 ? "0" : "") + std::to_string(step); }
+std::string pandaset_number(int step) { return fmt::format("{:02}", step); }
 
 bool is_pandaset(const fs::path& root) {
   if (is_file(root / "lidar" / "poses.json")) return true;

@@ -1,7 +1,6 @@
 // See path_file.h.
 #include "models/data/path_file.h"
 
-#include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -9,6 +8,7 @@
 #include "models/io/bytes.h"
 #include "models/io/json.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -21,21 +21,20 @@ constexpr double kFarthest = 1e7;  // metres, as poses of all sources
 PathPoint point(const std::array<double, 5>& v, const std::string& where) {
   const bool near = std::abs(v[1]) < kFarthest && std::abs(v[2]) < kFarthest && std::abs(v[3]) < kFarthest;
   if (near) return {v[0], {v[1], v[2], v[3]}, v[4]};
-  throw Error(Fault::data,
-              text(where, ": the position ", v[1], ", ", v[2], ", ", v[3], " is beyond ", kFarthest, " m"));
+  bad_data(where, ": the position ", v[1], ", ", v[2], ", ", v[3], " is beyond ", kFarthest, " m");
 }
 
 PathPoint point_of_line(const std::string& line, const std::string& where) {
   std::array<double, 5> values{};
-  const char *at = line.data(), *end = line.data() + line.size();
+  std::string_view rest = line;
   for (std::size_t i = 0; i < values.size(); ++i) {
-    while (at != end && *at == ' ') ++at;
-    const auto [next, problem] = std::from_chars(at, end, values[i]);
-    const bool last = i + 1 == values.size();
-    if (problem != std::errc() || !std::isfinite(values[i]) || (last ? next != end : next == end || *next != ',')) {
-      throw Error(Fault::data, text(where, ": want five numbers (", kHead, "), found: ", printable(line)));
-    }
-    at = next + (last ? 0 : 1);
+    rest.remove_prefix(std::min(rest.find_first_not_of(' '), rest.size()));
+    const std::size_t end = i + 1 == values.size() ? rest.size() : rest.find(',');
+    const auto value = number_in<double>(rest.substr(0, end));
+    if (end == std::string_view::npos || !value || !std::isfinite(*value))
+      bad_data(where, ": want five numbers (", kHead, "), found: ", printable(line));
+    values[i] = *value;
+    rest.remove_prefix(std::min(end + 1, rest.size()));
   }
   return point(values, where);
 }
@@ -47,10 +46,8 @@ std::vector<PathPoint> read_csv(const std::string& content, const std::string& n
   for (int row = 1; std::getline(lines, line); ++row) {
     while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
     const std::string where = text(name, ", line ", row);
-    if (row == 1 && line != kHead) {
-      throw Error(Fault::data,
-                  text(where, ": want the header line ", kHead, " (or a JSON list), found: ", printable(line)));
-    }
+    if (row == 1 && line != kHead)
+      bad_data(where, ": want the header line ", kHead, " (or a JSON list), found: ", printable(line));
     if (row > 1 && !line.empty()) path.push_back(point_of_line(line, where));
   }
   return path;
@@ -58,7 +55,7 @@ std::vector<PathPoint> read_csv(const std::string& content, const std::string& n
 
 std::vector<PathPoint> read_json_path(const std::string& content, const std::string& name) {
   const Json json = parse_json(content, name);
-  if (!json.is_array()) throw Error(Fault::data, name + ": want a list of points with time, x, y, z, yaw");
+  if (!json.is_array()) bad_data(name + ": want a list of points with time, x, y, z, yaw");
   std::vector<PathPoint> path;
   for (const Json& entry : json) {
     const std::string where = text(name, ", point ", path.size());
@@ -78,7 +75,7 @@ std::vector<PathPoint> read_path_file(const std::filesystem::path& path) {
   const std::size_t first = content.find_first_not_of(" \t\r\n");
   const bool is_json = first != std::string::npos && (content[first] == '[' || content[first] == '{');
   std::vector<PathPoint> points = is_json ? read_json_path(content, name) : read_csv(content, name);
-  if (points.empty()) throw Error(Fault::data, name + ": the path has no points");
+  if (points.empty()) bad_data(name + ": the path has no points");
   return points;
 }
 

@@ -13,13 +13,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMostNamed = 5;
-
 std::string warning_of(const std::vector<std::string>& missing, const Scene& scene) {
-  std::string names;
-  for (std::size_t i = 0; i < std::min(missing.size(), kMostNamed); ++i) names += (i ? ", " : "") + missing[i];
-  return text(missing.size(), " of ", scene.frames_listed, " listed images are missing and skipped: ", names,
-              missing.size() > kMostNamed ? ", ..." : "", near_misses(scene.root, missing));
+  return text(missing.size(), " of ", scene.frames_listed, " listed images are missing and skipped: ", some_of(missing),
+              near_misses(scene.root, missing));
 }
 
 bool first_image_has_alpha(const Scene& scene, const ReadOptions& options) {

@@ -41,9 +41,7 @@ const SceneReader* reader_of(const fs::path& root) {
   return found == std::end(kReaders) ? nullptr : found;
 }
 
-[[noreturn]] void refuse(const fs::path& path, const std::string& why) {
-  throw Error(Fault::data, text(path.string(), ": ", why));
-}
+[[noreturn]] void refuse(const fs::path& path, const std::string& why) { bad_data(path.string(), ": ", why); }
 
 /// Sorted. Fault::data for a folder that may not be looked into.
 std::vector<fs::path> entries(const fs::path& folder) {
@@ -173,12 +171,12 @@ std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
   const fs::path parent = clean.has_parent_path() ? clean.parent_path() : fs::path(".");
   std::error_code error;
   if (!fs::is_directory(parent, error))
-    throw Error(Fault::data, text("no such folder: ", path.string(), " (", parent.string(), " does not exist either)"));
+    bad_data("no such folder: ", path.string(), " (", parent.string(), " does not exist either)");
   std::vector<std::string> names;
   for (const fs::path& entry : entries(parent)) names.push_back(entry.filename().string());
   const std::string near = nearest_name(clean.filename().string(), names);
   const std::string hint = near.empty() ? "" : "; did you mean " + (clean.parent_path() / near).string() + "?";
-  throw Error(Fault::data, text("no such folder: ", path.string(), hint));
+  bad_data("no such folder: ", path.string(), hint);
 }
 
 }  // namespace

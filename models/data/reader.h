@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "models/scene/scene.h"
+#include "runtime/error.h"
 
 namespace cloam {
 
@@ -11,6 +12,17 @@ struct ReadOptions {
   bool skip_bad = false;       // drop frames that are damaged, with a warning, instead of stopping
   bool allow_outside = false;  // files that a manifest names by paths that leave the folder are read, too
 };
+
+/// Runs `step`, and with skip_bad turns its complaint about the data into a warning: "frame dropped: ...".
+template <class Step>
+void guarded(bool skip_bad, std::vector<std::string>& warnings, const std::string& what, Step step) {
+  try {
+    step();
+  } catch (const Error& error) {
+    if (!skip_bad || error.fault() != Fault::data) throw;
+    warnings.push_back(text(what, ": ", error.what()));
+  }
+}
 
 struct SceneReader {
   const char* name;                                       // "transforms.json"

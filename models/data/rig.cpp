@@ -1,7 +1,6 @@
 // See rig.h.
 #include "models/data/rig.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -15,6 +14,7 @@
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
 #include "models/io/words.h"
+#include "models/scene/pose.h"
 
 namespace cloam {
 namespace {
@@ -37,15 +37,15 @@ Eigen::Vector3d vector3(const Json& object, const std::string& key, const std::s
   const Eigen::Vector3d result =
       sound ? Eigen::Vector3d(values[0].get<double>(), values[1].get<double>(), values[2].get<double>())
             : Eigen::Vector3d::Constant(NAN);
-  if (!result.allFinite()) throw Error(Fault::data, text(where, ": ", key, " is not a list of 3 finite numbers"));
+  if (!result.allFinite()) bad_data(where, ": ", key, " is not a list of 3 finite numbers");
   return result;
 }
 
 Eigen::Matrix4d checked_pose(const Eigen::Matrix4d& given, const std::string& where) {
   const Eigen::Matrix4d pose = rigid(given, where);
   if (pose.topRightCorner<3, 1>().cwiseAbs().maxCoeff() < kFarthest) return pose;
-  throw Error(Fault::data, text(where, ": is more than ", kFarthest, " m from the origin; subtract one offset from ",
-                                "all positions, so that they start near 0"));
+  bad_data(where, ": is more than ", kFarthest, " m from the origin; subtract one offset from ",
+           "all positions, so that they start near 0");
 }
 
 Eigen::Matrix4d read_pose(const Json& object, const std::string& key, const std::string& where) {
@@ -55,11 +55,8 @@ Eigen::Matrix4d read_pose(const Json& object, const std::string& key, const std:
 // world_from_box, or position and yaw; yaw 0 looks along the world's y, as the box's own axes do.
 Eigen::Matrix4d read_box_pose(const Json& box, const std::string& where) {
   if (box.is_object() && box.contains("world_from_box")) return read_pose(box, "world_from_box", where);
-  Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
-  pose.topLeftCorner<3, 3>() =
-      Eigen::AngleAxisd(number(box, "yaw", where), Eigen::Vector3d::UnitZ()).toRotationMatrix();
-  pose.topRightCorner<3, 1>() = vector3(box, "position", where);
-  return checked_pose(pose, text(where, ": position"));
+  const Eigen::Matrix3d turn = turn_about_z(number(box, "yaw", where));
+  return checked_pose(pose_from(turn, vector3(box, "position", where)), text(where, ": position"));
 }
 
 /// The moments that steps are counted by.
@@ -102,8 +99,7 @@ class RigReader {
 
   Scene read() {
     cameras_ = &member(json_, "cameras", kFile);
-    if (!cameras_->is_object())
-      throw Error(Fault::data, text(kFile, ": cameras is not an object that maps names to cameras"));
+    if (!cameras_->is_object()) bad_data(kFile, ": cameras is not an object that maps names to cameras");
     scene_.night = flag(json_, "night", false, kFile);
     read_sweeps();
     read_frames();
@@ -128,10 +124,9 @@ class RigReader {
     std::vector<double> times;
     for (Sweep& sweep : scene_.sweeps) {
       sweep.step = int(times.size());
-      if (!times.empty() && times.back() == sweep.timestamp) {
-        throw Error(Fault::data, text(kFile, ": two sweeps have the timestamp ", sweep.timestamp,
-                                      "; write the points of several LiDARs into one file"));
-      }
+      if (!times.empty() && times.back() == sweep.timestamp)
+        bad_data(kFile, ": two sweeps have the timestamp ", sweep.timestamp,
+                 "; write the points of several LiDARs into one file");
       times.push_back(sweep.timestamp);
     }
     moments_ = Moments(std::move(times));
@@ -141,9 +136,8 @@ class RigReader {
     Sweep sweep;
     sweep.file = path_named(scene_.root, string(json, "points", where), options_.allow_outside);
     const std::string extension = fs::path(sweep.file).extension().string();
-    if (extension != ".ply" && extension != ".npy") {
-      throw Error(Fault::data, text(where, ": points is ", printable(sweep.file), ", want a .ply or .npy file"));
-    }
+    if (extension != ".ply" && extension != ".npy")
+      bad_data(where, ": points is ", printable(sweep.file), ", want a .ply or .npy file");
     sweep.timestamp = number(json, "timestamp", where);
     sweep.world_from_lidar = read_pose(json, "world_from_lidar", where);
     sweep.points_in_world = flag(json, "points_in_world", false, where);
@@ -162,10 +156,9 @@ class RigReader {
     }
     if (moments_.empty()) moments_ = moments_of_images(read);
     keep_nearest(read);
-    if (!read.empty() && scene_.frames.empty()) {
-      throw Error(Fault::data, text(kFile, ": no timestamp in frames is near one in sweeps, which run ",
-                                    moments_.range(), ": do both come from the same clock?"));
-    }
+    if (!read.empty() && scene_.frames.empty())
+      bad_data(kFile, ": no timestamp in frames is near one in sweeps, which run ", moments_.range(),
+               ": do both come from the same clock?");
   }
 
   // Of each camera the image nearest to each step.
@@ -206,8 +199,7 @@ class RigReader {
     frame.world_from_camera = read_pose(json, "world_from_camera", where);
     frame.mask = optional_string(json, "mask", where);
     if (frame.mask) frame.mask = path_named(scene_.root, *frame.mask, options_.allow_outside);
-    if (frame.mask && !has_file(scene_.root / *frame.mask))
-      throw Error(Fault::data, text(where, ": the mask ", *frame.mask, " is missing"));
+    if (frame.mask && !has_file(scene_.root / *frame.mask)) bad_data(where, ": the mask ", *frame.mask, " is missing");
     const Json& camera = camera_of(frame.sensor, where);
     if (!has_file(image)) {
       log_.missing(frame.image);
@@ -224,8 +216,8 @@ class RigReader {
     std::vector<std::string> names;
     for (const auto& [other, camera] : cameras_->items()) names.push_back(printable(other));
     const std::string near = nearest_name(name, names);
-    throw Error(Fault::data, text(where, ": camera is ", printable(name), ", which is not defined in cameras",
-                                  near.empty() ? "" : "; did you mean " + near + "?"));
+    bad_data(where, ": camera is ", printable(name), ", which is not defined in cameras",
+             near.empty() ? "" : "; did you mean " + near + "?");
   }
 
   void read_actors() {
@@ -242,8 +234,7 @@ class RigReader {
     labelled.label = printable(string(json, "label", where));
     labelled.size = vector3(json, "size", where);
     labelled.stationary = flag(json, "stationary", false, where);
-    if (!ids_.insert(labelled.id).second)
-      throw Error(Fault::data, text(where, ": id: two actors have the id ", labelled.id));
+    if (!ids_.insert(labelled.id).second) bad_data(where, ": id: two actors have the id ", labelled.id);
     std::map<int, std::pair<ActorBox, std::string>> boxes;  // by step, the nearest in time
     const Json& listed = array(json, "boxes", where);
     for (std::size_t i = 0; i < listed.size(); ++i) {

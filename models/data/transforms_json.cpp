@@ -8,7 +8,6 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <set>
-#include <unordered_map>
 
 #include "models/data/photos.h"
 #include "models/data/poses.h"
@@ -43,8 +42,7 @@ struct Settings {
 
 int side(double value, const char* key, const std::string& where) {
   if (value >= 1 && value <= kLongestSide && value == std::floor(value)) return static_cast<int>(value);
-  throw Error(Fault::data,
-              text(where, ": ", key, " is ", value, ", want a whole number of pixels up to ", kLongestSide));
+  bad_data(where, ": ", key, " is ", value, ", want a whole number of pixels up to ", kLongestSide);
 }
 
 // From the focal length itself, or the field of view in radians.
@@ -52,10 +50,8 @@ std::optional<double> focal_length(const Settings& settings, const std::string& 
   if (const auto focal = settings.number("fl_" + axis)) return focal;
   const auto angle = settings.number("camera_angle_" + axis);
   if (!angle) return {};
-  if (!(*angle > 0 && *angle < std::numbers::pi)) {
-    throw Error(Fault::data,
-                text(settings.where, ": camera_angle_", axis, " is ", *angle, ", want radians between 0 and pi"));
-  }
+  if (!(*angle > 0 && *angle < std::numbers::pi))
+    bad_data(settings.where, ": camera_angle_", axis, " is ", *angle, ", want radians between 0 and pi");
   return 0.5 * size / std::tan(0.5 * *angle);
 }
 
@@ -66,8 +62,8 @@ CameraModel camera_model(const Settings& settings, const Camera& camera) {
   if (name == "OPENCV_FISHEYE" || fisheye) return CameraModel::fisheye;
   const std::set<std::string> known = {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"};
   if (known.contains(name)) return straight ? CameraModel::pinhole : CameraModel::opencv;
-  throw Error(Fault::data, text(settings.where, ": camera_model is ", name.substr(0, 40),
-                                ", want PINHOLE, OPENCV or OPENCV_FISHEYE; undistort the images first"));
+  bad_data(settings.where, ": camera_model is ", name.substr(0, 40),
+           ", want PINHOLE, OPENCV or OPENCV_FISHEYE; undistort the images first");
 }
 
 // One json file and which of its frames test.
@@ -121,12 +117,8 @@ class Reader {
     if (source.file.contains("ply_file_path")) ++unused_["ply_file_path"];
     scene_.has_test_split |= split == Split::test || !source.tests.empty();
     for (std::size_t i = 0; i < frames.size(); ++i) {
-      try {
-        read_frame(source, frames[i], text(name, ", frame ", i));
-      } catch (const Error& error) {
-        if (!options_.skip_bad || error.fault() != Fault::data) throw;
-        scene_.warnings.push_back(text("frame dropped: ", error.what()));
-      }
+      guarded(options_.skip_bad, scene_.warnings, "frame dropped",
+              [&] { read_frame(source, frames[i], text(name, ", frame ", i)); });
     }
   }
 
@@ -157,27 +149,16 @@ class Reader {
     frame.timestamp = optional_number(json, "time", where);
     frame.mask = optional_string(json, "mask_path", where);
     if (frame.mask) frame.mask = path_named(scene_.root, *frame.mask, options_.allow_outside);
-    if (frame.mask && !has_file(scene_.root / *frame.mask))
-      throw Error(Fault::data, text(where, ": the mask ", *frame.mask, " is missing"));
+    if (frame.mask && !has_file(scene_.root / *frame.mask)) bad_data(where, ": the mask ", *frame.mask, " is missing");
     frame.camera = index_of(read_camera_json(source.file, json, scene_.root / frame.image, where));
     scene_.frames.push_back(std::move(frame));
   }
 
   /// Of an equal camera among the scene's. By a table: each frame may have a camera of its own.
   int index_of(const Camera& camera) {
-    std::size_t hash = 0;
-    for (const double value : {double(camera.width), double(camera.height), camera.fx, camera.fy, camera.cx, camera.cy,
-                               camera.k[0], camera.k[1], camera.k[2], camera.k[3], camera.p1, camera.p2})
-      hash = 31 * hash + std::hash<double>()(value);
-    const auto [first, last] = cameras_.equal_range(hash);
-    const auto found = std::find_if(first, last, [&](const auto& entry) {
-      return scene_.cameras[static_cast<std::size_t>(entry.second)] == camera;
-    });
-    if (found != last) return found->second;
-    scene_.cameras.push_back(camera);
-    const int index = static_cast<int>(scene_.cameras.size()) - 1;
-    cameras_.emplace(hash, index);
-    return index;
+    const auto [found, is_new] = cameras_.emplace(camera, static_cast<int>(scene_.cameras.size()));
+    if (is_new) scene_.cameras.push_back(camera);
+    return found->second;
   }
 
   void warn_of_unused() {
@@ -195,7 +176,7 @@ class Reader {
   ReadOptions options_;
   Scene scene_;
   std::vector<std::string> missing_;
-  std::unordered_multimap<std::size_t, int> cameras_;  // places in the scene's, by their values
+  std::map<Camera, int> cameras_;              // places in the scene's
   std::map<std::string, std::size_t> unused_;  // keys that mean something to others, and how often they stand there
 };
 
@@ -209,11 +190,10 @@ Camera read_camera_json(const Json& file, const Json& frame, const fs::path& ima
   camera.width = w ? side(*w, "w", settings.where) : size.width;
   camera.height = h ? side(*h, "h", settings.where) : size.height;
   const auto fx = focal_length(settings, "x", camera.width), fy = focal_length(settings, "y", camera.height);
-  if (!fx && !fy) {
-    throw Error(Fault::data, text(settings.where,
-                                  ": no focal length: looked for fl_x, fl_y, camera_angle_x and "
-                                  "camera_angle_y in the frame and in the file"));
-  }
+  if (!fx && !fy)
+    bad_data(settings.where,
+             ": no focal length: looked for fl_x, fl_y, camera_angle_x and "
+             "camera_angle_y in the frame and in the file");
   camera.fx = fx ? *fx : *fy;
   camera.fy = fy ? *fy : *fx;
   camera.cx = settings.number("cx", 0.5 * camera.width);

@@ -1,13 +1,14 @@
 // See turned_log.h.
 #include "models/data/turned_log.h"
 
-#include <Eigen/Geometry>
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "models/io/paths.h"
 #include "models/scene/actor_space.h"
+#include "models/scene/pose.h"
 #include "models/scene/split.h"
 
 namespace cloam {
@@ -18,16 +19,13 @@ namespace {
 
 /// "truth/rot045/front_camera/07.jpg", relative to the root.
 std::string turned_image(const std::string& front, const Frame& frame, int degrees) {
-  char angle[16];
-  std::snprintf(angle, sizeof angle, "rot%03d", degrees);
-  return (fs::path("truth") / angle / front / fs::path(frame.image).filename()).generic_string();
+  return fmt::format("truth/rot{:03}/{}/{}", degrees, front, fs::path(frame.image).filename().generic_string());
 }
 
 }  // namespace
 
 void turn_actors(Scene& scene, double degrees) {
-  Eigen::Matrix4d turn = Eigen::Matrix4d::Identity();
-  turn.topLeftCorner<3, 3>() = Eigen::AngleAxisd(degrees * M_PI / 180, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  const Eigen::Matrix4d turn = pose_from(turn_about_z(degrees * M_PI / 180), Eigen::Vector3d::Zero());
   for (Actor& actor : scene.actors)
     for (ActorBox& box : actor.boxes) box.world_from_box = (box.world_from_box * turn).eval();
 }

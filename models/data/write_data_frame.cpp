@@ -1,6 +1,7 @@
 // The writing half of data_frame.h: opcodes of protocol 4, in the order in which pandas before 1.3 wrote them.
 #include <array>
 #include <bit>
+#include <numeric>
 
 #include "models/data/data_frame.h"
 #include "models/io/commit.h"
@@ -10,27 +11,62 @@
 namespace cloam {
 namespace {
 
+using namespace std::string_view_literals;
 using Places = std::vector<std::size_t>;  // of columns in the frame
+
+struct Word {
+  std::string_view content;
+};
+
+struct Name {
+  const char *module, *name;
+};
+
+// Of numpy: "f8" with the order of its bytes.
+struct Type {
+  std::string_view name, order;
+};
+
+// _reconstruct(ndarray, (0,), b"b") and the beginning of its state, (1, shape, type, order, content).
+struct BeginArray {};
+
+constexpr BeginArray kBeginArray;
+constexpr Type kObjects{"O8", "|"};
+constexpr Name kNewIndex{"pandas.core.indexes.base", "_new_Index"};
 
 class FrameWriter {
  public:
   explicit FrameWriter(const DataFrame& frame) : frame_(frame) {}
 
   std::vector<std::uint8_t> write() {
-    bytes("\x80\x04");
-    global("pandas.core.frame", "DataFrame");
-    bytes(")\x81}(");  // no arguments, NEWOBJ; a dict as state
-    string("_data");
+    // No arguments, NEWOBJ; a dict as state.
+    put("\x80\x04", Name{"pandas.core.frame", "DataFrame"}, ")\x81}(", Word{"_data"});
     manager();
-    string("_typ");
-    string("dataframe");
-    string("_metadata");
-    bytes("]ub.");
+    put(Word{"_typ"}, Word{"dataframe"}, Word{"_metadata"}, "]ub.");
     return std::move(out_);
   }
 
  private:
-  void bytes(std::string_view content) { out_.insert(out_.end(), content.begin(), content.end()); }
+  template <class... Parts>
+  void put(const Parts&... parts) {
+    (add(parts), ...);
+  }
+
+  void add(std::string_view opcodes) { out_.insert(out_.end(), opcodes.begin(), opcodes.end()); }
+
+  void add(const Word& word) {
+    add("X");
+    little(static_cast<std::uint32_t>(word.content.size()));
+    add(word.content);
+  }
+
+  void add(const Name& name) { put(Word{name.module}, Word{name.name}, "\x93"); }
+
+  void add(std::size_t value) {
+    if (value >= std::size_t{1} << 31) throw Error(Fault::internal, text("a data frame of ", value, " cells"));
+    add("J");
+    little(static_cast<std::int32_t>(value));
+  }
 
   template <class Number>
   void little(Number value) {
@@ -38,55 +74,30 @@ class FrameWriter {
     out_.insert(out_.end(), raw.begin(), raw.end());
   }
 
-  void string(std::string_view content) {
-    bytes("X");
-    little(static_cast<std::uint32_t>(content.size()));
-    bytes(content);
-  }
-
-  void global(std::string_view module, std::string_view name) {
-    string(module);
-    string(name);
-    bytes("\x93");
-  }
-
-  void integer(std::size_t value) {
-    if (value >= std::size_t{1} << 31) throw Error(Fault::internal, text("a data frame of ", value, " cells"));
-    bytes("J");
-    little(static_cast<std::int32_t>(value));
-  }
-
   // The state names the values of the blocks twice; the second time from the memo.
   void manager() {
     const std::vector<Places> blocks = blocks_by_type();
-    global("pandas.core.internals.managers", "BlockManager");
-    bytes(")\x81(");
+    put(Name{"pandas.core.internals.managers", "BlockManager"}, ")\x81(");
     axes();
-    bytes("](");
+    put("](");
     for (std::size_t b = 0; b < blocks.size(); ++b) {
       values(blocks[b]);
-      bytes("q");
+      put("q");
       little(static_cast<std::uint8_t>(b));
     }
-    bytes("e](");
+    put("e](");
     for (const Places& block : blocks) names(block);
-    bytes("e}");
-    string("0.14.1");
-    bytes("}(");
-    string("axes");
+    put("e}", Word{"0.14.1"}, "}(", Word{"axes"});
     axes();
-    string("blocks");
-    bytes("](");
+    put(Word{"blocks"}, "](");
     for (std::size_t b = 0; b < blocks.size(); ++b) {
-      bytes("}(");
-      string("values");
-      bytes("h");
+      put("}(", Word{"values"}, "h");
       little(static_cast<std::uint8_t>(b));
-      string("mgr_locs");
+      put(Word{"mgr_locs"});
       places(blocks[b]);
-      bytes("u");
+      put("u");
     }
-    bytes("eustb");
+    put("eustb");
   }
 
   std::vector<Places> blocks_by_type() const {
@@ -102,119 +113,72 @@ class FrameWriter {
   }
 
   void axes() {
-    Places all;
-    for (std::size_t i = 0; i < frame_.columns().size(); ++i) all.push_back(i);
-    bytes("](");
+    Places all(frame_.columns().size());
+    std::iota(all.begin(), all.end(), 0);
+    put("](");
     names(all);
-    global("pandas.core.indexes.base", "_new_Index");
-    global("pandas.core.indexes.range", "RangeIndex");
-    bytes("}(");
-    string("name");
-    bytes("N");
-    string("start");
-    integer(0);
-    string("stop");
-    integer(frame_.rows());
-    string("step");
-    integer(1);
-    bytes("u\x86R");
-    bytes("e");
+    put(kNewIndex, Name{"pandas.core.indexes.range", "RangeIndex"}, "}(", Word{"name"}, "N", Word{"start"}, 0,
+        Word{"stop"}, frame_.rows(), Word{"step"}, 1, "u\x86Re");
   }
 
   void names(const Places& columns) {
-    global("pandas.core.indexes.base", "_new_Index");
-    global("pandas.core.indexes.base", "Index");
-    bytes("}(");
-    string("data");
-    begin_array();
-    integer(columns.size());
-    bytes("\x85");
-    object_type();
-    bytes("\x89](");
-    for (const std::size_t column : columns) string(frame_.columns()[column].name);
-    bytes("etb");
-    string("name");
-    bytes("Nu\x86R");
+    put(kNewIndex, Name{"pandas.core.indexes.base", "Index"}, "}(", Word{"data"});
+    put(kBeginArray, columns.size(), "\x85", kObjects, "\x89](");
+    for (const std::size_t column : columns) put(Word{frame_.columns()[column].name});
+    put("etb", Word{"name"}, "Nu\x86R");
   }
 
   void places(const Places& columns) {
-    begin_array();
-    integer(columns.size());
-    bytes("\x85");
-    number_type("i8", "<");
+    put(kBeginArray, columns.size(), "\x85", Type{"i8", "<"});
     begin_bytes(8 * columns.size());
     for (const std::size_t column : columns) little(static_cast<std::int64_t>(column));
-    bytes("tb");
+    put("tb");
   }
 
   // One array for the columns of a type: a column a row.
   void values(const Places& columns) {
     const ColumnValues& first = frame_.columns()[columns[0]].values;
-    begin_array();
-    integer(columns.size());
-    integer(frame_.rows());
-    bytes("\x86");
+    put(kBeginArray, columns.size(), frame_.rows(), "\x86");
     if (std::holds_alternative<std::vector<std::string>>(first)) return objects(columns);
-    if (std::holds_alternative<std::vector<std::uint8_t>>(first)) return numbers<std::uint8_t>(columns, "b1", "|");
-    if (std::holds_alternative<std::vector<std::int64_t>>(first)) return numbers<std::int64_t>(columns, "i8", "<");
-    numbers<double>(columns, "f8", "<");
+    if (std::holds_alternative<std::vector<std::uint8_t>>(first)) return numbers<std::uint8_t>(columns, {"b1", "|"});
+    if (std::holds_alternative<std::vector<std::int64_t>>(first)) return numbers<std::int64_t>(columns, {"i8", "<"});
+    numbers<double>(columns, {"f8", "<"});
   }
 
   void objects(const Places& columns) {
-    object_type();
-    bytes("\x89](");
+    put(kObjects, "\x89](");
     for (const std::size_t column : columns) {
-      for (const auto& value : std::get<std::vector<std::string>>(frame_.columns()[column].values)) string(value);
+      for (const auto& value : std::get<std::vector<std::string>>(frame_.columns()[column].values)) put(Word{value});
     }
-    bytes("etb");
+    put("etb");
   }
 
   template <class Number>
-  void numbers(const Places& columns, const char* type, const char* order) {
-    number_type(type, order);
+  void numbers(const Places& columns, const Type& type) {
+    put(type);
     begin_bytes(columns.size() * frame_.rows() * sizeof(Number));
     for (const std::size_t column : columns) {
       for (const Number value : std::get<std::vector<Number>>(frame_.columns()[column].values)) little(value);
     }
-    bytes("tb");
+    put("tb");
   }
 
-  // _reconstruct(ndarray, (0,), b"b") and the beginning of its state, (1, shape, type, order, content).
-  void begin_array() {
-    global("numpy.core.multiarray", "_reconstruct");
-    global("numpy", "ndarray");
-    bytes("K");
-    little(std::uint8_t{0});
-    bytes(
-        "\x85"
+  void add(const BeginArray&) {
+    put(Name{"numpy.core.multiarray", "_reconstruct"}, Name{"numpy", "ndarray"},
+        "K\0\x85"
         "C\x01"
-        "b"
-        "\x87R(K\x01");
+        "b\x87R(K\x01"sv);
   }
 
-  void number_type(const char* type, const char* order) {
-    dtype(type, order);
-    bytes("J\xff\xff\xff\xffJ\xff\xff\xff\xffK");
-    little(std::uint8_t{0});
-    bytes("tb\x89");
-  }
-
-  void object_type() {
-    dtype("O8", "|");
-    bytes("J\xff\xff\xff\xffJ\xff\xff\xff\xffK\x3ftb");
-  }
-
-  void dtype(const char* type, const char* order) {
-    global("numpy", "dtype");
-    string(type);
-    bytes("\x89\x88\x87R(K\x03");
-    string(order);
-    bytes("NNN");
+  void add(const Type& type) {
+    put(Name{"numpy", "dtype"}, Word{type.name}, "\x89\x88\x87R(K\x03", Word{type.order}, "NNN",
+        "J\xff\xff\xff\xffJ\xff\xff\xff\xffK");
+    type.name == kObjects.name ? put("\x3ftb") : put("\0tb\x89"sv);
   }
 
   void begin_bytes(std::size_t count) {
     if (count >> 32) throw Error(Fault::internal, text("a block of ", count, " bytes in a data frame"));
-    bytes("B");
+    put("B");
     little(static_cast<std::uint32_t>(count));
   }
 

@@ -53,10 +53,9 @@ Record pack(const Gaussians& gaussians, std::size_t g) {
 
 SplatFile read_dot_splat(const std::filesystem::path& path) {
   const auto bytes = read_file(path, kMostBytes);
-  if (bytes.empty() || bytes.size() % sizeof(Record) != 0) {
-    throw Error(Fault::data, text(path.string(), ": holds ", bytes.size(), " bytes, a .splat has 32 for each of its ",
-                                  "Gaussians; the file is damaged or truncated"));
-  }
+  if (bytes.empty() || bytes.size() % sizeof(Record) != 0)
+    bad_data(path.string(), ": holds ", bytes.size(), " bytes, a .splat has 32 for each of its ",
+             "Gaussians; the file is damaged or truncated");
   const std::size_t count = bytes.size() / sizeof(Record);
   SplatFile file{zero_gaussians(count, path.string()), {}};
   for (std::size_t g = 0; g < count; ++g) {

@@ -86,17 +86,16 @@ const SplatFormat& splat_format(const fs::path& path, bool write) {
 
 SplatFile read_gaussians(const fs::path& path) {
   const SplatFormat& format = splat_format(path, false);
-  if (!format.read) {
-    throw Error(Fault::data, text(path.string(), ": ", format.name, " is not supported; save the scene as one of ",
-                                  extensions(false), " with the program that made it"));
-  }
+  if (!format.read)
+    bad_data(path.string(), ": ", format.name, " is not supported; save the scene as one of ", extensions(false),
+             " with the program that made it");
   SplatFile file = format.read(path);
   const std::size_t count = file.gaussians.count(), unsound = drop_unsound(file.gaussians);
   if (unsound > 0) {
     file.warnings.push_back(text(path.string(), ": ", unsound, " of ", count, " Gaussians left out: they have values ",
                                  "that are not finite, or a rotation of length 0"));
   }
-  if (file.gaussians.count() == 0) throw Error(Fault::data, text(path.string(), ": holds no Gaussians"));
+  if (file.gaussians.count() == 0) bad_data(path.string(), ": holds no Gaussians");
   return file;
 }
 

@@ -4,12 +4,12 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <nlohmann/json.hpp>
 #include <set>
 
 #include "models/gaussians/turn.h"
 #include "models/gaussians/values.h"
+#include "models/io/bytes.h"
 #include "models/io/glb.h"
 #include "models/io/json.h"
 #include "runtime/error.h"
@@ -50,9 +50,7 @@ struct Component {
 
 template <class Stored>
 double read_as(const std::uint8_t* bytes) {
-  Stored value;
-  std::memcpy(&value, bytes, sizeof value);
-  return static_cast<double>(value);
+  return static_cast<double>(number_at<Stored>(bytes));
 }
 
 constexpr Component kComponents[] = {
@@ -80,7 +78,7 @@ class Document {
 
   const std::string& name() const { return name_; }
   const Json& json() const { return json_; }
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, name_ + ": " + why); }
+  [[noreturn]] void fail(const std::string& why) const { bad_data(name_ + ": " + why); }
 
   /// The `index`-th of "nodes", "accessors" and the like.
   const Json& item(const char* list, std::uint64_t index) const {
@@ -199,18 +197,6 @@ Gaussians read_primitive(const Document& document, const Json& primitive) {
     }
   }
   return gaussians;
-}
-
-void append(Gaussians& all, const Gaussians& more) {
-  const auto add = [](std::vector<float>& to, const std::vector<float>& from) {
-    to.insert(to.end(), from.begin(), from.end());
-  };
-  add(all.means, more.means);
-  add(all.scales, more.scales);
-  add(all.rotations, more.rotations);
-  add(all.opacities, more.opacities);
-  add(all.sh_first, more.sh_first);
-  add(all.sh_rest, more.sh_rest);
 }
 
 // ---- nodes

@@ -5,12 +5,12 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 
 #include "models/gaussians/initialise.h"
 #include "models/gaussians/values.h"
 #include "models/io/ply.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -22,15 +22,10 @@ constexpr std::uint8_t kGrey = 128;  // of points without a colour
 // "up X Y Z" with three finite numbers that are not all 0; other people's comments may begin with "up" too.
 std::optional<Eigen::Vector3d> up_of(const std::string& comment) {
   if (!comment.starts_with(kUp)) return {};
-  const char *at = comment.data() + sizeof kUp - 1, *end = comment.data() + comment.size();
+  std::string_view rest = std::string_view(comment).substr(sizeof kUp - 1);
   Eigen::Vector3d up;
-  for (double& value : up) {
-    while (at < end && *at == ' ') ++at;
-    const auto [next, error] = std::from_chars(at, end, value);
-    if (error != std::errc()) return {};
-    at = next;
-  }
-  const bool sound = at == end && up.allFinite() && up.norm() > 0;
+  for (double& value : up) value = number_in<double>(next_word(rest)).value_or(NAN);
+  const bool sound = rest.empty() && up.allFinite() && up.norm() > 0;
   return sound ? std::optional(up) : std::nullopt;
 }
 
@@ -60,10 +55,8 @@ Places rest_places(const PlyHeader& header) {
       std::count_if(header.properties.begin(), header.properties.end(),
                     [](const PlyProperty& property) { return property.name.starts_with("f_rest_"); }));
   const std::size_t coefficients = count / 3;
-  if (count != 0 && count != 9 && count != 24 && count != 45) {
-    throw Error(Fault::data, text(header.file, ": its vertices have ", count,
-                                  " properties f_rest_N, want 0, 9, 24 or 45 (degree 0 to 3)"));
-  }
+  if (count != 0 && count != 9 && count != 24 && count != 45)
+    bad_data(header.file, ": its vertices have ", count, " properties f_rest_N, want 0, 9, 24 or 45 (degree 0 to 3)");
   const Places by_channel = places_of(header, "f_rest_", count);
   Places places;
   for (std::size_t k = 0; k < coefficients; ++k) {

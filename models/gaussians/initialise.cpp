@@ -122,9 +122,8 @@ PointTree tree_of(const PointCloud& cloud) {
     points[i].index = i;
     for (std::size_t axis = 0; axis < 3; ++axis) {
       points[i].place[axis] = cloud.positions[3 * i + axis];
-      if (!std::isfinite(points[i].place[axis])) {
-        throw Error(Fault::data, text("point ", i, " of the cloud has a position that is not finite"));
-      }
+      if (!std::isfinite(points[i].place[axis]))
+        bad_data("point ", i, " of the cloud has a position that is not finite");
     }
   }
   return PointTree(std::move(points));

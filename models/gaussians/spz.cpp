@@ -40,7 +40,7 @@ static_assert(sizeof(Header) == 16);
 
 std::size_t rotation_bytes(const Header& header) { return header.version == 2 ? 3 : 4; }
 
-[[noreturn]] void fail(const std::string& file, const std::string& why) { throw Error(Fault::data, file + ": " + why); }
+[[noreturn]] void fail(const std::string& file, const std::string& why) { bad_data(file + ": " + why); }
 
 Header read_header(ByteReader& reader, const std::string& file) {
   Header header;

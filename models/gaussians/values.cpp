@@ -53,9 +53,7 @@ float logit_of_byte(std::uint8_t opacity) { return logit(opacity / 255.0, kQuart
 std::uint8_t byte_of_logit(float opacity) { return to_byte(255 * sigmoid(double(opacity))); }
 
 void check_count(std::uint64_t count, const std::string& file) {
-  if (count > kMost) {
-    throw Error(Fault::data, text(file, ": ", count, " Gaussians are declared, the limit is ", kMost));
-  }
+  if (count > kMost) bad_data(file, ": ", count, " Gaussians are declared, the limit is ", kMost);
 }
 
 Gaussians zero_gaussians(std::uint64_t count, const std::string& file) {
@@ -63,6 +61,13 @@ Gaussians zero_gaussians(std::uint64_t count, const std::string& file) {
   Gaussians gaussians;
   for (const Field& field : kFields) (gaussians.*field.values).resize(count * field.width);
   return gaussians;
+}
+
+void append(Gaussians& all, const Gaussians& more) {
+  for (const Field& field : kFields) {
+    const std::vector<float>& values = more.*field.values;
+    (all.*field.values).insert((all.*field.values).end(), values.begin(), values.end());
+  }
 }
 
 int degree_of(const Gaussians& gaussians) {

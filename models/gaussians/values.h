@@ -30,6 +30,9 @@ void check_count(std::uint64_t count, const std::string& file);
 /// All zeros. Errors as check_count.
 Gaussians zero_gaussians(std::uint64_t count, const std::string& file);
 
+/// Adds the gaussians of `more` behind those of `all`.
+void append(Gaussians& all, const Gaussians& more);
+
 /// The least degree (0 to 3) that holds all coefficients. Negative zeros count: they are bits to be kept.
 int degree_of(const Gaussians& gaussians);
 /// Without the first: 0, 3, 8, 15.

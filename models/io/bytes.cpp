@@ -12,7 +12,7 @@ namespace {
 
 [[noreturn]] void refuse(const std::filesystem::path& path, std::string why) {
   why[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(why[0])));  // "Permission denied", in a sentence
-  throw Error(Fault::data, text(path.string(), ": ", why));
+  bad_data(path.string(), ": ", why);
 }
 
 }  // namespace
@@ -33,9 +33,7 @@ std::uint64_t file_bytes(const std::filesystem::path& path) {
 
 std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint64_t largest) {
   const std::uint64_t size = file_bytes(path);
-  if (size > largest) {
-    throw Error(Fault::data, text(path.string(), ": holds ", size, " bytes, the limit is ", largest));
-  }
+  if (size > largest) bad_data(path.string(), ": holds ", size, " bytes, the limit is ", largest);
   errno = 0;
   std::ifstream file(path, std::ios::binary);
   if (!file) refuse(path, errno != 0 ? std::generic_category().message(errno) : "cannot be opened");
@@ -49,10 +47,9 @@ std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint
 }
 
 std::span<const std::uint8_t> ByteReader::take(std::uint64_t count, const char* what) {
-  if (count > remaining()) {
-    throw Error(Fault::data, text(name_, ": ends in the middle of ", what, ": ", count, " bytes wanted at byte ",
-                                  offset_, ", ", remaining(), " left; the file is damaged or truncated"));
-  }
+  if (count > remaining())
+    bad_data(name_, ": ends in the middle of ", what, ": ", count, " bytes wanted at byte ", offset_, ", ", remaining(),
+             " left; the file is damaged or truncated");
   const auto part = bytes_.subspan(offset_, count);
   offset_ += count;
   return part;
@@ -67,9 +64,7 @@ std::uint64_t ByteReader::big(int size, const char* what) {
 std::string ByteReader::zero_ended(std::size_t longest, const char* what) {
   const auto rest = bytes_.subspan(offset_, std::min(longest + 1, remaining()));
   const auto end = std::find(rest.begin(), rest.end(), std::uint8_t{0});
-  if (end == rest.end()) {
-    throw Error(Fault::data, text(name_, ": no end of ", what, " within ", rest.size(), " bytes of byte ", offset_));
-  }
+  if (end == rest.end()) bad_data(name_, ": no end of ", what, " within ", rest.size(), " bytes of byte ", offset_);
   const std::string found(rest.begin(), end);
   offset_ += found.size() + 1;
   return found;

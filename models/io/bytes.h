@@ -7,7 +7,6 @@
 #include <filesystem>
 #include <span>
 #include <string>
-#include <type_traits>
 #include <vector>
 
 namespace cloam {
@@ -17,6 +16,14 @@ std::uint64_t file_bytes(const std::filesystem::path& path);
 
 /// The bytes of a regular file. Fault::data if it cannot be read or holds more than `largest` bytes.
 std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint64_t largest);
+
+/// The number that begins there, little-endian as stored (every host that we build for is little-endian).
+template <class Number>
+Number number_at(const std::uint8_t* bytes) {
+  Number value;
+  std::memcpy(&value, bytes, sizeof value);
+  return value;
+}
 
 /// Walks over bytes it does not own. `name` (a file name) stands at the head of each error.
 class ByteReader {
@@ -30,13 +37,10 @@ class ByteReader {
   std::span<const std::uint8_t> take(std::uint64_t count, const char* what);
   void skip(std::uint64_t count, const char* what) { take(count, what); }
 
-  /// The next number, little-endian as stored (every host that we build for is little-endian).
+  /// The next number, little-endian.
   template <class Number>
   Number little(const char* what) {
-    static_assert(std::is_arithmetic_v<Number>);
-    Number value;
-    std::memcpy(&value, take(sizeof(Number), what).data(), sizeof(Number));
-    return value;
+    return number_at<Number>(take(sizeof(Number), what).data());
   }
 
   /// The next unsigned number of `size` (1 to 8) bytes, most significant byte first.

@@ -1,13 +1,16 @@
 // latest.txt is a hint, the file names are the truth: a lost or damaged hint costs nothing.
 #include "models/io/checkpoint.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <charconv>
 #include <fstream>
 #include <optional>
 #include <vector>
 
 #include "models/io/commit.h"
+#include "models/io/paths.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -15,27 +18,20 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kExtension = ".safetensors";
 constexpr size_t kKept = 3;
 
-std::string checkpoint_name(int64_t step) {
-  const std::string digits = std::to_string(step);
-  return std::string(digits.size() < 6 ? 6 - digits.size() : 0, '0') + digits + std::string(kExtension);
-}
+std::string checkpoint_name(int64_t step) { return fmt::format("{:06}.safetensors", step); }
 
 std::optional<int64_t> step_of(const std::string& name) {
-  int64_t step = -1;
-  const auto [end, problem] = std::from_chars(name.data(), name.data() + name.size(), step);
-  const bool whole = problem == std::errc() && step >= 0 && checkpoint_name(step) == name;
-  return whole ? std::optional(step) : std::nullopt;
+  const auto step = number_in<int64_t>(std::string_view(name).substr(0, name.find('.')));
+  return step && *step >= 0 && checkpoint_name(*step) == name ? step : std::nullopt;
 }
 
 /// Steps that have a checkpoint, newest first.
 std::vector<int64_t> list_steps(const fs::path& folder) {
   std::vector<int64_t> steps;
-  std::error_code problem;
-  for (fs::directory_iterator entry(folder, problem), end; !problem && entry != end; entry.increment(problem)) {
-    if (const auto step = step_of(entry->path().filename().string())) steps.push_back(*step);
+  for (const fs::path& entry : entries_of(folder)) {
+    if (const auto step = step_of(entry.filename().string())) steps.push_back(*step);
   }
   std::sort(steps.rbegin(), steps.rend());
   return steps;
@@ -49,9 +45,8 @@ std::optional<int64_t> latest_step(const fs::path& folder) {
 
 std::string describe(const fs::path& folder) {
   if (!fs::is_directory(folder)) return "there is no such folder";
-  size_t others = 0;
-  for (const auto& entry : fs::directory_iterator(folder)) others += !step_of(entry.path().filename().string());
-  return text("found ", list_steps(folder).size(), " checkpoints (NNNNNN.safetensors) and ", others, " other files");
+  const size_t checkpoints = list_steps(folder).size(), others = entries_of(folder).size() - checkpoints;
+  return text("found ", checkpoints, " checkpoints (NNNNNN.safetensors) and ", others, " other files");
 }
 
 void prune(const fs::path& folder, int64_t saved) {
@@ -102,8 +97,8 @@ LoadedCheckpoint load_latest_checkpoint(const fs::path& folder) {
       return loaded;
     } catch (const Error& problem) { damage += (damage.empty() ? "" : "; ") + std::string(problem.what()); }
   }
-  throw Error(Fault::data, text("no usable checkpoint in ", folder.string(), ": ", describe(folder),
-                                damage.empty() ? "" : "; ", damage, "; train first, or name another run folder"));
+  bad_data("no usable checkpoint in ", folder.string(), ": ", describe(folder), damage.empty() ? "" : "; ", damage,
+           "; train first, or name another run folder");
 }
 
 }  // namespace cloam

@@ -18,6 +18,7 @@
 #include <system_error>
 #include <utility>
 
+#include "models/io/paths.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -223,10 +224,9 @@ std::string space_advice(const fs::path& folder) {
 }
 
 void remove_stale_temporaries(const fs::path& folder) {
-  std::error_code problem;
-  for (fs::directory_iterator entry(folder, problem), end; !problem && entry != end; entry.increment(problem)) {
-    const pid_t writer = writer_of(entry->path().filename().string());
-    if (writer > 0 && !is_alive(writer)) ::unlink(entry->path().c_str());
+  for (const fs::path& entry : entries_of(folder)) {
+    const pid_t writer = writer_of(entry.filename().string());
+    if (writer > 0 && !is_alive(writer)) ::unlink(entry.c_str());
   }
 }
 

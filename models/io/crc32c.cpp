@@ -1,6 +1,8 @@
 // Table-driven, eight bytes a step ("slicing by 8", Kounavis and Berry, ISCC 2005).
 #include "models/io/crc32c.h"
 
+#include <fmt/format.h>
+
 #include <array>
 #include <cstring>
 
@@ -49,10 +51,6 @@ uint32_t crc32c(std::span<const std::byte> bytes, uint32_t previous) {
   return ~sum;
 }
 
-std::string crc32c_digits(uint32_t checksum) {
-  std::string digits(8, '0');
-  for (size_t i = 0; i < 8; ++i) digits[i] = "0123456789abcdef"[(checksum >> (28 - 4 * i)) & 15];
-  return digits;
-}
+std::string crc32c_digits(uint32_t checksum) { return fmt::format("{:08x}", checksum); }
 
 }  // namespace cloam

@@ -80,9 +80,7 @@ void GlbBuffer::write(const std::filesystem::path& path, Json document) const {
   std::string json = document.dump(-1, ' ', false, Json::error_handler_t::replace);
   json.resize(padded(json.size()), ' ');
   const std::uint64_t size = 12 + 8 + json.size() + 8 + std::uint64_t{bytes_.size()} + 3;
-  if (size > kMostBytes) {
-    throw Error(Fault::data, text(path.string(), ": ", bytes_.size(), " bytes are more than a GLB can hold (4 GiB)"));
-  }
+  if (size > kMostBytes) bad_data(path.string(), ": ", bytes_.size(), " bytes are more than a GLB can hold (4 GiB)");
   const std::uint32_t bin_size = padded(bytes_.size()), json_size = padded(json.size());
   const std::array<std::uint32_t, 5> start{kMagic, 2, 12 + 8 + json_size + 8 + bin_size, json_size, kJsonChunk};
   const std::array<std::uint32_t, 2> bin{bin_size, kBinChunk};
@@ -99,7 +97,7 @@ float linear_colour(float srgb) {
 
 GlbChunks read_glb_chunks(const std::filesystem::path& path) {
   const auto bytes = read_file(path, kMostBytes);
-  const auto fail = [&](const std::string& why) { throw Error(Fault::data, path.string() + ": " + why); };
+  const auto fail = [&](const std::string& why) { bad_data(path.string() + ": " + why); };
   ByteReader reader(bytes, path.string());
   if (reader.little<std::uint32_t>("the GLB header") != kMagic) fail("is not a GLB file: it does not begin with glTF");
   const auto version = reader.little<std::uint32_t>("the GLB header");

@@ -17,15 +17,15 @@ constexpr std::uint64_t kMostRatio = 200;
 constexpr std::size_t kPiece = std::size_t{1} << 18;
 
 [[noreturn]] void damaged(const std::string& name, std::size_t offset, const std::string& why) {
-  throw Error(Fault::data, text(name, ": byte ", offset, " of the gzip stream: ", why, "; copy the file again"));
+  bad_data(name, ": byte ", offset, " of the gzip stream: ", why, "; copy the file again");
 }
 
 class Inflater {
  public:
-  explicit Inflater(std::span<const std::uint8_t> bytes) : size_(bytes.size()) {
+  explicit Inflater(std::span<const std::uint8_t> bytes, int window = kGzipWindow) : size_(bytes.size()) {
     stream_.next_in = const_cast<Bytef*>(bytes.data());
     stream_.avail_in = static_cast<uInt>(bytes.size());
-    inflateInit2(&stream_, kGzipWindow);
+    if (inflateInit2(&stream_, window) != Z_OK) throw Error(Fault::internal, "zlib failed to start");
   }
   ~Inflater() { inflateEnd(&stream_); }
   Inflater(const Inflater&) = delete;
@@ -55,21 +55,25 @@ class Inflater {
 bool is_gzip(std::span<const std::uint8_t> bytes) { return bytes.size() >= 2 && bytes[0] == 0x1f && bytes[1] == 0x8b; }
 
 std::vector<std::uint8_t> gunzip(std::span<const std::uint8_t> bytes, std::uint64_t largest, const std::string& name) {
-  if (bytes.size() >> 31) throw Error(Fault::data, text(name, ": more than 2 GB"));
+  if (bytes.size() >> 31) bad_data(name, ": more than 2 GB");
   const std::uint64_t most = std::min(largest, std::max(kAlwaysAllowed, kMostRatio * bytes.size()));
   Inflater inflater(bytes);
   std::vector<std::uint8_t> result, piece(kPiece);
   while (!inflater.ended()) {
     const std::size_t count = inflater.next(piece);
     if (!inflater.sound()) damaged(name, inflater.offset(), inflater.reason());
-    if (result.size() + count > most) {
-      throw Error(Fault::data, text(name, ": ", bytes.size(), " bytes of gzip hold more than ", most,
-                                    " bytes, the most that is unpacked from that"));
-    }
+    if (result.size() + count > most)
+      bad_data(name, ": ", bytes.size(), " bytes of gzip hold more than ", most,
+               " bytes, the most that is unpacked from that");
     result.insert(result.end(), piece.begin(), piece.begin() + static_cast<std::ptrdiff_t>(count));
   }
   if (inflater.offset() != bytes.size()) damaged(name, inflater.offset(), "more bytes follow its end");
   return result;
+}
+
+bool inflate_exactly(std::span<const std::uint8_t> bytes, std::span<std::uint8_t> result) {
+  Inflater inflater(bytes, -MAX_WBITS);
+  return inflater.next(result) == result.size() && inflater.ended() && inflater.offset() == bytes.size();
 }
 
 std::vector<std::uint8_t> gzip(std::span<const std::uint8_t> bytes) {

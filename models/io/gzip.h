@@ -13,6 +13,9 @@ namespace cloam {
 /// own size.
 std::vector<std::uint8_t> gunzip(std::span<const std::uint8_t> bytes, std::uint64_t largest, const std::string& name);
 
+/// Unpacks a deflate stream without any header. False unless the whole of it gives exactly these bytes.
+bool inflate_exactly(std::span<const std::uint8_t> bytes, std::span<std::uint8_t> result);
+
 /// Equal contents give equal bytes: no name and no time are stored.
 std::vector<std::uint8_t> gzip(std::span<const std::uint8_t> bytes);
 

@@ -34,7 +34,7 @@ constexpr std::uint64_t kLargestBlock = 64 << 20;  // bytes of one tile, or of t
 constexpr std::uint64_t kAtOnce = 8 << 20;         // bytes of lines that are decoded in one call, if blocks are small
 
 [[noreturn]] void damaged(const std::filesystem::path& path, const std::string& why) {
-  throw Error(Fault::data, text(path.string(), ": damaged image: ", why, "; copy it again, or use --skip-bad"));
+  bad_data(path.string(), ": damaged image: ", why, "; copy it again, or use --skip-bad");
 }
 
 bool starts_with(const Bytes& bytes, std::string_view magic, std::size_t at = 0) {
@@ -75,14 +75,12 @@ std::string format_of_name(const std::filesystem::path& path) {
 }
 
 void require_format(const std::filesystem::path& path, const std::string& format) {
-  if (format != "png" && format != "jpeg" && format != "openexr") {
-    throw Error(Fault::data, text(path.string(), ": want a PNG, JPEG or EXR image, the content is ", format,
-                                  "; convert it (magick IN OUT.png)"));
-  }
+  if (format != "png" && format != "jpeg" && format != "openexr")
+    bad_data(path.string(), ": want a PNG, JPEG or EXR image, the content is ", format,
+             "; convert it (magick IN OUT.png)");
   const std::string named = format_of_name(path);
-  if (!named.empty() && named != format) {
-    throw Error(Fault::data, text(path.string(), ": named as ", named, " but the content is ", format, "; rename it"));
-  }
+  if (!named.empty() && named != format)
+    bad_data(path.string(), ": named as ", named, " but the content is ", format, "; rename it");
 }
 
 // Chunks of length, name, data, CRC up to IEND. www.w3.org/TR/png, section 5
@@ -197,9 +195,8 @@ void require_proportion(const Decoder& decoder) {
   const bool held = raw <= kSmall || raw / most <= file;
   const bool flat = 4 * pixels > kMuch && 4 * pixels / kLeastShareOfMuch > file;
   if (held && !flat) return;
-  throw Error(Fault::data, text(decoder.path.string(), ": the header says ", spec.width, "x", spec.height,
-                                " pixels with ", spec.nchannels, " channels, but the file has only ", file,
-                                " bytes: it is damaged, or crafted to exhaust memory"));
+  bad_data(decoder.path.string(), ": the header says ", spec.width, "x", spec.height, " pixels with ", spec.nchannels,
+           " channels, but the file has only ", file, " bytes: it is damaged, or crafted to exhaust memory");
 }
 
 /// How many lines the file's compression packs together. openexr.com/en/latest/OpenEXRFileLayout.html
@@ -215,17 +212,16 @@ int lines_in_block(const OIIO::ImageSpec& spec) {
 void require_exr_layout(const Decoder& decoder) {
   const OIIO::ImageSpec& spec = decoder.spec;
   if (spec.x != spec.full_x || spec.y != spec.full_y || spec.width != spec.full_width ||
-      spec.height != spec.full_height) {
-    throw Error(Fault::data, text(decoder.path.string(), ": the data window (", spec.width, "x", spec.height, " at ",
-                                  spec.x, ", ", spec.y, ") is not the display window (", spec.full_width, "x",
-                                  spec.full_height, "); save the image without cropping or overscan"));
-  }
+      spec.height != spec.full_height)
+    bad_data(decoder.path.string(), ": the data window (", spec.width, "x", spec.height, " at ", spec.x, ", ", spec.y,
+             ") is not the display window (", spec.full_width, "x", spec.full_height,
+             "); save the image without cropping or overscan");
   const int width = spec.tile_width > 0 ? spec.tile_width : spec.width;
   const auto block = static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(lines_in_block(spec)) *
                      static_cast<std::uint64_t>(spec.nchannels) * sizeof(float);
   if (block <= kLargestBlock) return;
-  throw Error(Fault::data, text(decoder.path.string(), ": blocks of ", width, "x", lines_in_block(spec),
-                                " pixels are too large to decode; save the image in smaller tiles, or with zip"));
+  bad_data(decoder.path.string(), ": blocks of ", width, "x", lines_in_block(spec),
+           " pixels are too large to decode; save the image in smaller tiles, or with zip");
 }
 
 void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec, int most_channels) {
@@ -234,9 +230,8 @@ void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec
   const bool channels = spec.nchannels >= 1 && spec.nchannels <= most_channels;
   const int deep = spec.format.is_floating_point() ? 4 : 1;  // such pixels pass through floats
   if (sides && channels && spec.image_pixels() * spec.nchannels * deep <= kMostValues) return;
-  throw Error(Fault::data,
-              text(path.string(), ": the header says ", spec.width, "x", spec.height, " pixels with ", spec.nchannels,
-                   " channels; the limit is ", kMostValues, " values and ", most_channels, " channels"));
+  bad_data(path.string(), ": the header says ", spec.width, "x", spec.height, " pixels with ", spec.nchannels,
+           " channels; the limit is ", kMostValues, " values and ", most_channels, " channels");
 }
 
 Decoder open(const std::filesystem::path& path, int most_channels) {
@@ -362,43 +357,11 @@ Image read_image(const std::filesystem::path& path) {
   return image;
 }
 
-// Where the pixel (row, column) of the result lies: JEITA CP-3451, tag 274. 5 to 8 change rows and columns.
-Image upright(const Image& image, int orientation) {
-  if (orientation <= 1) return image;
-  const bool swap = orientation >= 5;
-  const bool from_bottom = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
-  const bool from_right = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
-  Image result{swap ? image.height : image.width, swap ? image.width : image.height, image.channels, {}};
-  result.pixels.reserve(image.pixels.size());
-  for (int row = 0; row < result.height; ++row) {
-    for (int column = 0; column < result.width; ++column) {
-      const int down = swap ? column : row, across = swap ? row : column;
-      const std::size_t from_row = from_bottom ? image.height - 1 - down : down;
-      const std::size_t from_column = from_right ? image.width - 1 - across : across;
-      const auto pixel = image.pixels.begin() + (from_row * image.width + from_column) * image.channels;
-      result.pixels.insert(result.pixels.end(), pixel, pixel + image.channels);
-    }
-  }
-  return result;
-}
-
-std::vector<std::uint8_t> as_rgba(const Image& image) {
-  const int channels = image.channels, alpha = channels % 2 == 0 ? channels - 1 : -1;
-  const std::size_t count = std::size_t(image.width) * image.height;
-  std::vector<std::uint8_t> rgba(4 * count);
-  for (std::size_t i = 0; i < count; ++i) {
-    const std::uint8_t* pixel = &image.pixels[i * channels];
-    for (int c = 0; c < 3; ++c) rgba[4 * i + c] = pixel[channels < 3 ? 0 : c];
-    rgba[4 * i + 3] = alpha < 0 ? 255 : pixel[alpha];
-  }
-  return rgba;
-}
-
 Labels read_labels(const std::filesystem::path& path) {
   Decoder decoder = open(path, 1);
   const bool deep = decoder.spec.format == OIIO::TypeDesc::UINT16;
   if (decoder.format != "png" || (!deep && decoder.spec.format != OIIO::TypeDesc::UINT8))
-    throw Error(Fault::data, text(path.string(), ": want a PNG with 8-bit or 16-bit integers"));
+    bad_data(path.string(), ": want a PNG with 8-bit or 16-bit integers");
   Labels labels{decoder.spec.width, decoder.spec.height, {}};
   if (deep) {
     labels.values = decode<std::uint16_t>(decoder, OIIO::TypeDesc::UINT16);
@@ -413,9 +376,8 @@ std::vector<float> read_exr_layer(const std::filesystem::path& path, const std::
   Decoder decoder = open(path, 64);
   const auto& names = decoder.spec.channelnames;
   const auto found = std::find(names.begin(), names.end(), name);
-  if (found == names.end()) {
-    throw Error(Fault::data, text(path.string(), ": no layer ", name, ", it has: ", OIIO::Strutil::join(names, ", ")));
-  }
+  if (found == names.end())
+    bad_data(path.string(), ": no layer ", name, ", it has: ", OIIO::Strutil::join(names, ", "));
   const std::size_t channel = found - names.begin(), channels = names.size(), width = decoder.spec.width;
   std::vector<float> layer(decoder.spec.image_pixels());
   decode_blocks(decoder, [&](const Block& block, const std::vector<float>& values) {

@@ -18,11 +18,13 @@ constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
 constexpr std::uint64_t kMostParsed = std::uint64_t{512} << 20;
 constexpr std::uint64_t kListed = 24, kKeyed = 112, kContainer = 56;  // bytes that values take, about
 constexpr std::size_t kDeepest = 64;
+constexpr int kOutOfRange = 406;  // the library's number of the error
+constexpr std::size_t kLongestReason = 300;
 
 [[noreturn]] void wrong(const std::string& where, const std::string& key, const std::string& wanted,
                         const Json& found) {
-  throw Error(Fault::data, text(where, ": ", key, " is ", found.type_name(), ", want ", wanted,
-                                found.is_null() ? " (NaN and Infinity are not numbers)" : ""));
+  bad_data(where, ": ", key, " is ", found.type_name(), ", want ", wanted,
+           found.is_null() ? " (NaN and Infinity are not numbers)" : "");
 }
 
 // Where the string that begins at `start` ends, behind its quote.
@@ -67,9 +69,8 @@ std::string place(std::string_view content, std::size_t offset) {
 // with a callback looks at all earlier values of a list whenever an object in it ends.
 class Builder : public nlohmann::json_sax<Json> {
  public:
-  Builder(std::string_view content, const std::string& name) : content_(content), name_(name) {}
-
-  Json take() { return std::move(root_); }
+  Builder(std::string_view content, const std::string& name, Json& root)
+      : content_(content), name_(name), root_(root) {}
 
   bool null() override { return add(nullptr); }
   bool boolean(bool value) override { return add(value); }
@@ -100,10 +101,7 @@ class Builder : public nlohmann::json_sax<Json> {
   }
 
  private:
-  static constexpr int kOutOfRange = 406;
-  static constexpr std::size_t kLongestReason = 300;
-
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(name_, ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { bad_data(name_, ": ", why); }
 
   bool add(Json value) {
     place_for(std::move(value));
@@ -137,7 +135,7 @@ class Builder : public nlohmann::json_sax<Json> {
 
   std::string_view content_;
   const std::string& name_;
-  Json root_;
+  Json& root_;
   std::vector<Json*> open_;  // containers that are not closed yet, the innermost last
   std::string key_;
   std::uint64_t bytes_ = 0;
@@ -163,15 +161,16 @@ Json parse_json(std::string_view given, const std::string& name) {
   const bool pythonic = given.find("NaN") != given.npos || given.find("Infinity") != given.npos;
   const std::string changed = pythonic ? without_python_words(given) : "";
   const std::string_view content = pythonic ? changed : given;
-  Builder builder(content, name);
+  Json root;
+  Builder builder(content, name, root);
   Json::sax_parse(content.begin(), content.end(), &builder);
-  return builder.take();
+  return root;
 }
 
 const Json& member(const Json& object, const std::string& key, const std::string& where) {
   if (!object.is_object()) wrong(where, "the value around " + key, "an object", object);
   const auto found = object.find(key);
-  if (found == object.end()) throw Error(Fault::data, text(where, ": the key ", key, " is missing"));
+  if (found == object.end()) bad_data(where, ": the key ", key, " is missing");
   return *found;
 }
 
@@ -212,18 +211,16 @@ bool flag(const Json& object, const std::string& key, bool otherwise, const std:
 
 Eigen::Matrix4d matrix4(const Json& object, const std::string& key, const std::string& where) {
   const Json& rows = array(object, key, where);
-  if (rows.size() != 4 && rows.size() != 3) {
-    throw Error(Fault::data, text(where, ": ", key, " has ", rows.size(), " rows, want 4 (or 3) rows of 4 numbers"));
-  }
+  if (rows.size() != 4 && rows.size() != 3)
+    bad_data(where, ": ", key, " has ", rows.size(), " rows, want 4 (or 3) rows of 4 numbers");
   Eigen::Matrix4d matrix = Eigen::Matrix4d::Identity();
   for (std::size_t r = 0; r < rows.size(); ++r) {
     const std::string row = text(key, "[", r, "]");
     if (!rows[r].is_array() || rows[r].size() != 4) wrong(where, row, "4 numbers", rows[r]);
     for (std::size_t c = 0; c < 4; ++c) matrix(r, c) = finite(rows[r][c], text(row, "[", c, "]"), where);
   }
-  if ((matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).norm() > 1e-6) {
-    throw Error(Fault::data, text(where, ": the last row of ", key, " is not 0 0 0 1"));
-  }
+  if ((matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).norm() > 1e-6)
+    bad_data(where, ": the last row of ", key, " is not 0 0 0 1");
   return matrix;
 }
 

@@ -4,9 +4,23 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace cloam {
+
+/// Calls use(Number()) with the number that numpy calls by this kind ("f4", "u1"; "b1", truth values, are bytes).
+/// False, and no call, for other kinds.
+template <class Use>
+bool with_numpy_kind(std::string_view kind, Use use) {
+  const auto is = [&](const char* name, auto number) { return kind == name && (use(number), true); };
+  return is("b1", std::uint8_t{}) || is("i1", std::int8_t{}) || is("u1", std::uint8_t{}) || is("i2", std::int16_t{}) ||
+         is("u2", std::uint16_t{}) || is("i4", std::int32_t{}) || is("u4", std::uint32_t{}) ||
+         is("i8", std::int64_t{}) || is("u8", std::uint64_t{}) || is("f4", float{}) || is("f8", double{});
+}
+
+/// Of one value; 0 for kinds that with_numpy_kind does not know.
+std::size_t numpy_bytes(std::string_view kind);
 
 struct NpyArray {
   std::string name;                       // of the file, for errors

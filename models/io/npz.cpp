@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "models/io/bytes.h"
+#include "models/io/gzip.h"
 #include "models/io/npy.h"
 #include "models/io/safetensors_header.h"  // printable
 #include "runtime/error.h"
@@ -35,11 +36,10 @@ class Zip {
   std::vector<std::uint8_t> content(const Entry& entry) const;
 
  private:
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(name_, ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { bad_data(name_, ": ", why); }
   Bytes end_record() const;
   Entry next_entry(ByteReader& reader) const;
   Bytes packed(const Entry& entry) const;
-  std::vector<std::uint8_t> inflated(const Entry& entry, Bytes from) const;
   Bytes bytes_;
   std::string name_;
 };
@@ -107,21 +107,6 @@ Bytes Zip::packed(const Entry& entry) const {
   return reader.take(entry.packed, "a member");
 }
 
-std::vector<std::uint8_t> Zip::inflated(const Entry& entry, Bytes from) const {
-  std::vector<std::uint8_t> result(entry.content);
-  z_stream stream{};
-  stream.next_in = const_cast<Bytef*>(from.data());
-  stream.avail_in = static_cast<uInt>(from.size());
-  stream.next_out = result.data();
-  stream.avail_out = static_cast<uInt>(result.size());
-  if (inflateInit2(&stream, -MAX_WBITS) != Z_OK) throw Error(Fault::internal, "zlib failed to start");
-  const int code = inflate(&stream, Z_FINISH);
-  const bool whole = code == Z_STREAM_END && stream.avail_in == 0 && stream.avail_out == 0;
-  inflateEnd(&stream);
-  if (!whole) fail(text("member ", printable(entry.name), " does not unpack to ", entry.content, " bytes"));
-  return result;
-}
-
 std::vector<std::uint8_t> Zip::content(const Entry& entry) const {
   const bool stored = entry.method == 0;
   if ((entry.flags & 1) != 0 || (!stored && entry.method != Z_DEFLATED) || entry.packed == kIn64 ||
@@ -131,8 +116,10 @@ std::vector<std::uint8_t> Zip::content(const Entry& entry) const {
   const Bytes from = packed(entry);
   if (stored && entry.content != from.size())
     fail(text("member ", printable(entry.name), " cannot hold ", entry.content, " bytes in ", from.size()));
-  std::vector<std::uint8_t> result =
-      stored ? std::vector<std::uint8_t>(from.begin(), from.end()) : inflated(entry, from);
+  std::vector<std::uint8_t> result(from.begin(), from.end());
+  result.resize(entry.content);
+  if (!stored && !inflate_exactly(from, result))
+    fail(text("member ", printable(entry.name), " does not unpack to ", entry.content, " bytes"));
   if (crc32_z(0, result.data(), result.size()) != entry.checksum)
     fail(text("member ", printable(entry.name), ": its checksum does not match: the file is damaged; copy it again"));
   return result;
@@ -157,11 +144,10 @@ TensorMap read_npz(const std::filesystem::path& path) {
   TensorMap all;
   for (const Entry& entry : zip.directory()) {
     const std::string label = text(path.string(), ": member ", printable(entry.name));
-    if (!entry.name.ends_with(".npy")) throw Error(Fault::data, text(label, ": want only .npy members"));
+    if (!entry.name.ends_with(".npy")) bad_data(label, ": want only .npy members");
     const std::vector<std::uint8_t> content = zip.content(entry);
     const std::string name = entry.name.substr(0, entry.name.size() - 4);
-    if (!all.emplace(name, as_tensor(parse_npy(content, label))).second)
-      throw Error(Fault::data, text(label, ": appears twice"));
+    if (!all.emplace(name, as_tensor(parse_npy(content, label))).second) bad_data(label, ": appears twice");
   }
   return all;
 }

@@ -14,7 +14,7 @@ namespace fs = std::filesystem;
 constexpr std::size_t kLongestPath = 4096;  // as Linux
 
 [[noreturn]] void refuse(const std::string& named, const std::string& why) {
-  throw Error(Fault::data, text("the path \"", printable(named), "\" ", why));
+  bad_data("the path \"", printable(named), "\" ", why);
 }
 
 bool lies_within(const fs::path& folder, const fs::path& path) {
@@ -55,6 +55,16 @@ std::string path_named(const fs::path& root, const std::string& named, bool allo
 bool is_file(const fs::path& path) {
   std::error_code error;
   return fs::is_regular_file(path, error);
+}
+
+std::vector<fs::path> entries_of(const fs::path& folder) {
+  std::vector<fs::path> entries;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    entries.push_back(entry->path());
+  }
+  std::sort(entries.begin(), entries.end());
+  return entries;
 }
 
 bool has_file(const fs::path& path) {

@@ -19,6 +19,9 @@ std::string path_named(const std::filesystem::path& root, const std::string& nam
 /// A regular file, or a link to one. Never throws.
 bool is_file(const std::filesystem::path& path);
 
+/// What lies in a folder, sorted; nothing where it cannot be read. Never throws.
+std::vector<std::filesystem::path> entries_of(const std::filesystem::path& folder);
+
 /// Whether the file that a data set names is there. Fault::data for what is there and is no regular file (a folder, a
 /// device, a pipe, a link to one) and for what may not be looked at.
 bool has_file(const std::filesystem::path& path);
@@ -32,7 +35,7 @@ auto without_quotes(const std::filesystem::path& file, Read read) {
   } catch (const Error& error) {
     std::error_code ignored;
     if (error.fault() != Fault::data || !std::filesystem::is_symlink(file, ignored)) throw;
-    throw Error(Fault::data, text(file.string(), ": the file that this link leads to is damaged or of another kind"));
+    bad_data(file.string(), ": the file that this link leads to is damaged or of another kind");
   }
 }
 

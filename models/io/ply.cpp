@@ -3,17 +3,15 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <fstream>
-#include <istream>
 #include <numeric>
 #include <set>
-#include <streambuf>
 
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -31,9 +29,7 @@ struct NumberType {
 
 template <class Stored>
 float read_as(const std::uint8_t* bytes) {
-  Stored value;
-  std::memcpy(&value, bytes, sizeof value);
-  return static_cast<float>(value);
+  return static_cast<float>(number_at<Stored>(bytes));
 }
 
 constexpr NumberType kTypes[] = {
@@ -50,26 +46,14 @@ constexpr NumberType kTypes[] = {
 // Words of one line, without the carriage return that Windows leaves.
 std::vector<std::string_view> words_of(std::string_view line) {
   std::vector<std::string_view> words;
-  while (true) {
-    line.remove_prefix(std::min(line.find_first_not_of(" \t\r"), line.size()));
-    if (line.empty()) return words;
-    words.push_back(line.substr(0, line.find_first_of(" \t\r")));
-    line.remove_prefix(words.back().size());
-  }
+  for (auto word = next_word(line); !word.empty(); word = next_word(line)) words.push_back(word);
+  return words;
 }
 
 std::string trimmed(std::string_view words) {
   const std::size_t begin = std::min(words.find_first_not_of(" \t\r\n"), words.size());
   return std::string(words.substr(begin, words.find_last_not_of(" \t\r\n") + 1 - begin));
 }
-
-// Bytes in memory as a stream, without a copy.
-struct SpanBuffer : std::streambuf {
-  explicit SpanBuffer(std::span<const std::uint8_t> bytes) {
-    char* begin = const_cast<char*>(reinterpret_cast<const char*>(bytes.data()));
-    setg(begin, begin, begin + bytes.size());
-  }
-};
 
 std::string listed(const std::vector<std::string>& names) {
   std::string all;
@@ -78,7 +62,7 @@ std::string listed(const std::vector<std::string>& names) {
 }
 
 [[noreturn]] void no_property(const std::string& file, std::string_view name, const std::vector<std::string>& names) {
-  throw Error(Fault::data, text(file, ": its vertices have no property ", name, "; they have ", listed(names)));
+  bad_data(file, ": its vertices have no property ", name, "; they have ", listed(names));
 }
 
 class Parser {
@@ -99,7 +83,7 @@ class Parser {
   }
 
  private:
-  [[noreturn]] void fail(const std::string& why) const { throw Error(Fault::data, text(header_.file, ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { bad_data(header_.file, ": ", why); }
 
   // Up to the end of the line or of the file; nothing where the line is longer.
   std::optional<std::string> line(std::size_t longest) {
@@ -123,7 +107,7 @@ class Parser {
       if (first && found != "ply\n" && found != "ply\r\n") fail("is not a .ply file: its first line is not 'ply'");
       if (!found.ends_with('\n')) fail(text("the .ply header has no end within ", kLongestHeader, " bytes"));
       left -= found.size();
-      const auto words = words_of(std::string_view(found).substr(0, found.size() - 1));
+      const auto words = words_of(found);
       if (first || words.empty() || words[0] == "obj_info") continue;
       if (words[0] == "end_header") break;
       if (words[0] == "comment") {
@@ -154,10 +138,9 @@ class Parser {
 
   void read_element(const std::vector<std::string_view>& words) {
     if (words[1] != "vertex") fail(text("its first element is ", printable(words[1]), ", want vertex"));
-    const auto [end, error] = std::from_chars(words[2].data(), words[2].data() + words[2].size(), header_.count);
-    if (error != std::errc() || end != words[2].data() + words[2].size()) {
-      fail(text("the number of vertices is ", printable(words[2])));
-    }
+    const auto count = number_in<std::uint64_t>(words[2]);
+    if (!count) fail(text("the number of vertices is ", printable(words[2])));
+    header_.count = *count;
   }
 
   void read_property(const std::vector<std::string_view>& words) {
@@ -210,7 +193,7 @@ class Parser {
     for (std::uint64_t row = 0; row < header_.count; ++row) {
       const std::optional<std::string> found = line(kLongestLine);
       if (!found) fail(text("vertex ", row, " has a line of more than ", kLongestLine, " bytes"));
-      const auto words = words_of(std::string_view(*found).substr(0, found->find('\n')));
+      const auto words = words_of(*found);
       if (words.size() != types_.size()) {
         fail(text("vertex ", row, " has ", words.size(), " numbers, want ", types_.size()));
       }
@@ -220,12 +203,9 @@ class Parser {
   }
 
   float number(std::string_view word, std::uint64_t row) const {
-    double value = 0;  // 1e99 is a number, if none that a float holds
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (error != std::errc() || end != word.data() + word.size()) {
-      fail(text("vertex ", row, ": '", printable(word), "' is not a number"));
-    }
-    return static_cast<float>(value);
+    const auto value = number_in<double>(word);  // 1e99 is a number, if none that a float holds
+    if (!value) fail(text("vertex ", row, ": '", printable(word), "' is not a number"));
+    return static_cast<float>(*value);
   }
 
   std::streambuf& bytes_;
@@ -268,16 +248,14 @@ const std::vector<float>& PlyVertices::column(std::string_view name) const {
 void read_ply(const std::filesystem::path& path, const std::function<PlyRow(const PlyHeader&)>& begin) {
   const std::uint64_t size = file_bytes(path);
   std::filebuf file;
-  if (!file.open(path, std::ios::in | std::ios::binary)) {
-    throw Error(Fault::data, text(path.string(), ": cannot be opened: ", std::strerror(errno)));
-  }
+  if (!file.open(path, std::ios::in | std::ios::binary))
+    bad_data(path.string(), ": cannot be opened: ", std::strerror(errno));
   Parser(file, size, path.string()).parse(begin);
 }
 
-PlyVertices parse_ply(std::span<const std::uint8_t> bytes, const std::string& name) {
-  PlyVertices vertices{name, {}};
-  SpanBuffer buffer(bytes);
-  Parser(buffer, bytes.size(), name).parse([&](const PlyHeader& header) -> PlyRow {
+PlyVertices read_ply_vertices(const std::filesystem::path& path) {
+  PlyVertices vertices{path.string(), {}};
+  read_ply(path, [&](const PlyHeader& header) -> PlyRow {
     for (const PlyProperty& property : header.properties) vertices.columns.push_back({property.name, {}});
     for (PlyColumn& column : vertices.columns) column.values.reserve(header.count);
     return [&](std::span<const float> values) {

@@ -58,7 +58,7 @@ struct PlyVertices {
 /// As write_ply_rows.
 void write_ply_vertices(const std::filesystem::path& path, const std::vector<PlyColumn>& columns);
 
-/// As read_ply, of bytes in memory; `name` (a file) stands at the head of errors.
-PlyVertices parse_ply(std::span<const std::uint8_t> bytes, const std::string& name);
+/// As read_ply, all of them.
+PlyVertices read_ply_vertices(const std::filesystem::path& path);
 
 }  // namespace cloam

@@ -35,11 +35,11 @@ class InputFile {
  public:
   explicit InputFile(const fs::path& path) : path_(path) {
     file_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    if (file_ < 0) throw Error(Fault::data, text("cannot open ", path.string(), ": ", std::strerror(errno)));
+    if (file_ < 0) bad_data("cannot open ", path.string(), ": ", std::strerror(errno));
     struct stat status {};
     if (::fstat(file_, &status) != 0 || !S_ISREG(status.st_mode)) {
       ::close(file_);
-      throw Error(Fault::data, text(path.string(), " is not a regular file; want a safetensors file"));
+      bad_data(path.string(), " is not a regular file; want a safetensors file");
     }
     size_ = static_cast<uint64_t>(status.st_size);
   }
@@ -60,7 +60,7 @@ class InputFile {
   }
 
   [[noreturn]] void fail(uint64_t offset, const std::string& problem) const {
-    throw Error(Fault::data, text(path_.string(), ": byte ", offset, ": ", problem));
+    bad_data(path_.string(), ": byte ", offset, ": ", problem);
   }
 
  private:
@@ -101,30 +101,24 @@ std::string read_header(const InputFile& file) {
 /// Bytes of a tensor; throws the problem as text.
 uint64_t declared_bytes(const SafetensorsEntry& entry) {
   const uint64_t width = dtype_bytes(entry.dtype);
-  if (width == 0) throw Error(Fault::data, text("unknown dtype '", printable(entry.dtype), "'"));
+  if (width == 0) bad_data("unknown dtype '", printable(entry.dtype), "'");
   uint64_t bytes = width;
   for (const int64_t extent : entry.shape) {
-    if (extent < 0 || __builtin_mul_overflow(bytes, static_cast<uint64_t>(extent), &bytes)) {
-      throw Error(Fault::data, text("shape ", shape_text(entry.shape), " is more than 2^64 bytes"));
-    }
+    if (extent < 0 || __builtin_mul_overflow(bytes, static_cast<uint64_t>(extent), &bytes))
+      bad_data("shape ", shape_text(entry.shape), " is more than 2^64 bytes");
   }
   return bytes;
 }
 
 void check_entry(const SafetensorsEntry& entry, uint64_t expected_begin, uint64_t available) {
-  if (entry.begin != expected_begin) {
-    throw Error(Fault::data,
-                text("data begins at ", entry.begin, " of the data section, but the tensor before ends at ",
-                     expected_begin, ": ", entry.begin < expected_begin ? "overlap" : "hole"));
-  }
-  if (entry.end < entry.begin || entry.end > available) {
-    throw Error(Fault::data, text("data_offsets [", entry.begin, ",", entry.end, "] leave the data section of ",
-                                  available, " bytes"));
-  }
-  if (const uint64_t bytes = declared_bytes(entry); bytes != entry.end - entry.begin) {
-    throw Error(Fault::data, text(entry.dtype, " ", shape_text(entry.shape), " needs ", bytes,
-                                  " bytes, data_offsets give ", entry.end - entry.begin));
-  }
+  if (entry.begin != expected_begin)
+    bad_data("data begins at ", entry.begin, " of the data section, but the tensor before ends at ", expected_begin,
+             ": ", entry.begin < expected_begin ? "overlap" : "hole");
+  if (entry.end < entry.begin || entry.end > available)
+    bad_data("data_offsets [", entry.begin, ",", entry.end, "] leave the data section of ", available, " bytes");
+  if (const uint64_t bytes = declared_bytes(entry); bytes != entry.end - entry.begin)
+    bad_data(entry.dtype, " ", shape_text(entry.shape), " needs ", bytes, " bytes, data_offsets give ",
+             entry.end - entry.begin);
 }
 
 /// The data section must be covered from its first to its last byte, each byte once.

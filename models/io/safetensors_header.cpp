@@ -1,155 +1,101 @@
-// Parsed as a stream of events, so that a hostile header can neither nest deeply nor build a large document first.
+// What json.h refuses, deep nesting, keys given twice and more values than memory should hold, needs no check here.
 #include "models/io/safetensors_header.h"
 
-#include <array>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <utility>
 
+#include "models/io/json.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
-using nlohmann::json;
-
 constexpr size_t kMaxRank = 16;
+constexpr char kMetadata[] = "__metadata__";
 
-/// Each event either fits the place where it occurs or ends the parse with an Error.
-class HeaderEvents : public nlohmann::json_sax<json> {
+/// What an error says was found.
+std::string described(const Json& value) {
+  if (value.is_number()) return text(value < 0 ? "the negative number " : "the number ", printable(value.dump()));
+  if (value.is_null()) return "null";
+  const bool vowel = value.is_object() || value.is_array();
+  return text(vowel ? "an " : "a ", value.type_name());
+}
+
+/// One tensor, or the metadata.
+class HeaderItem {
  public:
-  SafetensorsHeader header;
-
-  bool null() override { return refuse("null"); }
-  bool boolean(bool) override { return refuse("a boolean"); }
-  bool number_integer(number_integer_t value) override { return refuse(text("the negative number ", value)); }
-  bool number_float(number_float_t, const string_t& digits) override {
-    return refuse("the number " + printable(digits));
-  }
-  bool binary(binary_t&) override { return refuse("binary data"); }
-
-  bool number_unsigned(number_unsigned_t value) override {
-    if (place_ != Place::array) return refuse(text("the number ", value));
-    if (numbers_.size() == kMaxRank) return refuse(text("more than ", kMaxRank, " numbers"));
-    numbers_.push_back(value);
-    return true;
+  HeaderItem(const std::string& name, const Json& fields) : name_(name), fields_(fields) {
+    if (!fields.is_object()) refuse(described(fields), "");
   }
 
-  bool string(string_t& value) override {
-    if (place_ == Place::metadata) {
-      header.metadata[key_] = value;
-    } else if (place_ == Place::entry && key_ == "dtype") {
-      entry_.dtype = value;
-    } else {
-      return refuse("a string");
+  std::map<std::string, std::string> metadata() const {
+    std::map<std::string, std::string> all;
+    for (const auto& [key, value] : fields_.items()) all[key] = word(key, value);
+    return all;
+  }
+
+  SafetensorsEntry entry() const {
+    for (const auto& [key, value] : fields_.items()) {
+      if (key != "dtype" && key != "shape" && key != "data_offsets") refuse("an unknown key", key);
     }
-    return true;
-  }
-
-  bool start_object(size_t) override {
-    if (place_ == Place::outside) {
-      place_ = Place::top;
-    } else if (place_ == Place::top) {
-      place_ = name_ == "__metadata__" ? Place::metadata : Place::entry;
-      entry_ = {};
-      fields_seen_ = {};
-    } else {
-      return refuse("an object");
+    SafetensorsEntry entry;
+    entry.dtype = word("dtype", field("dtype"));
+    for (const uint64_t extent : numbers("shape")) {
+      if (extent > uint64_t{std::numeric_limits<int64_t>::max()}) refuse(text("the size ", extent), "shape");
+      entry.shape.push_back(static_cast<int64_t>(extent));
     }
-    return true;
-  }
-
-  bool end_object() override {
-    if (place_ == Place::entry) finish_entry();
-    place_ = place_ == Place::top ? Place::outside : Place::top;
-    return true;
-  }
-
-  bool start_array(size_t) override {
-    if (place_ != Place::entry || key_ == "dtype") return refuse("an array");
-    place_ = Place::array;
-    numbers_.clear();
-    return true;
-  }
-
-  bool end_array() override {
-    place_ = Place::entry;
-    if (key_ == "shape") {
-      take_shape();
-    } else {
-      if (numbers_.size() != 2) return refuse(text(numbers_.size(), " numbers in data_offsets, need 2"));
-      entry_.begin = numbers_[0];
-      entry_.end = numbers_[1];
-    }
-    return true;
-  }
-
-  bool key(string_t& value) override {
-    key_ = value;
-    if (place_ == Place::top) {
-      name_ = value;
-      const bool repeated =
-          value == "__metadata__" ? std::exchange(metadata_seen_, true) : header.entries.contains(value);
-      if (repeated) return refuse("the name a second time");
-    } else if (place_ == Place::metadata) {
-      if (header.metadata.contains(value)) return refuse("the key '" + printable(value) + "' a second time");
-    } else {
-      see_field();
-    }
-    return true;
-  }
-
-  bool parse_error(size_t, const std::string&, const json::exception& problem) override {
-    throw Error(Fault::data, "the header is not valid JSON: " + std::string(problem.what()).substr(0, 300));
+    const std::vector<uint64_t> offsets = numbers("data_offsets");
+    if (offsets.size() != 2) refuse(text(offsets.size(), " numbers, need 2"), "data_offsets");
+    entry.begin = offsets[0];
+    entry.end = offsets[1];
+    return entry;
   }
 
  private:
-  enum class Place { outside, top, metadata, entry, array };
-  static constexpr std::array<std::string_view, 3> kFields{"dtype", "shape", "data_offsets"};
-
-  bool refuse(const std::string& found) const {
-    throw Error(Fault::data,
-                text("header of tensor '", printable(name_), "': found ", found, " at key '", printable(key_),
-                     "', want {\"dtype\":string, \"shape\":[sizes], \"data_offsets\":[begin,end]}"));
+  [[noreturn]] void refuse(const std::string& found, const std::string& key) const {
+    bad_data("header of tensor '", printable(name_), "': found ", found, " at key '", printable(key),
+             "', want {\"dtype\":string, \"shape\":[sizes], \"data_offsets\":[begin,end]}");
   }
 
-  void see_field() {
-    for (size_t i = 0; i < kFields.size(); ++i) {
-      if (key_ != kFields[i]) continue;
-      if (std::exchange(fields_seen_[i], true)) refuse("the key a second time");
-      return;
+  const Json& field(const std::string& key) const {
+    const auto found = fields_.find(key);
+    if (found == fields_.end()) refuse("no " + key, key);
+    return *found;
+  }
+
+  std::string word(const std::string& key, const Json& value) const {
+    if (!value.is_string()) refuse(described(value), key);
+    return value.get<std::string>();
+  }
+
+  std::vector<uint64_t> numbers(const std::string& key) const {
+    const Json& list = field(key);
+    if (!list.is_array()) refuse(described(list), key);
+    if (list.size() > kMaxRank) refuse(text("more than ", kMaxRank, " numbers"), key);
+    for (const Json& value : list) {
+      if (!value.is_number_unsigned()) refuse(described(value), key);
     }
-    refuse("an unknown key");
+    return list.get<std::vector<uint64_t>>();
   }
 
-  void finish_entry() {
-    for (size_t i = 0; i < kFields.size(); ++i) {
-      if (!fields_seen_[i]) refuse(text("no ", kFields[i]));
-    }
-    header.entries[name_] = std::move(entry_);
-  }
-
-  void take_shape() {
-    for (const uint64_t extent : numbers_) {
-      if (extent > uint64_t{std::numeric_limits<int64_t>::max()}) refuse(text("the size ", extent));
-      entry_.shape.push_back(static_cast<int64_t>(extent));
-    }
-  }
-
-  Place place_ = Place::outside;
-  std::string name_, key_;
-  SafetensorsEntry entry_;
-  std::array<bool, 3> fields_seen_{};
-  bool metadata_seen_ = false;
-  std::vector<uint64_t> numbers_;
+  const std::string& name_;
+  const Json& fields_;
 };
 
 }  // namespace
 
 SafetensorsHeader parse_safetensors_header(std::string_view header) {
-  HeaderEvents events;
-  json::sax_parse(header, &events);
-  return std::move(events.header);
+  SafetensorsHeader parsed;
+  const Json json = parse_json(header, "the JSON header");
+  for (const auto& [name, fields] : json.items()) {
+    const HeaderItem item(name, fields);
+    if (name == kMetadata) {
+      parsed.metadata = item.metadata();
+    } else {
+      parsed.entries[name] = item.entry();
+    }
+  }
+  return parsed;
 }
 
 uint64_t dtype_bytes(std::string_view dtype) {
@@ -168,8 +114,8 @@ std::string shape_text(const std::vector<int64_t>& shape) {
 
 std::string json_string(const std::string& value) {
   try {
-    return json(value).dump();
-  } catch (const json::exception&) {
+    return Json(value).dump();
+  } catch (const Json::exception&) {
     throw Error(Fault::internal, text("'", printable(value), "' is not valid UTF-8 and cannot be saved as a name"));
   }
 }

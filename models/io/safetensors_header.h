@@ -21,7 +21,7 @@ struct SafetensorsHeader {
 };
 
 /// Accepts the exact form and nothing else: no unknown, missing or repeated key, no fraction or sign in a size.
-/// Memory is bounded by a small multiple of the text. Errors: Fault::data that says what was found where.
+/// Memory is bounded as parse_json bounds it. Errors: Fault::data that says what was found where.
 SafetensorsHeader parse_safetensors_header(std::string_view header);
 
 /// Bytes of one value, 0 for an unknown dtype.

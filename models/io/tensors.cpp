@@ -10,18 +10,8 @@ namespace cloam {
 namespace {
 
 const char* stored_type(DType dtype) {
-  switch (dtype) {
-    case DType::i32:
-      return "I32";
-    case DType::u32:
-      return "U32";
-    case DType::u8:
-      return "U8";
-    case DType::f16:
-      return "F16";
-    default:
-      return "F32";
-  }
+  constexpr const char* names[] = {"F32", "I32", "U32", "U8", "F16"};  // in the order of DType
+  return names[static_cast<size_t>(dtype)];
 }
 
 template <class T>
@@ -32,23 +22,16 @@ std::vector<std::byte> bytes_of(const std::vector<T>& values) {
 }
 
 std::vector<std::byte> host_bytes(const Tensor& tensor) {
-  switch (tensor.dtype()) {
-    case DType::i32:
-      return bytes_of(tensor.to_host<int32_t>());
-    case DType::u32:
-      return bytes_of(tensor.to_host<uint32_t>());
-    case DType::u8:
-      return bytes_of(tensor.to_host<uint8_t>());
-    case DType::f32:
-      return bytes_of(tensor.to_host<float>());
-    default:
-      throw Error(Fault::internal, "[checkpoint] float16 tensors are not saved");
-  }
+  if (tensor.dtype() == DType::i32) return bytes_of(tensor.to_host<int32_t>());
+  if (tensor.dtype() == DType::u32) return bytes_of(tensor.to_host<uint32_t>());
+  if (tensor.dtype() == DType::u8) return bytes_of(tensor.to_host<uint8_t>());
+  if (tensor.dtype() == DType::f32) return bytes_of(tensor.to_host<float>());
+  throw Error(Fault::internal, "[checkpoint] float16 tensors are not saved");
 }
 
 const NamedTensor& find(const TensorMap& map, const std::string& name) {
   const auto found = map.find(name);
-  if (found == map.end()) throw Error(Fault::data, text("there is no tensor ", name));
+  if (found == map.end()) bad_data("there is no tensor ", name);
   return found->second;
 }
 
@@ -80,8 +63,8 @@ Tensor tensor_from(const TensorMap& map, const std::string& name, const Shape& s
   for (DType candidate : {DType::i32, DType::u32, DType::u8})
     if (stored.dtype == stored_type(candidate)) dtype = candidate;
   if (stored.shape != want || stored.dtype != stored_type(dtype))
-    throw Error(Fault::data, text("the tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(),
-                                  " bytes, want shape ", to_string(shape)));
+    bad_data("the tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(), " bytes, want shape ",
+             to_string(shape));
   return from_bytes(stored.data.data(), dtype, shape);
 }
 
@@ -92,8 +75,8 @@ std::vector<Value> values_from(const TensorMap& map, const std::string& name, co
   if (stored.dtype != dtype || stored.shape != shape) {
     std::string want;
     for (const int64_t extent : shape) want += text(want.empty() ? "" : " x ", extent);
-    throw Error(Fault::data, text("the tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(),
-                                  " bytes, want ", dtype, " of shape ", want));
+    bad_data("the tensor ", name, " has dtype ", stored.dtype, " and ", stored.data.size(), " bytes, want ", dtype,
+             " of shape ", want);
   }
   std::vector<Value> out(stored.data.size() / sizeof(Value));
   std::memcpy(out.data(), stored.data.data(), stored.data.size());

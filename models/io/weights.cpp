@@ -8,7 +8,9 @@
 #include <fstream>
 
 #include "models/io/npz.h"
+#include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable, shape_text
+#include "models/io/tensors.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -36,15 +38,13 @@ Format format_of(const fs::path& path) {
 fs::path the_file(const fs::path& path) {
   std::error_code error;
   if (!fs::is_directory(path, error)) return path;
-  std::vector<fs::path> found;
-  for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error))
-    if (format_of(entry->path()) != Format::none) found.push_back(entry->path());
+  std::vector<fs::path> found = entries_of(path);
+  std::erase_if(found, [](const fs::path& entry) { return format_of(entry) == Format::none; });
   if (found.size() == 1) return found[0];
-  std::sort(found.begin(), found.end());
   std::string names;
   for (const fs::path& file : found) names += " " + file.filename().string();
-  throw Error(Fault::data, text(path.string(), ": want a folder with one file of weights (.npz or safetensors), found ",
-                                found.empty() ? "none" : "several:", names, "; name the file itself"));
+  bad_data(path.string(), ": want a folder with one file of weights (.npz or safetensors), found ",
+           found.empty() ? "none" : "several:", names, "; name the file itself");
 }
 
 }  // namespace
@@ -52,13 +52,12 @@ fs::path the_file(const fs::path& path) {
 std::vector<float> Weights::take(const std::string& name, const std::vector<int64_t>& shape) const {
   const std::string wanted = text(file.string(), ": looked for ", name, " F32 ", shape_text(shape), ", found ");
   const auto at = tensors.find(name);
-  if (at == tensors.end()) throw Error(Fault::data, wanted + content());
+  if (at == tensors.end()) bad_data(wanted + content());
   if (at->second.shape != shape || at->second.dtype != "F32")
-    throw Error(Fault::data, text(wanted, at->second.dtype, " ", shape_text(at->second.shape)));
-  std::vector<float> values(at->second.data.size() / sizeof(float));
-  std::memcpy(values.data(), at->second.data.data(), at->second.data.size());
+    bad_data(wanted, at->second.dtype, " ", shape_text(at->second.shape));
+  const std::vector<float> values = values_from<float>(tensors, name, shape);
   if (!std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); }))
-    throw Error(Fault::data, wanted + "NaN or infinite values in it");
+    bad_data(wanted + "NaN or infinite values in it");
   return values;
 }
 
@@ -82,8 +81,8 @@ Weights read_weights(const fs::path& path) {
     case Format::safetensors:
       return {file, read_safetensors(file).tensors};
     default:
-      throw Error(Fault::data, text(file.string(), ": want a file of weights (.npz or safetensors), found ",
-                                    fs::exists(file) ? "something else" : "no file"));
+      bad_data(file.string(), ": want a file of weights (.npz or safetensors), found ",
+               fs::exists(file) ? "something else" : "no file");
   }
 }
 

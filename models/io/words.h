@@ -2,7 +2,10 @@
 #pragma once
 #include <algorithm>
 #include <cctype>
+#include <charconv>
+#include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace cloam {
@@ -11,6 +14,24 @@ namespace cloam {
 inline std::string lower_case(std::string word) {
   std::transform(word.begin(), word.end(), word.begin(), [](unsigned char c) { return std::tolower(c); });
   return word;
+}
+
+/// The next word of a line, between blanks, tabs and line ends, taken off it; "" if there is none.
+inline std::string_view next_word(std::string_view& rest) {
+  constexpr std::string_view spaces = " \t\r\n";
+  rest.remove_prefix(std::min(rest.find_first_not_of(spaces), rest.size()));
+  const std::string_view word = rest.substr(0, rest.find_first_of(spaces));
+  rest.remove_prefix(word.size());
+  return word;
+}
+
+/// The number that the whole word is; nothing for other words.
+template <class Number>
+std::optional<Number> number_in(std::string_view word) {
+  Number number{};
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
+  const bool whole = error == std::errc() && end == word.data() + word.size();
+  return whole ? std::optional(number) : std::nullopt;
 }
 
 /// The name among `names` that is most like `wanted`, or "" if none is near: for "did you mean".

@@ -16,11 +16,10 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 void check(const std::filesystem::path& path, const Mesh& mesh) {
-  if (mesh.triangle_count() == 0) throw Error(Fault::data, text(path.string(), ": a mesh without triangles"));
+  if (mesh.triangle_count() == 0) bad_data(path.string(), ": a mesh without triangles");
   const std::uint64_t bytes = 36 * std::uint64_t{mesh.vertex_count()} + 12 * std::uint64_t{mesh.triangle_count()};
-  if (bytes > std::numeric_limits<std::uint32_t>::max() / 2) {
-    throw Error(Fault::data, text(path.string(), ": a mesh of ", bytes, " bytes is too large; lower the resolution"));
-  }
+  if (bytes > std::numeric_limits<std::uint32_t>::max() / 2)
+    bad_data(path.string(), ": a mesh of ", bytes, " bytes is too large; lower the resolution");
 }
 
 /// From x right, y forward, z up to x left, y up, z forward.

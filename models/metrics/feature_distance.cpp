@@ -18,9 +18,8 @@ using Eigen::MatrixXd;
 
 void need_sets(const MatrixXd& a, const MatrixXd& b) {
   if (a.rows() < 2 || b.rows() < 2 || a.cols() != b.cols() || a.cols() == 0)
-    throw Error(Fault::data,
-                text("a distance of two sets needs two images in each and the same features, got ", a.rows(), " and ",
-                     b.rows(), " images with ", a.cols(), " and ", b.cols(), " features"));
+    bad_data("a distance of two sets needs two images in each and the same features, got ", a.rows(), " and ", b.rows(),
+             " images with ", a.cols(), " and ", b.cols(), " features");
 }
 
 Tensor unit_length(const Tensor& map) { return map * rsqrt(sum(square(map), {{1}, true}) + 1e-10f); }

@@ -1,7 +1,6 @@
 // Sums are kept in double: a float sum over a megapixel loses three of its seven digits.
 #include "models/metrics/psnr.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -11,14 +10,7 @@ namespace cloam {
 namespace {
 
 void need_same_size(size_t a, size_t b) {
-  if (a != b || a == 0)
-    throw Error(Fault::data, text("psnr needs two images of one size, got ", a, " and ", b, " values"));
-}
-
-void need_channels(size_t values, int channels) {
-  if (channels < 1 || values % static_cast<size_t>(channels) != 0) {
-    throw Error(Fault::data, text("an image of ", values, " values does not divide into ", channels, " channels"));
-  }
+  if (a != b || a == 0) bad_data("psnr needs two images of one size, got ", a, " and ", b, " values");
 }
 
 double decibel(double mean_squared_error) { return -10.0 * std::log10(mean_squared_error); }
@@ -36,7 +28,8 @@ double psnr(std::span<const float> a, std::span<const float> b) {
 
 double masked_psnr(std::span<const float> a, std::span<const float> b, std::span<const uint8_t> mask, int channels) {
   need_same_size(a.size(), b.size());
-  need_channels(a.size(), channels);
+  if (channels < 1 || a.size() % static_cast<size_t>(channels) != 0)
+    bad_data("an image of ", a.size(), " values does not divide into ", channels, " channels");
   const auto width = static_cast<size_t>(channels);
   need_same_size(a.size() / width, mask.size());
   double sum = 0;
@@ -47,33 +40,6 @@ double masked_psnr(std::span<const float> a, std::span<const float> b, std::span
     ++count;
   }
   return count == 0 ? std::numeric_limits<double>::quiet_NaN() : decibel(sum / static_cast<double>(count));
-}
-
-std::vector<double> mean_colour(std::span<const std::span<const float>> images, int channels) {
-  std::vector<double> sums(static_cast<size_t>(std::max(channels, 0)), 0.0);
-  size_t count = 0;
-  for (const auto& image : images) {
-    need_channels(image.size(), channels);
-    for (size_t i = 0; i < image.size(); ++i) sums[i % sums.size()] += double{image[i]};
-    count += image.size() / sums.size();
-  }
-  if (count == 0) throw Error(Fault::data, "the mean colour needs at least one training pixel, got none");
-  for (double& sum : sums) sum /= static_cast<double>(count);
-  return sums;
-}
-
-double mean_colour_psnr(std::span<const std::span<const float>> train, std::span<const std::span<const float>> test,
-                        int channels) {
-  if (test.empty()) throw Error(Fault::data, "the mean colour baseline needs at least one test image, got none");
-  const std::vector<double> colour = mean_colour(train, channels);
-  double total = 0;
-  for (const auto& image : test) {
-    need_channels(image.size(), channels);
-    double sum = 0;
-    for (size_t i = 0; i < image.size(); ++i) sum += squared(double{image[i]} - colour[i % colour.size()]);
-    total += decibel(sum / static_cast<double>(image.size()));
-  }
-  return total / static_cast<double>(test.size());
 }
 
 }  // namespace cloam

@@ -100,10 +100,9 @@ Plane channel_ssim(const Plane& a, const Plane& b, const ImageShape& shape) {
 size_t checked_values(std::span<const float> a, std::span<const float> b, const ImageShape& shape) {
   const bool positive = shape.height > 0 && shape.width > 0 && shape.channels > 0;
   const size_t values = positive ? size_t(shape.height) * size_t(shape.width) * size_t(shape.channels) : 0;
-  if (!positive || a.size() != values || b.size() != values) {
-    throw Error(Fault::data, text("ssim of [", shape.height, ",", shape.width, ",", shape.channels, "] needs ", values,
-                                  " values each, got ", a.size(), " and ", b.size()));
-  }
+  if (!positive || a.size() != values || b.size() != values)
+    bad_data("ssim of [", shape.height, ",", shape.width, ",", shape.channels, "] needs ", values, " values each, got ",
+             a.size(), " and ", b.size());
   return values;
 }
 
@@ -137,9 +136,8 @@ double masked_ssim(std::span<const float> a, std::span<const float> b, std::span
                    const ImageShape& shape) {
   const size_t values = checked_values(a, b, shape);
   const auto channels = static_cast<size_t>(shape.channels);
-  if (mask.size() != values / channels) {
-    throw Error(Fault::data, text("masked ssim needs a mask of ", values / channels, " pixels, got ", mask.size()));
-  }
+  if (mask.size() != values / channels)
+    bad_data("masked ssim needs a mask of ", values / channels, " pixels, got ", mask.size());
   const std::vector<double> map = ssim_map(on_black(a, mask, channels), on_black(b, mask, channels), shape);
   double sum = 0;
   size_t count = 0;

@@ -21,13 +21,4 @@ Actor& actor_of(Scenes& scenes, const AssetName& name) {
 
 AssetName looks_of(const Scenes& scenes, const AssetName& name) { return actor_of(scenes, name).asset.value_or(name); }
 
-std::optional<Eigen::Vector3d> size_of_looks(const Scenes& scenes, const AssetName& looks) {
-  for (int scene = 0; scene < static_cast<int>(scenes.size()); ++scene) {
-    for (const Actor& actor : scenes[static_cast<std::size_t>(scene)].actors) {
-      if (actor.asset.value_or(AssetName{scene, actor.id}) == looks) return actor.size;
-    }
-  }
-  return std::nullopt;
-}
-
 }  // namespace cloam

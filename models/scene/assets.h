@@ -11,8 +11,4 @@ Actor& actor_of(Scenes& scenes, const AssetName& name);
 /// Whose looks the actor has: its own, or those that it was given.
 AssetName looks_of(const Scenes& scenes, const AssetName& name);
 
-/// Size of the box that the looks fill, in metres: that of any actor who has them. (The actor who had them first may
-/// have another's by now.) Nothing if nobody has them.
-std::optional<Eigen::Vector3d> size_of_looks(const Scenes& scenes, const AssetName& looks);
-
 }  // namespace cloam

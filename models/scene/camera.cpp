@@ -101,34 +101,20 @@ Eigen::Vector3d fisheye_direction(const Camera& camera, const Eigen::Vector2d& a
 }
 
 Eigen::Vector2d lens_point(const Camera& camera, const Eigen::Vector3d& point) {
-  switch (camera.model) {
-    case CameraModel::pinhole:
-      return point.hnormalized();
-    case CameraModel::opencv:
-      return distort(camera, point.hnormalized()).value;
-    case CameraModel::fisheye:
-      return distort(camera, at_radius(angle_of(point), point)).value;
-    case CameraModel::fov:
-      return fov_point(camera, point);
-  }
-  throw Error(Fault::internal, "[project] no such camera model");
+  if (camera.model == CameraModel::pinhole) return point.hnormalized();
+  if (camera.model == CameraModel::fov) return fov_point(camera, point);
+  const bool fisheye = camera.model == CameraModel::fisheye;
+  return distort(camera, fisheye ? at_radius(angle_of(point), point) : Eigen::Vector2d(point.hnormalized())).value;
 }
 
 }  // namespace
 
 Eigen::Vector3d direction(const Camera& camera, const Eigen::Vector2d& point) {
   const Eigen::Vector2d at{(point.x() - camera.cx) / camera.fx, (point.y() - camera.cy) / camera.fy};
-  switch (camera.model) {
-    case CameraModel::pinhole:
-      return at.homogeneous();
-    case CameraModel::opencv:
-      return undistort(camera, at, std::numeric_limits<double>::infinity()).homogeneous();
-    case CameraModel::fisheye:
-      return fisheye_direction(camera, at);
-    case CameraModel::fov:
-      return fov_direction(camera, at);
-  }
-  throw Error(Fault::internal, "[direction] no such camera model");
+  if (camera.model == CameraModel::pinhole) return at.homogeneous();
+  if (camera.model == CameraModel::fov) return fov_direction(camera, at);
+  if (camera.model == CameraModel::fisheye) return fisheye_direction(camera, at);
+  return undistort(camera, at, std::numeric_limits<double>::infinity()).homogeneous();
 }
 
 std::vector<float> pixel_directions(const Camera& camera) {

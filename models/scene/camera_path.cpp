@@ -1,10 +1,11 @@
 // See camera_path.h.
 #include "models/scene/camera_path.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+
+#include "models/scene/pose.h"
 
 namespace cloam {
 namespace {
@@ -37,11 +38,8 @@ Vector3d position_between(const std::vector<Frame>& stops, std::size_t from, dou
 
 CameraMoment moment_between(const std::vector<Frame>& stops, std::size_t from, double share) {
   const Frame &a = stops[from], &b = stops[from + 1];
-  CameraMoment moment{Eigen::Matrix4d::Identity(),
-                      (1 - share) * a.timestamp.value_or(0) + share * b.timestamp.value_or(0)};
-  moment.world_from_camera.topLeftCorner<3, 3>() = rotation(a).slerp(share, rotation(b)).toRotationMatrix();
-  moment.world_from_camera.topRightCorner<3, 1>() = position_between(stops, from, share);
-  return moment;
+  return {pose_from(rotation(a).slerp(share, rotation(b)).toRotationMatrix(), position_between(stops, from, share)),
+          (1 - share) * a.timestamp.value_or(0) + share * b.timestamp.value_or(0)};
 }
 
 }  // namespace

@@ -1,12 +1,12 @@
 // See edit.h.
 #include "models/scene/edit.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <numbers>
 
+#include "models/scene/pose.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -17,17 +17,7 @@ using Eigen::Vector3d;
 
 constexpr double kStanding = 0.1;  // metres: who moves less on a path stands
 
-Matrix4d translation(const Vector3d& metres) {
-  Matrix4d pose = Matrix4d::Identity();
-  pose.topRightCorner<3, 1>() = metres;
-  return pose;
-}
-
-Matrix4d turn(double radians) {
-  Matrix4d pose = Matrix4d::Identity();
-  pose.topLeftCorner<3, 3>() = Eigen::AngleAxisd(radians, Vector3d::UnitZ()).toRotationMatrix();
-  return pose;
-}
+Matrix4d translation(const Vector3d& metres) { return pose_from(Eigen::Matrix3d::Identity(), metres); }
 
 void move(Actor& actor, const Matrix4d& old_from_new) {
   if (actor.boxes.empty()) {
@@ -37,11 +27,7 @@ void move(Actor& actor, const Matrix4d& old_from_new) {
   for (ActorBox& box : actor.boxes) box.world_from_box = box.world_from_box * old_from_new;
 }
 
-Matrix4d pose_of(const PathPoint& point) {
-  Matrix4d pose = turn(point.yaw);
-  pose.topRightCorner<3, 1>() = point.position;
-  return pose;
-}
+Matrix4d pose_of(const PathPoint& point) { return pose_from(turn_about_z(point.yaw), point.position); }
 
 /// `time` is not before the first point and not after the last.
 Matrix4d pose_at(const std::vector<PathPoint>& path, double time) {
@@ -97,7 +83,8 @@ Replace replace_by(const Scenes& scenes, const AssetName& other) {
 void apply(const ActorEdit& edit, Scenes& scenes, const AssetName& name) {
   Actor& actor = actor_of(scenes, name);
   if (const auto* shift = std::get_if<Shift>(&edit)) move(actor, translation(shift->metres));
-  if (const auto* turned = std::get_if<Turn>(&edit)) move(actor, turn(turned->radians));
+  if (const auto* turned = std::get_if<Turn>(&edit))
+    move(actor, pose_from(turn_about_z(turned->radians), Vector3d::Zero()));
   if (std::holds_alternative<Remove>(edit)) actor.boxes.clear();
   if (const auto* other = std::get_if<Replace>(&edit)) replace(*other, name, actor);
   if (const auto* path = std::get_if<Follow>(&edit)) {

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "models/scene/pose.h"
+
 namespace cloam {
 namespace {
 
@@ -13,10 +15,8 @@ constexpr double kAloneSeconds = 0.1;  // of the moments of a log that usual LiD
 
 Eigen::Matrix4d between(const Eigen::Matrix4d& a, const Eigen::Matrix4d& b, double share) {
   const Eigen::Quaterniond from(Eigen::Matrix3d(a.topLeftCorner<3, 3>())), to(Eigen::Matrix3d(b.topLeftCorner<3, 3>()));
-  Eigen::Matrix4d pose = a;
-  pose.topLeftCorner<3, 3>() = from.slerp(share, to).toRotationMatrix();
-  pose.topRightCorner<3, 1>() = (1 - share) * a.topRightCorner<3, 1>() + share * b.topRightCorner<3, 1>();
-  return pose;
+  return pose_from(from.slerp(share, to).toRotationMatrix(),
+                   (1 - share) * a.topRightCorner<3, 1>() + share * b.topRightCorner<3, 1>());
 }
 
 }  // namespace

@@ -334,8 +334,6 @@ std::unique_ptr<Solid> make_revolution(const std::vector<Vector2d>& profile) {
   return std::make_unique<Revolution>(profile);
 }
 
-Eigen::Matrix3d turn_about_z(double angle) { return Eigen::AngleAxisd(angle, Vector3d::UnitZ()).toRotationMatrix(); }
-
 std::vector<Vector2d> smooth_profile(const std::vector<Vector2d>& points, int steps) {
   std::vector<Vector2d> curve;
   for (size_t i = 0; i + 1 < points.size(); ++i) {

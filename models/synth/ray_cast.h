@@ -7,6 +7,8 @@
 #include <optional>
 #include <vector>
 
+#include "models/scene/pose.h"
+
 namespace cloam {
 
 struct Ray {
@@ -59,9 +61,6 @@ std::vector<Eigen::Vector2d> smooth_profile(const std::vector<Eigen::Vector2d>& 
 
 /// Linear reflectance (RGB in [0,1]) at a point of the solid's own frame.
 using Albedo = std::function<Eigen::Vector3d(const Eigen::Vector3d& point)>;
-
-/// Turn about the vertical by an angle in radians, counter-clockwise from above.
-Eigen::Matrix3d turn_about_z(double angle);
 
 /// A solid turned by world_from_solid and then moved to `centre`.
 struct SceneObject {

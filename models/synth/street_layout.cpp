@@ -1,10 +1,11 @@
 // See street_layout.h.
 #include "models/synth/street_layout.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <utility>
 
 #include "models/synth/procedural.h"
@@ -52,10 +53,8 @@ RoadUser draw(const Shares& shares, HostRandom& random) {
 
 std::string draw_id(HostRandom& random) {
   const uint64_t a = random.next(), b = random.next();
-  char id[40];
-  std::snprintf(id, sizeof id, "%08x-%04x-%04x-%04x-%012llx", unsigned(a >> 32), unsigned(a >> 16 & 0xffff),
-                unsigned(a & 0xffff), unsigned(b >> 48), static_cast<unsigned long long>(b & 0xffffffffffff));
-  return id;
+  return fmt::format("{:08x}-{:04x}-{:04x}-{:04x}-{:012x}", a >> 32, a >> 16 & 0xffff, a & 0xffff, b >> 48,
+                     b & 0xffffffffffff);
 }
 
 class Layout {

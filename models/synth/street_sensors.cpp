@@ -109,12 +109,7 @@ std::optional<Return> lidar_return(const StreetMoment& moment, const Ray& ray, H
   return Return{ray.origin + (seen->distance + noise) * ray.direction, intensity};
 }
 
-Matrix4d pose_at(const Vector3d& position, double yaw) {
-  Matrix4d pose = Matrix4d::Identity();
-  pose.topLeftCorner<3, 3>() = turn_about_z(yaw);
-  pose.topRightCorner<3, 1>() = position;
-  return pose;
-}
+Matrix4d pose_at(const Vector3d& position, double yaw) { return pose_from(turn_about_z(yaw), position); }
 
 }  // namespace
 
@@ -135,9 +130,7 @@ Matrix4d world_from_ego(const MadeStreet& street, double time) {
 Matrix4d world_from_camera(const MadeStreet& street, const Mount& mount, double time) {
   // 0.6 m from a middle that lies 0.4 m before the LiDAR, 1.65 m high.
   const Matrix4d ego_from_head = pose_at({0, 0.4, 1.65}, mount.yaw);
-  Matrix4d head_from_camera = Matrix4d::Identity();
-  head_from_camera.topLeftCorner<3, 3>() << 1, 0, 0, 0, 0, 1, 0, -1, 0;
-  head_from_camera(1, 3) = 0.6;
+  const Matrix4d head_from_camera = pose_from(Eigen::Matrix3d{{1, 0, 0}, {0, 0, 1}, {0, -1, 0}}, {0, 0.6, 0});
   return world_from_ego(street, time) * ego_from_head * head_from_camera;
 }
 

@@ -380,24 +380,9 @@ RoadUserLooks make_emergency(HostRandom& random) {
 }  // namespace
 
 RoadUserLooks make_road_user(RoadUser kind, HostRandom& random) {
-  switch (kind) {
-    case RoadUser::car:
-      return make_car(random);
-    case RoadUser::pickup:
-      return make_pickup(random);
-    case RoadUser::truck:
-      return make_truck(random);
-    case RoadUser::semi:
-      return make_semi(random);
-    case RoadUser::bus:
-      return make_bus(random);
-    case RoadUser::construction:
-      return make_loader(random);
-    case RoadUser::emergency:
-      return make_emergency(random);
-    default:
-      return make_rider(kind, random);
-  }
+  constexpr std::array vehicles{make_car, make_pickup, make_truck, make_semi, make_bus, make_loader, make_emergency};
+  const auto index = static_cast<std::size_t>(kind);  // riders come after vehicles
+  return index < vehicles.size() ? vehicles[index](random) : make_rider(kind, random);
 }
 
 }  // namespace cloam

@@ -12,6 +12,17 @@
 
 namespace cloam {
 
+/// Size of the box that the looks fill, in metres: that of any actor who has them. (The actor who had them first may
+/// have another's by now.) Nothing if nobody has them.
+inline std::optional<Eigen::Vector3d> size_of_looks(const Scenes& scenes, const AssetName& looks) {
+  for (int scene = 0; scene < static_cast<int>(scenes.size()); ++scene) {
+    for (const Actor& actor : scenes[static_cast<std::size_t>(scene)].actors) {
+      if (actor.asset.value_or(AssetName{scene, actor.id}) == looks) return actor.size;
+    }
+  }
+  return std::nullopt;
+}
+
 class AnalyticStreet : public Street {
  public:
   explicit AnalyticStreet(Scenes scenes) : scenes_(std::move(scenes)) {}

@@ -403,12 +403,8 @@ TEST_CASE("counts that a file cannot hold are refused before memory is asked for
 }
 
 TEST_CASE("fox_colmap: every point appears where it was found in the images") {
-  const char* given = std::getenv("CLOAM_TEST_DATA");
-  const fs::path root = fs::path(given ? given : "../shared/data") / "fox_colmap";
-  if (!fs::exists(root)) {
-    MESSAGE("skipped: no data");
-    return;
-  }
+  const fs::path root = test_data("fox_colmap");
+  if (no_data(root)) return;
   const Scene scene = read_scene(root);
   CHECK(scene.frames.size() == 50);
   CHECK(scene.frames[0].image == "images/0001.jpg");

@@ -216,12 +216,8 @@ for protocol in range(2, 6):
 }
 
 TEST_CASE("pandaset-mini: every data frame of all logs") {
-  const char* given = std::getenv("CLOAM_TEST_DATA");
-  const fs::path root = fs::path(given ? given : "../shared/data") / "pandaset-mini";
-  if (!fs::exists(root)) {
-    MESSAGE("skipped: no data");
-    return;
-  }
+  const fs::path root = test_data("pandaset-mini");
+  if (no_data(root)) return;
   int sweeps = 0, boxes = 0;
   for (const auto& entry : fs::recursive_directory_iterator(root)) {
     if (entry.path().extension() != ".gz") continue;

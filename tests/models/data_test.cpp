@@ -18,6 +18,7 @@
 #include "models/scene/split.h"
 #include "runtime/error.h"
 #include "tests/models/errors.h"
+#include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -27,16 +28,8 @@ namespace {
 const std::string kPose = "[[1,0,0,2],[0,0,-1,3],[0,1,0,4],[0,0,0,1]]";
 
 // A capture in a temporary folder.
-class Folder {
+class Capture : public Folder {
  public:
-  Folder() {
-    std::string pattern = (fs::temp_directory_path() / "cloam-data-XXXXXX").string();
-    path = mkdtemp(pattern.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-
   void text_file(const std::string& name, const std::string& content) const { std::ofstream(path / name) << content; }
 
   void image(const std::string& name, int width, int height, std::vector<std::uint8_t> colour) const {
@@ -45,8 +38,6 @@ class Folder {
     fs::create_directories((path / name).parent_path());
     write_png(path / name, image);
   }
-
-  fs::path path;
 };
 
 std::string frame(const std::string& image, const std::string& pose = kPose, const std::string& more = "") {
@@ -56,17 +47,6 @@ std::string frame(const std::string& image, const std::string& pose = kPose, con
 // An 8x6 capture whose one frame is given as JSON.
 std::string capture(const std::string& frames, const std::string& more = R"("fl_x":10,"w":8,"h":6)") {
   return "{" + more + R"(,"frames":[)" + frames + "]}";
-}
-
-fs::path data_folder() {
-  const char* given = std::getenv("CLOAM_TEST_DATA");
-  return given ? given : "../shared/data";
-}
-
-bool no_data(const char* name) {
-  if (fs::exists(data_folder() / name)) return false;
-  MESSAGE("skipped: no data");
-  return true;
 }
 
 // The largest distance, in pixels, between a pixel centre and the projection of the direction given for it.
@@ -84,7 +64,7 @@ double round_trip_error(const Camera& camera) {
 }  // namespace
 
 TEST_CASE("NeRF-synthetic: size from the image, splits from the files, axes turned to OpenCV") {
-  const Folder folder;
+  const Capture folder;
   folder.image("train/r_0.png", 8, 6, {10, 20, 30, 128});
   folder.image("test/r_0.png", 8, 6, {10, 20, 30, 255});
   const std::string angle = R"("camera_angle_x":1.0)";
@@ -113,7 +93,7 @@ TEST_CASE("NeRF-synthetic: size from the image, splits from the files, axes turn
 }
 
 TEST_CASE("instant-ngp: intrinsics of the file, missing images in one warning") {
-  const Folder folder;
+  const Capture folder;
   folder.image("images/b.png", 8, 6, {1, 2, 3});
   folder.image("images/a.png", 8, 6, {1, 2, 3});
   folder.text_file(
@@ -137,7 +117,7 @@ TEST_CASE("instant-ngp: intrinsics of the file, missing images in one warning") 
 }
 
 TEST_CASE("nerfstudio: intrinsics of a frame, fisheye, masks, list of test images") {
-  const Folder folder;
+  const Capture folder;
   folder.image("a.png", 8, 6, {1, 2, 3});
   folder.image("b.png", 4, 4, {1, 2, 3});
   folder.image("mask.png", 8, 6, {0});
@@ -160,7 +140,7 @@ TEST_CASE("nerfstudio: intrinsics of a frame, fisheye, masks, list of test image
 }
 
 TEST_CASE("a mask's pixel counts only if all that it stands for do") {
-  const Folder folder;
+  const Capture folder;
   folder.image("a.png", 4, 2, {1, 2, 3});
   Image mask{4, 2, 1, {255, 255, 255, 255, 255, 0, 255, 255}};
   write_png(folder.path / "mask.png", mask);
@@ -170,8 +150,8 @@ TEST_CASE("a mask's pixel counts only if all that it stands for do") {
 }
 
 TEST_CASE("fox: 50 of 67 images, intrinsics by hand at factor 6, directions match the distortion") {
-  if (no_data("fox")) return;
-  Scene scene = read_scene(data_folder() / "fox");
+  if (no_data(test_data("fox"))) return;
+  Scene scene = read_scene(test_data("fox"));
   CHECK(scene.frames_listed == 67);
   CHECK(scene.frames.size() == 50);
   REQUIRE(scene.warnings.size() == 1);
@@ -204,8 +184,8 @@ TEST_CASE("fox: 50 of 67 images, intrinsics by hand at factor 6, directions matc
 }
 
 TEST_CASE("lego: 100 and 25 views with alpha, focal length of the paper") {
-  if (no_data("lego_400")) return;
-  const Scene scene = read_scene(data_folder() / "lego_400");
+  if (no_data(test_data("lego_400"))) return;
+  const Scene scene = read_scene(test_data("lego_400"));
   CHECK(frames_of(scene, Split::train).size() == 100);
   CHECK(frames_of(scene, Split::test).size() == 25);
   CHECK(scene.has_alpha);
@@ -243,7 +223,7 @@ TEST_CASE("a downscaled camera sees the centre of a box where the box is") {
 }
 
 TEST_CASE("folders that are almost a capture say what is wrong") {
-  const Folder folder;
+  const Capture folder;
   const auto advice = [&](const std::string& name) { return error_of([&] { read_scene(folder.path / name); }); };
   const auto with = [&](const std::string& file) {
     fs::remove_all(folder.path / "data");
@@ -277,7 +257,7 @@ TEST_CASE("a folder and files that may not be read: permission denied") {
     MESSAGE("skipped: only root can become somebody else");
     return;
   }
-  const Folder folder;
+  const Capture folder;
   fs::permissions(folder.path, fs::perms::all);
   folder.image("open/a.png", 8, 6, {1, 2, 3});
   folder.text_file("open/transforms.json", capture(frame("a.png")));
@@ -299,7 +279,7 @@ TEST_CASE("a folder and files that may not be read: permission denied") {
 }
 
 TEST_CASE("folders that are no data set say what was looked for, found, and what to do") {
-  const Folder folder;
+  const Capture folder;
   const std::string empty = error_of([&] { read_scene(folder.path); });
   CHECK(holds(empty, "looked for: transforms.json"));
   CHECK(holds(empty, "the folder is empty"));
@@ -316,7 +296,7 @@ TEST_CASE("folders that are no data set say what was looked for, found, and what
 }
 
 TEST_CASE("bad frames stop with the frame and key named, or are dropped with skip_bad") {
-  const Folder folder;
+  const Capture folder;
   folder.image("a.png", 8, 6, {1, 2, 3});
   folder.image("b.png", 8, 6, {1, 2, 3});
   const auto attempt = [&](const std::string& bad) {
@@ -350,7 +330,7 @@ TEST_CASE("bad frames stop with the frame and key named, or are dropped with ski
 }
 
 TEST_CASE("bad files stop with the place named") {
-  const Folder folder;
+  const Capture folder;
   folder.image("a.png", 8, 6, {1, 2, 3});
   const auto attempt = [&](const std::string& content) {
     folder.text_file("transforms.json", content);
@@ -374,8 +354,8 @@ TEST_CASE("bad files stop with the place named") {
 
 TEST_CASE(
     "a path that leaves the folder needs the user's leave, and the error is the same whether or not it is there") {
-  const Folder outside;
-  const Folder folder;
+  const Capture outside;
+  const Capture folder;
   outside.image("real.png", 8, 6, {1, 2, 3});
   folder.image("a.png", 8, 6, {4, 5, 6});
   const std::string up = "../" + outside.path.filename().string();
@@ -409,7 +389,7 @@ TEST_CASE(
 }
 
 TEST_CASE("absolute paths and .. that stay in the folder need nothing") {
-  const Folder folder;
+  const Capture folder;
   folder.image("images/a.png", 8, 6, {1, 2, 3});
   const std::string other_name = folder.path.string() + "-link";
   fs::create_directory_symlink(folder.path, other_name);
@@ -424,8 +404,8 @@ TEST_CASE("absolute paths and .. that stay in the folder need nothing") {
 }
 
 TEST_CASE("links to folders and to images are followed wherever they lead") {
-  const Folder outside;
-  const Folder folder;
+  const Capture outside;
+  const Capture folder;
   outside.image("photos/real.png", 8, 6, {1, 2, 3});
   outside.image("mask.png", 8, 6, {0});
   fs::copy_file(outside.path / "mask.png", outside.path / "5c1e2f");  // as caches name their files
@@ -442,8 +422,8 @@ TEST_CASE("links to folders and to images are followed wherever they lead") {
 }
 
 TEST_CASE("links to what is no image are refused without a word of its content") {
-  const Folder outside;
-  const Folder folder;
+  const Capture outside;
+  const Capture folder;
   const std::string secret = "password hunter2";
   outside.text_file("secret", secret);
   REQUIRE(mkfifo((outside.path / "pipe").c_str(), 0600) == 0);
@@ -471,7 +451,7 @@ TEST_CASE("links to what is no image are refused without a word of its content")
 }
 
 TEST_CASE("images that are missing by their names alone are named with the names they have") {
-  const Folder folder;
+  const Capture folder;
   folder.image("Images/a.png", 8, 6, {1, 2, 3});
   folder.image("images/c.png", 8, 6, {1, 2, 3});
   fs::rename(folder.path / "images/c.png", folder.path / "images/C.PNG");
@@ -495,7 +475,7 @@ TEST_CASE("images that are missing by their names alone are named with the names
 }
 
 TEST_CASE("what a list gives beside images and poses and is not used is named") {
-  const Folder folder;
+  const Capture folder;
   folder.image("a.png", 8, 6, {1, 2, 3});
   folder.text_file("transforms.json", capture(frame("a.png", kPose, R"(,"depth_file_path":"a_depth.png")"),
                                               R"("fl_x":10,"w":8,"h":6,"ply_file_path":"points.ply")"));
@@ -506,7 +486,7 @@ TEST_CASE("what a list gives beside images and poses and is not used is named") 
 }
 
 TEST_CASE("transforms.json cut short at any byte gives an Error, never anything else") {
-  const Folder folder;
+  const Capture folder;
   folder.image("a.png", 8, 6, {1, 2, 3});
   const std::string all = capture(frame("a.png", kPose, R"(,"mask_path":"a.png","k1":NaN)"));
   for (std::size_t length = 0; length <= all.size(); ++length) {
@@ -516,7 +496,7 @@ TEST_CASE("transforms.json cut short at any byte gives an Error, never anything 
 }
 
 TEST_CASE("transforms.json with any byte replaced reads or gives an Error") {
-  const Folder folder;
+  const Capture folder;
   folder.image("a.png", 8, 6, {1, 2, 3});
   const std::string all = capture(frame("a.png"), R"("fl_x":10,"w":8,"h":6,"k1":0.1,"camera_model":"OPENCV")");
   for (std::size_t at = 0; at < all.size(); ++at) {
@@ -532,7 +512,7 @@ TEST_CASE("transforms.json with any byte replaced reads or gives an Error") {
 }
 
 TEST_CASE("damaged images stop the load with the file named, or are dropped") {
-  const Folder folder;
+  const Capture folder;
   folder.image("a.png", 8, 6, {1, 2, 3});
   folder.image("b.png", 8, 6, {1, 2, 3});
   fs::resize_file(folder.path / "b.png", fs::file_size(folder.path / "b.png") - 20);
@@ -545,7 +525,7 @@ TEST_CASE("damaged images stop the load with the file named, or are dropped") {
 }
 
 TEST_CASE("images of another size scale the intrinsics, of another shape are refused") {
-  const Folder folder;
+  const Capture folder;
   folder.image("a.png", 16, 12, {1, 2, 3});
   folder.text_file("transforms.json", capture(frame("a.png")));
   const Pixels pixels = load_images(read_scene(folder.path), Split::train);

@@ -14,6 +14,7 @@
 #include "models/street/simulate.h"
 #include "runtime/error.h"
 #include "tests/models/analytic_street.h"
+#include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -201,8 +202,8 @@ TEST_CASE("a path gives boxes at the steps in its time, yaw the shorter way roun
 }
 
 TEST_CASE("path files: CSV and JSON say the same, and what is wrong is named by line") {
-  std::string pattern = (fs::temp_directory_path() / "cloam-path-XXXXXX").string();
-  const fs::path folder = mkdtemp(pattern.data());
+  const Folder own;
+  const fs::path& folder = own.path;
   const auto read = [&](const std::string& content) {
     std::ofstream(folder / "p") << content;
     return read_path_file(folder / "p");
@@ -222,7 +223,6 @@ TEST_CASE("path files: CSV and JSON say the same, and what is wrong is named by 
     CAPTURE(content);
     CHECK(usage_error([&] { read(content); }).starts_with("data: "));
   }
-  fs::remove_all(folder);
 }
 
 TEST_CASE("simulate without an edit gives back every bit") {

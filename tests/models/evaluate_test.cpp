@@ -17,17 +17,12 @@
 #include "models/io/ply.h"
 #include "models/street/lidar_rays.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 
 using namespace cloam;
 namespace fs = std::filesystem;
 
 namespace {
-
-struct Folder {
-  fs::path path = fs::temp_directory_path() / "cloam-evaluate-test";
-  Folder() { fs::remove_all(path); }
-  ~Folder() { fs::remove_all(path); }
-};
 
 Eigen::Matrix4d at(double x, double y, double z) {
   Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
@@ -255,7 +250,7 @@ TEST_CASE("what renders write is read back: 16-bit labels, points, and a camera'
   CHECK(read_labels(folder.path / "many.png").values == std::vector<std::uint16_t>{256, 65535});
 
   write_ply_vertices(folder.path / "points.ply", {{"x", {1.5f, -2}}, {"actor", {0, 3}}});
-  const PlyVertices points = parse_ply(read_file(folder.path / "points.ply", 1 << 20), "points.ply");
+  const PlyVertices points = read_ply_vertices(folder.path / "points.ply");
   CHECK(points.column("x") == std::vector<float>{1.5f, -2});
   CHECK(points.column("actor") == std::vector<float>{0, 3});
 

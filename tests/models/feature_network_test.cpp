@@ -14,6 +14,7 @@
 #include "models/io/image.h"
 #include "models/io/weights.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 
 using namespace cloam;
 
@@ -123,17 +124,10 @@ double random_loss(const FeatureNetwork& net, const std::vector<double>& a, cons
   return loss;
 }
 
-fs::path data_folder() {
-  const char* given = std::getenv("CLOAM_TEST_DATA");
-  return given ? given : "../shared/data";
-}
-
 /// The SqueezeNet of the test data, or an empty path.
 fs::path squeezenet_folder() {
-  const fs::path folder = data_folder() / "squeezenet_v1.0_deepcompressed";
-  if (fs::exists(folder)) return folder;
-  MESSAGE("skipped: no data");
-  return {};
+  const fs::path folder = test_data("squeezenet_v1.0_deepcompressed");
+  return no_data(folder) ? fs::path() : folder;
 }
 
 std::vector<double> doubles(const std::vector<float>& values) { return {values.begin(), values.end()}; }
@@ -216,8 +210,8 @@ TEST_CASE("SqueezeNet's first layers against float64, with the data's weights") 
 
 TEST_CASE("SqueezeNet sees a red fox") {
   const fs::path folder = squeezenet_folder();
-  if (folder.empty() || !fs::exists(data_folder() / "fox")) return;
-  const Image photo = downscale(read_image(data_folder() / "fox/images/0030.jpg"), 4);
+  if (folder.empty() || !fs::exists(test_data("fox"))) return;
+  const Image photo = downscale(read_image(test_data("fox/images/0030.jpg")), 4);
   std::vector<float> values;
   for (const std::uint8_t byte : photo.pixels) values.push_back(static_cast<float>(byte) / 255.f);
   const int64_t side = photo.width, top = (photo.height - side) / 2;

@@ -99,15 +99,6 @@ std::map<std::string, Writer> writers() {
   return all;
 }
 
-std::size_t files_in(const fs::path& folder) {
-  return static_cast<std::size_t>(std::distance(fs::directory_iterator(folder), fs::directory_iterator()));
-}
-
-std::string content_of(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
 /// Every writer fails with its fault, and a file that was there stays as it was.
 void check_refusals(const fs::path& folder, const std::function<std::string(const std::function<void()>&)>& refused) {
   const std::size_t before = files_in(folder);

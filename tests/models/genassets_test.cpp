@@ -17,6 +17,7 @@
 #include "models/scene/orbit.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 #include "tests/models/made_method.h"
 #include "tests/models/resume.h"
 #include "tests/models/toy_street.h"
@@ -57,11 +58,6 @@ fs::path train_to(Method& method, const fs::path& folder, int64_t stop_after = 0
   options.steps = 5;
   options.stop_after = stop_after;
   return train({method, folder, {}, from, nullptr}, options, {}).checkpoint;
-}
-
-std::string content(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
 }
 
 void put(Method& method, const std::string& name, const std::vector<float>& values) {
@@ -253,10 +249,10 @@ TEST_CASE("genassets: equal seeds give equal bytes, and a checkpoint of any step
     return method;
   };
   const auto look = [&](Method& method) { return shown(method, {scene.cameras[0], toy_camera_pose(0), 0, 0.05}).rgb; };
-  const std::string want = content(train_to(*made("false"), folder.path / "a"));
+  const std::string want = content_of(train_to(*made("false"), folder.path / "a"));
   CHECK(want.size() > 1000);
   const auto again = made("false");
-  CHECK(content(train_to(*again, folder.path / "b")) == want);
+  CHECK(content_of(train_to(*again, folder.path / "b")) == want);
   CHECK(figure(again->step({6, 100, 1}, {}), "lit") < 0.7);
   check_resumes_from_every_step({[&] { return made("false"); }, look});
   check_resumes_from_every_step({[&] { return made("true"); }, look, 6});

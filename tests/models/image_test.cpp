@@ -35,11 +35,6 @@ Image noise(int width, int height, int channels) {
   return image;
 }
 
-fs::path data_folder() {
-  const char* given = std::getenv("CLOAM_TEST_DATA");
-  return given ? given : "../shared/data";
-}
-
 Bytes tga(int width, int height) {
   Bytes bytes(18 + std::size_t(width) * height * 3, 100);
   std::fill_n(bytes.begin(), 18, std::uint8_t{0});
@@ -274,11 +269,8 @@ TEST_CASE("a PNG of nothing but zeros that would fill the memory is refused; a l
 }
 
 TEST_CASE("a real JPEG reads, and cut in the middle it is an error") {
-  const fs::path photo = data_folder() / "fox/images/0001.jpg";
-  if (!fs::exists(photo)) {
-    MESSAGE("skipped: no data");
-    return;
-  }
+  const fs::path photo = test_data("fox/images/0001.jpg");
+  if (no_data(photo)) return;
   const Image image = read_image(photo);
   CHECK(image.width == 1080);
   CHECK(image.height == 1920);

@@ -17,29 +17,12 @@
 #include "models/io/crc32c.h"
 #include "models/io/safetensors.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 
 using namespace cloam;
 namespace fs = std::filesystem;
 
 namespace {
-
-/// A fresh folder, removed at the end.
-struct Folder {
-  Folder() {
-    std::string name = (fs::temp_directory_path() / "cloam-io-XXXXXX").string();
-    path = mkdtemp(name.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  size_t files() const {
-    return static_cast<size_t>(std::distance(fs::directory_iterator(path), fs::directory_iterator()));
-  }
-  fs::path path;
-};
-
-std::string content(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
 
 void spoil(const fs::path& path, const std::string& bytes) {
   std::ofstream(path, std::ios::binary | std::ios::trunc)
@@ -92,7 +75,7 @@ TEST_CASE("commit: a file is replaced as a whole and leaves no litter") {
   const fs::path path = folder.path / "new" / "note.txt";
   commit_text(path, "first");
   commit_text(path, "second, longer");
-  CHECK(content(path) == "second, longer");
+  CHECK(content_of(path) == "second, longer");
   CHECK(std::distance(fs::directory_iterator(path.parent_path()), fs::directory_iterator()) == 1);
 }
 
@@ -110,8 +93,8 @@ TEST_CASE("commit: a failing writer leaves the old file and no temporary one") {
   CHECK(problem.fault() == Fault::write);
   CHECK(says(problem, path.string()));
   CHECK(says(problem, "the encoder gave up"));
-  CHECK(content(path) == "old");
-  CHECK(folder.files() == 1);
+  CHECK(content_of(path) == "old");
+  CHECK(files_in(folder.path) == 1);
 }
 
 TEST_CASE("commit: an error of the writer keeps its own fault") {
@@ -127,7 +110,7 @@ TEST_CASE("commit: what the disk refuses is a write fault with the reason") {
   const Error directory = error_of([&] { commit_text(folder.path / "taken", "x"); });
   CHECK(directory.fault() == Fault::write);
   CHECK(says(directory, std::strerror(EISDIR)));
-  CHECK(folder.files() == 1);
+  CHECK(files_in(folder.path) == 1);
   spoil(folder.path / "file", "x");
   CHECK(error_of([&] { commit_text(folder.path / "file" / "below", "x"); }).fault() == Fault::write);
 }
@@ -147,8 +130,8 @@ TEST_CASE("commit: no room for the bytes says how many are needed and leaves the
   std::signal(SIGXFSZ, previous_action);
   CHECK(problem.fault() == Fault::write);
   CHECK(says(problem, "needs 10000 bytes"));
-  CHECK(content(folder.path / "x") == "old");
-  CHECK(folder.files() == 1);
+  CHECK(content_of(folder.path / "x") == "old");
+  CHECK(files_in(folder.path) == 1);
 }
 
 TEST_CASE("commit: temporary files of dead writers are removed, of living ones kept") {
@@ -160,7 +143,7 @@ TEST_CASE("commit: temporary files of dead writers are removed, of living ones k
   spoil(folder.path / text(".a.tmp-", getpid(), "-0.png"), "alive");
   spoil(folder.path / "a.tmp-1.png", "no temporary file");
   remove_stale_temporaries(folder.path);
-  CHECK(folder.files() == 2);
+  CHECK(files_in(folder.path) == 2);
 }
 
 TEST_CASE("lock: the second holder is refused with the process id of the first; a dead holder holds nothing") {
@@ -171,14 +154,14 @@ TEST_CASE("lock: the second holder is refused with the process id of the first; 
     CHECK(problem.fault() == Fault::usage);
     CHECK(says(problem, std::to_string(getpid())));
   }
-  CHECK(folder.files() == 0);
+  CHECK(files_in(folder.path) == 0);
   const pid_t child = fork();
   if (child == 0) {
     const FolderLock held(folder.path);
     _exit(0);  // without the destructor, as a kill would
   }
   waitpid(child, nullptr, 0);
-  CHECK(folder.files() == 1);
+  CHECK(files_in(folder.path) == 1);
   CHECK_NOTHROW(FolderLock(folder.path));
 }
 
@@ -197,13 +180,13 @@ TEST_CASE("safetensors: what is written is read back, and the bytes depend on th
   write_safetensors(folder.path / "a", sample());
   write_safetensors(folder.path / "b", read_safetensors(folder.path / "a"));
   CHECK(read_safetensors(folder.path / "a") == sample());
-  CHECK(content(folder.path / "a") == content(folder.path / "b"));
+  CHECK(content_of(folder.path / "a") == content_of(folder.path / "b"));
 }
 
 TEST_CASE("safetensors: the file has the published layout") {
   const Folder folder;
   write_safetensors(folder.path / "a", sample());
-  const std::string bytes = content(folder.path / "a");
+  const std::string bytes = content_of(folder.path / "a");
   uint64_t length = 0;
   std::memcpy(&length, bytes.data(), 8);
   CHECK(length % 8 == 0);
@@ -228,7 +211,7 @@ TEST_CASE("safetensors: each flipped bit and each truncation is found") {
   const Folder folder;
   const fs::path path = folder.path / "a";
   write_safetensors(path, sample());
-  const std::string good = content(path);
+  const std::string good = content_of(path);
   size_t missed = 0;
   for (size_t bit = 0; bit < good.size() * 8; ++bit) {
     std::string bad = good;
@@ -249,7 +232,7 @@ TEST_CASE("safetensors: each flipped bit and each truncation is found") {
 TEST_CASE("safetensors: damaged data names the tensor and the byte") {
   const Folder folder;
   write_safetensors(folder.path / "a", sample());
-  std::string bytes = content(folder.path / "a");
+  std::string bytes = content_of(folder.path / "a");
   bytes.back() = static_cast<char>(bytes.back() ^ 1);
   spoil(folder.path / "a", bytes);
   const Error problem = error_of([&] { read_safetensors(folder.path / "a"); });
@@ -273,10 +256,10 @@ TEST_CASE("safetensors: hostile headers are refused with a reason") {
       {R"({"a":{"dtype":"U8","shape":[4],"data_offsets":[1,5]}})", 5, "hole"},
       {R"({"a":{"dtype":"U8","shape":[4],"data_offsets":[0,4]}})", 5, "1 bytes after the last tensor"},
       {R"({"a":{"dtype":"U8","shape":[4],"data_offsets":[0,4]},"a":{"dtype":"U8","shape":[4],"data_offsets":[0,4]}})",
-       4, "second time"},
-      {R"({"a":{"dtype":"U8","dtype":"U8","shape":[4],"data_offsets":[0,4]}})", 4, "second time"},
-      {R"({"__metadata__":{},"__metadata__":{}})", 0, "second time"},
-      {R"({"__metadata__":{"x":"1","x":"2"}})", 0, "second time"},
+       4, "appears twice"},
+      {R"({"a":{"dtype":"U8","dtype":"U8","shape":[4],"data_offsets":[0,4]}})", 4, "appears twice"},
+      {R"({"__metadata__":{},"__metadata__":{}})", 0, "appears twice"},
+      {R"({"__metadata__":{"x":"1","x":"2"}})", 0, "appears twice"},
       {R"({"__metadata__":{"x":1}})", 0, "the number 1"},
       {R"({"a":{"dtype":"U8","shape":[4],"data_offsets":[4,0]}})", 4, "hole"},
       {R"({"a":{"dtype":"U8","shape":[4],"data_offsets":[0,9]}})", 4, "leave the data section"},
@@ -295,8 +278,8 @@ TEST_CASE("safetensors: hostile headers are refused with a reason") {
       {R"([])", 0, "'{'"},
       {R"({} x)", 0, "JSON"},
       {std::string("{}\0hidden", 9), 0, "NUL"},
-      {"{\"a\":" + deep, 0, "an array"},
-      {"{\"a\":{\"shape\":" + deep, 0, "an array"},
+      {"{\"a\":" + deep, 0, "nested deeper"},
+      {"{\"a\":{\"shape\":" + deep, 0, "nested deeper"},
       {R"({"a":{"shape":[1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1],"dtype":"U8","data_offsets":[0,1]}})", 1, "16 numbers"},
       {R"({"__metadata__":{"crc32c.b":"00000000"}})", 0, "missing tensor 'b'"},
   };
@@ -337,7 +320,7 @@ TEST_CASE("safetensors: values that are not finite are not saved") {
     const Error problem = error_of([&] { write_safetensors(folder.path / "a", file); });
     CHECK(problem.fault() == Fault::diverged);
     CHECK(says(problem, "field.weight"));
-    CHECK(folder.files() == 0);
+    CHECK(files_in(folder.path) == 0);
   }
   SafetensorsFile half;
   half.tensors["h"] = tensor<uint16_t>("F16", {1}, {0x7c00});
@@ -349,7 +332,7 @@ TEST_CASE("checkpoints: the last three are kept, later ones of a given-up run ar
   for (const int64_t step : {10, 20, 30, 40}) save_checkpoint(folder.path, step, sample());
   CHECK_FALSE(fs::exists(folder.path / "000010.safetensors"));
   CHECK(fs::exists(folder.path / "000020.safetensors"));
-  CHECK(content(folder.path / "latest.txt") == "000040.safetensors\n");
+  CHECK(content_of(folder.path / "latest.txt") == "000040.safetensors\n");
   save_checkpoint(folder.path, 25, sample());
   CHECK_FALSE(fs::exists(folder.path / "000040.safetensors"));
   CHECK(load_latest_checkpoint(folder.path).step == 25);
@@ -380,5 +363,5 @@ TEST_CASE("checkpoints: a diverged save keeps the last good one") {
   bad.tensors["field.weight"] = tensor<float>("F32", {1}, {std::numeric_limits<float>::quiet_NaN()});
   CHECK(error_of([&] { save_checkpoint(folder.path, 20, bad); }).fault() == Fault::diverged);
   CHECK(load_latest_checkpoint(folder.path).step == 10);
-  CHECK(folder.files() == 2);
+  CHECK(files_in(folder.path) == 2);
 }

@@ -28,11 +28,6 @@ namespace {
 
 constexpr int kSteps = 3;
 
-void write_text(const fs::path& path, const std::string& content) {
-  fs::create_directories(path.parent_path());
-  std::ofstream(path, std::ios::binary) << content;
-}
-
 std::string numbers(const Eigen::MatrixXd& matrix) {
   std::ostringstream out;
   out.precision(17);
@@ -141,10 +136,7 @@ fs::path write_drive(const fs::path& root, const Truth& truth = {}) {
   return drive;
 }
 
-fs::path data_folder() {
-  const char* given = std::getenv("CLOAM_TEST_DATA");
-  return fs::path(given ? given : "../shared/data") / "kitti";
-}
+fs::path data_folder() { return test_data("kitti"); }
 
 }  // namespace
 
@@ -342,10 +334,7 @@ TEST_CASE("KITTI: hostile tracklets") {
 }
 
 TEST_CASE("kitti, real data: boxes hold points, and LiDAR fits both cameras") {
-  if (!fs::exists(data_folder())) {
-    MESSAGE("skipped: no data");
-    return;
-  }
+  if (no_data(data_folder())) return;
   const Scene scene = read_scene(data_folder());
   CHECK(scene.warnings.empty());
   CHECK(scene.frames.size() == 48);

@@ -20,6 +20,7 @@
 #include "models/street/asset_mesh.h"
 #include "runtime/error.h"
 #include "tests/models/analytic_street.h"
+#include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -74,23 +75,6 @@ Measures measure(const Mesh& mesh) { return measure(mesh.positions, mesh.triangl
 
 Distance sphere(double radius) {
   return [=](const Vector3d& p) { return p.norm() - radius; };
-}
-
-/// A file of its own, removed with its folder.
-struct Folder {
-  Folder() {
-    std::string pattern = (fs::temp_directory_path() / "cloam-mesh-XXXXXX").string();
-    path = mkdtemp(pattern.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  fs::path path;
-};
-
-std::string content_of(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
 }
 
 template <class Value>

@@ -83,19 +83,6 @@ fs::path written_log(const fs::path& folder) {
   return folder / "log";
 }
 
-void write_text(const fs::path& path, const std::string& content) { std::ofstream(path) << content; }
-
-fs::path data_folder() {
-  const char* given = std::getenv("CLOAM_TEST_DATA");
-  return fs::path(given ? given : "../shared/data") / "pandaset-mini";
-}
-
-bool no_data() {
-  if (fs::exists(data_folder())) return false;
-  MESSAGE("skipped: no data");
-  return true;
-}
-
 }  // namespace
 
 TEST_CASE("a log reads back as it was written") {
@@ -290,9 +277,9 @@ TEST_CASE("check_log: time stamps, boxes without points") {
 }
 
 TEST_CASE("pandaset-mini: all logs, and LiDAR that fits the images") {
-  if (no_data()) return;
+  if (no_data(test_data("pandaset-mini"))) return;
   for (int number = 1; number <= 8; ++number) {
-    const Scene log = read_scene(data_folder() / ("00" + std::to_string(number)));
+    const Scene log = read_scene(test_data("pandaset-mini") / ("00" + std::to_string(number)));
     CAPTURE(number);
     CHECK(log.warnings.empty());
     CHECK(log.frames.size() == 120);
@@ -306,8 +293,8 @@ TEST_CASE("pandaset-mini: all logs, and LiDAR that fits the images") {
 }
 
 TEST_CASE("check_log sees a camera that is turned, and no other") {
-  if (no_data()) return;
-  Scene log = read_scene(data_folder() / "001");
+  if (no_data(test_data("pandaset-mini"))) return;
+  Scene log = read_scene(test_data("pandaset-mini") / "001");
   LogReport report = check_log(log);
   CHECK(report.warnings.empty());
   REQUIRE(report.fits.size() == 6);

@@ -7,6 +7,7 @@
 
 #include "models/io/safetensors.h"
 #include "models/splat/draw.h"
+#include "tests/models/folder.h"
 #include "tests/models/splat_twin.h"
 
 using namespace cloam;
@@ -207,12 +208,8 @@ TEST_CASE("rasteriser: sums of absolute gradients of the means, pixel by pixel")
 }
 
 TEST_CASE("rasteriser: the renders of another program") {
-  const char* given = std::getenv("CLOAM_TEST_DATA");
-  const std::filesystem::path folder = std::filesystem::path(given ? given : "../shared/data") / "gs_fixtures/brush";
-  if (!std::filesystem::is_directory(folder)) {
-    MESSAGE("skipped: no data");
-    return;
-  }
+  const std::filesystem::path folder = test_data("gs_fixtures/brush");
+  if (no_data(folder)) return;
   for (const char* name : {"tiny_case.safetensors", "basic_case.safetensors"}) {
     const SafetensorsFile file = read_safetensors(folder / name);
     const auto values = [&](const char* key) {

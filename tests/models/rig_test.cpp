@@ -27,11 +27,6 @@ using namespace cloam;
 
 namespace {
 
-void write_text(const fs::path& path, const std::string& content) {
-  fs::create_directories(path.parent_path());
-  std::ofstream(path, std::ios::binary) << content;
-}
-
 template <class Value>
 std::string raw(const std::vector<Value>& values) {
   return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(Value)};
@@ -248,10 +243,10 @@ TEST_CASE("rig: images and points outside of the folder are read where the user 
 }
 
 TEST_CASE("ply: hostile and foreign files are named, nothing is allocated for them") {
-  const auto error_for = [](const std::string& content) {
-    return error_of([&] {
-      parse_ply({reinterpret_cast<const std::uint8_t*>(content.data()), content.size()}, "a.ply");
-    });
+  const Folder folder;
+  const auto error_for = [&](const std::string& content) {
+    std::ofstream(folder.path / "a.ply", std::ios::binary) << content;
+    return error_of([&] { read_ply_vertices(folder.path / "a.ply"); });
   };
   CHECK(error_for(binary_ply()) == "no error");
   for (std::size_t size = 0; size < binary_ply().size(); ++size) {
@@ -270,7 +265,6 @@ TEST_CASE("ply: hostile and foreign files are named, nothing is allocated for th
   CHECK(holds(error_for(replaced(ascii_ply(), "vertex 3", "point 3")), "its first element is point"));
   CHECK(holds(error_for("ply\nformat ascii 1.0\nend_header\n"), "no element 'vertex'"));
   CHECK(holds(error_for("ply\n" + std::string(100000, 'x')), "no end within 65536 bytes"));
-  const Folder folder;
   write_rig(folder.path);
   const Scene scene = read_scene(folder.path);
   write_text(folder.path / "lidar/0.ply", replaced(ascii_ply(), "float y", "float why"));

@@ -27,22 +27,6 @@ using Eigen::Vector3d;
 
 namespace {
 
-fs::path fixtures() {
-  const char* given = std::getenv("CLOAM_TEST_DATA");
-  return fs::path(given ? given : "../shared/data") / "gs_fixtures";
-}
-
-bool no_fixtures() {
-  if (fs::exists(fixtures())) return false;
-  MESSAGE("skipped: no data");
-  return true;
-}
-
-std::string content_of(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
 void write(const fs::path& path, const std::string& content) {
   std::ofstream(path, std::ios::binary | std::ios::trunc) << content;
 }
@@ -458,11 +442,11 @@ TEST_CASE("splat files: cut anywhere they are errors, with any byte changed neve
     files.push_back(folder.path / (std::string("a.") + extension));
     write_gaussians(files.back(), invented(3, 1));
   }
-  if (!no_fixtures()) {
+  if (!no_data(test_data("gs_fixtures"))) {
     for (const char* name :
          {"schwa/test-splat.3-points-from-train.ply", "schwa/OneSplat.splat", "splat-transform/minimal-raw.spz",
           "splat-transform/minimal-v2.spz", "splat-transform/minimal-v3.spz", "splat-transform/minimal.splat"}) {
-      files.push_back(fixtures() / name);
+      files.push_back(test_data("gs_fixtures") / name);
     }
   }
   std::mt19937 random(7);
@@ -486,10 +470,10 @@ TEST_CASE("splat files: cut anywhere they are errors, with any byte changed neve
 }
 
 TEST_CASE("splat files: what other programs wrote") {
-  if (no_fixtures()) return;
+  if (no_data(test_data("gs_fixtures"))) return;
   const Folder folder;
   // Trained by INRIA's code: again the same bytes but for our comment.
-  const fs::path trained = fixtures() / "schwa/test-splat.3-points-from-train.ply";
+  const fs::path trained = test_data("gs_fixtures") / "schwa/test-splat.3-points-from-train.ply";
   const SplatFile three = read_gaussians(trained);
   CHECK(three.warnings.empty());
   REQUIRE(three.gaussians.count() == 3);
@@ -502,7 +486,9 @@ TEST_CASE("splat files: what other programs wrote") {
   CHECK(written == content_of(trained));
 
   // One scene in three formats: 2 by 2 gaussians 1 apart, with deviations of 0.1.
-  const auto read = [](const char* name) { return read_gaussians(fixtures() / "splat-transform" / name).gaussians; };
+  const auto read = [](const char* name) {
+    return read_gaussians(test_data("gs_fixtures") / "splat-transform" / name).gaussians;
+  };
   const Gaussians splat = read("minimal.splat"), second = read("minimal-v2.spz"), raw = read("minimal-raw.spz");
   // .spz has y up, .splat has y down; the tool that wrote the file of version 3 turned the scene.
   const Gaussians third = turned(read("minimal-v3.spz"), Vector3d(0, -1, 0));
@@ -521,12 +507,12 @@ TEST_CASE("splat files: what other programs wrote") {
   }
   for (std::size_t i = 0; i < 12; ++i)
     CHECK(std::abs(third.sh_first[i] - splat.sh_first[i]) < 0.5 / (0.15 * 255) + 0.01);
-  const Gaussians one = read_gaussians(fixtures() / "schwa/OneSplat.splat").gaussians;
+  const Gaussians one = read_gaussians(test_data("gs_fixtures") / "schwa/OneSplat.splat").gaussians;
   CHECK(one.count() == 1);
   CHECK(one.scales[2] == doctest::Approx(std::log(4.880865)));
 
   const auto refusal = [](const char* name) {
-    return error_of([&] { read_gaussians(fixtures() / "splat-transform" / name); });
+    return error_of([&] { read_gaussians(test_data("gs_fixtures") / "splat-transform" / name); });
   };
   CHECK(holds(refusal("minimal-v4.spz"), "is .spz version 4"));
   CHECK(holds(refusal("minimal.ksplat"), ".ksplat is not supported"));

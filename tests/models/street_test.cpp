@@ -23,6 +23,7 @@
 #include "models/synth/street_sensors.h"
 #include "models/synth/street_vehicles.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -30,17 +31,6 @@ using Eigen::Matrix4d;
 using Eigen::Vector3d;
 
 namespace {
-
-struct Folder {
-  Folder() {
-    std::string name = (fs::temp_directory_path() / "cloam-street-XXXXXX").string();
-    path = mkdtemp(name.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  fs::path path;
-};
 
 constexpr int kFrames = 3, kWidth = 128, kHeight = 72;
 
@@ -63,11 +53,6 @@ const fs::path& small_log() {
   return log;
 }
 
-std::string content(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
 std::string number(int step) { return "0" + std::to_string(step); }
 
 Image actors_of(const fs::path& log, const std::string& camera, int step) {
@@ -76,7 +61,7 @@ Image actors_of(const fs::path& log, const std::string& camera, int step) {
 
 /// float16 as numpy saves it, decoded here anew.
 std::vector<double> depth_of(const fs::path& log, const std::string& camera, int step) {
-  const std::string bytes = content(log / "truth" / camera / (number(step) + "_depth.npy"));
+  const std::string bytes = content_of(log / "truth" / camera / (number(step) + "_depth.npy"));
   REQUIRE(bytes.size() == 128 + 2 * kWidth * kHeight);
   CHECK(bytes.substr(0, 8) == std::string("\x93NUMPY\x01\x00", 8));
   CHECK(bytes.find("'<f2', 'fortran_order': False, 'shape': (72, 128)") != std::string::npos);
@@ -161,7 +146,7 @@ TEST_CASE("street logs: the reader takes them, the check finds nothing odd, and 
 
 TEST_CASE("street logs: what a mask calls an actor lies in its box, and nothing else does") {
   const Scene log = read_scene(small_log());
-  const auto names = nlohmann::json::parse(content(small_log() / "truth/actors.json"));
+  const auto names = nlohmann::json::parse(content_of(small_log() / "truth/actors.json"));
   std::map<std::string, const Actor*> actors;
   for (const Actor& actor : log.actors) actors[actor.id] = &actor;
   int on_actors = 0, outside_boxes = 0, compared = 0, unclaimed = 0;
@@ -369,8 +354,8 @@ TEST_CASE("street logs: equal options give equal bytes, another seed another str
     const fs::path name = fs::relative(entry.path(), a.path);
     CAPTURE(name.string());
     ++files;
-    CHECK(content(entry.path()) == content(b.path / name));
-    different += content(entry.path()) != content(c.path / name);
+    CHECK(content_of(entry.path()) == content_of(b.path / name));
+    different += content_of(entry.path()) != content_of(c.path / name);
   }
   CHECK(files >= 29);
   CHECK(different >= 22);
@@ -392,8 +377,8 @@ TEST_CASE("street logs: half the rate is every second step of the same street") 
   options.rate = 5;
   write_street_log(half.path, options);
   for (const std::string camera : {"front_camera", "front_left_camera"}) {
-    CHECK(content(half.path / "camera" / camera / "01.jpg") == content(all.path / "camera" / camera / "02.jpg"));
-    CHECK(content(half.path / "camera" / camera / "01.jpg") != content(all.path / "camera" / camera / "01.jpg"));
+    CHECK(content_of(half.path / "camera" / camera / "01.jpg") == content_of(all.path / "camera" / camera / "02.jpg"));
+    CHECK(content_of(half.path / "camera" / camera / "01.jpg") != content_of(all.path / "camera" / camera / "01.jpg"));
   }
   const Scene a = read_scene(all.path), b = read_scene(half.path);
   CHECK(b.sweeps[1].timestamp == a.sweeps[2].timestamp);

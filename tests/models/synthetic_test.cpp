@@ -12,6 +12,7 @@
 #include "models/synth/ray_cast.h"
 #include "models/synth/synthetic_scene.h"
 #include "runtime/error.h"
+#include "tests/models/folder.h"
 
 using namespace cloam;
 using Eigen::Vector3d;
@@ -19,22 +20,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-struct Folder {
-  Folder() {
-    std::string name = (fs::temp_directory_path() / "cloam-synthetic-XXXXXX").string();
-    path = mkdtemp(name.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  fs::path path;
-};
-
-std::string content(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
 nlohmann::json transforms(const fs::path& folder, const std::string& split) {
-  return nlohmann::json::parse(content(folder / ("transforms_" + split + ".json")));
+  return nlohmann::json::parse(content_of(folder / ("transforms_" + split + ".json")));
 }
 
 Eigen::Matrix4d matrix_of(const nlohmann::json& frame) {
@@ -79,11 +66,11 @@ TEST_CASE("synthetic scene: equal seeds give equal bytes, other seeds another sc
   for (const char* name :
        {"train/r_0.png", "train/r_1.png", "test/r_0.png", "transforms_train.json", "transforms_test.json"}) {
     CAPTURE(name);
-    CHECK_FALSE(content(a.path / name).empty());
-    CHECK(content(a.path / name) == content(b.path / name));
+    CHECK_FALSE(content_of(a.path / name).empty());
+    CHECK(content_of(a.path / name) == content_of(b.path / name));
   }
-  CHECK(content(a.path / "train/r_0.png") != content(c.path / "train/r_0.png"));
-  CHECK(content(a.path / "transforms_train.json") != content(c.path / "transforms_train.json"));
+  CHECK(content_of(a.path / "train/r_0.png") != content_of(c.path / "train/r_0.png"));
+  CHECK(content_of(a.path / "transforms_train.json") != content_of(c.path / "transforms_train.json"));
 }
 
 TEST_CASE("synthetic scene: cameras are rigid, 4 away on the upper half, and look at the origin") {

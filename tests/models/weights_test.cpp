@@ -10,6 +10,7 @@
 #include "models/io/npz.h"
 #include "runtime/error.h"
 #include "tests/models/errors.h"
+#include "tests/models/folder.h"
 
 using namespace cloam;
 
@@ -17,15 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Bytes = std::vector<std::uint8_t>;
-
-struct Folder {
-  fs::path path;
-  Folder() {
-    std::string pattern = (fs::temp_directory_path() / "cloam-weights-XXXXXX").string();
-    path = mkdtemp(pattern.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-};
 
 void put(const fs::path& path, const Bytes& bytes) {
   std::ofstream(path, std::ios::binary)

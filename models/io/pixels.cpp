@@ -1,4 +1,4 @@
-// The box filter of image.h.
+// What image.h does to pixels in memory: smaller, turned, with other channels.
 #include <algorithm>
 
 #include "models/io/image.h"
@@ -41,6 +41,38 @@ Image downscale(const Image& image, int factor) {
     }
   }
   return result;
+}
+
+// Where the pixel (row, column) of the result lies: JEITA CP-3451, tag 274. 5 to 8 change rows and columns.
+Image upright(const Image& image, int orientation) {
+  if (orientation <= 1) return image;
+  const bool swap = orientation >= 5;
+  const bool from_bottom = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
+  const bool from_right = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+  Image result{swap ? image.height : image.width, swap ? image.width : image.height, image.channels, {}};
+  result.pixels.reserve(image.pixels.size());
+  for (int row = 0; row < result.height; ++row) {
+    for (int column = 0; column < result.width; ++column) {
+      const int down = swap ? column : row, across = swap ? row : column;
+      const std::size_t from_row = from_bottom ? image.height - 1 - down : down;
+      const std::size_t from_column = from_right ? image.width - 1 - across : across;
+      const auto pixel = image.pixels.begin() + (from_row * image.width + from_column) * image.channels;
+      result.pixels.insert(result.pixels.end(), pixel, pixel + image.channels);
+    }
+  }
+  return result;
+}
+
+std::vector<std::uint8_t> as_rgba(const Image& image) {
+  const int channels = image.channels, alpha = channels % 2 == 0 ? channels - 1 : -1;
+  const std::size_t count = std::size_t(image.width) * image.height;
+  std::vector<std::uint8_t> rgba(4 * count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::uint8_t* pixel = &image.pixels[i * channels];
+    for (int c = 0; c < 3; ++c) rgba[4 * i + c] = pixel[channels < 3 ? 0 : c];
+    rgba[4 * i + 3] = alpha < 0 ? 255 : pixel[alpha];
+  }
+  return rgba;
 }
 
 }  // namespace cloam
