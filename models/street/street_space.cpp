@@ -53,10 +53,9 @@ struct Static {
   Points points, tops;  // street axes; tops: of them those at the upper edge of the LiDAR's sight
 };
 
-void add_sweep(const Scene& scene, const StreetSpace::Seen& seen, const Eigen::Matrix4d& street_from_world,
-               Static& out) {
-  const ActorSpace actors(scene, seen.sweep.timestamp);
-  const Eigen::Vector3d lidar = seen.sweep.world_from_lidar.block<3, 1>(0, 3), up = scene.up.normalized();
+void add_sweep(const Scene& scene, const LoadedSweep& seen, const Eigen::Matrix4d& street_from_world, Static& out) {
+  const ActorSpace actors(scene, seen.sweep->timestamp);
+  const Eigen::Vector3d lidar = seen.sweep->world_from_lidar.block<3, 1>(0, 3), up = scene.up.normalized();
   std::vector<double> elevations;
   Points kept;
   for (std::size_t i = 0; i < seen.points.size(); ++i) {
@@ -217,9 +216,9 @@ void StreetSpace::dilate() {
   }
 }
 
-void StreetSpace::look(const Scene& scene, const std::vector<Seen>& sweeps) {
+void StreetSpace::look(const Scene& scene, const std::vector<LoadedSweep>& sweeps) {
   Static seen;
-  for (const Seen& sweep : sweeps) add_sweep(scene, sweep, street_from_world_, seen);
+  for (const LoadedSweep& sweep : sweeps) add_sweep(scene, sweep, street_from_world_, seen);
   if (seen.points.empty()) return;
   const Eigen::Vector3d low(options_.along, options_.sideways, options_.below),
       high(options_.along, options_.sideways, options_.above);

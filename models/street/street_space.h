@@ -2,9 +2,8 @@
 #pragma once
 #include <array>
 
+#include "models/batches/log_source.h"
 #include "models/io/safetensors.h"
-#include "models/scene/lidar_points.h"
-#include "models/scene/scene.h"
 #include "runtime/ops.h"
 #include "runtime/ops/street.h"
 
@@ -22,14 +21,10 @@ class StreetSpace {
  public:
   /// The axes alone: every voxel counts as occupied until look() or restore().
   StreetSpace(const Scene& scene, const StreetSpaceOptions& options);
-  /// `sweeps`: points in the scene's world frame and where the LiDAR was. Points within boxes of actors are left out. A
+  /// Points of the sweeps within boxes of actors are left out. A
   /// wall that is seen up to the upper edge of the LiDAR's sight goes on above it: by a storey, and as far as training
   /// images look.
-  struct Seen {
-    const Sweep& sweep;
-    const LidarPoints& points;
-  };
-  void look(const Scene& scene, const std::vector<Seen>& sweeps);
+  void look(const Scene& scene, const std::vector<LoadedSweep>& sweeps);
 
   const Eigen::Matrix4d& street_from_world() const { return street_from_world_; }
   const StreetGrid& grid() const { return grid_; }
