@@ -23,14 +23,9 @@ Tensor numbers(const std::vector<int32_t>& values) { return from_host(values, {s
 CodeSet::CodeSet(int64_t channels)
     : mean_(static_cast<size_t>(channels), 0.f), deviation_(static_cast<size_t>(channels), 1.f) {}
 
+/// In an order that the seed shuffles, the first are held out; each part keeps the order of the run.
 void CodeSet::take(AssetCodes codes, float held_out, uint64_t seed) {
   codes_ = std::move(codes);
-  split(held_out, seed);
-  standardise();
-}
-
-/// In an order that the seed shuffles, the first are held out; each part keeps the order of the run.
-void CodeSet::split(float held_out, uint64_t seed) {
   HostRandom random(seed, 0);
   std::vector<int32_t> order(codes_.count());
   std::iota(order.begin(), order.end(), 0);
@@ -42,6 +37,7 @@ void CodeSet::split(float held_out, uint64_t seed) {
   training_.assign(end, order.end());
   std::sort(held_out_.begin(), held_out_.end());
   std::sort(training_.begin(), training_.end());
+  standardise();
 }
 
 /// Mean 0 and variance 1 a channel of what is drawn of the training codes, their own variance included.

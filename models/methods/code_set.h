@@ -40,7 +40,6 @@ class CodeSet {
   void restore(const TensorMap& state);
 
  private:
-  void split(float held_out, uint64_t seed);
   void standardise();
   NewAsset actor_at(int32_t row) const;
 

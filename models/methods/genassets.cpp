@@ -97,11 +97,12 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
 void GenAssets::load_data(std::vector<TrainingData> data) {
   for (size_t i = 0; i < data.size(); ++i) {
     StreetLog& log = model_->logs()[i];
-    std::vector<StreetData::LoadedSweep> sweeps;
+    std::vector<LoadedSweep> sweeps;
     for (const Sweep& sweep : log.scene.sweeps)
       if (sweep.split == Split::train) sweeps.push_back({&sweep, load_sweep(data[i].scene, sweep)});
-    log.data = std::make_unique<StreetData>(log.scene, std::move(data[i].pixels), std::move(sweeps), model_->scale());
-    log.space->look(log.scene, log.data->seen());
+    log.data = std::make_unique<LogSource>(log.scene, std::move(data[i].pixels), std::move(sweeps),
+                                           LogRays{log.space->street_from_world(), model_->scale()});
+    log.space->look(log.scene, log.data->sweeps());
   }
   denoise_image();
 }
@@ -166,16 +167,16 @@ LidarReturns GenAssets::measure(const WorldRays& rays) {
 }
 
 Picture GenAssets::render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) {
-  const RayScene scene = model_->alone(model_->place_of(asset));
+  const RayScene scene = model_->alone(model_->assets().place_of(asset));
   return asset_picture(model_->painter([&](const RayList&) { return scene; }, false), camera, box_from_camera);
 }
 
 AssetSamples GenAssets::sample_asset(const AssetName& asset, const std::vector<float>& points) {
-  return model_->sample_asset(model_->place_of(asset), points);
+  return model_->sample_asset(model_->assets().place_of(asset), points);
 }
 
 std::vector<AssetName> GenAssets::show_assets(const std::vector<NewAsset>& assets) {
-  model_->set_generated(assets);
+  model_->assets().set_generated(assets);
   std::vector<AssetName> names;
   for (size_t i = 0; i < assets.size(); ++i) names.push_back(added_asset(model_->logs().size(), i));
   return names;
@@ -218,7 +219,7 @@ void GenAssets::denoise_image() {
   const StreetLog& log = model_->logs().front();
   RayList rays;
   HostRandom random(0, 0);
-  (void)log.data->add_image(rays, *log.space, random);
+  (void)log.data->add_image(rays, random, {});
   CodeRows codes = {log.assets, log.common_code, {}, {}};
   std::vector<AssetPlace> assets;
   for (size_t a = 0; a < rays.actors.size(); ++a)
@@ -227,7 +228,7 @@ void GenAssets::denoise_image() {
       assets.push_back({0, a});
     }
   if (assets.empty()) return;
-  codes.condition = model_->condition_of(assets);
+  codes.condition = model_->assets().condition_of(assets);
   prior_->denoise(std::move(codes));
 }
 
