@@ -209,6 +209,14 @@ Condition conditions(const std::vector<int32_t>& classes, const std::vector<int3
   return {{from_host(classes, {n}), from_host(times_of_day, {n})}};
 }
 
+UnetOptions small_unet() {
+  UnetOptions options;
+  options.base = 32;
+  options.multipliers = {1, 2};
+  options.groups = 8;
+  return options;
+}
+
 }  // namespace
 
 TEST_CASE("convolution layers agree with plain loops: kernel 1 and 3, stride 2, on a doubled image") {
