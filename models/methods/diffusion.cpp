@@ -38,28 +38,25 @@ void check(const DiffusionConfig& c) {
 }  // namespace
 
 void Diffusion::configure(Config& c) {
-  c.bind("code.channels", config_.channels, "channels of a code (taken from the source run)", {1, 4096});
-  c.bind("code.side", config_.side, "side of a code (taken from the source run)", {1, 256});
-  c.bind("unet.base", config_.base, "channels of the U-Net at full resolution", {1, 4096});
-  c.bind("unet.multipliers", config_.multipliers,
-         "channel multiplier of each U-Net level; each level halves the resolution");
-  c.bind("unet.blocks", config_.blocks, "residual blocks per level", {1, 64});
-  c.bind("unet.groups", config_.groups, "groups of the U-Net's group norms", {1, 4096});
-  c.bind("schedule.betas", config_.betas, "noise schedule: linear, cosine or scaled-linear");
-  c.bind("schedule.timesteps", config_.times, "timesteps of the noise schedule", {2, 100000});
-  c.bind("batch.codes", config_.batch, "codes per step", {1, 1 << 20});
-  c.bind("condition.drop", config_.drop,
+  DiffusionConfig& o = config_;
+  c.bind("code.channels", o.channels, "channels of a code (taken from the source run)", {1, 4096});
+  c.bind("code.side", o.side, "side of a code (taken from the source run)", {1, 256});
+  c.bind("unet.base", o.base, "channels of the U-Net at full resolution", {1, 4096});
+  c.bind("unet.multipliers", o.multipliers, "channel multiplier of each U-Net level; each level halves the resolution");
+  c.bind("unet.blocks", o.blocks, "residual blocks per level", {1, 64});
+  c.bind("unet.groups", o.groups, "groups of the U-Net's group norms", {1, 4096});
+  c.bind("schedule.betas", o.betas, "noise schedule: linear, cosine or scaled-linear");
+  c.bind("schedule.timesteps", o.times, "timesteps of the noise schedule", {2, 100000});
+  c.bind("batch.codes", o.batch, "codes per step", {1, 1 << 20});
+  c.bind("condition.drop", o.drop,
          "fraction of the codes trained without class and time of day (classifier-free guidance)", kShareBelowOne);
-  c.bind("data.held_out", config_.held_out, "fraction of the codes held out for evaluation", kShareBelowOne);
-  c.bind("data.drawn", config_.drawn, "sample each code from its own variance, if it has one; false: use the mean");
-  c.bind("data.min_steps", config_.least_steps, "leave out actors seen in fewer training steps than this",
-         {0, 1 << 30});
-  c.bind("weight.min_snr", config_.min_snr, "gamma of the min-SNR loss weights; 0: equal weights", kFromZero);
-  c.bind("train.rate", config_.rate, "learning rate", kFromZero);
-  c.bind("train.final_rate", config_.final_rate, "learning rate at the last step, as a fraction of train.rate",
-         kFromZero);
-  c.bind("train.ema", config_.average, "decay of the EMA of the weights, which evaluation and sampling use",
-         kShareBelowOne);
+  c.bind("data.held_out", o.held_out, "fraction of the codes held out for evaluation", kShareBelowOne);
+  c.bind("data.drawn", o.drawn, "sample each code from its own variance, if it has one; false: use the mean");
+  c.bind("data.min_steps", o.least_steps, "leave out actors seen in fewer training steps than this", kStepsOrNone);
+  c.bind("weight.min_snr", o.min_snr, "gamma of the min-SNR loss weights; 0: equal weights");
+  c.bind("train.rate", o.rate, "learning rate");
+  c.bind("train.final_rate", o.final_rate, "learning rate at the last step, as a fraction of train.rate");
+  c.bind("train.ema", o.average, "decay of the EMA of the weights, which evaluation and sampling use", kShareBelowOne);
 }
 
 void Diffusion::build(const Scenes&, uint64_t seed) {

@@ -22,44 +22,41 @@ RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.s
 }  // namespace
 
 void Nerf::configure(Config& c) {
-  c.bind("field.kind", config_.field.kind, "radiance field: hash, frequency or triplane");
-  c.bind("field.levels", config_.field.levels, "hash grid: levels", {1, 32});
-  c.bind("field.features", config_.field.features, "hash grid: features per level (1, 2 or 4)", {1, 4});
-  c.bind("field.log2_rows", config_.field.log2_rows, "hash grid: log2 of the table rows per level", {1, 28});
-  c.bind("field.coarsest", config_.field.coarsest, "hash grid: cells per axis at the coarsest level", {1, 1 << 16});
-  c.bind("field.finest", config_.field.finest, "hash grid: cells per axis at the finest level", {1, 1 << 20});
-  c.bind("field.width", config_.field.width, "width of the networks", {1, 4096});
-  c.bind("field.depth", config_.field.depth, "frequency encoding: layers", {1, 64});
-  c.bind("field.point_frequencies", config_.field.point_frequencies, "frequency encoding: frequencies of the position",
+  NerfConfig& o = config_;
+  c.bind("field.kind", o.field.kind, "radiance field: hash, frequency or triplane");
+  c.bind("field.levels", o.field.levels, "hash grid: levels", {1, 32});
+  c.bind("field.features", o.field.features, "hash grid: features per level (1, 2 or 4)", {1, 4});
+  c.bind("field.log2_rows", o.field.log2_rows, "hash grid: log2 of the table rows per level", {1, 28});
+  c.bind("field.coarsest", o.field.coarsest, "hash grid: cells per axis at the coarsest level", {1, 1 << 16});
+  c.bind("field.finest", o.field.finest, "hash grid: cells per axis at the finest level", {1, 1 << 20});
+  c.bind("field.width", o.field.width, "width of the networks", {1, 4096});
+  c.bind("field.depth", o.field.depth, "frequency encoding: layers", {1, 64});
+  c.bind("field.point_frequencies", o.field.point_frequencies, "frequency encoding: frequencies of the position",
          {0, 32});
-  c.bind("field.direction_frequencies", config_.field.direction_frequencies,
+  c.bind("field.direction_frequencies", o.field.direction_frequencies,
          "frequency encoding: frequencies of the direction", {0, 32});
-  c.bind("field.plane_channels", config_.field.plane_channels, "tri-plane: channels per plane", {1, 1024});
-  c.bind("field.plane_side", config_.field.plane_side, "tri-plane: texels per axis", {2, 8192});
-  c.bind("sampling", config_.sampling, "occupancy (march through a grid) or importance (coarse and fine network)");
-  c.bind("background", config_.background, "background colour: auto, white, random or none");
-  c.bind("batch.rays", config_.batch_rays, "rays per step (occupancy sampling: initially)", {1, 1 << 22});
-  c.bind("batch.samples", config_.batch_samples, "occupancy sampling: target samples per step", {1, 1 << 28});
-  c.bind("samples.coarse", config_.coarse_samples, "importance sampling: stratified samples per ray", {1, 4096});
-  c.bind("samples.fine", config_.fine_samples, "importance sampling: additional samples per ray", {1, 4096});
-  c.bind("march.min_step", config_.min_step, "smallest step in normalised units; 0: chosen from the scene", {0, 1});
-  c.bind("march.cone", config_.cone, "unbounded scenes: step length divided by distance", {0, 1});
-  c.bind("occupancy.side", config_.occupancy.side, "occupancy grid: cells per axis", {2, 512});
-  c.bind("occupancy.cells", config_.occupancy.cells_per_update, "occupancy grid: cells visited per update",
-         {64, 1 << 27});
-  c.bind("occupancy.threshold", config_.occupancy.threshold, "occupancy grid: density below which a cell is empty",
-         kFromZero);
-  c.bind("occupancy.every", config_.occupancy_every, "occupancy grid: steps between updates", {1, 1 << 30});
-  c.bind("occupancy.start", config_.occupancy_start, "occupancy grid: step of the first update", {0, 1 << 30});
-  c.bind("train.rate", config_.learning_rate, "learning rate of Adam", kFromZero);
-  c.bind("train.final_rate", config_.final_rate, "learning rate at the last step, as a fraction of train.rate",
-         kFromZero);
-  c.bind("train.decay_start", config_.decay_start, "fraction of the steps before the learning rate decays",
-         kShareBelowOne);
-  c.bind("train.decay_steps", config_.decay_steps, "steps until the final learning rate; 0: the length of the training",
-         {0, 1 << 30});
-  c.bind("weight.distortion", config_.distortion, "weight of the distortion loss", kFromZero);
-  c.bind("train.loss", config_.loss, "pixel loss: square or charbonnier");
+  c.bind("field.plane_channels", o.field.plane_channels, "tri-plane: channels per plane", {1, 1024});
+  c.bind("field.plane_side", o.field.plane_side, "tri-plane: texels per axis", {2, 8192});
+  c.bind("sampling", o.sampling, "occupancy (march through a grid) or importance (coarse and fine network)");
+  c.bind("background", o.background, "background colour: auto, white, random or none");
+  c.bind("batch.rays", o.batch_rays, "rays per step (occupancy sampling: initially)", {1, 1 << 22});
+  c.bind("batch.samples", o.batch_samples, "occupancy sampling: target samples per step", {1, 1 << 28});
+  c.bind("samples.coarse", o.coarse_samples, "importance sampling: stratified samples per ray", {1, 4096});
+  c.bind("samples.fine", o.fine_samples, "importance sampling: additional samples per ray", {1, 4096});
+  c.bind("march.min_step", o.min_step, "smallest step in normalised units; 0: chosen from the scene", {0, 1});
+  c.bind("march.cone", o.cone, "unbounded scenes: step length divided by distance", {0, 1});
+  c.bind("occupancy.side", o.occupancy.side, "occupancy grid: cells per axis", {2, 512});
+  c.bind("occupancy.cells", o.occupancy.cells_per_update, "occupancy grid: cells visited per update", {64, 1 << 27});
+  c.bind("occupancy.threshold", o.occupancy.threshold, "occupancy grid: density below which a cell is empty");
+  c.bind("occupancy.every", o.occupancy_every, "occupancy grid: steps between updates", kSteps);
+  c.bind("occupancy.start", o.occupancy_start, "occupancy grid: step of the first update", kStepsOrNone);
+  c.bind("train.rate", o.learning_rate, "learning rate of Adam");
+  c.bind("train.final_rate", o.final_rate, "learning rate at the last step, as a fraction of train.rate");
+  c.bind("train.decay_start", o.decay_start, "fraction of the steps before the learning rate decays", kShareBelowOne);
+  c.bind("train.decay_steps", o.decay_steps, "steps until the final learning rate; 0: the length of the training",
+         kStepsOrNone);
+  c.bind("weight.distortion", o.distortion, "weight of the distortion loss");
+  c.bind("train.loss", o.loss, "pixel loss: square or charbonnier");
 }
 
 void Nerf::build(const Scenes& scenes, uint64_t seed) {

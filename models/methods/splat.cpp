@@ -17,44 +17,40 @@ constexpr float kFinalExposure = 0.1f;  // factor on the rate
 }  // namespace
 
 void Splat::configure(Config& c) {
-  c.bind("initial", config_.initial, "initial Gaussians: auto, points, lidar, random, or a file of points or splats");
-  c.bind("initial.random", config_.initial_random, "number of random initial Gaussians", {1, 1 << 28});
-  c.bind("background", config_.background, "background colour: auto, black, white or random");
-  c.bind("antialiased", config_.antialiased, "reduce opacities to make up for the pixel filter (Mip-Splatting)");
-  c.bind("near", config_.near, "near plane, relative to the cameras' radius", kFromZero);
-  c.bind("sh.degree", config_.sh_degree, "degree of the colours' spherical harmonics", {0, kSphericalBands});
-  c.bind("sh.every", config_.sh_every, "steps before the next degree is used (at most a tenth of all steps)",
-         {1, 1 << 30});
-  c.bind("weight.ssim", config_.ssim, "weight of 1 - SSIM; the rest is the weight of L1", {0, 1});
-  c.bind("train.rate_means", config_.rate_means, "learning rate of the means, relative to the cameras' radius",
-         kFromZero);
-  c.bind("train.final_means", config_.final_means,
-         "learning rate of the means at the last step, as a fraction of train.rate_means", kFromZero);
-  c.bind("train.rate_first", config_.rate_first, "learning rate of the base colours", kFromZero);
-  c.bind("train.rate_rest", config_.rate_rest, "learning rate of the view-dependent colours", kFromZero);
-  c.bind("train.rate_opacities", config_.rate_opacities, "learning rate of the opacities", kFromZero);
-  c.bind("train.rate_scales", config_.rate_scales, "learning rate of the scales", kFromZero);
-  c.bind("train.rate_rotations", config_.rate_rotations, "learning rate of the rotations", kFromZero);
-  c.bind("exposure", config_.exposure, "learn a gain and an offset per image and channel, with means 1 and 0");
-  c.bind("train.rate_exposure", config_.rate_exposure, "learning rate of the exposures; it falls to a tenth",
-         kFromZero);
-  c.bind("growth.strategy", config_.growth.strategy, "densify (the paper) or mcmc");
-  c.bind("growth.start", config_.growth.from, "step after which the number of Gaussians may change", {0, 1 << 30});
-  c.bind("growth.every", config_.growth.every, "steps between changes of the number of Gaussians", {1, 1 << 30});
-  c.bind("growth.max", config_.growth.most, "largest number of Gaussians", {1, 1 << 28});
-  c.bind("growth.gradient", config_.growth.gradient, "densify: mean gradient above which a Gaussian is cloned or split",
-         kFromZero);
-  c.bind("growth.absolute", config_.growth.absolute, "densify: sum the absolute gradients of the pixels (AbsGS)");
-  c.bind("growth.split_scale", config_.growth.small,
-         "densify: scale, relative to the cameras' radius, above which a Gaussian is split", kFromZero);
-  c.bind("growth.prune_scale", config_.growth.large,
-         "densify: scale, relative to the radius or its distance, above which a Gaussian is removed", kFromZero);
-  c.bind("growth.prune_opacity", config_.growth.faint, "opacity below which a Gaussian is removed or moved", {0, 1});
-  c.bind("growth.reset_every", config_.growth.reset_every, "densify: steps between resets of the opacities",
-         {1, 1 << 30});
-  c.bind("growth.noise", config_.growth.noise, "mcmc: noise on the means, relative to their learning rate", kFromZero);
-  c.bind("growth.weight_opacity", config_.growth.weight_opacity, "mcmc: weight of the mean opacity", kFromZero);
-  c.bind("growth.weight_scale", config_.growth.weight_scale, "mcmc: weight of the mean scale", kFromZero);
+  SplatConfig& o = config_;
+  c.bind("initial", o.initial, "initial Gaussians: auto, points, lidar, random, or a file of points or splats");
+  c.bind("initial.random", o.initial_random, "number of random initial Gaussians", {1, 1 << 28});
+  c.bind("background", o.background, "background colour: auto, black, white or random");
+  c.bind("antialiased", o.antialiased, "reduce opacities to make up for the pixel filter (Mip-Splatting)");
+  c.bind("near", o.near, "near plane, relative to the cameras' radius");
+  c.bind("sh.degree", o.sh_degree, "degree of the colours' spherical harmonics", {0, kSphericalBands});
+  c.bind("sh.every", o.sh_every, "steps before the next degree is used (at most a tenth of all steps)", kSteps);
+  c.bind("weight.ssim", o.ssim, "weight of 1 - SSIM; the rest is the weight of L1", {0, 1});
+  c.bind("train.rate_means", o.rate_means, "learning rate of the means, relative to the cameras' radius");
+  c.bind("train.final_means", o.final_means,
+         "learning rate of the means at the last step, as a fraction of train.rate_means");
+  c.bind("train.rate_first", o.rate_first, "learning rate of the base colours");
+  c.bind("train.rate_rest", o.rate_rest, "learning rate of the view-dependent colours");
+  c.bind("train.rate_opacities", o.rate_opacities, "learning rate of the opacities");
+  c.bind("train.rate_scales", o.rate_scales, "learning rate of the scales");
+  c.bind("train.rate_rotations", o.rate_rotations, "learning rate of the rotations");
+  c.bind("exposure", o.exposure, "learn a gain and an offset per image and channel, with means 1 and 0");
+  c.bind("train.rate_exposure", o.rate_exposure, "learning rate of the exposures; it falls to a tenth");
+  c.bind("growth.strategy", o.growth.strategy, "densify (the paper) or mcmc");
+  c.bind("growth.start", o.growth.from, "step after which the number of Gaussians may change", kStepsOrNone);
+  c.bind("growth.every", o.growth.every, "steps between changes of the number of Gaussians", kSteps);
+  c.bind("growth.max", o.growth.most, "largest number of Gaussians", {1, 1 << 28});
+  c.bind("growth.gradient", o.growth.gradient, "densify: mean gradient above which a Gaussian is cloned or split");
+  c.bind("growth.absolute", o.growth.absolute, "densify: sum the absolute gradients of the pixels (AbsGS)");
+  c.bind("growth.split_scale", o.growth.small,
+         "densify: scale, relative to the cameras' radius, above which a Gaussian is split");
+  c.bind("growth.prune_scale", o.growth.large,
+         "densify: scale, relative to the radius or its distance, above which a Gaussian is removed");
+  c.bind("growth.prune_opacity", o.growth.faint, "opacity below which a Gaussian is removed or moved", {0, 1});
+  c.bind("growth.reset_every", o.growth.reset_every, "densify: steps between resets of the opacities", kSteps);
+  c.bind("growth.noise", o.growth.noise, "mcmc: noise on the means, relative to their learning rate");
+  c.bind("growth.weight_opacity", o.growth.weight_opacity, "mcmc: weight of the mean opacity");
+  c.bind("growth.weight_scale", o.growth.weight_scale, "mcmc: weight of the mean scale");
 }
 
 void Splat::build(const Scenes& scenes, uint64_t seed) {
