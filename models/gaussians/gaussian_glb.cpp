@@ -202,15 +202,10 @@ Gaussians read_primitive(const Document& document, const Json& primitive) {
 }
 
 void append(Gaussians& all, const Gaussians& more) {
-  const auto add = [](std::vector<float>& to, const std::vector<float>& from) {
-    to.insert(to.end(), from.begin(), from.end());
-  };
-  add(all.means, more.means);
-  add(all.scales, more.scales);
-  add(all.rotations, more.rotations);
-  add(all.opacities, more.opacities);
-  add(all.sh_first, more.sh_first);
-  add(all.sh_rest, more.sh_rest);
+  for (const auto& [name, values, width] : kGaussianArrays) {
+    const std::vector<float>& from = more.*values;
+    (all.*values).insert((all.*values).end(), from.begin(), from.end());
+  }
 }
 
 // ---- nodes

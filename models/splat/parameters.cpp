@@ -4,42 +4,31 @@
 namespace cloam {
 namespace {
 
-/// One of the parameters: name, shape after G, and where a file keeps it.
-struct Part {
-  const char* name;
-  Shape after;
-  std::vector<float> Gaussians::*values;
-  Tensor of(const std::vector<float>& all, int64_t count) const {
-    Shape shape = {count};
-    for (const int64_t size : after) shape.push_back(size);
-    return parameter(all, shape);
-  }
-};
-const Part kParts[] = {{"means", {3}, &Gaussians::means},         {"scales", {3}, &Gaussians::scales},
-                       {"rotations", {4}, &Gaussians::rotations}, {"opacities", {}, &Gaussians::opacities},
-                       {"sh_first", {3}, &Gaussians::sh_first},   {"sh_rest", {15, 3}, &Gaussians::sh_rest}};
+Shape shape_of(const GaussianArray& array, int64_t count) {
+  if (array.width == 1) return {count};
+  const auto width = static_cast<int64_t>(array.width);
+  return array.width == 3 * kSphericalRest ? Shape{count, kSphericalRest, 3} : Shape{count, width};
+}
 
 }  // namespace
 
 void put_gaussians(Params& parameters, const Gaussians& gaussians) {
   const auto count = static_cast<int64_t>(gaussians.count());
-  for (const Part& part : kParts) parameters[part.name] = part.of(gaussians.*part.values, count);
+  for (const GaussianArray& array : kGaussianArrays)
+    parameters[array.name] = parameter(gaussians.*array.values, shape_of(array, count));
 }
 
 void put_zeros(Params& parameters, int64_t count) {
-  for (const Part& part : kParts) {
-    const int64_t numbers = count * numel(part.after);
-    parameters[part.name] = part.of(std::vector<float>(static_cast<size_t>(numbers)), count);
-  }
+  for (const GaussianArray& array : kGaussianArrays)
+    parameters[array.name] =
+        parameter(std::vector<float>(static_cast<size_t>(count) * array.width), shape_of(array, count));
 }
 
 int64_t gaussian_count(const Params& parameters) { return parameters.at("opacities").dim(0); }
 
 Gaussians gaussians_in(const Params& parameters, const Gaussians& like) {
-  Gaussians out;
-  for (const Part& part : kParts) out.*part.values = parameters.at(part.name).to_host();
-  out.up = like.up;
-  out.metric = like.metric;
+  Gaussians out = like;
+  for (const GaussianArray& array : kGaussianArrays) out.*array.values = parameters.at(array.name).to_host();
   return out;
 }
 
@@ -50,7 +39,7 @@ SplatModel splat_model(const Params& p, int degree) {
 
 RowMoves row_moves(const GrowthMoves& moves) {
   RowMoves out;
-  for (const Part& part : kParts) out.push_back({part.name, moves.source});
+  for (const GaussianArray& array : kGaussianArrays) out.push_back({array.name, moves.source});
   if (moves.opacities_reset)
     for (RowMove& move : out)
       if (move.name == "opacities") std::fill(move.source.begin(), move.source.end(), -1);
