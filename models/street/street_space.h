@@ -28,9 +28,6 @@ class StreetSpace {
 
   const Eigen::Matrix4d& street_from_world() const { return street_from_world_; }
   const StreetGrid& grid() const { return grid_; }
-  /// Is the voxel at this point (street axes, metres) occupied? Outside the grid: no.
-  bool occupied(const Eigen::Vector3d& point) const;
-  double occupied_share() const;
   /// Tensors "cells" (bits) and "numbers".
   TensorMap state() const;
   void restore(const TensorMap& state);
@@ -39,6 +36,7 @@ class StreetSpace {
   struct Bounds {
     Eigen::Vector3d low, high;
   };
+  Bounds reach() const;
   std::array<int, 3> counts() const;
   void lay(const Bounds& grid, const Bounds& middle);
   void mark(const std::vector<Eigen::Vector3d>& points);
