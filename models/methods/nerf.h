@@ -4,7 +4,7 @@
 #pragma once
 #include <memory>
 
-#include "models/batches/pixel_source.h"
+#include "models/batches/image_source.h"
 #include "models/methods/nerf_renderer.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"

@@ -1,6 +1,6 @@
 // How a splat training draws: a photograph and what the gaussians show of it, and the picture of a view.
 #pragma once
-#include "models/batches/photo_source.h"
+#include "models/batches/image_source.h"
 #include "models/nn/params.h"
 #include "models/scene/view.h"
 #include "models/splat/draw.h"

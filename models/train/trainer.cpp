@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <iterator>
-#include <set>
 
 #include "models/io/checkpoint.h"
 #include "models/io/tensors.h"
@@ -253,11 +252,11 @@ TrainResult Loop::train() {
   return result_;
 }
 
-void compare_names(const std::set<std::string>& wanted, const std::set<std::string>& found) {
+void compare_names(const Params& wanted, const TensorMap& found) {
   std::string message;
-  for (const std::string& name : wanted)
+  for (const auto& [name, p] : wanted)
     if (!found.contains(name)) message += text("\n  missing: ", name);
-  for (const std::string& name : found)
+  for (const auto& [name, t] : found)
     if (!wanted.contains(name)) message += text("\n  not in this model: ", name);
   if (!message.empty())
     throw Error(Fault::data, text("the checkpoint does not fit the model:", message,
@@ -302,10 +301,7 @@ TensorMap row_steps_in(const SafetensorsFile& checkpoint) {
 Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {
   const TensorMap stored = parameters_in(checkpoint);
   if (auto* grows = as<Grows>(method)) grows->fit_to(stored);
-  std::set<std::string> wanted, found;
-  for (const auto& [name, p] : method.parameters()) wanted.insert(name);
-  for (const auto& [name, t] : stored) found.insert(name);
-  compare_names(wanted, found);
+  compare_names(method.parameters(), stored);
   std::vector<std::pair<Tensor, Tensor>> updates;
   for (auto& [name, p] : method.parameters()) updates.push_back({p, tensor_from(stored, name, p.shape())});
   assign(updates);

@@ -4,9 +4,8 @@
 #include <numeric>
 #include <set>
 
+#include "models/batches/image_source.h"
 #include "models/batches/log_source.h"
-#include "models/batches/photo_source.h"
-#include "models/batches/pixel_source.h"
 #include "models/batches/row_source.h"
 #include "tests/models/toy_street.h"
 

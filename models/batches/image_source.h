@@ -1,4 +1,5 @@
-// Batches of pixels: some of all training images of a capture, as rays in normalised scene coordinates.
+// Batches of the training images of a capture, which lie on the device: some pixels, as rays in normalised scene
+// coordinates, or one whole photograph.
 #pragma once
 #include "models/io/share.h"
 #include "models/render/rays.h"
@@ -27,6 +28,26 @@ class PixelSource {
   Tensor directions_;   // [D,3] of length 1, camera axes
   Tensor poses_;        // [N,12] rotation by rows, position (normalised)
   Tensor frames_;       // [N,3] int32: first pixel, pixels, first direction
+};
+
+struct Photograph {
+  Tensor rgba, mask;  // u8 [4,H,W], [H,W] (empty: all used)
+  Camera camera;
+  Eigen::Matrix4d world_from_camera;
+};
+
+/// All training photographs on the device.
+class PhotoSource {
+ public:
+  /// Fault::data for no image.
+  PhotoSource(const Scene& scene, const Pixels& pixels);
+  const std::vector<Photograph>& photographs() const { return photographs_; }
+  /// The place of a step's photograph, steps counted from 1. Ranks take turns in one order: every photograph once
+  /// before any comes again.
+  size_t draw(uint64_t seed, int64_t step, const Share& share) const;
+
+ private:
+  std::vector<Photograph> photographs_;
 };
 
 }  // namespace cloam
