@@ -4,7 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
-#include "models/methods/asset_codes.h"
+#include "models/methods/code_set.h"
 #include "models/scene/asset_class.h"
 #include "models/train/config.h"
 #include "runtime/error.h"
