@@ -7,6 +7,7 @@
 #include "cli/common.h"
 #include "models/io/draw_text.h"
 #include "models/io/words.h"
+#include "models/methods/registry.h"
 #include "models/scene/asset_class.h"
 #include "runtime/error.h"
 
@@ -128,10 +129,6 @@ bool is_vehicle(int asset_class) {
   return asset_class <= kMotorcycle;
 }
 
-Street& street_of(const RestoredRun& run) {
-  if (auto* street = as<Street>(*run.method)) return *street;
-  throw Error(Fault::usage, text("the run's method, ", run.record.method,
-                                 ", has no actors; this needs a genassets run on a driving log"));
-}
+Street& street_of(const RestoredRun& run) { return require<Street>(*run.method, run.record.method, "this command"); }
 
 }  // namespace cloam

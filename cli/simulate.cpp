@@ -16,10 +16,10 @@
 #include "models/data/read_scene.h"
 #include "models/data/write_pandaset.h"
 #include "models/eval/pictures.h"
+#include "models/io/host_random.h"
 #include "models/runs/asset_maker.h"
 #include "models/scene/asset_class.h"
 #include "models/scene/split.h"
-#include "models/street/street_data.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
 

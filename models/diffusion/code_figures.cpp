@@ -13,15 +13,11 @@ constexpr std::size_t kMostPairs = 400;  // codes, of which all pairs are measur
 constexpr std::size_t kPrototypes = 2;   // of a class
 constexpr int kRounds = 10;              // of finding them
 
-using Code = std::vector<float>;
-
-double distance(const float* a, const float* b, std::size_t width) {
+double distance(const Code& a, const Code& b) {
   double sum = 0;
-  for (std::size_t i = 0; i < width; ++i) sum += std::pow(double{a[i]} - double{b[i]}, 2);
-  return std::sqrt(sum / static_cast<double>(width));
+  for (std::size_t i = 0; i < a.size(); ++i) sum += std::pow(double{a[i]} - double{b[i]}, 2);
+  return std::sqrt(sum / static_cast<double>(a.size()));
 }
-
-double distance(const Code& a, const Code& b) { return distance(a.data(), b.data(), a.size()); }
 
 std::size_t nearest_of(const std::vector<Code>& prototypes, const Code& code) {
   const auto closer = [&](const Code& a, const Code& b) { return distance(a, code) < distance(b, code); };
@@ -63,34 +59,23 @@ double median(std::vector<double> values) {
 
 }  // namespace
 
-void LabelledCodes::add(const std::vector<float>& code, int asset_class) {
-  width = code.size();
-  codes.insert(codes.end(), code.begin(), code.end());
-  classes.push_back(asset_class);
-}
-
 double copy_ratio(const LabelledCodes& samples, const LabelledCodes& training) {
   std::vector<double> nearest, between;
-  const std::size_t width = training.width, step = 1 + training.count() / kMostPairs;
-  for (std::size_t i = 0; i < samples.count(); ++i) {
+  for (const Code& sample : samples.codes) {
     double least = std::numeric_limits<double>::infinity();
-    for (std::size_t j = 0; j < training.count(); ++j)
-      least = std::min(least, distance(&samples.codes[i * width], &training.codes[j * width], width));
+    for (const Code& code : training.codes) least = std::min(least, distance(sample, code));
     nearest.push_back(least);
   }
+  const std::size_t step = 1 + training.count() / kMostPairs;
   for (std::size_t i = 0; i < training.count(); i += step)
     for (std::size_t j = i + step; j < training.count(); j += step)
-      between.push_back(distance(&training.codes[i * width], &training.codes[j * width], width));
+      between.push_back(distance(training.codes[i], training.codes[j]));
   return median(nearest) / median(between);
 }
 
 double share_of_right_classes(const LabelledCodes& samples, const LabelledCodes& training) {
-  const auto code = [](const LabelledCodes& from, std::size_t i) {
-    const auto begin = from.codes.begin() + static_cast<std::ptrdiff_t>(i * from.width);
-    return Code(begin, begin + static_cast<std::ptrdiff_t>(from.width));
-  };
   std::map<int, std::vector<Code>> of_class;
-  for (std::size_t i = 0; i < training.count(); ++i) of_class[training.classes[i]].push_back(code(training, i));
+  for (std::size_t i = 0; i < training.count(); ++i) of_class[training.classes[i]].push_back(training.codes[i]);
   std::vector<Code> prototypes;
   std::vector<int> classes;
   for (const auto& [asset_class, codes] : of_class)
@@ -100,7 +85,7 @@ double share_of_right_classes(const LabelledCodes& samples, const LabelledCodes&
     }
   std::size_t right = 0;
   for (std::size_t i = 0; i < samples.count(); ++i)
-    right += classes[nearest_of(prototypes, code(samples, i))] == samples.classes[i];
+    right += classes[nearest_of(prototypes, samples.codes[i])] == samples.classes[i];
   return static_cast<double>(right) / static_cast<double>(samples.count());
 }
 

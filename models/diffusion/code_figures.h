@@ -4,13 +4,17 @@
 
 namespace cloam {
 
-/// Codes [N,width] and the class of each.
+using Code = std::vector<float>;
+
+/// Codes of one length and the class of each.
 struct LabelledCodes {
-  std::size_t width = 0;
-  std::vector<float> codes;
+  std::vector<Code> codes;
   std::vector<int> classes;
   std::size_t count() const { return classes.size(); }
-  void add(const std::vector<float>& code, int asset_class);
+  void add(const Code& code, int asset_class) {
+    codes.push_back(code);
+    classes.push_back(asset_class);
+  }
 };
 
 /// The median distance (root mean square of the numbers) of samples to the nearest training code, over the median

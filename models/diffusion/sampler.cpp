@@ -1,23 +1,14 @@
 // See sampler.h.
 #include "models/diffusion/sampler.h"
 
-#include <cmath>
-
 #include "runtime/error.h"
 
 namespace cloam {
 
-DenoisingStep ddpm_step(const Level& from, const Level& to) {
-  const double kept = from.alpha / to.alpha;  // of the signal, between the two levels
-  const double added = 1 - kept * kept, variance = from.sigma * from.sigma, left = to.sigma * to.sigma;
-  return {kept * left / variance, to.alpha * added / variance, std::sqrt(left / variance * added)};
-}
-
-DenoisingStep ddim_step(const Level& from, const Level& to, double eta) {
-  const double drawn = eta * ddpm_step(from, to).deviation;
+DenoisingStep ddim_step(const Level& from, const Level& to) {
   // The noise that x_t is thought to hold, (x_t - alpha_t x^) / sigma_t, stays in this part.
-  const double kept = std::sqrt(std::max(0.0, to.sigma * to.sigma - drawn * drawn)) / from.sigma;
-  return {kept, to.alpha - kept * from.alpha, drawn};
+  const double kept = to.sigma / from.sigma;
+  return {kept, to.alpha - kept * from.alpha};
 }
 
 Denoiser guided(const Denoiser& with, const Denoiser& without, float scale) {
@@ -36,21 +27,14 @@ std::vector<int64_t> sampling_times(int64_t times, int steps) {
   return out;
 }
 
-Tensor sample(const NoiseSchedule& schedule, Prediction kind, const Denoiser& denoiser, const Tensor& start,
-              const SamplerOptions& options) {
-  const std::vector<int64_t> times = sampling_times(schedule.times(), options.steps);
+Tensor sample(const NoiseSchedule& schedule, const Denoiser& denoiser, const Tensor& start, int steps) {
+  const std::vector<int64_t> times = sampling_times(schedule.times(), steps);
   Tensor now = start;
   for (size_t i = 0; i < times.size(); i++) {
     const Level from = schedule.level(times[i]), to = schedule.level(i + 1 < times.size() ? times[i + 1] : -1);
-    Tensor clean = converted(now, denoiser(now, times[i]), kind, Prediction::clean, from);
-    if (options.clip > 0) clean = clamp(clean, -options.clip, options.clip);
-    const DenoisingStep step = ddim_step(from, to, options.eta);
-    Tensor next = now * step.noisy + clean * step.clean;
-    if (step.deviation > 0) {
-      const RandomKey key = {options.key.seed, options.key.step, static_cast<uint32_t>(i + 1)};
-      next = next + random_normal(start.shape(), key) * step.deviation;
-    }
-    now = stop_gradient(next);
+    const Tensor clean = now * from.alpha + denoiser(now, times[i]) * -from.sigma;
+    const DenoisingStep step = ddim_step(from, to);
+    now = stop_gradient(now * step.noisy + clean * step.clean);
     eval({now});
   }
   return now;

@@ -15,14 +15,6 @@ std::string numbered(const char* name, size_t i) { return name + std::to_string(
 
 }  // namespace
 
-UnetOptions small_unet() {
-  UnetOptions options;
-  options.base = 32;
-  options.multipliers = {1, 2};
-  options.groups = 8;
-  return options;
-}
-
 Unet::Unet(const Scope& scope, const UnetOptions& o)
     : options_(o),
       embedding_(4 * o.base),

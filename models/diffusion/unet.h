@@ -15,6 +15,7 @@ struct Label {
   int64_t count;
 };
 
+/// The defaults are the paper's: 57.6 M parameters on 8x8x32.
 struct UnetOptions {
   int64_t channels = 32;                         // of the latent
   int64_t base = 128;                            // width at full size
@@ -25,9 +26,6 @@ struct UnetOptions {
   int64_t image_channels = 0;                                      // of images that are concatenated; 0: none
   int64_t context_width = 0;                                       // of tokens for cross-attention; 0: none
 };
-
-/// The defaults are the paper's: 57.6 M parameters on 8x8x32. This one is for minutes on two cores.
-UnetOptions small_unet();
 
 /// Of N samples; parts that the network was not made for stay empty.
 struct Condition {

@@ -39,12 +39,9 @@ AssetDecoder::AssetDecoder(const Scope& scope, const AssetDecoderOptions& o)
       fine_(fine_of(o)) {
   int64_t width = o.middle;
   for (size_t i = 0; i < o.widths.size(); i++) {
-    const Scope here = scope / ("stage" + std::to_string(i));
-    std::optional<Conv2d> after;
-    if (i > 0 && o.up_convolutions) after.emplace(here / "after_doubling", ConvShape{width, width});
     ResBlockShape shape = {width, o.widths[i], o.groups};
-    shape.doubles = i > 0 && !o.up_convolutions;
-    stages_.push_back({after, ResBlock(here, shape)});
+    shape.doubles = i > 0;
+    stages_.emplace_back(scope / ("stage" + std::to_string(i)), shape);
     width = o.widths[i];
   }
 }
@@ -59,7 +56,7 @@ Tensor AssetDecoder::operator()(const Tensor& latent, const Tensor& class_id) co
                of_place = reshape(gather_rows(class_places_, class_id), {d["N"], of, d["H"], d["W"]});
   Tensor h = middle1_(enter_(concat({latent, of_class + of_place}, 1)));
   h = middle2_(attention_(h));
-  for (const Stage& stage : stages_) h = stage.block(stage.after_doubling ? stage.after_doubling->on_doubled(h) : h);
+  for (const ResBlock& stage : stages_) h = stage(h);
   const Tensor planes = leave_(last_norm_.then_silu(h));
   const Tensor past = spread(place_(concat({latent, of_place}, 1)), fine_) + whole_(mean(latent, {{2, 3}, true}));
   return planes + resize_bilinear(past, planes.dim(2), planes.dim(3));

@@ -13,7 +13,6 @@ struct AssetDecoderOptions {
   std::vector<int64_t> widths = {256, 128, 128, 64, 64};  // of the blocks; before each but the first the image doubles
   int64_t plane_channels = 36;                            // three planes of 12
   int groups = 32;
-  bool up_convolutions = false;  // a 3x3 after each doubling, as VQGAN: 5.9 M parameters instead of 4.9 M
 };
 
 class AssetDecoder {
@@ -24,17 +23,13 @@ class AssetDecoder {
   Tensor operator()(const Tensor& latent, const Tensor& class_id) const;
 
  private:
-  struct Stage {
-    std::optional<Conv2d> after_doubling;
-    ResBlock block;
-  };
   AssetDecoderOptions options_;
   Tensor class_table_, class_places_;  // of a class, everywhere and place by place
   Conv2d enter_;
   ResBlock middle1_;
   AttentionBlock attention_;
   ResBlock middle2_;
-  std::vector<Stage> stages_;
+  std::vector<ResBlock> stages_;
   GroupNorm last_norm_;
   Conv2d leave_;
   // Past all of it: what a code says of a place, and of the whole asset. Group norms take from codes what is alike

@@ -26,4 +26,16 @@ struct Gaussians {
   std::size_t count() const { return opacities.size(); }
 };
 
+/// The arrays, for what is done to all of them alike; width: numbers a gaussian.
+struct GaussianArray {
+  const char* name;
+  std::vector<float> Gaussians::*values;
+  std::size_t width;
+};
+constexpr GaussianArray kGaussianArrays[] = {
+    {"means", &Gaussians::means, 3},         {"scales", &Gaussians::scales, 3},
+    {"rotations", &Gaussians::rotations, 4}, {"opacities", &Gaussians::opacities, 1},
+    {"sh_first", &Gaussians::sh_first, 3},   {"sh_rest", &Gaussians::sh_rest, 3 * kSphericalRest},
+};
+
 }  // namespace cloam

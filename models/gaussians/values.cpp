@@ -14,17 +14,8 @@ namespace {
 constexpr std::uint64_t kMost = std::uint64_t{1} << 26;
 constexpr double kQuarterStep = 0.25 / 255;  // so near to 0 and 1 a byte rounds to them again
 
-struct Field {
-  std::vector<float> Gaussians::*values;
-  std::size_t width;  // values a gaussian
-};
-constexpr Field kFields[] = {
-    {&Gaussians::means, 3},     {&Gaussians::scales, 3},   {&Gaussians::rotations, 4},
-    {&Gaussians::opacities, 1}, {&Gaussians::sh_first, 3}, {&Gaussians::sh_rest, 3 * kSphericalRest},
-};
-
 bool is_sound(const Gaussians& gaussians, std::size_t g) {
-  for (const Field& field : kFields) {
+  for (const GaussianArray& field : kGaussianArrays) {
     const float* values = (gaussians.*field.values).data() + g * field.width;
     if (!std::all_of(values, values + field.width, [](float value) { return std::isfinite(value); })) return false;
   }
@@ -59,7 +50,7 @@ void check_count(std::uint64_t count, const std::string& file) {
 Gaussians zero_gaussians(std::uint64_t count, const std::string& file) {
   check_count(count, file);
   Gaussians gaussians;
-  for (const Field& field : kFields) (gaussians.*field.values).resize(count * field.width);
+  for (const GaussianArray& field : kGaussianArrays) (gaussians.*field.values).resize(count * field.width);
   return gaussians;
 }
 
@@ -87,14 +78,14 @@ std::size_t drop_unsound(Gaussians& gaussians) {
   for (std::size_t g = 0; g < count; ++g) {
     if (!is_sound(gaussians, g)) continue;
     if (kept < g) {
-      for (const Field& field : kFields) {
+      for (const GaussianArray& field : kGaussianArrays) {
         float* values = (gaussians.*field.values).data();
         std::copy_n(values + g * field.width, field.width, values + kept * field.width);
       }
     }
     ++kept;
   }
-  for (const Field& field : kFields) (gaussians.*field.values).resize(kept * field.width);
+  for (const GaussianArray& field : kGaussianArrays) (gaussians.*field.values).resize(kept * field.width);
   return count - kept;
 }
 

@@ -17,7 +17,8 @@ constexpr int64_t kSamples = 40;  // of a street's ray, as a rule
 }  // namespace
 
 void GenAssets::configure(Config& c) {
-  StreetModelOptions& street = config_.street;
+  GenAssetsConfig& o = config_;
+  StreetModelOptions& street = o.street;
   c.bind("planes.channels", street.field.plane_channels, "channels per plane", {1, 1024});
   c.bind("background.side", street.background_side, "texels per side of the background planes", {1, 8192});
   c.bind("code.side", street.code_side, "side of an actor's latent code", {1, 256});
@@ -32,7 +33,7 @@ void GenAssets::configure(Config& c) {
   c.bind("field.distance_layers", street.field.distance_layers, "hidden layers of the signed distance network",
          {1, 64});
   c.bind("field.feature_layers", street.field.feature_layers, "hidden layers of the feature network", {1, 64});
-  c.bind("field.sharpness", street.field.sharpness, "initial beta of the opacity function", kFromZero);
+  c.bind("field.sharpness", street.field.sharpness, "initial beta of the opacity function");
   c.bind("image.width", street.image.width, "channels of the image decoder", {1, 4096});
   c.bind("image.kernel", street.image.side, "kernel size of the image decoder's convolutions", {1, 31});
   c.bind("image.blocks", street.image.blocks, "residual blocks of the image decoder", {0, 64});
@@ -44,47 +45,41 @@ void GenAssets::configure(Config& c) {
   c.bind("space.voxel", street.space.voxel, "voxel size of the LiDAR occupancy grid, in metres", kMetres);
   c.bind("space.dilate", street.space.dilate, "voxels by which occupied regions are dilated", {0, 64});
   c.bind("actors.symmetric", street.symmetric, "mirror each actor's planes: left and right sides are the same");
-  c.bind("view.drop", config_.view_drop, "fraction of the steps in which actors are rendered without a view direction",
+  c.bind("view.drop", o.view_drop, "fraction of the steps in which actors are rendered without a view direction",
          {0, 1});
   c.bind("shadows", street.shadows, "actors cast shadows on the ground below their boxes");
-  c.bind("batch.whole_images", config_.whole_images,
+  c.bind("batch.whole_images", o.whole_images,
          "train on a whole image per step, computed in tiles, instead of patches");
-  c.bind("batch.tile_rays", config_.tile_rays, "whole images: rays per tile", {1, 1 << 24});
-  c.bind("batch.tile_side", config_.tile_side, "whole images: rays per side of a decoded window", {1, 1 << 14});
-  c.bind("batch.patches", config_.patches, "image patches per step", {1, 4096});
-  c.bind("batch.patch_side", config_.patch_side, "rays per side of a patch", {1, 4096});
-  c.bind("batch.lidar_rays", config_.lidar_rays, "LiDAR returns per step", {0, 1 << 24});
-  c.bind("weight.rgb", config_.weight_rgb, "weight of the squared colour error", kFromZero);
-  c.bind("weight.perceptual", config_.weight_perceptual, "weight of the perceptual loss", kFromZero);
-  c.bind("weight.adversarial", config_.weight_adversarial, "weight of the adversarial loss; 0: no discriminator",
-         kFromZero);
-  c.bind("adversarial.widths", config_.discriminator_widths, "channels of the discriminator's blocks");
-  c.bind("weight.lidar", config_.weight_lidar, "weight of the LiDAR depth error (squared up to one metre, then linear)",
-         kFromZero);
-  c.bind("weight.line_of_sight", config_.weight_line_of_sight,
-         "weight of the line-of-sight loss: opacity along LiDAR rays away from their return", kFromZero);
-  c.bind("weight.kl", config_.weight_kl, "weight of the codes' KL term (mean over their elements)", kFromZero);
-  c.bind("weight.prior", config_.prior.weight,
-         "with --prior: norm of the prior's gradient, relative to the other losses", kFromZero);
-  c.bind("prior.through_network", config_.prior.through_network, "back-propagate the prior through the denoiser");
-  c.bind("prior.steps", config_.prior.steps, "with --prior and --image: denoising steps before training; 0: none",
+  c.bind("batch.tile_rays", o.tile_rays, "whole images: rays per tile", {1, 1 << 24});
+  c.bind("batch.tile_side", o.tile_side, "whole images: rays per side of a decoded window", {1, 1 << 14});
+  c.bind("batch.patches", o.patches, "image patches per step", {1, 4096});
+  c.bind("batch.patch_side", o.patch_side, "rays per side of a patch", {1, 4096});
+  c.bind("batch.lidar_rays", o.lidar_rays, "LiDAR returns per step", {0, 1 << 24});
+  c.bind("weight.rgb", o.weight_rgb, "weight of the squared colour error");
+  c.bind("weight.perceptual", o.weight_perceptual, "weight of the perceptual loss");
+  c.bind("weight.adversarial", o.weight_adversarial, "weight of the adversarial loss; 0: no discriminator");
+  c.bind("adversarial.widths", o.discriminator_widths, "channels of the discriminator's blocks");
+  c.bind("weight.lidar", o.weight_lidar, "weight of the LiDAR depth error (squared up to one metre, then linear)");
+  c.bind("weight.line_of_sight", o.weight_line_of_sight,
+         "weight of the line-of-sight loss: opacity along LiDAR rays away from their return");
+  c.bind("weight.kl", o.weight_kl, "weight of the codes' KL term (mean over their elements)");
+  c.bind("weight.prior", o.prior.weight, "with --prior: norm of the prior's gradient, relative to the other losses");
+  c.bind("prior.through_network", o.prior.through_network, "back-propagate the prior through the denoiser");
+  c.bind("prior.steps", o.prior.steps, "with --prior and --image: denoising steps before training; 0: none",
          {0, 100000});
-  c.bind("prior.guidance", config_.prior.guidance, "rendering guidance of each denoising step, in noise levels",
-         kFromZero);
-  c.bind("prior.noise", config_.prior.noise,
+  c.bind("prior.guidance", o.prior.guidance, "rendering guidance of each denoising step, in noise levels");
+  c.bind("prior.noise", o.prior.noise,
          "standard deviation of the initial noise; 0: start at the mean, 1: a full sample", {0, 1});
-  c.bind("perceptual.weights", config_.perceptual_weights,
+  c.bind("perceptual.weights", o.perceptual_weights,
          "file with weights of a pretrained network; empty: random features");
-  c.bind("train.rate_codes", config_.rate_codes, "learning rate of codes", kFromZero);
-  c.bind("train.rate_decoder", config_.rate_decoder, "learning rate of the asset decoder", kFromZero);
-  c.bind("train.rate_field", config_.rate_field, "learning rate of the field's networks", kFromZero);
-  c.bind("train.rate_image", config_.rate_image, "learning rate of the image decoder", kFromZero);
-  c.bind("train.rate_background", config_.rate_background, "learning rate of the background planes", kFromZero);
-  c.bind("train.decay_background", config_.decay_background, "weight decay of the background planes", kFromZero);
-  c.bind("train.final_rate", config_.final_rate, "learning rates at the last step, as a fraction of the initial ones",
-         kFromZero);
-  c.bind("train.decay_start", config_.decay_start, "fraction of the steps before the learning rates decay",
-         kShareBelowOne);
+  c.bind("train.rate_codes", o.rate_codes, "learning rate of codes");
+  c.bind("train.rate_decoder", o.rate_decoder, "learning rate of the asset decoder");
+  c.bind("train.rate_field", o.rate_field, "learning rate of the field's networks");
+  c.bind("train.rate_image", o.rate_image, "learning rate of the image decoder");
+  c.bind("train.rate_background", o.rate_background, "learning rate of the background planes");
+  c.bind("train.decay_background", o.decay_background, "weight decay of the background planes");
+  c.bind("train.final_rate", o.final_rate, "learning rates at the last step, as a fraction of the initial ones");
+  c.bind("train.decay_start", o.decay_start, "fraction of the steps before the learning rates decay", kShareBelowOne);
 }
 
 void GenAssets::build(const Scenes& scenes, uint64_t seed) {
@@ -97,11 +92,12 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
 void GenAssets::load_data(std::vector<TrainingData> data) {
   for (size_t i = 0; i < data.size(); ++i) {
     StreetLog& log = model_->logs()[i];
-    std::vector<StreetData::LoadedSweep> sweeps;
+    std::vector<LoadedSweep> sweeps;
     for (const Sweep& sweep : log.scene.sweeps)
       if (sweep.split == Split::train) sweeps.push_back({&sweep, load_sweep(data[i].scene, sweep)});
-    log.data = std::make_unique<StreetData>(log.scene, std::move(data[i].pixels), std::move(sweeps), model_->scale());
-    log.space->look(log.scene, log.data->seen());
+    log.data = std::make_unique<LogSource>(log.scene, std::move(data[i].pixels), std::move(sweeps),
+                                           LogRays{log.space->street_from_world(), model_->scale()});
+    log.space->look(log.scene, log.data->sweeps());
   }
   denoise_image();
 }
@@ -166,16 +162,16 @@ LidarReturns GenAssets::measure(const WorldRays& rays) {
 }
 
 Picture GenAssets::render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) {
-  const RayScene scene = model_->alone(model_->place_of(asset));
+  const RayScene scene = model_->alone(model_->assets().place_of(asset));
   return asset_picture(model_->painter([&](const RayList&) { return scene; }, false), camera, box_from_camera);
 }
 
 AssetSamples GenAssets::sample_asset(const AssetName& asset, const std::vector<float>& points) {
-  return model_->sample_asset(model_->place_of(asset), points);
+  return model_->sample_asset(model_->assets().place_of(asset), points);
 }
 
 std::vector<AssetName> GenAssets::show_assets(const std::vector<NewAsset>& assets) {
-  model_->set_generated(assets);
+  model_->assets().set_generated(assets);
   std::vector<AssetName> names;
   for (size_t i = 0; i < assets.size(); ++i) names.push_back(added_asset(model_->logs().size(), i));
   return names;
@@ -218,7 +214,7 @@ void GenAssets::denoise_image() {
   const StreetLog& log = model_->logs().front();
   RayList rays;
   HostRandom random(0, 0);
-  (void)log.data->add_image(rays, *log.space, random);
+  (void)log.data->add_image(rays, random, {});
   CodeRows codes = {log.assets, log.common_code, {}, {}};
   std::vector<AssetPlace> assets;
   for (size_t a = 0; a < rays.actors.size(); ++a)
@@ -227,7 +223,7 @@ void GenAssets::denoise_image() {
       assets.push_back({0, a});
     }
   if (assets.empty()) return;
-  codes.condition = model_->condition_of(assets);
+  codes.condition = model_->assets().condition_of(assets);
   prior_->denoise(std::move(codes));
 }
 

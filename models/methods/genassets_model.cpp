@@ -4,7 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
-#include "models/methods/asset_codes.h"
+#include "models/methods/code_set.h"
 #include "models/scene/asset_class.h"
 #include "models/train/config.h"
 #include "runtime/error.h"
@@ -125,45 +125,12 @@ HitAssets hit_assets(const std::vector<AssetPlace>& appearance, const std::vecto
   return out;
 }
 
-StreetModel::StreetModel(const StreetModelOptions& options, const Scope& root, const Scenes& scenes)
-    : options_(options) {
-  const Scope networks = root / "networks";
-  options_.image.features = options_.field.features;
-  field_ = std::make_unique<StreetField>(networks / "field", options_.field);
-  image_ = std::make_unique<ImageDecoder>(networks / "image", options_.image);
-  if (options_.decoder) decoder_ = make_decoder(networks / "decoder", options_);
-  if (options_.shadows)
-    shadow_.emplace(networks / "shadow", std::vector<int64_t>{3 * int64_t{options_.field.plane_channels} + 17, 32, 3});
-  for (const Scene& scene : scenes) {
-    if (!scene.is_log)
-      throw Error(Fault::data, text(scene.root.string(), " is not a driving log (format ", scene.format,
-                                    "): genassets needs cameras with time stamps, boxes and LiDAR"));
-    logs_.push_back(make_log(scene, root / ("log" + std::to_string(logs_.size()))));
-  }
-  find_appearance();
+StreetAssets::StreetAssets(const StreetModelOptions& options, const Scope& networks, std::vector<StreetLog>& logs)
+    : options_(options), logs_(logs) {
+  if (options.decoder) decoder_ = make_decoder(networks / "decoder", options);
 }
 
-StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
-  StreetLog log;
-  log.scene = scene;
-  log.space = std::make_unique<StreetSpace>(scene, options_.space);
-  const int64_t side = options_.background_side, channels = options_.field.plane_channels;
-  log.background = scope.uniform("background", {3 * side * side, channels}, 0.1f);
-  log.common_background = scope.constant("common.background", {2 * kHeights, 3 * channels}, 0.f);
-  const auto actors = static_cast<int64_t>(scene.actors.size());
-  if (actors > 0 && !options_.decoder) {
-    const int64_t texels = planes_side(options_) * planes_side(options_);
-    log.assets = scope.uniform("planes", {actors, 3 * texels * channels}, 0.1f);
-  } else if (actors > 0) {
-    const int64_t numbers = code_numbers(options_) * (options_.variational ? 2 : 1);
-    log.assets = scope.uniform("codes", {actors, numbers}, kCodeDeviation);
-    log.common_code = scope.constant("common.code", {1, numbers}, 0.f);
-  }
-  for (const Actor& actor : scene.actors) log.classes.push_back(asset_class(actor.label));
-  return log;
-}
-
-AssetPlace StreetModel::place_of(const AssetName& asset) const {
+AssetPlace StreetAssets::place_of(const AssetName& asset) const {
   const auto scene = static_cast<size_t>(asset.scene);
   if (asset.scene >= 0 && scene < logs_.size()) {
     const std::vector<Actor>& actors = logs_[scene].scene.actors;
@@ -175,8 +142,7 @@ AssetPlace StreetModel::place_of(const AssetName& asset) const {
   throw Error(Fault::data, text("there is no actor ", asset.actor_id, " in log ", asset.scene, " of this run"));
 }
 
-/// An actor that wears an asset which is still to be generated has its own appearance until then.
-void StreetModel::find_appearance() {
+void StreetAssets::find_appearance() {
   const auto is_here = [&](const AssetName& asset) {
     return asset.scene < static_cast<int>(logs_.size() + generated_.size());
   };
@@ -189,7 +155,7 @@ void StreetModel::find_appearance() {
   }
 }
 
-void StreetModel::set_generated(const std::vector<NewAsset>& assets) {
+void StreetAssets::set_generated(const std::vector<NewAsset>& assets) {
   if (!decoder_)
     throw Error(Fault::usage,
                 "the run learned its actors' planes directly (decoder.use = false): it cannot decode codes");
@@ -208,30 +174,19 @@ void StreetModel::set_generated(const std::vector<NewAsset>& assets) {
 }
 
 /// Of any actor that has the appearance: the one who had it first may have another's by now.
-Eigen::Vector3d StreetModel::size_of(const AssetPlace& place) const {
+Eigen::Vector3d StreetAssets::size_of(const AssetPlace& place) const {
   for (const StreetLog& log : logs_)
     for (size_t a = 0; a < log.appearance.size(); ++a)
       if (log.appearance[a] == place) return log.scene.actors[a].size;
-  return place.log < logs_.size() ? logs_[place.log].scene.actors[place.actor].size : generated_[place.actor].size;
+  return is_generated(place) ? generated_[place.actor].size : logs_[place.log].scene.actors[place.actor].size;
 }
 
-RayScene StreetModel::street(const StreetLog& log, const RayList& rays) const {
-  return {log, boxes_of(log.scene.actors, rays, *log.space), log.space->grid(), log.appearance};
-}
-
-RayScene StreetModel::alone(const AssetPlace& place) const {
-  const StreetLog* host = place.log < logs_.size() ? &logs_[place.log] : &logs_.front();
-  if (place.log == logs_.size()) {
-    const auto alike = std::find_if(logs_.begin(), logs_.end(), [&](const StreetLog& log) {
-      return log.scene.night == generated_[place.actor].night;
-    });
-    if (alike != logs_.end()) host = &*alike;
-  }
-  return {*host, single_box(size_of(place)), sky_of(host->space->grid()), {place}};
+bool StreetAssets::at_night(const AssetPlace& place) const {
+  return is_generated(place) ? generated_[place.actor].night : logs_[place.log].scene.night;
 }
 
 /// [N, ...] rows of the codes (or planes) of assets, which may be of several logs.
-Tensor StreetModel::rows_of(const std::vector<AssetPlace>& assets) const {
+Tensor StreetAssets::rows_of(const std::vector<AssetPlace>& assets) const {
   Tensors parts;
   for (size_t begin = 0, end = 0; begin < assets.size(); begin = end) {
     const size_t log = assets[begin].log;
@@ -246,17 +201,17 @@ Tensor StreetModel::rows_of(const std::vector<AssetPlace>& assets) const {
   return parts.size() == 1 ? parts.front() : concat(parts, 0);
 }
 
-Condition StreetModel::condition_of(const std::vector<AssetPlace>& assets) const {
+Condition StreetAssets::condition_of(const std::vector<AssetPlace>& assets) const {
   std::vector<int32_t> classes, nights;
   for (const AssetPlace& asset : assets) {
-    const bool generated = asset.log == logs_.size();
-    classes.push_back(generated ? generated_[asset.actor].asset_class : logs_[asset.log].classes[asset.actor]);
-    nights.push_back((generated ? generated_[asset.actor].night : logs_[asset.log].scene.night) ? 1 : 0);
+    classes.push_back(is_generated(asset) ? generated_[asset.actor].asset_class
+                                          : logs_[asset.log].classes[asset.actor]);
+    nights.push_back(at_night(asset) ? 1 : 0);
   }
   return asset_condition(classes, nights);
 }
 
-DecodedAssets StreetModel::decode(const HitAssets& hits, const Sampling& how) const {
+DecodedAssets StreetAssets::decode(const HitAssets& hits, const Sampling& how) const {
   if (hits.assets.empty()) return {};
   const auto count = static_cast<int64_t>(hits.assets.size());
   const int64_t side = planes_side(options_), channels = options_.field.plane_channels;
@@ -285,6 +240,56 @@ DecodedAssets StreetModel::decode(const HitAssets& hits, const Sampling& how) co
   return out;
 }
 
+StreetModel::StreetModel(const StreetModelOptions& options, const Scope& root, const Scenes& scenes)
+    : options_(options) {
+  const Scope networks = root / "networks";
+  options_.image.features = options_.field.features;
+  field_ = std::make_unique<StreetField>(networks / "field", options_.field);
+  image_ = std::make_unique<ImageDecoder>(networks / "image", options_.image);
+  assets_ = std::make_unique<StreetAssets>(options_, networks, logs_);
+  if (options_.shadows)
+    shadow_.emplace(networks / "shadow", std::vector<int64_t>{3 * int64_t{options_.field.plane_channels} + 17, 32, 3});
+  for (const Scene& scene : scenes) {
+    if (!scene.is_log)
+      throw Error(Fault::data, text(scene.root.string(), " is not a driving log (format ", scene.format,
+                                    "): genassets needs cameras with time stamps, boxes and LiDAR"));
+    logs_.push_back(make_log(scene, root / ("log" + std::to_string(logs_.size()))));
+  }
+  assets_->find_appearance();
+}
+
+StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
+  StreetLog log;
+  log.scene = scene;
+  log.space = std::make_unique<StreetSpace>(scene, options_.space);
+  const int64_t side = options_.background_side, channels = options_.field.plane_channels;
+  log.background = scope.uniform("background", {3 * side * side, channels}, 0.1f);
+  log.common_background = scope.constant("common.background", {2 * kHeights, 3 * channels}, 0.f);
+  const auto actors = static_cast<int64_t>(scene.actors.size());
+  if (actors > 0 && !options_.decoder) {
+    const int64_t texels = planes_side(options_) * planes_side(options_);
+    log.assets = scope.uniform("planes", {actors, 3 * texels * channels}, 0.1f);
+  } else if (actors > 0) {
+    const int64_t numbers = code_numbers(options_) * (options_.variational ? 2 : 1);
+    log.assets = scope.uniform("codes", {actors, numbers}, kCodeDeviation);
+    log.common_code = scope.constant("common.code", {1, numbers}, 0.f);
+  }
+  for (const Actor& actor : scene.actors) log.classes.push_back(asset_class(actor.label));
+  return log;
+}
+
+RayScene StreetModel::street(const StreetLog& log, const RayList& rays) const {
+  return {log, boxes_of(log.scene.actors, rays, *log.space), log.space->grid(), log.appearance};
+}
+
+RayScene StreetModel::alone(const AssetPlace& place) const {
+  const auto alike = [&](const StreetLog& log) { return log.scene.night == assets_->at_night(place); };
+  auto host = place.log < logs_.size() ? logs_.begin() + static_cast<std::ptrdiff_t>(place.log)
+                                       : std::find_if(logs_.begin(), logs_.end(), alike);
+  if (host == logs_.end()) host = logs_.begin();
+  return {*host, single_box(assets_->size_of(place)), sky_of(host->space->grid()), {place}};
+}
+
 /// What all samples read of planes, by row.
 Tensor StreetModel::texels_of(const StreetLog& log, const StreetSamples& s, const DecodedAssets& assets) const {
   const int64_t side = options_.background_side, channels = options_.field.plane_channels;
@@ -306,7 +311,7 @@ RenderedRays StreetModel::render(const RayScene& scene, const RayList& rays, con
   RenderedRays out;
   out.samples = street_samples(at, scene.boxes, scene.grid, steps);
   out.marched = out.samples.t.dim(0);
-  out.assets = ready ? *ready : decode(hits_of(scene, out.samples), how);
+  out.assets = ready ? *ready : assets_->decode(hits_of(scene, out.samples), how);
   if (how.skip_hidden) {
     const Tensor texels = texels_of(scene.log, out.samples, out.assets);
     const Tensor all = stop_gradient(field_->opacity(field_->geometry(texels).distance));
@@ -370,9 +375,9 @@ StreetPainter StreetModel::painter(const std::function<RayScene(const RayList&)>
 
 AssetSamples StreetModel::sample_asset(const AssetPlace& place, const std::vector<float>& points) const {
   const auto count = static_cast<int64_t>(points.size() / 3);
-  const Tensor planes = stop_gradient(decode(hit_assets({place}, {true}), {}).planes),
+  const Tensor planes = stop_gradient(assets_->decode(hit_assets({place}, {true}), {}).planes),
                owners = cast(zeros({count}), DType::i32);
-  const float scale = cube_scale(size_of(place));
+  const float scale = cube_scale(assets_->size_of(place));
   const auto geometry = [&](const Tensor& at) {
     return field_->geometry(sample_planes(planes, in_cube(at * scale + 0.5f, options_.symmetric), owners));
   };

@@ -4,13 +4,13 @@
 #include <memory>
 #include <optional>
 
+#include "models/batches/log_source.h"
 #include "models/fields/asset_decoder.h"
 #include "models/fields/street_field.h"
 #include "models/latents/code_prior.h"
 #include "models/latents/new_assets.h"
 #include "models/nn/image_decoder.h"
 #include "models/street/street_boxes.h"
-#include "models/street/street_data.h"
 #include "models/street/street_views.h"
 
 namespace cloam {
@@ -40,7 +40,7 @@ struct AssetPlace {
 struct StreetLog {
   Scene scene;
   std::unique_ptr<StreetSpace> space;
-  std::unique_ptr<StreetData> data;
+  std::unique_ptr<LogSource> data;
   Tensor background;  // [3 side^2, channels]
   Tensor assets;      // codes [A, ...] or planes [A, ...]
   // What a log's texels at one height, and all its codes, have in common is added to them: where no camera looked,
@@ -91,6 +91,35 @@ struct RenderedRays {
   DecodedAssets assets;
 };
 
+/// What actors look like: their codes, or planes, those of generated assets, and the network that decodes them.
+class StreetAssets {
+ public:
+  /// The options and the logs must outlive this; logs come later, before anything is asked.
+  StreetAssets(const StreetModelOptions& options, const Scope& networks, std::vector<StreetLog>& logs);
+  /// Each actor's, once the logs are complete. An actor that wears an asset which is still to be generated has its own
+  /// appearance until then.
+  void find_appearance();
+  /// In place of those before.
+  void set_generated(const std::vector<NewAsset>& assets);
+  /// Fault::data for a name that is no actor's of the run and no generated asset's.
+  AssetPlace place_of(const AssetName& asset) const;
+  Eigen::Vector3d size_of(const AssetPlace& place) const;
+  bool at_night(const AssetPlace& place) const;
+  /// Class and time of day.
+  Condition condition_of(const std::vector<AssetPlace>& assets) const;
+  DecodedAssets decode(const HitAssets& hits, const Sampling& how) const;
+
+ private:
+  bool is_generated(const AssetPlace& place) const { return place.log == logs_.size(); }
+  Tensor rows_of(const std::vector<AssetPlace>& assets) const;
+
+  const StreetModelOptions& options_;
+  std::vector<StreetLog>& logs_;
+  std::unique_ptr<AssetDecoder> decoder_;
+  std::vector<NewAsset> generated_;
+  Tensor generated_codes_;  // [G, ...] as rows of StreetLog::assets
+};
+
 class StreetModel {
  public:
   /// Fault::data for scenes that are no logs, Fault::usage for sizes that do not fit together.
@@ -101,38 +130,27 @@ class StreetModel {
   RayScene alone(const AssetPlace& place) const;
   RenderedRays render(const RayScene& scene, const RayList& rays, const Sampling& how, bool shadows,
                       const DecodedAssets* ready = nullptr) const;
-  DecodedAssets decode(const HitAssets& hits, const Sampling& how) const;
   /// features [N,F,H,W] and shadow [N,3,H,W] (or empty) -> RGB at the image's size.
   Tensor image_of(const Tensor& features, const Tensor& shadow) const;
   StreetPainter painter(const std::function<RayScene(const RayList&)>& scene, bool shadows) const;
   AssetSamples sample_asset(const AssetPlace& place, const std::vector<float>& points) const;
 
-  /// Fault::data for a name that is no actor's of the run and no generated asset's.
-  AssetPlace place_of(const AssetName& asset) const;
-  /// In place of those before.
-  void set_generated(const std::vector<NewAsset>& assets);
-  /// Class and time of day.
-  Condition condition_of(const std::vector<AssetPlace>& assets) const;
+  StreetAssets& assets() { return *assets_; }
   const StreetModelOptions& options() const { return options_; }
   int scale() const { return image_->scale(); }
   std::vector<StreetLog>& logs() { return logs_; }
 
  private:
   StreetLog make_log(const Scene& scene, const Scope& scope) const;
-  void find_appearance();
-  Eigen::Vector3d size_of(const AssetPlace& place) const;
-  Tensor rows_of(const std::vector<AssetPlace>& assets) const;
   Tensor texels_of(const StreetLog& log, const StreetSamples& samples, const DecodedAssets& assets) const;
   Tensor shadow_of(const StreetLog& log, const RenderedRays& rendered) const;
 
   StreetModelOptions options_;
   std::unique_ptr<StreetField> field_;
-  std::unique_ptr<AssetDecoder> decoder_;
   std::unique_ptr<ImageDecoder> image_;
   std::optional<SmallMlp> shadow_;
   std::vector<StreetLog> logs_;
-  std::vector<NewAsset> generated_;
-  Tensor generated_codes_;  // [G, ...] as rows of StreetLog::assets
+  std::unique_ptr<StreetAssets> assets_;
 };
 
 }  // namespace cloam

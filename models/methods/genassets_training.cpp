@@ -123,17 +123,17 @@ StreetStep GenAssetsTraining::step(const Progress& progress, const Tensors& want
 
 StreetStep GenAssetsTraining::on_patches(const StreetLog& log, HostRandom& random, const Progress& progress,
                                          const Tensors& wanted) {
-  const int64_t patches = config_.patches, side = log.data->patch_side(config_.patch_side);
+  const int64_t side = log.data->patch_side(config_.patch_side);
   RayList rays;
-  const Tensor truth = log.data->add_patches(rays, *log.space, random, patches, side);
+  const Tensor truth = log.data->add_patches(rays, random, config_.patches, side, progress.share);
   const int64_t camera_rays = rays.count();
-  if (log.data->has_lidar()) log.data->add_returns(rays, *log.space, random, config_.lidar_rays);
+  log.data->add_returns(rays, random, config_.lidar_rays, progress.share);
   const int64_t all = rays.count();
   // A pass through the distance alone finds what lies behind surfaces; it pays once a quarter of the samples are dark.
   const bool skip = progress.step <= 3 || lit_permille < 750 || progress.step % 16 == 0;
   const RenderedRays seen = model_.render(model_.street(log, rays), rays, sampling(log, progress, skip), true);
   const auto map = [&](const Tensor& x) {
-    return permute(reshape(slice(x, 0, 0, camera_rays), {patches, side, side, x.dim(1)}), {0, 3, 1, 2});
+    return permute(reshape(slice(x, 0, 0, camera_rays), {truth.dim(0), side, side, x.dim(1)}), {0, 3, 1, 2});
   };
   const Tensor image = model_.image_of(map(seen.features), seen.shadow ? map(seen.shadow) : Tensor());
   const Tensor squared = mean(square(image - truth));
@@ -236,10 +236,10 @@ void GenAssetsTraining::WholeImage::render_again(GradientSums& sums) {
 StreetStep GenAssetsTraining::in_tiles(const StreetLog& log, HostRandom& random, const Progress& progress,
                                        const Tensors& wanted) {
   WholeImage image{*this, log, sampling(log, progress, true), {}, {}, {}, {}, {}};
-  image.truth = log.data->add_image(image.rays, *log.space, random);
+  image.truth = log.data->add_image(image.rays, random, progress.share);
   image.returns.actors = image.rays.actors;
-  if (log.data->has_lidar()) log.data->add_returns(image.returns, *log.space, random, config_.lidar_rays);
-  image.decoded = image.given = model_.decode(hit_assets(log.appearance, image.rays.actors), image.how);
+  log.data->add_returns(image.returns, random, config_.lidar_rays, progress.share);
+  image.decoded = image.given = model_.assets().decode(hit_assets(log.appearance, image.rays.actors), image.how);
   Tensor& planes = image.given.planes;
   if (planes) planes = parameter(planes.to_host(), planes.shape());
   Tensors reached = wanted;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <set>
+#include <sstream>
 #include <type_traits>
 
 #include "models/io/words.h"
@@ -51,40 +52,15 @@ const std::pair<const char*, const char*> kAliases[] = {
     {"nerfacto", "nerf"},
 };
 
-/// A preset that differs from another, named first.
-struct Variant {
-  std::string base;
-  const char *name, *summary;
-  Preset::Settings differences;
-};
-
-// The ablations of GenAssets' Table A2.
-const Variant kVariants[] = {
-    {"genassets-small",
-     "genassets-small-nokl",
-     "the same without variational codes",
-     {{"weight.kl", "0"}, {"code.variational", "false"}}},
-    {"genassets-small",
-     "genassets-small-noperceptual",
-     "the same without the perceptual loss",
-     {{"weight.perceptual", "0"}}},
-    {"genassets-small",
-     "genassets-small-nodecoder",
-     "each actor's planes learned directly, without decoder or symmetry",
-     {{"decoder.use", "false"}, {"actors.symmetric", "false"}}},
-};
-
-std::vector<Preset> with_variants(std::vector<Preset> rows) {
-  for (const Variant& variant : kVariants) {
-    Preset preset =
-        *std::find_if(rows.begin(), rows.end(), [&](const Preset& row) { return variant.base == row.name; });
-    preset.name = variant.name;
-    preset.summary = variant.summary;
-    // Of settings given twice the later one stands.
-    preset.settings.insert(preset.settings.end(), variant.differences.begin(), variant.differences.end());
-    rows.push_back(preset);
+/// "field.kind=frequency sampling=importance". Of settings given twice the later one stands.
+Preset::Settings settings_in(const std::string& words) {
+  Preset::Settings settings;
+  std::istringstream in(words);
+  for (std::string word; in >> word;) {
+    const size_t at = word.find('=');
+    settings.push_back({word.substr(0, at), word.substr(at + 1)});
   }
-  return rows;
+  return settings;
 }
 
 [[noreturn]] void unknown(const char* what, const std::string& name, const std::vector<std::string>& names) {
@@ -98,60 +74,34 @@ std::vector<Preset> with_variants(std::vector<Preset> rows) {
 }  // namespace
 
 const std::vector<Preset>& presets() {
-  static const std::vector<Preset> rows = with_variants({
+  const std::string street =
+      "background.side=512 code.channels=16 decoder.widths=64,32,32,16 decoder.middle=64 decoder.groups=8 "
+      "field.width=32 image.kernel=3 image.blocks=4 image.upsamplings=1 steps.actor=0.1 actors.symmetric=true "
+      "weight.adversarial=0 batch.lidar_rays=512 train.rate_decoder=1e-3 train.rate_field=5e-3 "
+      "train.rate_image=4e-3 train.rate_background=0.05 ";
+  static const std::vector<Preset> rows = {
       {"nerf", "nerf", "hash grid and occupancy grid: minutes on two cores", {}, 4000},
-      {"nerf-paper",
-       "nerf",
-       "the paper's 8x256 network, 64 + 128 samples",
-       {{"field.kind", "frequency"},
-        {"field.width", "256"},
-        {"sampling", "importance"},
-        {"background", "white"},
-        {"batch.rays", "1024"},
-        {"train.rate", "5e-4"},
-        {"train.final_rate", "0.1"},
-        {"train.decay_steps", "250000"}},
+      {"nerf-paper", "nerf", "the paper's 8x256 network, 64 + 128 samples",
+       settings_in("field.kind=frequency field.width=256 sampling=importance background=white batch.rays=1024 "
+                   "train.rate=5e-4 train.final_rate=0.1 train.decay_steps=250000"),
        200000},
       {"splat", "splat", "Gaussian splatting of posed photos", {}, 7000},
-      {"genassets",
-       "genassets",
-       "the paper's sizes: needs a cluster; one step on two cores",
-       {{"batch.whole_images", "true"}, {"batch.lidar_rays", "8192"}},
-       400000},
-      {"genassets-small",
-       "genassets",
-       "streets and their actors: minutes on two cores",
-       {{"background.side", "512"},
-        {"code.channels", "16"},
-        {"decoder.widths", "64,32,32,16"},
-        {"decoder.middle", "64"},
-        {"decoder.groups", "8"},
-        {"field.width", "32"},
-        {"image.kernel", "3"},
-        {"image.blocks", "4"},
-        {"image.upsamplings", "1"},
-        {"steps.actor", "0.1"},
-        {"actors.symmetric", "true"},
-        {"weight.adversarial", "0"},
-        {"batch.lidar_rays", "512"},
-        {"train.rate_decoder", "1e-3"},
-        {"train.rate_field", "5e-3"},
-        {"train.rate_image", "4e-3"},
-        {"train.rate_background", "0.05"}},
-       7000},
+      {"genassets", "genassets", "the paper's sizes: needs a cluster; one step on two cores",
+       settings_in("batch.whole_images=true batch.lidar_rays=8192"), 400000},
+      {"genassets-small", "genassets", "streets and their actors: minutes on two cores", settings_in(street), 7000},
       {"diffusion", "diffusion", "the paper's sizes: assets of a genassets run", {}, 100000},
-      {"diffusion-small",
-       "diffusion",
-       "assets of a genassets-small run: minutes on two cores",
-       {{"unet.base", "32"},
-        {"unet.multipliers", "1,2"},
-        {"unet.groups", "8"},
-        {"batch.codes", "64"},
-        {"train.rate", "1e-3"},
-        {"train.final_rate", "0.1"},
-        {"train.ema", "0.999"}},
+      {"diffusion-small", "diffusion", "assets of a genassets-small run: minutes on two cores",
+       settings_in("unet.base=32 unet.multipliers=1,2 unet.groups=8 batch.codes=64 train.rate=1e-3 "
+                   "train.final_rate=0.1 train.ema=0.999"),
        4000},
-  });
+      // The ablations of GenAssets' Table A2.
+      {"genassets-small-nokl", "genassets", "the same without variational codes",
+       settings_in(street + "weight.kl=0 code.variational=false"), 7000},
+      {"genassets-small-noperceptual", "genassets", "the same without the perceptual loss",
+       settings_in(street + "weight.perceptual=0"), 7000},
+      {"genassets-small-nodecoder", "genassets", "each actor's planes learned directly, without decoder or symmetry",
+       settings_in(street + "decoder.use=false actors.symmetric=false"), 7000},
+  };
   return rows;
 }
 

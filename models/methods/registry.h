@@ -15,7 +15,7 @@ namespace cloam {
 [[noreturn]] void lacks(const std::string& method, const std::string& what, std::type_index capability);
 
 struct Preset {
-  using Settings = std::vector<std::pair<const char*, const char*>>;
+  using Settings = std::vector<std::pair<std::string, std::string>>;
   const char* name;
   const char* method;
   const char* summary;

@@ -1,7 +1,6 @@
-// Rays of cameras in normalised scene coordinates, and the bank of training pixels that batches are drawn from.
+// Rays of cameras in normalised scene coordinates.
 #pragma once
 #include "models/render/scene_frame.h"
-#include "models/scene/pixels.h"
 #include "models/scene/view.h"
 #include "runtime/ops.h"
 #include "runtime/ops/volume.h"
@@ -16,27 +15,11 @@ struct RayRange {
 /// Every pixel of a view, row-major [H*W]. Lengths along rays are in normalised units.
 Rays view_rays(const View& view, const SceneFrame& frame, const RayRange& range);
 
-struct RayBatch {
-  Rays rays;
-  Tensor rgba;  // [R,4] in [0,1], straight alpha
-  Tensor used;  // [R] 1, or 0 where a mask says ignore; empty when there are no masks
-};
-
-/// All training pixels on the device.
-class RayBank {
- public:
-  RayBank(const Scene& scene, const Pixels& pixels, const SceneFrame& frame, const RayRange& range);
-  /// `count` pixels at random: a frame, then a pixel in it. streams key.stream and the one after it.
-  RayBatch sample(int64_t count, const RandomKey& key) const;
-
- private:
-  SceneFrame frame_;
-  RayRange range_;
-  Tensor rgba_, mask_;  // [P,4], [P] uint8
-  Tensor directions_;   // [D,3] of length 1, camera axes
-  Tensor poses_;        // [N,12] rotation by rows, position (normalised)
-  Tensor frames_;       // [N,3] int32: first pixel, pixels, first direction
-  int64_t frame_count_;
-};
+/// The parts of it. directions: [H*W,3] of length 1, in camera axes.
+std::vector<float> unit_directions(const Camera& camera);
+/// Appends 12 numbers: the rotation by rows, the position (normalised).
+void append_pose(std::vector<float>& poses, const Eigen::Matrix4d& world_from_camera, const SceneFrame& frame);
+/// directions [R,3] in camera axes, poses [R,12] (or [1,12]).
+Rays world_rays(const Tensor& directions, const Tensor& poses, const SceneFrame& frame, const RayRange& range);
 
 }  // namespace cloam

@@ -107,8 +107,12 @@ Taps taps_at(float x, float y, int width, int height) {
 std::size_t pixels_of(const PixelMap& map) { return std::size_t(map.width) * map.height; }
 bool is_seen(const PixelMap& map, std::size_t pixel) { return !std::isnan(map.points[2 * pixel]); }
 
-Taps taps_of(const PixelMap& map, std::size_t pixel, int width, int height) {
-  return taps_at(map.points[2 * pixel], map.points[2 * pixel + 1], width, height);
+/// use(pixel, taps) for the pixels that see something of `from`, an image of that size.
+template <class From, class Use>
+void for_each_seen(const PixelMap& map, const From& from, const Use& use) {
+  for (std::size_t pixel = 0; pixel < pixels_of(map); ++pixel)
+    if (is_seen(map, pixel))
+      use(pixel, taps_at(map.points[2 * pixel], map.points[2 * pixel + 1], from.width, from.height));
 }
 
 void blend_rgba(const std::vector<std::uint8_t>& rgba, const Taps& taps, std::uint8_t* result) {
@@ -128,23 +132,18 @@ void blend_rgba(const std::vector<std::uint8_t>& rgba, const Taps& taps, std::ui
 std::vector<float> blend(const std::vector<float>& values, const Picture& picture, const PixelMap& map, int channels) {
   if (values.empty()) return {};
   std::vector<float> result(pixels_of(map) * channels, 0.f);
-  for (std::size_t pixel = 0; pixel < pixels_of(map); ++pixel) {
-    if (!is_seen(map, pixel)) continue;
-    const Taps taps = taps_of(map, pixel, picture.width, picture.height);
-    for (std::size_t i = 0; i < 4; ++i) {
+  for_each_seen(map, picture, [&](std::size_t pixel, const Taps& taps) {
+    for (std::size_t i = 0; i < 4; ++i)
       for (int c = 0; c < channels; ++c)
         result[pixel * channels + c] += taps.weight[i] * values[taps.pixel[i] * channels + c];
-    }
-  }
+  });
   return result;
 }
 
 std::vector<float> blend_depth(const Picture& picture, const PixelMap& map) {
   if (picture.depth.empty()) return {};
   std::vector<float> result(pixels_of(map), 0.f);
-  for (std::size_t pixel = 0; pixel < pixels_of(map); ++pixel) {
-    if (!is_seen(map, pixel)) continue;
-    const Taps taps = taps_of(map, pixel, picture.width, picture.height);
+  for_each_seen(map, picture, [&](std::size_t pixel, const Taps& taps) {
     float sum = 0, weights = 0;
     for (std::size_t i = 0; i < 4; ++i) {
       const float depth = picture.depth[taps.pixel[i]];
@@ -152,19 +151,17 @@ std::vector<float> blend_depth(const Picture& picture, const PixelMap& map) {
       weights += depth > 0 ? taps.weight[i] : 0;
     }
     result[pixel] = weights > 0 ? sum / weights : 0;
-  }
+  });
   return result;
 }
 
 std::vector<int> nearest_actors(const Picture& picture, const PixelMap& map) {
   if (picture.actors.empty()) return {};
   std::vector<int> result(pixels_of(map), 0);
-  for (std::size_t pixel = 0; pixel < pixels_of(map); ++pixel) {
-    if (!is_seen(map, pixel)) continue;
-    const Taps taps = taps_of(map, pixel, picture.width, picture.height);
+  for_each_seen(map, picture, [&](std::size_t pixel, const Taps& taps) {
     const auto most = std::max_element(taps.weight.begin(), taps.weight.end()) - taps.weight.begin();
     result[pixel] = picture.actors[taps.pixel[static_cast<std::size_t>(most)]];
-  }
+  });
   return result;
 }
 
@@ -223,14 +220,11 @@ FramePixels resample(const FramePixels& photo, const PixelMap& map) {
   FramePixels result{photo.frame, photo.camera, map.width, map.height, {}, seen(map)};
   if (!photo.mask.empty()) result.mask.resize(pixels_of(map), 255);
   result.rgba.resize(4 * pixels_of(map));
-  for (std::size_t pixel = 0; pixel < pixels_of(map); ++pixel) {
-    if (!is_seen(map, pixel)) continue;
-    const Taps taps = taps_of(map, pixel, photo.width, photo.height);
+  for_each_seen(map, photo, [&](std::size_t pixel, const Taps& taps) {
     blend_rgba(photo.rgba, taps, &result.rgba[4 * pixel]);
-    for (std::size_t i = 0; i < 4 && !photo.mask.empty(); ++i) {
+    for (std::size_t i = 0; i < 4 && !photo.mask.empty(); ++i)
       if (taps.weight[i] > 0 && photo.mask[taps.pixel[i]] == 0) result.mask[pixel] = 0;
-    }
-  }
+  });
   return result;
 }
 

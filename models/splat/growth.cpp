@@ -40,18 +40,12 @@ int64_t last_step(const Progress& progress, int64_t most, double share) {
   return std::min(most, static_cast<int64_t>(share * static_cast<double>(progress.horizon)));
 }
 
-/// Row `from` of every array at the end of `to`.
+/// Row `row` of every array at the end of `to`.
 void append(Gaussians& to, const Gaussians& from, size_t row) {
-  const auto copy = [row](std::vector<float>& a, const std::vector<float>& b, size_t width) {
-    a.insert(a.end(), b.begin() + static_cast<std::ptrdiff_t>(row * width),
-             b.begin() + static_cast<std::ptrdiff_t>((row + 1) * width));
-  };
-  copy(to.means, from.means, 3);
-  copy(to.scales, from.scales, 3);
-  copy(to.rotations, from.rotations, 4);
-  copy(to.opacities, from.opacities, 1);
-  copy(to.sh_first, from.sh_first, 3);
-  copy(to.sh_rest, from.sh_rest, 45);
+  for (const auto& [name, values, width] : kGaussianArrays) {
+    const auto begin = (from.*values).begin() + static_cast<std::ptrdiff_t>(row * width);
+    (to.*values).insert((to.*values).end(), begin, begin + static_cast<std::ptrdiff_t>(width));
+  }
 }
 
 Gaussians none_like(const Gaussians& like) {
@@ -222,19 +216,10 @@ class Mcmc final : public Growth {
   static void place(Gaussians& g, size_t from, size_t to) {
     Gaussians one;
     append(one, g, from);
-    if (to == g.count()) {
-      append(g, one, 0);
-      return;
-    }
-    const auto put = [to](std::vector<float>& all, const std::vector<float>& row) {
-      std::copy(row.begin(), row.end(), all.begin() + static_cast<std::ptrdiff_t>(to * row.size()));
-    };
-    put(g.means, one.means);
-    put(g.scales, one.scales);
-    put(g.rotations, one.rotations);
-    put(g.opacities, one.opacities);
-    put(g.sh_first, one.sh_first);
-    put(g.sh_rest, one.sh_rest);
+    if (to == g.count()) return append(g, one, 0);
+    for (const auto& [name, values, width] : kGaussianArrays)
+      std::copy((one.*values).begin(), (one.*values).end(),
+                (g.*values).begin() + static_cast<std::ptrdiff_t>(to * width));
   }
 
   /// R S S R' x with x [G,3].

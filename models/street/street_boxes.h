@@ -1,6 +1,7 @@
 // The boxes of actors as rays meet them: padded, in street axes, each with a cube that the planes of its asset fill.
 #pragma once
-#include "models/street/street_data.h"
+#include "models/batches/log_source.h"
+#include "models/street/street_space.h"
 #include "runtime/ops/street.h"
 
 namespace cloam {

@@ -53,10 +53,9 @@ struct Static {
   Points points, tops;  // street axes; tops: of them those at the upper edge of the LiDAR's sight
 };
 
-void add_sweep(const Scene& scene, const StreetSpace::Seen& seen, const Eigen::Matrix4d& street_from_world,
-               Static& out) {
-  const ActorSpace actors(scene, seen.sweep.timestamp);
-  const Eigen::Vector3d lidar = seen.sweep.world_from_lidar.block<3, 1>(0, 3), up = scene.up.normalized();
+void add_sweep(const Scene& scene, const LoadedSweep& seen, const Eigen::Matrix4d& street_from_world, Static& out) {
+  const ActorSpace actors(scene, seen.sweep->timestamp);
+  const Eigen::Vector3d lidar = seen.sweep->world_from_lidar.block<3, 1>(0, 3), up = scene.up.normalized();
   std::vector<double> elevations;
   Points kept;
   for (std::size_t i = 0; i < seen.points.size(); ++i) {
@@ -88,12 +87,17 @@ StreetSpace::StreetSpace(const Scene& scene, const StreetSpaceOptions& options) 
   street_from_world_.topLeftCorner<3, 3>() = axes;
   street_from_world_.topRightCorner<3, 1>() = -middle;
   track_ = {track.low - middle, track.high - middle};
-  const Eigen::Vector3d low(options.along, options.sideways, options.below),
-      high(options.along, options.sideways, options.above);
-  const Bounds all{track_.low - low, track_.high + high};
+  const Bounds all = reach();
   lay(all, {all.low / 2, all.high / 2});
   std::fill(cells_.begin(), cells_.end(), 1);
   upload();
+}
+
+/// What counts around the track.
+StreetSpace::Bounds StreetSpace::reach() const {
+  const Eigen::Vector3d low(options_.along, options_.sideways, options_.below),
+      high(options_.along, options_.sideways, options_.above);
+  return {track_.low - low, track_.high + high};
 }
 
 std::array<int, 3> StreetSpace::counts() const {
@@ -217,23 +221,21 @@ void StreetSpace::dilate() {
   }
 }
 
-void StreetSpace::look(const Scene& scene, const std::vector<Seen>& sweeps) {
+void StreetSpace::look(const Scene& scene, const std::vector<LoadedSweep>& sweeps) {
   Static seen;
-  for (const Seen& sweep : sweeps) add_sweep(scene, sweep, street_from_world_, seen);
+  for (const LoadedSweep& sweep : sweeps) add_sweep(scene, sweep, street_from_world_, seen);
   if (seen.points.empty()) return;
-  const Eigen::Vector3d low(options_.along, options_.sideways, options_.below),
-      high(options_.along, options_.sideways, options_.above);
-  Bounds reach{track_.low - low, track_.high + high}, middle;
+  Bounds all = reach(), middle;
   for (int axis = 0; axis < 3; ++axis) {
     std::vector<double> values;
     for (const Eigen::Vector3d& p : seen.points) values.push_back(p[axis]);
     const auto [least, most] = std::minmax_element(values.begin(), values.end());
-    reach.low[axis] = std::max(reach.low[axis], *least - 1);
-    if (axis < 2) reach.high[axis] = std::min(reach.high[axis], *most + 1);
-    middle.low[axis] = std::max(reach.low[axis], quantile(values, kMiddle));
-    middle.high[axis] = std::min(reach.high[axis], quantile(values, 1 - kMiddle));
+    all.low[axis] = std::max(all.low[axis], *least - 1);
+    if (axis < 2) all.high[axis] = std::min(all.high[axis], *most + 1);
+    middle.low[axis] = std::max(all.low[axis], quantile(values, kMiddle));
+    middle.high[axis] = std::min(all.high[axis], quantile(values, 1 - kMiddle));
   }
-  lay(reach, middle);
+  lay(all, middle);
   mark(seen.points);
   raise(seen.tops, scene);
   dilate();
@@ -256,16 +258,6 @@ void StreetSpace::upload() {
   grid_.cells = from_host(cells_, {n[2], n[1], n[0]});
   grid_.blocks = from_host(blocks, {b[2], b[1], b[0]});
   grid_.numbers = from_host(std::vector<float>(numbers_.begin(), numbers_.end()), {16});
-}
-
-bool StreetSpace::occupied(const Eigen::Vector3d& point) const {
-  const Voxels voxels{numbers_, counts()};
-  const auto c = voxels.at(point);
-  return c && cells_[voxels.place((*c)[0], (*c)[1], (*c)[2])] != 0;
-}
-
-double StreetSpace::occupied_share() const {
-  return static_cast<double>(std::count(cells_.begin(), cells_.end(), 1)) / static_cast<double>(cells_.size());
 }
 
 TensorMap StreetSpace::state() const {

@@ -2,9 +2,8 @@
 #pragma once
 #include <array>
 
+#include "models/batches/log_source.h"
 #include "models/io/safetensors.h"
-#include "models/scene/lidar_points.h"
-#include "models/scene/scene.h"
 #include "runtime/ops.h"
 #include "runtime/ops/street.h"
 
@@ -22,20 +21,13 @@ class StreetSpace {
  public:
   /// The axes alone: every voxel counts as occupied until look() or restore().
   StreetSpace(const Scene& scene, const StreetSpaceOptions& options);
-  /// `sweeps`: points in the scene's world frame and where the LiDAR was. Points within boxes of actors are left out. A
+  /// Points of the sweeps within boxes of actors are left out. A
   /// wall that is seen up to the upper edge of the LiDAR's sight goes on above it: by a storey, and as far as training
   /// images look.
-  struct Seen {
-    const Sweep& sweep;
-    const LidarPoints& points;
-  };
-  void look(const Scene& scene, const std::vector<Seen>& sweeps);
+  void look(const Scene& scene, const std::vector<LoadedSweep>& sweeps);
 
   const Eigen::Matrix4d& street_from_world() const { return street_from_world_; }
   const StreetGrid& grid() const { return grid_; }
-  /// Is the voxel at this point (street axes, metres) occupied? Outside the grid: no.
-  bool occupied(const Eigen::Vector3d& point) const;
-  double occupied_share() const;
   /// Tensors "cells" (bits) and "numbers".
   TensorMap state() const;
   void restore(const TensorMap& state);
@@ -44,6 +36,7 @@ class StreetSpace {
   struct Bounds {
     Eigen::Vector3d low, high;
   };
+  Bounds reach() const;
   std::array<int, 3> counts() const;
   void lay(const Bounds& grid, const Bounds& middle);
   void mark(const std::vector<Eigen::Vector3d>& points);

@@ -11,10 +11,6 @@ namespace {
 
 constexpr int64_t kBlock = 4096;  // rays
 
-struct Size {
-  int width, height;
-};
-
 /// All blocks side by side, on the host.
 struct Everything {
   std::vector<float> features, light, depth, opacity, actor_opacity;
@@ -45,23 +41,22 @@ Everything look(const StreetPainter& painter, const RayList& rays) {
 
 /// Every value of a map for the scale x scale pixels that it stands for, cut to the picture.
 template <class T>
-std::vector<T> spread(const std::vector<T>& map, int scale, const Size& size) {
-  const int columns = (size.width + scale - 1) / scale;
+std::vector<T> spread(const std::vector<T>& map, int scale, const Camera& size) {
+  const int64_t columns = cells_of(size, scale).columns;
   std::vector<T> out;
   for (int y = 0; y < size.height; ++y)
-    for (int x = 0; x < size.width; ++x) out.push_back(map[static_cast<size_t>((y / scale) * columns + x / scale)]);
+    for (int x = 0; x < size.width; ++x) out.push_back(map[static_cast<size_t>(y / scale * columns + x / scale)]);
   return out;
 }
 
 /// Rays by rows and columns to [1,C,rows,columns].
-Tensor map_of(const std::vector<float>& values, int scale, const Size& size) {
-  const int64_t rows = (size.height + scale - 1) / scale, columns = (size.width + scale - 1) / scale;
-  return permute(from_host(values, {1, rows, columns, static_cast<int64_t>(values.size()) / (rows * columns)}),
-                 {0, 3, 1, 2});
+Tensor map_of(const std::vector<float>& values, const Region& cells) {
+  const int64_t channels = static_cast<int64_t>(values.size()) / (cells.rows * cells.columns);
+  return permute(from_host(values, {1, cells.rows, cells.columns, channels}), {0, 3, 1, 2});
 }
 
 /// [1,C,h,w], cut to the picture, as [H,W,C].
-std::vector<float> pixels_of(const Tensor& image, const Size& size) {
+std::vector<float> pixels_of(const Tensor& image, const Camera& size) {
   const Tensor cut = slice(slice(image, 2, 0, size.height), 3, 0, size.width);
   return permute(reshape(cut, {image.dim(1), size.height, size.width}), {1, 2, 0}).to_host();
 }
@@ -69,11 +64,12 @@ std::vector<float> pixels_of(const Tensor& image, const Size& size) {
 }  // namespace
 
 Picture street_picture(const StreetPainter& painter, const View& view, const StreetSpace& space) {
-  const Size size = {view.camera.width, view.camera.height};
+  const Camera& size = view.camera;
+  const Region cells = cells_of(size, painter.scale);
   RayList rays;
-  add_view(rays, view, space, painter.scale);
+  add_cells(rays, size, space.street_from_world() * view.world_from_camera, view.time, cells, painter.scale);
   const Everything all = look(painter, rays);
-  const auto map = [&](const std::vector<float>& values) { return map_of(values, painter.scale, size); };
+  const auto map = [&](const std::vector<float>& values) { return map_of(values, cells); };
   Picture out{size.width, size.height, {}, {}, {}, {}};
   out.rgb = pixels_of(painter.image(map(all.features), map(all.light)), size);
   out.depth = spread(all.depth, painter.scale, size);
@@ -96,20 +92,15 @@ LidarReturns street_returns(const StreetPainter& painter, const WorldRays& rays,
 }
 
 Picture asset_picture(const StreetPainter& painter, const Camera& camera, const Eigen::Matrix4d& box_from_camera) {
-  const Size size = {camera.width, camera.height};
-  const int scale = painter.scale;
+  const Region cells = cells_of(camera, painter.scale);
   RayList rays;
-  rays.times.push_back(0);
-  for (int y = 0; y < (size.height + scale - 1) / scale; ++y)
-    for (int x = 0; x < (size.width + scale - 1) / scale; ++x)
-      rays.add(box_from_camera.block<3, 1>(0, 3),
-               box_from_camera.topLeftCorner<3, 3>() * direction(camera, {(x + 0.5) * scale, (y + 0.5) * scale}));
+  add_cells(rays, camera, box_from_camera, 0, cells, painter.scale);
   const Everything all = look(painter, rays);
-  const Tensor image = painter.image(map_of(all.features, scale, size), Tensor());
-  const Tensor covered = resize_bilinear(map_of(all.actor_opacity, scale, size), image.dim(2), image.dim(3));
-  Picture out{size.width, size.height, {}, {}, {}, {}};
-  out.rgb = pixels_of(image * covered + (1.f - covered), size);
-  out.opacity = pixels_of(covered, size);
+  const Tensor image = painter.image(map_of(all.features, cells), Tensor());
+  const Tensor covered = resize_bilinear(map_of(all.actor_opacity, cells), image.dim(2), image.dim(3));
+  Picture out{camera.width, camera.height, {}, {}, {}, {}};
+  out.rgb = pixels_of(image * covered + (1.f - covered), camera);
+  out.opacity = pixels_of(covered, camera);
   return out;
 }
 

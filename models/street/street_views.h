@@ -3,8 +3,9 @@
 #pragma once
 #include <functional>
 
+#include "models/batches/log_source.h"
 #include "models/street/street.h"
-#include "models/street/street_data.h"
+#include "models/street/street_space.h"
 
 namespace cloam {
 

@@ -20,6 +20,7 @@ struct Range {
 constexpr double kNoLimit = 1e30;  // numbers beyond are no settings but mistakes
 constexpr Range kFromZero = {0, kNoLimit};
 constexpr Range kShareBelowOne = {0, 0.9999};
+constexpr Range kSteps = {1, 1 << 30}, kStepsOrNone = {0, 1 << 30};
 constexpr Range kMetres = {0.001, 1000};  // between samples, of a voxel
 
 struct ConfigEntry {
@@ -32,10 +33,11 @@ struct ConfigEntry {
 /// The settings of one method, in the order declared.
 class Config {
  public:
-  /// Declares a setting and binds it to its variable: a later set() writes the variable too. Numbers have a range, so
-  /// that what is made of them can be made: each alone; what they need together the memory budget decides.
+  /// Declares a setting and binds it to its variable: a later set() writes the variable too. Numbers have a range
+  /// (floats without: from 0 on), so that what is made of them can be made: each alone; what they need together the
+  /// memory budget decides.
   void bind(const std::string& key, int& variable, const std::string& help, const Range& range);
-  void bind(const std::string& key, float& variable, const std::string& help, const Range& range);
+  void bind(const std::string& key, float& variable, const std::string& help, const Range& range = kFromZero);
   void bind(const std::string& key, bool& variable, const std::string& help);
   void bind(const std::string& key, std::string& variable, const std::string& help);
   /// Parses `value` as the type of the setting. Old names are known, too (old_names.h).

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "models/io/share.h"
+
 namespace cloam {
 
 /// Where training stands. horizon: the number of steps that schedules are stretched over (0 until it is chosen). A
@@ -14,6 +16,7 @@ struct Progress {
   int64_t step = 0;  // 1 is the first
   int64_t horizon = 0;
   uint64_t seed = 0;
+  Share share = {};  // of each step's batch
   /// 0 at the start, 1 from the horizon on; 0 as long as no horizon is chosen.
   float fraction() const {
     return horizon > 0 ? std::min(1.f, static_cast<float>(step) / static_cast<float>(horizon)) : 0.f;

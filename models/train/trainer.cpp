@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <iterator>
-#include <set>
 
 #include "models/io/checkpoint.h"
 #include "models/io/tensors.h"
@@ -45,6 +44,77 @@ void eval_step(const Step& step) {
   eval(results);
 }
 
+/// When to save, and what it takes.
+class Saving {
+ public:
+  Saving(const Method& method, const TrainOptions& options) : method_(method), options_(options) {}
+  bool is_due(int64_t step, double now) const {
+    if (options_.save_every > 0) return step % options_.save_every == 0;
+    return now - saved_at_ >= std::max(options_.save_seconds, cost() / kSavingShare);
+  }
+  /// To be on the safe side.
+  double seconds() const { return cost_ > 0 ? 1.5 * cost_ : cost(); }
+  void saved(double begun, double now) {
+    saved_at_ = now;
+    cost_ = std::max(cost_, now - begun);
+  }
+
+ private:
+  /// Reading back, checksums and fsync go at some 100 MB/s; measured once a save has been made.
+  double cost() const { return cost_ > 0 ? cost_ : 0.5 + 3e-8 * static_cast<double>(method_.memory({}).parameters); }
+
+  const Method& method_;
+  const TrainOptions& options_;
+  double cost_ = 0, saved_at_ = 0;
+};
+
+/// How the time of a training is spent: what the steps that are left take, and the horizon that follows from a budget.
+class TimePlan {
+ public:
+  TimePlan(const TrainOptions& options, const Grows* grows) : options_(options), grows_(grows) {}
+  double seconds() const { return options_.clock() - start_; }
+  void add_step(double seconds) { pace_.add(seconds); }
+  bool by_budget() const { return options_.time_budget_seconds && !options_.steps; }
+  double budget_left() const { return *options_.time_budget_seconds - since_process_start(); }
+  bool is_up(double last_seconds) const {
+    return options_.time_budget_seconds && since_process_start() + last_seconds >= *options_.time_budget_seconds;
+  }
+  /// From here to a step of a training that stands like this.
+  std::optional<double> seconds_to(int64_t step, const Progress& progress) const {
+    return pace_.seconds_for(step - progress.step, (grows_ ? grows_->grows_until(progress) : 0) - progress.step);
+  }
+  void choose_horizon(Progress& progress, double saving_seconds);
+
+ private:
+  double since_process_start() const { return options_.seconds_before + seconds(); }
+
+  const TrainOptions& options_;
+  const Grows* grows_;
+  double start_ = options_.clock();
+  int64_t next_plan_ = 0;  // step
+  StepPace pace_;          // saving and telling included
+};
+
+/// The largest whose steps are made in time. Steps get faster as scenes become solid: each time that half of what was
+/// planned is made, it is chosen again.
+void TimePlan::choose_horizon(Progress& progress, double saving_seconds) {
+  if (progress.step < next_plan_) return;
+  const double budget = *options_.time_budget_seconds, now = since_process_start();
+  if (now < budget * kTimingShare) return;
+  const double left = kCaution * (budget - now) - saving_seconds;
+  const auto fits = [&](int64_t steps) {
+    Progress then = progress;
+    then.horizon = progress.step + steps;
+    return seconds_to(then.horizon, then).value_or(left + 1) <= left;
+  };
+  if (!seconds_to(progress.step + 1, progress)) return;
+  int64_t few = 1, many = 2;
+  while (fits(many)) few = many, many *= 2;
+  while (many - few > 1) (fits((few + many) / 2) ? few : many) = (few + many) / 2;
+  progress.horizon = progress.step + few;
+  next_plan_ = progress.step + std::max(few / 2, kLeastPlanned);
+}
+
 class Loop {
  public:
   Loop(const TrainRun& run, const TrainOptions& options, const TrainListener& listener)
@@ -52,46 +122,35 @@ class Loop {
         options_(options),
         listener_(listener),
         grows_(as<Grows>(run.method)),
-        optimiser_(run.method.parameters(), run.method.groups()) {}
+        optimiser_(run.method.parameters(), run.method.groups()),
+        time_(options, grows_),
+        saving_(run.method, options) {}
   TrainResult train();
 
  private:
-  double seconds() const { return options_.clock() - start_; }
   void begin();
   void one_step();
-  void choose_horizon();
   bool finished();
   int64_t end() const;
-  bool save_is_due() const;
   void require_finite();
   [[noreturn]] void diverged(const std::string& what) const;
   void save();
-  std::optional<double> seconds_to(int64_t step, const Progress& progress) const;
   std::optional<double> seconds_left() const;
-  double since_process_start() const { return options_.seconds_before + seconds(); }
-  double save_cost() const;
-  double saving_seconds() const;  // to be on the safe side
-  bool time_is_up() const {
-    return options_.time_budget_seconds &&
-           since_process_start() + saving_seconds() + step_seconds_ >= *options_.time_budget_seconds;
-  }
 
   const TrainRun& run_;
   const TrainOptions& options_;
   const TrainListener& listener_;
   Grows* grows_;  // null: parameters keep their rows
   Optimiser optimiser_;
+  TimePlan time_;
+  Saving saving_;
   std::map<std::string, double> figures_;  // of the last step
   Progress progress_;
-  double start_ = options_.clock();
   TrainResult result_;
   bool planning_ = false;  // the horizon follows from a time budget
-  int64_t next_plan_ = 0;  // step
   int64_t next_look_ = 0;  // step that looks at the parameters; the first compiles what that takes
-  StepPace pace_;          // saving and telling included
-  double step_seconds_ = 0, save_cost_ = 0;
+  double step_seconds_ = 0;
   int64_t saved_step_ = -1;
-  double saved_at_ = 0;
 };
 
 void Loop::begin() {
@@ -102,40 +161,12 @@ void Loop::begin() {
     optimiser_.restore(with_prefix(run_.resume->tensors, kOptimiser));
     saved_step_ = progress_.step;
   }
-  const bool by_time = options_.time_budget_seconds && !options_.steps;
-  planning_ = progress_.horizon == 0 && by_time;
-  if (progress_.horizon == 0 && !by_time) progress_.horizon = options_.steps.value_or(options_.default_steps);
+  planning_ = progress_.horizon == 0 && time_.by_budget();
+  if (progress_.horizon == 0 && !planning_) progress_.horizon = options_.steps.value_or(options_.default_steps);
 }
-
-/// The largest whose steps are made in time. Steps get faster as scenes become solid: each time that half of what was
-/// planned is made, it is chosen again.
-void Loop::choose_horizon() {
-  if (!planning_ || progress_.step < next_plan_) return;
-  const double budget = *options_.time_budget_seconds, now = since_process_start();
-  if (now < budget * kTimingShare) return;
-  const double left = kCaution * (budget - now) - saving_seconds();
-  const auto fits = [&](int64_t steps) {
-    Progress then = progress_;
-    then.horizon = progress_.step + steps;
-    return seconds_to(then.horizon, then).value_or(left + 1) <= left;
-  };
-  if (!seconds_to(progress_.step + 1, progress_)) return;
-  int64_t few = 1, many = 2;
-  while (fits(many)) few = many, many *= 2;
-  while (many - few > 1) (fits((few + many) / 2) ? few : many) = (few + many) / 2;
-  progress_.horizon = progress_.step + few;
-  next_plan_ = progress_.step + std::max(few / 2, kLeastPlanned);
-}
-
-/// Reading back, checksums and fsync go at some 100 MB/s; measured once a save has been made.
-double Loop::save_cost() const {
-  return save_cost_ > 0 ? save_cost_ : 0.5 + 3e-8 * static_cast<double>(run_.method.memory({}).parameters);
-}
-
-double Loop::saving_seconds() const { return save_cost_ > 0 ? 1.5 * save_cost_ : save_cost(); }
 
 void Loop::one_step() {
-  const double before = seconds();
+  const double before = time_.seconds();
   progress_.step++;
   const Step step = take_step(run_.method, optimiser_, progress_);
   figures_.clear();
@@ -150,7 +181,7 @@ void Loop::one_step() {
   const RowMoves moves = grows_ ? grows_->grow(progress_) : RowMoves{};
   if (!moves.empty()) optimiser_.move_rows(run_.method.parameters(), moves, run_.method.groups());
   profile_step();
-  step_seconds_ = seconds() - before;
+  step_seconds_ = time_.seconds() - before;
 }
 
 /// The last step; 0 while unknown. A training that was finished may have been given more than its horizon.
@@ -160,7 +191,7 @@ int64_t Loop::end() const {
 
 bool Loop::finished() {
   result_.interrupted = run_.stop && *run_.stop != 0;
-  result_.out_of_time = time_is_up() && end() != progress_.step;
+  result_.out_of_time = time_.is_up(saving_.seconds() + step_seconds_) && end() != progress_.step;
   const bool stop_here = options_.stop_after > 0 && progress_.step >= options_.stop_after;
   return result_.interrupted || result_.out_of_time || stop_here || (end() > 0 && progress_.step >= end());
 }
@@ -178,14 +209,9 @@ void Loop::require_finite() {
   if (!optimiser_.finite(run_.method.parameters())) diverged("a parameter became NaN or infinite");
 }
 
-bool Loop::save_is_due() const {
-  if (options_.save_every > 0) return progress_.step % options_.save_every == 0;
-  return seconds() - saved_at_ >= std::max(options_.save_seconds, save_cost() / kSavingShare);
-}
-
 void Loop::save() {
   require_finite();
-  const double before = seconds();
+  const double before = time_.seconds();
   SafetensorsFile file;
   for (const auto& [name, p] : run_.method.parameters()) file.tensors[kParameter + name] = named(p);
   add_prefixed(file.tensors, optimiser_.state(), kOptimiser);
@@ -196,47 +222,41 @@ void Loop::save() {
   file.metadata["seed"] = std::to_string(progress_.seed);
   result_.checkpoint = save_checkpoint(run_.checkpoints, progress_.step, file);
   saved_step_ = progress_.step;
-  saved_at_ = seconds();
-  save_cost_ = std::max(save_cost_, saved_at_ - before);
+  saving_.saved(before, time_.seconds());
   listener_.checkpoint(progress_.step, result_.checkpoint);
 }
 
-/// From here to a step of a training that stands like this.
-std::optional<double> Loop::seconds_to(int64_t step, const Progress& progress) const {
-  return pace_.seconds_for(step - progress.step, (grows_ ? grows_->grows_until(progress) : 0) - progress.step);
-}
-
 std::optional<double> Loop::seconds_left() const {
-  if (progress_.horizon == 0) return *options_.time_budget_seconds - since_process_start();
+  if (progress_.horizon == 0) return time_.budget_left();
   const int64_t last = options_.stop_after > 0 ? std::min(options_.stop_after, end()) : end();
-  const std::optional<double> steps = seconds_to(last, progress_);
-  return steps ? std::optional(*steps + saving_seconds()) : std::nullopt;
+  const std::optional<double> steps = time_.seconds_to(last, progress_);
+  return steps ? std::optional(*steps + saving_.seconds()) : std::nullopt;
 }
 
 TrainResult Loop::train() {
   begin();
   const int64_t warm = progress_.step + kFirstSteps;
-  for (double before = seconds(), now = before; !finished(); before = now) {
+  for (double before = time_.seconds(), now = before; !finished(); before = now) {
     one_step();
-    now = seconds();
-    if (progress_.step > warm) pace_.add(now - before);
-    choose_horizon();
-    listener_.step({progress_, end(), result_.loss, seconds(), step_seconds_, seconds_left(), figures_});
-    if (save_is_due()) save();
+    now = time_.seconds();
+    if (progress_.step > warm) time_.add_step(now - before);
+    if (planning_) time_.choose_horizon(progress_, saving_.seconds());
+    listener_.step({progress_, end(), result_.loss, time_.seconds(), step_seconds_, seconds_left(), figures_});
+    if (saving_.is_due(progress_.step, time_.seconds())) save();
   }
   if (saved_step_ != progress_.step) save();
   result_.step = progress_.step;
   result_.horizon = progress_.horizon;
   result_.end = end();
-  result_.seconds = seconds();
+  result_.seconds = time_.seconds();
   return result_;
 }
 
-void compare_names(const std::set<std::string>& wanted, const std::set<std::string>& found) {
+void compare_names(const Params& wanted, const TensorMap& found) {
   std::string message;
-  for (const std::string& name : wanted)
+  for (const auto& [name, p] : wanted)
     if (!found.contains(name)) message += text("\n  missing: ", name);
-  for (const std::string& name : found)
+  for (const auto& [name, t] : found)
     if (!wanted.contains(name)) message += text("\n  not in this model: ", name);
   if (!message.empty())
     throw Error(Fault::data, text("the checkpoint does not fit the model:", message,
@@ -281,10 +301,7 @@ TensorMap row_steps_in(const SafetensorsFile& checkpoint) {
 Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {
   const TensorMap stored = parameters_in(checkpoint);
   if (auto* grows = as<Grows>(method)) grows->fit_to(stored);
-  std::set<std::string> wanted, found;
-  for (const auto& [name, p] : method.parameters()) wanted.insert(name);
-  for (const auto& [name, t] : stored) found.insert(name);
-  compare_names(wanted, found);
+  compare_names(method.parameters(), stored);
   std::vector<std::pair<Tensor, Tensor>> updates;
   for (auto& [name, p] : method.parameters()) updates.push_back({p, tensor_from(stored, name, p.shape())});
   assign(updates);

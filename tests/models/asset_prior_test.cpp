@@ -9,7 +9,7 @@
 #include <set>
 
 #include "models/io/tensors.h"
-#include "models/methods/asset_codes.h"
+#include "models/methods/code_set.h"
 #include "models/methods/diffusion.h"
 #include "models/runs/restore_run.h"
 #include "models/train/trainer.h"

@@ -1,11 +1,12 @@
 // What a step gets of a log: pixels and the rays that look through them, returns and where they lie.
-#include "models/street/street_data.h"
+#include "models/batches/log_source.h"
 
 #include <doctest/doctest.h>
 
 #include <algorithm>
 #include <cmath>
 
+#include "models/street/street_space.h"
 #include "runtime/error.h"
 #include "tests/models/toy_street.h"
 
@@ -40,13 +41,13 @@ TEST_CASE("patches: rays look through the middle of the pixels that they stand f
   const StreetSpace space(scene, {});
   for (const int scale : {1, 2, 4}) {
     CAPTURE(scale);
-    const StreetData data(scene, toy_pixels(scene), {}, scale);
+    const LogSource data(scene, toy_pixels(scene), {}, {space.street_from_world(), scale});
     CHECK(data.patch_side(100) == 24 / scale);
     CHECK(data.patch_side(3) == 3);
     HostRandom random(1, 2);
     RayList rays;
     const int64_t count = 6, side = 5, pixels = side * scale;
-    const Tensor image = data.add_patches(rays, space, random, count, side);
+    const Tensor image = data.add_patches(rays, random, count, side, {});
     CHECK(image.shape() == Shape{count, 3, pixels, pixels});
     const std::vector<float> truth = image.to_host();
     REQUIRE(rays.count() == count * side * side);
@@ -83,13 +84,13 @@ TEST_CASE("patches: the actors that their rays meet are marked, and those out of
   scene.actors[4].boxes.resize(1);
   scene.actors[4].boxes[0].timestamp = 7;
   const StreetSpace space(scene, {});
-  const StreetData data(scene, toy_pixels(scene), {}, 1);
+  const LogSource data(scene, toy_pixels(scene), {}, {space.street_from_world(), 1});
   const Eigen::Matrix4d world_from_street = space.street_from_world().inverse();
   std::size_t marked = 0, met = 0;
   for (uint64_t step = 0; step < 60; ++step) {
     HostRandom random(3, step);
     RayList rays;
-    (void)data.add_patches(rays, space, random, 1 + int64_t(step) % 2, 6);
+    (void)data.add_patches(rays, random, 1 + int64_t(step) % 2, 6, {});
     REQUIRE(rays.actors.size() == scene.actors.size());
     CHECK_FALSE(rays.actors[2]);
     CHECK_FALSE(rays.actors[4]);
@@ -112,7 +113,7 @@ TEST_CASE("returns lie where the LiDAR saw them, and not on actors that are left
   const Folder folder;
   Scene scene = toy_street(folder.path, {.frames = 3});
   scene.actors = {toy_actor("ahead", {2, 4, 3}, 12, 0), toy_actor("behind", {2, 2, 2}, -9, 0)};
-  std::vector<StreetData::LoadedSweep> sweeps;
+  std::vector<LoadedSweep> sweeps;
   for (const Sweep& sweep : scene.sweeps) {
     LidarPoints points = load_sweep(scene, sweep);
     for (std::size_t i = 0; i < points.size(); i += 2) {  // half of all on the one behind, a quarter on the one ahead
@@ -124,15 +125,14 @@ TEST_CASE("returns lie where the LiDAR saw them, and not on actors that are left
   }
   sweeps.push_back({&scene.sweeps[0], {}});  // of nothing
   const StreetSpace space(scene, {});
-  const StreetData data(scene, toy_pixels(scene), std::move(sweeps), 1);
-  CHECK(data.has_lidar());
-  CHECK(data.seen().size() == 3);
+  const LogSource data(scene, toy_pixels(scene), std::move(sweeps), {space.street_from_world(), 1});
+  CHECK(data.sweeps().size() == 3);
   HostRandom random(1, 1);
   RayList rays;
-  (void)data.add_patches(rays, space, random, 4, 24);  // whole pictures' height
+  (void)data.add_patches(rays, random, 4, 24, {});  // whole pictures' height
   REQUIRE((rays.actors[0] && !rays.actors[1]));
   const auto first = static_cast<std::size_t>(rays.count());
-  data.add_returns(rays, space, random, 400);
+  data.add_returns(rays, random, 400, {});
   const auto last = static_cast<std::size_t>(rays.count());
   CHECK(last > first + 200);
   CHECK(last < first + 380);
@@ -152,7 +152,7 @@ TEST_CASE("returns lie where the LiDAR saw them, and not on actors that are left
 TEST_CASE("images smaller than the pixels that a ray stands for, and logs without images, are errors") {
   const Folder folder;
   const Scene scene = toy_street(folder.path);
-  const StreetData data(scene, toy_pixels(scene), {}, 64);
+  const LogSource data(scene, toy_pixels(scene), {}, {Eigen::Matrix4d::Identity(), 64});
   CHECK_THROWS_AS((void)data.patch_side(8), Error);
-  CHECK_THROWS_AS(StreetData(scene, Pixels{}, {}, 1), Error);
+  CHECK_THROWS_AS(LogSource(scene, Pixels{}, {}, {Eigen::Matrix4d::Identity(), 1}), Error);
 }

@@ -1,5 +1,5 @@
-// See street_data.h.
-#include "models/street/street_data.h"
+// See log_source.h.
+#include "models/batches/log_source.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -43,40 +43,48 @@ RayList part_of(const RayList& rays, int64_t begin, int64_t end) {
   return out;
 }
 
-void add_view(RayList& rays, const View& view, const StreetSpace& space, int scale) {
-  const Eigen::Matrix4d street_from_camera = space.street_from_world() * view.world_from_camera;
-  const Eigen::Vector3d origin = street_from_camera.block<3, 1>(0, 3);
-  rays.times.push_back(view.time);
-  const int rows = (view.camera.height + scale - 1) / scale, columns = (view.camera.width + scale - 1) / scale;
-  for (int y = 0; y < rows; ++y)
-    for (int x = 0; x < columns; ++x)
-      rays.add(origin, rotate(street_from_camera, direction(view.camera, {(x + 0.5) * scale, (y + 0.5) * scale})));
+Region cells_of(const Camera& camera, int scale) {
+  return {0, 0, (camera.width + scale - 1) / scale, (camera.height + scale - 1) / scale};
 }
 
-StreetData::StreetData(const Scene& scene, Pixels pixels, std::vector<LoadedSweep> sweeps, int scale)
-    : scene_(scene), pixels_(std::move(pixels)), sweeps_(std::move(sweeps)), scale_(scale) {
+void add_cells(RayList& rays, const Camera& camera, const Eigen::Matrix4d& log_from_camera, double time,
+               const Region& region, int scale) {
+  const Eigen::Vector3d origin = log_from_camera.block<3, 1>(0, 3);
+  rays.times.push_back(time);
+  for (int64_t y = region.y; y < region.y + region.rows; ++y)
+    for (int64_t x = region.x; x < region.x + region.columns; ++x)
+      rays.add(origin, rotate(log_from_camera, direction(camera, {(static_cast<double>(x) + 0.5) * scale,
+                                                                  (static_cast<double>(y) + 0.5) * scale})));
+}
+
+LogSource::LogSource(const Scene& scene, Pixels pixels, std::vector<LoadedSweep> sweeps, const LogRays& axes)
+    : scene_(scene),
+      pixels_(std::move(pixels)),
+      sweeps_(std::move(sweeps)),
+      log_from_world_(axes.log_from_world),
+      scale_(axes.scale) {
   if (pixels_.frames.empty())
     throw Error(Fault::data, text(scene.root.string(), ": no image of this log is in the training split"));
   std::erase_if(sweeps_, [](const LoadedSweep& sweep) { return sweep.points.size() == 0; });
 }
 
-int64_t StreetData::patch_side(int64_t wanted) const {
+int64_t LogSource::patch_side(int64_t wanted) const {
   for (const Camera& camera : pixels_.cameras)
     wanted = std::min<int64_t>(wanted, std::min(camera.width, camera.height) / scale_);
   if (wanted < 1) throw Error(Fault::data, text("images are smaller than the ", scale_, " pixels that a ray covers"));
   return wanted;
 }
 
-StreetData::Corner StreetData::random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const {
+LogSource::Corner LogSource::random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const {
   const auto columns = static_cast<size_t>(photo.width / scale_ - side + 1),
              rows = static_cast<size_t>(photo.height / scale_ - side + 1);
   return {static_cast<int64_t>(random.below(columns)), static_cast<int64_t>(random.below(rows))};
 }
 
 /// A patch that holds the middle of some actor in sight; a random one where there is none.
-StreetData::Corner StreetData::corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const {
+LogSource::Corner LogSource::corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const {
   const Frame& frame = scene_.frames[photo.frame];
-  const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
+  const Camera& camera = camera_of(photo);
   const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
   std::vector<Eigen::Vector2d> middles;
   for (const Actor& actor : scene_.actors) {
@@ -97,9 +105,9 @@ StreetData::Corner StreetData::corner_near_actor(const FramePixels& photo, HostR
 }
 
 /// Those whose boxes, twice as wide and long for their shadows, have a corner region that meets the patch.
-void StreetData::mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const {
+void LogSource::mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const {
   const Frame& frame = scene_.frames[photo.frame];
-  const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
+  const Camera& camera = camera_of(photo);
   const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
   for (size_t a = 0; a < scene_.actors.size(); ++a) {
     const auto pose = world_from_box_at(scene_.actors[a], frame.timestamp.value_or(0));
@@ -123,18 +131,10 @@ void StreetData::mark_actors(RayList& rays, const FramePixels& photo, const Regi
   }
 }
 
-void StreetData::add_region(RayList& rays, const StreetSpace& space, const FramePixels& photo, const Region& region,
-                            float* truth) const {
+void LogSource::add_region(RayList& rays, const FramePixels& photo, const Region& region, float* truth) const {
   const Frame& frame = scene_.frames[photo.frame];
-  const Camera& camera = pixels_.cameras[static_cast<size_t>(photo.camera)];
-  const Eigen::Matrix4d street_from_camera = space.street_from_world() * frame.world_from_camera;
-  const Eigen::Vector3d origin = street_from_camera.block<3, 1>(0, 3);
-  rays.times.push_back(frame.timestamp.value_or(0));
-  mark_actors(rays, photo, region);
-  for (int64_t y = region.y; y < region.y + region.rows; ++y)
-    for (int64_t x = region.x; x < region.x + region.columns; ++x)
-      rays.add(origin, rotate(street_from_camera, direction(camera, {(static_cast<double>(x) + 0.5) * scale_,
-                                                                     (static_cast<double>(y) + 0.5) * scale_})));
+  add_cells(rays, camera_of(photo), log_from_world_ * frame.world_from_camera, frame.timestamp.value_or(0), region,
+            scale_);
   const int64_t width = region.columns * scale_, height = region.rows * scale_;
   for (int64_t y = 0; y < height; ++y)
     for (int64_t x = 0; x < width; ++x) {
@@ -144,51 +144,49 @@ void StreetData::add_region(RayList& rays, const StreetSpace& space, const Frame
     }
 }
 
-Tensor StreetData::add_patches(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count,
-                               int64_t side) const {
-  const int64_t pixels = side * scale_;
-  std::vector<float> truth(static_cast<size_t>(count * 3 * pixels * pixels));
+Tensor LogSource::add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side,
+                              const Share& share) const {
+  const int64_t pixels = side * scale_, numbers = 3 * pixels * pixels;
+  std::vector<float> truth(static_cast<size_t>(share.size(count) * numbers));
   rays.actors.assign(scene_.actors.size(), false);
   for (int64_t n = 0; n < count; ++n) {
     const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
     const Corner corner = n % 2 == 1 ? corner_near_actor(photo, random, side) : random_corner(photo, random, side);
-    add_region(rays, space, photo, {corner.x, corner.y, side, side},
-               &truth[static_cast<size_t>(n * 3 * pixels * pixels)]);
+    const Region region = {corner.x, corner.y, side, side};
+    mark_actors(rays, photo, region);
+    if (share.holds(n, count)) add_region(rays, photo, region, &truth[size_t((n - share.begin(count)) * numbers)]);
   }
-  return from_host(truth, {count, 3, pixels, pixels});
+  return from_host(truth, {share.size(count), 3, pixels, pixels});
 }
 
-Tensor StreetData::add_image(RayList& rays, const StreetSpace& space, HostRandom& random) const {
+Tensor LogSource::add_image(RayList& rays, HostRandom& random, const Share& share) const {
   (void)patch_side(1);  // an image of no cell is an error
-  const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
-  const int64_t columns = photo.width / scale_, rows = photo.height / scale_;
-  std::vector<float> truth(static_cast<size_t>(3 * columns * rows * scale_ * scale_));
+  std::vector<size_t> of_ranks;
+  for (int64_t rank = 0; rank < share.ranks; ++rank) of_ranks.push_back(random.below(pixels_.frames.size()));
+  const FramePixels& photo = pixels_.frames[of_ranks[static_cast<size_t>(share.rank)]];
+  const Region region = {0, 0, photo.width / scale_, photo.height / scale_};
+  std::vector<float> truth(static_cast<size_t>(3 * region.columns * region.rows * scale_ * scale_));
   rays.actors.assign(scene_.actors.size(), false);
-  add_region(rays, space, photo, {0, 0, columns, rows}, truth.data());
-  return from_host(truth, {1, 3, rows * scale_, columns * scale_});
+  mark_actors(rays, photo, region);
+  add_region(rays, photo, region, truth.data());
+  return from_host(truth, {1, 3, region.rows * scale_, region.columns * scale_});
 }
 
-void StreetData::add_returns(RayList& rays, const StreetSpace& space, HostRandom& random, int64_t count) const {
+void LogSource::add_returns(RayList& rays, HostRandom& random, int64_t count, const Share& share) const {
   const auto parts = static_cast<int64_t>(std::min(kSweepsAStep, sweeps_.size()));
   for (int64_t part = 0; part < parts; ++part) {
     const LoadedSweep& seen = sweeps_[random.below(sweeps_.size())];
-    const Eigen::Matrix4d street_from_world = space.street_from_world();
-    const Eigen::Vector3d lidar = move(street_from_world, seen.sweep->world_from_lidar.block<3, 1>(0, 3));
+    const Eigen::Vector3d lidar = move(log_from_world_, seen.sweep->world_from_lidar.block<3, 1>(0, 3));
     rays.times.push_back(seen.sweep->timestamp);
     const ActorSpace others(scene_, seen.sweep->timestamp, rays.actors);
     for (int64_t i = part; i < count; i += parts) {
       const float* p = &seen.points.positions[3 * random.below(seen.points.size())];
-      const Eigen::Vector3d world(p[0], p[1], p[2]), way = move(street_from_world, world) - lidar;
+      if (!share.holds(i, count)) continue;
+      const Eigen::Vector3d world(p[0], p[1], p[2]), way = move(log_from_world_, world) - lidar;
       if (!rays.actors.empty() && others.holds(world)) continue;
       rays.add(lidar, way.norm() > 1e-3 ? way : Eigen::Vector3d::UnitX(), static_cast<float>(way.norm()));
     }
   }
-}
-
-std::vector<StreetSpace::Seen> StreetData::seen() const {
-  std::vector<StreetSpace::Seen> out;
-  for (const LoadedSweep& sweep : sweeps_) out.push_back({*sweep.sweep, sweep.points});
-  return out;
 }
 
 }  // namespace cloam

@@ -1,0 +1,91 @@
+// See image_source.h.
+#include "models/batches/image_source.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+/// [C,H,W] of [H,W,C] bytes.
+Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int width) {
+  const size_t plane = static_cast<size_t>(height) * static_cast<size_t>(width);
+  std::vector<uint8_t> out(plane * static_cast<size_t>(channels));
+  for (size_t i = 0; i < plane; i++)
+    for (size_t c = 0; c < static_cast<size_t>(channels); c++)
+      out[c * plane + i] = pixels[i * static_cast<size_t>(channels) + c];
+  return from_host(out, {channels, height, width});
+}
+
+}  // namespace
+
+PixelSource::PixelSource(const Scene& scene, const Pixels& pixels, const SceneFrame& frame, const RayRange& range)
+    : frame_(frame), range_(range) {
+  std::vector<int32_t> first_direction, frames;
+  std::vector<float> directions, poses;
+  for (const Camera& camera : pixels.cameras) {
+    first_direction.push_back(static_cast<int32_t>(directions.size() / 3));
+    const std::vector<float> d = unit_directions(camera);
+    directions.insert(directions.end(), d.begin(), d.end());
+  }
+  std::vector<uint8_t> rgba, mask;
+  bool masked = false;
+  for (const FramePixels& f : pixels.frames) masked |= !f.mask.empty();
+  for (const FramePixels& f : pixels.frames) {
+    const size_t count = f.rgba.size() / 4;
+    frames.insert(frames.end(), {static_cast<int32_t>(rgba.size() / 4), static_cast<int32_t>(count),
+                                 first_direction[static_cast<size_t>(f.camera)]});
+    append_pose(poses, scene.frames[f.frame].world_from_camera, frame);
+    rgba.insert(rgba.end(), f.rgba.begin(), f.rgba.end());
+    if (masked && f.mask.empty()) mask.insert(mask.end(), count, 255);
+    mask.insert(mask.end(), f.mask.begin(), f.mask.end());
+  }
+  if (frames.empty()) throw Error(Fault::data, "no training image is left");
+  const auto frame_count = static_cast<int64_t>(pixels.frames.size()),
+             pixel_count = static_cast<int64_t>(rgba.size() / 4);
+  if (pixel_count > int64_t{1} << 29)
+    throw Error(Fault::memory, text(pixel_count, " training pixels are more than fit: use a larger --downscale"));
+  rgba_ = from_host(rgba, {pixel_count, 4});
+  if (masked) mask_ = from_host(mask, {pixel_count});
+  directions_ = from_host(directions, {static_cast<int64_t>(directions.size() / 3), 3});
+  poses_ = from_host(poses, {frame_count, 12});
+  frames_ = from_host(frames, {frame_count, 3});
+}
+
+PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& share) const {
+  const auto own = [&](const Tensor& all) {
+    return share.ranks == 1 ? all : slice(all, 0, share.begin(count), share.end(count));
+  };
+  const Tensor frame = own(random_below({count}, frames_.dim(0), key));
+  const Tensor place = own(random_uniform({count}, {key.seed, key.step, key.stream + 1}));
+  const Tensor record = gather_rows(frames_, frame);
+  const auto column = [&](int i) { return reshape(slice(record, 1, i, i + 1), {share.size(count)}); };
+  const Tensor inside = minimum(cast(place * cast(column(1), DType::f32), DType::i32), column(1) - 1);
+  const Tensor pixel = column(0) + inside;
+  PixelBatch out;
+  out.rays = world_rays(gather_rows(directions_, column(2) + inside), gather_rows(poses_, frame), frame_, range_);
+  out.rgba = cast(gather_rows(rgba_, pixel), DType::f32) * (1.f / 255.f);
+  if (mask_) out.used = cast(gather_rows(mask_, pixel) > 0, DType::f32);
+  return out;
+}
+
+PhotoSource::PhotoSource(const Scene& scene, const Pixels& pixels) {
+  for (const FramePixels& f : pixels.frames)
+    photographs_.push_back({planar(f.rgba, 4, f.height, f.width),
+                            f.mask.empty() ? Tensor() : from_host(f.mask, {f.height, f.width}),
+                            pixels.cameras[static_cast<size_t>(f.camera)], scene.frames[f.frame].world_from_camera});
+  if (photographs_.empty()) throw Error(Fault::data, "no training image is left");
+}
+
+size_t PhotoSource::draw(uint64_t seed, int64_t step, const Share& share) const {
+  const auto count = static_cast<int64_t>(photographs_.size()), place = (step - 1) * share.ranks + share.rank;
+  const std::vector<float> keys = random_uniform({count}, {seed, static_cast<uint32_t>(place / count), 0}).to_host();
+  std::vector<size_t> order(keys.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) { return keys[a] < keys[b]; });
+  return order[static_cast<size_t>(place % count)];
+}
+
+}  // namespace cloam

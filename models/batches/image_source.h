@@ -1,0 +1,53 @@
+// Batches of the training images of a capture, which lie on the device: some pixels, as rays in normalised scene
+// coordinates, or one whole photograph.
+#pragma once
+#include "models/io/share.h"
+#include "models/render/rays.h"
+#include "models/scene/pixels.h"
+
+namespace cloam {
+
+struct PixelBatch {
+  Rays rays;
+  Tensor rgba;  // [R,4] in [0,1], straight alpha
+  Tensor used;  // [R] 1, or 0 where a mask says ignore; empty when there are no masks
+};
+
+/// All training pixels on the device.
+class PixelSource {
+ public:
+  /// Fault::data for no image, Fault::memory for more than 2^29 pixels.
+  PixelSource(const Scene& scene, const Pixels& pixels, const SceneFrame& frame, const RayRange& range);
+  /// The share of `count` pixels at random: a frame, then a pixel in it. streams key.stream and the one after it.
+  PixelBatch draw(int64_t count, const RandomKey& key, const Share& share) const;
+
+ private:
+  SceneFrame frame_;
+  RayRange range_;
+  Tensor rgba_, mask_;  // [P,4], [P] uint8
+  Tensor directions_;   // [D,3] of length 1, camera axes
+  Tensor poses_;        // [N,12] rotation by rows, position (normalised)
+  Tensor frames_;       // [N,3] int32: first pixel, pixels, first direction
+};
+
+struct Photograph {
+  Tensor rgba, mask;  // u8 [4,H,W], [H,W] (empty: all used)
+  Camera camera;
+  Eigen::Matrix4d world_from_camera;
+};
+
+/// All training photographs on the device.
+class PhotoSource {
+ public:
+  /// Fault::data for no image.
+  PhotoSource(const Scene& scene, const Pixels& pixels);
+  const std::vector<Photograph>& photographs() const { return photographs_; }
+  /// The place of a step's photograph, steps counted from 1. Ranks take turns in one order: every photograph once
+  /// before any comes again.
+  size_t draw(uint64_t seed, int64_t step, const Share& share) const;
+
+ private:
+  std::vector<Photograph> photographs_;
+};
+
+}  // namespace cloam

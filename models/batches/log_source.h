@@ -1,0 +1,89 @@
+// What a driving log gives a training step: patches of its images and returns of its LiDAR, as rays in axes of the log.
+#pragma once
+#include "models/io/host_random.h"
+#include "models/io/share.h"
+#include "models/scene/lidar_points.h"
+#include "models/scene/pixels.h"
+#include "runtime/tensor.h"
+
+namespace cloam {
+
+/// Rays side by side. A moment is a time that several of them share.
+struct RayList {
+  std::vector<float> origins, directions;  // [R,3], axes of the log, metres; directions of length 1
+  std::vector<int32_t> moments;            // [R]
+  std::vector<float> ranges;               // [R] metres to what a LiDAR saw; 0: a camera's ray
+  std::vector<double> times;               // of the moments, seconds
+  std::vector<bool> actors;                // which of Scene::actors the rays may meet; empty: all
+  int64_t count() const { return static_cast<int64_t>(moments.size()); }
+  void add(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, float range = 0);
+};
+
+/// Rays [begin, end) with all moments.
+RayList part_of(const RayList& rays, int64_t begin, int64_t end);
+
+/// A part of an image, in cells of some pixels a side.
+struct Region {
+  int64_t x, y, columns, rows;
+};
+/// All of an image, cut cells too.
+Region cells_of(const Camera& camera, int scale);
+
+/// A new moment, and in it a ray through the middle of each cell of scale x scale pixels, row by row.
+/// log_from_camera: the camera in the axes of the rays.
+void add_cells(RayList& rays, const Camera& camera, const Eigen::Matrix4d& log_from_camera, double time,
+               const Region& region, int scale);
+
+/// A sweep in memory.
+struct LoadedSweep {
+  const Sweep* sweep;
+  LidarPoints points;
+};
+
+/// The axes of rays, and how many pixels stand for one along each side.
+struct LogRays {
+  Eigen::Matrix4d log_from_world;
+  int scale;
+};
+
+/// The images and sweeps of a log that train. Draws take their numbers from `random`, the same on all ranks.
+class LogSource {
+ public:
+  /// The scene, and the sweeps that are pointed to, must outlive this. Fault::data for a log without images.
+  LogSource(const Scene& scene, Pixels pixels, std::vector<LoadedSweep> sweeps, const LogRays& axes);
+
+  /// The largest patch that fits every image, at most `wanted`; in rays.
+  int64_t patch_side(int64_t wanted) const;
+  /// The share of `count` patches of side^2 rays, every second one (if it can be) around an actor, each a moment of its
+  /// own. The images: [N,3,side scale,side scale] in [0,1]. Sets rays.actors to those that all of them or their
+  /// shadows may show.
+  Tensor add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side, const Share& share) const;
+  /// One whole image, for each rank another, as far as it fills cells of scale^2 pixels; a moment. The image:
+  /// [1,3,h scale,w scale]. Sets rays.actors as add_patches.
+  Tensor add_image(RayList& rays, HostRandom& random, const Share& share) const;
+  /// The share of `count` returns of some sweeps, none of actors that rays.actors leaves out: each actor costs a
+  /// decoding.
+  void add_returns(RayList& rays, HostRandom& random, int64_t count, const Share& share) const;
+  size_t images() const { return pixels_.frames.size(); }
+  /// Those that have a return.
+  const std::vector<LoadedSweep>& sweeps() const { return sweeps_; }
+
+ private:
+  struct Corner {
+    int64_t x, y;
+  };
+  Corner random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const;
+  Corner corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const;
+  void mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const;
+  /// Rays and colours of a region of a photo; colours go to `truth` [3,rows scale,columns scale].
+  void add_region(RayList& rays, const FramePixels& photo, const Region& region, float* truth) const;
+  const Camera& camera_of(const FramePixels& photo) const { return pixels_.cameras[static_cast<size_t>(photo.camera)]; }
+
+  const Scene& scene_;
+  Pixels pixels_;
+  std::vector<LoadedSweep> sweeps_;
+  Eigen::Matrix4d log_from_world_;
+  int scale_;
+};
+
+}  // namespace cloam

@@ -1,0 +1,155 @@
+// See nerf_renderer.h.
+#include "models/methods/nerf_renderer.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "runtime/error.h"
+#include "runtime/ops/composite.h"
+#include "runtime/ops/volume.h"
+
+namespace cloam {
+namespace {
+
+// Streams of random numbers within a step, beside those of the method.
+enum Stream : uint32_t { kJitter = 2, kPlace = 4, kFine = 5, kFinePlace = 6, kCells = 16 };
+
+constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, distortion
+constexpr float kLeastTransmittance = 1e-3f;
+constexpr double kRenderSamples = 400000;  // samples in memory while rendering
+constexpr float kLeastStep = 1e-5f;        // normalised units: a ray takes 100,000 of them
+
+RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
+
+}  // namespace
+
+NerfRenderer::NerfRenderer(const NerfConfig& config, const Scene& scene, const Scope& root)
+    : config_(config), frame_(fit_scene(scene)) {
+  if (config.sampling != "occupancy" && config.sampling != "importance")
+    throw Error(Fault::usage, text("setting sampling: \"", config.sampling, "\", want occupancy or importance"));
+  if (config.min_step > 0 && config.min_step < kLeastStep)
+    throw Error(Fault::usage, text("setting march.min_step: ", config.min_step, ", want 0 or ", kLeastStep, " to 1"));
+  field_ = make_field(root / "field", config.field);
+  if (marching())
+    occupancy_ = std::make_unique<OccupancyGrid>(config.occupancy);
+  else
+    coarse_ = make_field(root / "coarse", config.field);
+}
+
+MarchOptions NerfRenderer::march_options() const {
+  MarchOptions m;
+  m.side = config_.occupancy.side;
+  m.contract = frame_.contract;
+  m.min_step = config_.min_step > 0 ? config_.min_step : 0.01f;
+  m.cone = frame_.contract ? config_.cone : 0.f;
+  m.threshold = occupancy_->threshold();
+  return m;
+}
+
+NerfRenderer::Rendered NerfRenderer::shade(const Rays& rays, const Sampling& how) const {
+  return marching() ? shade_marched(rays, how) : shade_importance(rays, how);
+}
+
+NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Sampling& how) const {
+  const int64_t count = rays.origins.dim(0);
+  const Tensor shift = how.jitter ? random_uniform({count}, stream(how.key, kJitter)) : full({count}, 0.5f);
+  MarchOptions steps = march_options();
+  steps.explore = how.jitter ? static_cast<int>(how.key.step) : 0;
+  const RaySamples all = march(rays, shift, occupancy_->values(), steps);
+  const RaySamples s = how.skim ? visible(all, stop_gradient(field_->density(all.points)), kLeastTransmittance) : all;
+  const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
+  return {composite({out.sigma, s.offsets, s.dt}, {out.rgb, s.t}), Tensor(), s.t.dim(0), all.t.dim(0)};
+}
+
+/// One sample in each interval, at `place` [R,N] in [0,1) of it (NeRF eq. 2), composited.
+Tensor NerfRenderer::shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place,
+                                 Tensor* weights) const {
+  const int64_t count = edges.dim(0), n = edges.dim(1) - 1;
+  const Tensor begin = slice(edges, 1, 0, n), length = slice(edges, 1, 1, n + 1) - begin;
+  const Tensor t = begin + place * length;
+  const Tensor points = unsqueeze(rays.origins, 1) + unsqueeze(rays.directions, 1) * unsqueeze(t, 2);
+  std::vector<int32_t> first, ray;
+  for (int64_t r = 0; r <= count; r++) first.push_back(static_cast<int32_t>(r * n));
+  for (int64_t r = 0; r < count; r++) ray.insert(ray.end(), static_cast<size_t>(n), static_cast<int32_t>(r));
+  const Tensor offsets = from_host(first, {count + 1}), flat_length = reshape(length, {count * n});
+  const FieldOutput out = field(unit_points(reshape(points, {count * n, 3}), frame_.contract), rays.directions,
+                                from_host(ray, {count * n}));
+  if (weights) *weights = reshape(composite_weights({out.sigma, offsets, flat_length}), {count, n});
+  return composite({out.sigma, offsets, flat_length}, {out.rgb, reshape(t, {count * n})});
+}
+
+NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Sampling& how) const {
+  const int64_t count = rays.origins.dim(0), coarse = config_.coarse_samples, fine = config_.fine_samples;
+  std::vector<float> steps;
+  for (int64_t i = 0; i <= coarse; i++) steps.push_back(static_cast<float>(i) / static_cast<float>(coarse));
+  const Tensor near = slice(rays.span, 1, 0, 1), far = maximum(slice(rays.span, 1, 1, 2), near + 1e-3f);
+  const Tensor edges = near + (far - near) * from_host(steps, {1, coarse + 1});
+  const auto place = [&](int64_t n, uint32_t which) {
+    return how.jitter ? random_uniform({count, n}, stream(how.key, which)) : full({count, n}, 0.5f);
+  };
+  Rendered out;
+  Tensor weights;
+  out.coarse = shade_edges(*coarse_, rays, edges, place(coarse, kPlace), &weights);
+  std::vector<float> ranks;
+  for (int64_t i = 0; i < fine; i++) ranks.push_back(static_cast<float>(i));
+  const Tensor uniform = (from_host(ranks, {1, fine}) + place(fine, kFine)) * (1.f / static_cast<float>(fine));
+  const Tensor all = importance_edges(edges, weights, uniform);
+  out.fine = shade_edges(*field_, rays, all, place(coarse + fine, kFinePlace), nullptr);
+  out.samples = out.marched = count * (2 * coarse + fine);
+  return out;
+}
+
+/// Density times the local step over the smallest one: what decides whether a cell can be seen. Far cells of a
+/// contracted scene are crossed in long steps, so that a thin medium counts there. At [S,3] in [0,1]^3.
+Tensor NerfRenderer::thickness(const Tensor& points) const {
+  const Tensor sigma = field_->density(points);
+  if (!frame_.contract) return sigma;
+  const MarchOptions m = march_options();
+  const Tensor folded = max(abs(points * 4.f - 2.f), {{1}});
+  const Tensor distance = 1.f / maximum(2.f - maximum(folded, 1.f), 1e-2f);
+  return sigma * maximum(distance * (m.cone / m.min_step), 1.f);
+}
+
+void NerfRenderer::follow(int64_t step, uint64_t seed) {
+  if (!marching()) return;
+  const auto density = [this](const Tensor& points) { return thickness(points); };
+  // The first steps rehearse the update, so that none of the later ones has to compile kernels.
+  if (step <= 2) occupancy_->rehearse(density, {seed, 0, kCells});
+  const bool due = step >= config_.occupancy_start && (step - config_.occupancy_start) % config_.occupancy_every == 0;
+  if (due) occupancy_->update(density, {seed, static_cast<uint32_t>(step), kCells});
+}
+
+void NerfRenderer::restore(const TensorMap& state) {
+  if (marching()) occupancy_->restore(state);
+}
+
+Picture NerfRenderer::picture(const View& view, float back) const {
+  const Rays all = view_rays(view, frame_, {});
+  const int64_t count = all.directions.dim(0);
+  Picture out;
+  out.width = view.camera.width;
+  out.height = view.camera.height;
+  int64_t block = marching() ? 2048 : 512;
+  for (int64_t begin = 0; begin < count;) {
+    const int64_t end = std::min(count, begin + block);
+    const auto part = [&](const Tensor& x) { return slice(x, 0, begin, end); };
+    const Rendered seen = shade({part(all.origins), part(all.directions), part(all.span)}, {});
+    append_pixels(out, seen.fine.to_host(), back);
+    // The next block is as large as keeps the samples at hand within kRenderSamples.
+    const double per_ray = static_cast<double>(seen.marched + 1) / static_cast<double>(end - begin);
+    block = std::clamp<int64_t>(static_cast<int64_t>(kRenderSamples / per_ray), 256, 2 * block);
+    begin = end;
+  }
+  return out;
+}
+
+void NerfRenderer::append_pixels(Picture& picture, const std::vector<float>& values, float back) const {
+  for (size_t i = 0; i + kChannels <= values.size(); i += kChannels) {
+    const float opacity = values[i + 3];
+    for (size_t c = 0; c < 3; c++) picture.rgb.push_back(std::clamp(values[i + c] + back * (1.f - opacity), 0.f, 1.f));
+    picture.opacity.push_back(opacity);
+    picture.depth.push_back(opacity > 1e-3f ? values[i + 4] / opacity / static_cast<float>(frame_.scale) : 0.f);
+  }
+}
+
+}  // namespace cloam

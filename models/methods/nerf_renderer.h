@@ -1,0 +1,71 @@
+// What NeRF's fields look like along rays: samples from marching through an occupancy grid, or drawn where a coarse
+// field is dense, and the quadrature over them.
+#pragma once
+#include <memory>
+
+#include "models/fields/field.h"
+#include "models/render/occupancy.h"
+#include "models/render/rays.h"
+
+namespace cloam {
+
+struct NerfConfig {
+  FieldOptions field;
+  OccupancyOptions occupancy;
+  std::string sampling = "occupancy";  // occupancy | importance
+  std::string background = "auto";     // auto | white | random | none
+  int batch_rays = 1024;               // importance: rays a step; occupancy: at most 16 times as many
+  int batch_samples = 65536;           // occupancy: samples a step aims at
+  int coarse_samples = 64, fine_samples = 128;
+  float min_step = 0.f;                             // in normalised units; 0: chosen by the kind of scene
+  float cone = 0.03f;                               // unbounded scenes: step length over distance
+  float learning_rate = 1e-2f, final_rate = 0.03f;  // factor reached at the horizon
+  float decay_start = 0.3f;                         // share of the horizon before the rate falls
+  int decay_steps = 0;          // not 0: the rate reaches final_rate after so many steps, whatever the horizon
+  float distortion = 0.005f;    // mip-NeRF 360: draws each ray's weights together
+  std::string loss = "square";  // square | charbonnier
+  int occupancy_every = 16, occupancy_start = 64;
+};
+
+class NerfRenderer {
+ public:
+  /// Declares the fields' parameters under `root`. The settings must outlive this. Fault::usage for those that do not
+  /// fit together.
+  NerfRenderer(const NerfConfig& config, const Scene& scene, const Scope& root);
+  struct Rendered {
+    Tensor fine, coarse;               // [R,6] of composite(); coarse only with importance sampling
+    int64_t samples = 0, marched = 0;  // shaded, and stepped to before the dark ones were left out
+  };
+  struct Sampling {
+    RandomKey key = {};
+    bool jitter = false, skim = true;  // skim: leave out samples behind surfaces
+  };
+  Rendered shade(const Rays& rays, const Sampling& how) const;
+  /// Block by block; `back`: how bright it is where nothing is.
+  Picture picture(const View& view, float back) const;
+  /// After a step: the occupancy grid follows the field.
+  void follow(int64_t step, uint64_t seed);
+  bool marching() const { return config_.sampling == "occupancy"; }
+  /// Of activations, in training.
+  int64_t bytes_per_sample() const { return field_->bytes_per_sample(); }
+  const SceneFrame& frame() const { return frame_; }
+  /// Of the grid, if there is one.
+  TensorMap state() const { return marching() ? occupancy_->state() : TensorMap{}; }
+  void restore(const TensorMap& state);
+
+ private:
+  MarchOptions march_options() const;
+  Rendered shade_marched(const Rays& rays, const Sampling& how) const;
+  Rendered shade_importance(const Rays& rays, const Sampling& how) const;
+  Tensor shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place,
+                     Tensor* weights) const;
+  Tensor thickness(const Tensor& points) const;
+  void append_pixels(Picture& picture, const std::vector<float>& values, float back) const;
+
+  const NerfConfig& config_;
+  SceneFrame frame_;
+  std::unique_ptr<Field> field_, coarse_;
+  std::unique_ptr<OccupancyGrid> occupancy_;
+};
+
+}  // namespace cloam

@@ -1,0 +1,86 @@
+// See splat_renderer.h.
+#include "models/methods/splat_renderer.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "models/render/undistort.h"
+#include "models/splat/parameters.h"
+
+namespace cloam {
+namespace {
+
+constexpr uint32_t kBackground = 1;  // stream of random numbers within a step
+
+}  // namespace
+
+SplatRenderer::SplatRenderer(const SplatConfig& config, const Scene& scene, const Params& parameters, double radius)
+    : config_(config),
+      params_(parameters),
+      has_alpha_(scene.has_alpha),
+      near_(config.near * static_cast<float>(radius)) {}
+
+int SplatRenderer::degree_at(const Progress& progress) const {
+  int64_t every = config_.sh_every;
+  if (progress.horizon > 0) every = std::min(every, std::max<int64_t>(1, progress.horizon / 10));
+  return static_cast<int>(std::min<int64_t>(config_.sh_degree, progress.step / std::max<int64_t>(1, every)));
+}
+
+/// [3,1,1]
+Tensor SplatRenderer::background_for(const Progress& progress) const {
+  if (config_.background == "random")
+    return random_uniform({3, 1, 1}, {progress.seed, static_cast<uint32_t>(progress.step), kBackground});
+  return full({3, 1, 1}, bright() ? 1.f : 0.f);
+}
+
+Tensor SplatRenderer::exposed(const Tensor& planes, size_t photograph) const {
+  if (!config_.exposure) return planes;
+  const Tensor& all = params_.at("exposure");
+  const auto row = static_cast<int64_t>(photograph);
+  const Tensor own = slice(all, 0, row, row + 1) - mean(all, {{0}, true});
+  return planes * exp(reshape(slice(own, 1, 0, 3), {3, 1, 1})) + reshape(slice(own, 1, 3, 6), {3, 1, 1});
+}
+
+SplatRenderer::Compared SplatRenderer::compare(const Photograph& photograph, size_t exposure, const Progress& progress,
+                                               const Tensor& probe) const {
+  Compared out;
+  out.drawn = draw(splat_model(params_, degree_at(progress)), photograph.camera,
+                   view_matrix(photograph.world_from_camera), {near_, config_.antialiased, false, probe});
+  const Tensor background = background_for(progress);
+  out.picture = exposed(out.drawn.planes + unsqueeze(out.drawn.transmittance, 0) * background, exposure);
+  const Tensor rgba = cast(photograph.rgba, DType::f32) / 255.f;
+  out.truth = slice(rgba, 0, 0, 3);
+  if (has_alpha_) {
+    const Tensor alpha = slice(rgba, 0, 3, 4);
+    out.truth = out.truth * alpha + background * (1.f - alpha);
+  }
+  if (photograph.mask) {
+    const Tensor used = unsqueeze(cast(photograph.mask, DType::f32) / 255.f, 0);
+    out.truth = out.truth * used;
+    out.picture = out.picture * used;
+  }
+  return out;
+}
+
+Picture SplatRenderer::picture(const View& view) const {
+  const Camera pinhole = pinhole_around(view.camera);
+  const Drawn drawn = draw(splat_model(params_, config_.sh_degree), pinhole, view_matrix(view.world_from_camera),
+                           {near_, config_.antialiased, true});
+  const float back = bright() ? 1.f : 0.f;
+  const std::vector<float> planes = drawn.planes.to_host(), through = drawn.transmittance.to_host();
+  const std::vector<float> directions = pixel_directions(pinhole);
+  Picture out;
+  out.width = pinhole.width;
+  out.height = pinhole.height;
+  const size_t pixels = through.size();
+  for (size_t i = 0; i < pixels; i++) {
+    for (size_t c = 0; c < 3; c++) out.rgb.push_back(std::clamp(planes[c * pixels + i] + back * through[i], 0.f, 1.f));
+    const float opacity = 1 - through[i], *d = &directions[3 * i];
+    out.opacity.push_back(opacity);
+    const float along = std::sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);  // of a distance of 1 ahead
+    out.depth.push_back(opacity > 1e-3f ? planes[3 * pixels + i] / opacity * along : 0.f);
+  }
+  return resample(out, pixel_map(view.camera, pinhole));
+}
+
+}  // namespace cloam

@@ -1,0 +1,55 @@
+// How a splat training draws: a photograph and what the gaussians show of it, and the picture of a view.
+#pragma once
+#include "models/batches/image_source.h"
+#include "models/nn/params.h"
+#include "models/scene/view.h"
+#include "models/splat/draw.h"
+#include "models/splat/growth.h"
+#include "models/train/parameter_groups.h"
+
+namespace cloam {
+
+struct SplatConfig {
+  std::string initial = "auto";     // auto | points | lidar | random
+  int initial_random = 20000;       // gaussians
+  std::string background = "auto";  // auto | black | white | random
+  bool antialiased = false;
+  float near = 0.01f;  // of the scene's extent
+  int sh_degree = 3;
+  int sh_every = 1000;         // steps between degrees, at most
+  float ssim = 0.2f;           // weight; 1 - ssim is that of the absolute difference
+  float rate_means = 1.6e-4f;  // times the extent
+  float final_means = 0.01f;   // factor reached at the horizon
+  float rate_first = 2.5e-3f, rate_rest = 1.25e-4f, rate_opacities = 0.05f, rate_scales = 5e-3f, rate_rotations = 1e-3f;
+  bool exposure = false;        // a gain and an offset for each channel of each training image, their means 1 and 0
+  float rate_exposure = 0.01f;  // falls to a tenth
+  GrowthOptions growth;
+};
+
+class SplatRenderer {
+ public:
+  /// The settings and the parameters must outlive this. radius: of the cameras, scene units.
+  SplatRenderer(const SplatConfig& config, const Scene& scene, const Params& parameters, double radius);
+  struct Compared {
+    Tensor picture, truth;  // [3,H,W] on one background, black where a mask says ignore
+    Drawn drawn;
+  };
+  /// As the gaussians show a photograph (with its exposure, that of row `exposure`). probe: see DrawOptions.
+  Compared compare(const Photograph& photograph, size_t exposure, const Progress& progress, const Tensor& probe) const;
+  Picture picture(const View& view) const;
+  /// Of the harmonics that are learned at a step: a degree more each time; in a short training the last one shall still
+  /// be learned for most of it.
+  int degree_at(const Progress& progress) const;
+
+ private:
+  Tensor background_for(const Progress& progress) const;
+  Tensor exposed(const Tensor& planes, size_t photograph) const;
+  bool bright() const { return config_.background == "white" || (config_.background == "auto" && has_alpha_); }
+
+  const SplatConfig& config_;
+  const Params& params_;
+  bool has_alpha_;
+  float near_;
+};
+
+}  // namespace cloam
