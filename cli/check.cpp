@@ -151,20 +151,14 @@ int run_command(const CheckRequest& request, const Common& common) {
 }  // namespace
 
 Command add_check(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("check", kExamples);
-  const auto request = std::make_shared<CheckRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("DATA", request->data, "Folder of the capture")->required();
-  parser->add_option("--downscale", request->downscale, "As for train: shrink the images by this factor (1)")
-      ->check(whole_number(1, 256));
-  parser->add_option("--holdout", request->holdout, "As for train: hold out every Nth image")
-      ->check(whole_number(2, 1 << 20));
-  parser->add_option("--masks", request->masks, "As for train: ignore or transparent (ignore)")
-      ->check(one_of({"ignore", "transparent"}));
-  parser->add_flag("--skip-bad", request->skip_bad, "Warn about damaged images instead of stopping");
-  add_allow_outside(*parser, request->allow_outside);
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<CheckRequest>(program, "check", kExamples, run_command, [](const Options& add, CheckRequest& r) {
+    add("DATA", r.data, "Folder of the capture")->required();
+    add("--downscale", r.downscale, "As for train: shrink the images by this factor (1)", whole_number(1, 256));
+    add("--holdout", r.holdout, "As for train: hold out every Nth image", whole_number(2, 1 << 20));
+    add("--masks", r.masks, "As for train: ignore or transparent (ignore)", one_of({"ignore", "transparent"}));
+    add("--skip-bad", r.skip_bad, "Warn about damaged images instead of stopping");
+    add_allow_outside(add, r.allow_outside);
+  });
 }
 
 }  // namespace cloam

@@ -294,19 +294,13 @@ int run_command(const CompareRequest& request, const Common& common) {
 }  // namespace
 
 Command add_compare(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("compare", kExamples);
-  const auto request = std::make_shared<CompareRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->runs, "Run folders")->required();
-  parser
-      ->add_option("--protocol", request->protocol,
-                   "Compare sparse, novel or rotate360; runs without it are evaluated first")
-      ->check(one_of(protocol_names()));
-  parser->add_option("--features", request->features,
-                     "Also compare feature distances; a file with network weights, or random");
-  parser->add_flag("--across-data", request->across_data, "Also average over runs on different data");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<CompareRequest>(program, "compare", kExamples, run_command, [](const Options& add, CompareRequest& r) {
+    add("RUN", r.runs, "Run folders")->required();
+    add("--protocol", r.protocol, "Compare sparse, novel or rotate360; runs without it are evaluated first",
+        one_of(protocol_names()));
+    add("--features", r.features, "Also compare feature distances; a file with network weights, or random");
+    add("--across-data", r.across_data, "Also average over runs on different data");
+  });
 }
 
 }  // namespace cloam

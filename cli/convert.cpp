@@ -94,17 +94,12 @@ int run_command(const ConvertRequest& request, const Common& common) {
 }  // namespace
 
 Command add_convert(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("convert", kExamples);
-  const auto request = std::make_shared<ConvertRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("IN", request->in, "Input file: .ply, .splat, .spz or .glb")->required();
-  parser->add_option("OUT", request->out, "Output file: .ply, .splat, .spz or .glb")->required()->check(output_file());
-  parser->add_option("--up", request->up,
-                     "Axis of IN that points up: x, y, z, -x, -y or -z (default: as IN states, else -y)");
-  parser->add_option("--spz-version", request->spz_version, "Version of .spz to write: 3, or 2 for old readers (3)")
-      ->check(whole_number(2, 3));
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<ConvertRequest>(program, "convert", kExamples, run_command, [](const Options& add, ConvertRequest& r) {
+    add("IN", r.in, "Input file: .ply, .splat, .spz or .glb")->required();
+    add("OUT", r.out, "Output file: .ply, .splat, .spz or .glb", output_file())->required();
+    add("--up", r.up, "Axis of IN that points up: x, y, z, -x, -y or -z (default: as IN states, else -y)");
+    add("--spz-version", r.spz_version, "Version of .spz to write: 3, or 2 for old readers (3)", whole_number(2, 3));
+  });
 }
 
 }  // namespace cloam

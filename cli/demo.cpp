@@ -398,24 +398,18 @@ int run_command(const DemoRequest& request, const Common& common) {
 }  // namespace
 
 Command add_demo(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("demo", kExamples);
-  const auto request = std::make_shared<DemoRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("-o,--out", request->out, "Output folder (demo)");
-  parser->add_option("--time-budget", request->time_budget,
-                     "For both training runs together (9m); the rest takes a few minutes more");
-  parser->add_option("--features", request->features, "Weights of the feature network for distances (random)");
-  parser->add_option("--logs", request->logs, "Number of streets (4)")->check(whole_number(2, 100));
-  parser->add_option("--frames", request->frames, "Time steps of each street (12)")->check(whole_number(2, 200));
-  parser->add_option("--size", request->size, "Image size, WIDTHxHEIGHT (160x90)");
-  parser->add_option("--assets", request->assets, "Number of assets to generate for the comparison (48)")
-      ->check(whole_number(2, 1000));
-  parser->add_option("--steps", request->steps, "Steps of each training run, instead of a time budget")
-      ->check(whole_number(1));
-  parser->add_option("--set", request->settings, "Setting key=value for the training on the streets; may be repeated")
-      ->allow_extra_args(false);
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<DemoRequest>(program, "demo", kExamples, run_command, [](const Options& add, DemoRequest& r) {
+    add("-o,--out", r.out, "Output folder (demo)");
+    add("--time-budget", r.time_budget, "For both training runs together (9m); the rest takes a few minutes more");
+    add("--features", r.features, "Weights of the feature network for distances (random)");
+    add("--logs", r.logs, "Number of streets (4)", whole_number(2, 100));
+    add("--frames", r.frames, "Time steps of each street (12)", whole_number(2, 200));
+    add("--size", r.size, "Image size, WIDTHxHEIGHT (160x90)");
+    add("--assets", r.assets, "Number of assets to generate for the comparison (48)", whole_number(2, 1000));
+    add("--steps", r.steps, "Steps of each training run, instead of a time budget", whole_number(1));
+    add("--set", r.settings, "Setting key=value for the training on the streets; may be repeated")
+        ->allow_extra_args(false);
+  });
 }
 
 }  // namespace cloam

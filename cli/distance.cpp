@@ -101,13 +101,11 @@ nlohmann::ordered_json measure_distance(const DistanceRequest& request, const Co
 }
 
 Command add_distance(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("distance", kExamples);
-  const auto request = std::make_shared<DistanceRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("FOLDER", request->folders, "Two folders of images")->required()->expected(2);
-  parser->add_option("--features", request->features, "Weights of a feature network, or random")->required();
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<DistanceRequest>(
+      program, "distance", kExamples, run_command, [](const Options& add, DistanceRequest& r) {
+        add("FOLDER", r.folders, "Two folders of images")->required()->expected(2);
+        add("--features", r.features, "Weights of a feature network, or random")->required();
+      });
 }
 
 }  // namespace cloam

@@ -296,22 +296,16 @@ int run_command(const EditRequest& request, const Common& common) {
 }  // namespace
 
 Command add_edit(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("edit", kExamples);
-  const auto request = std::make_shared<EditRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_flag("--list", request->list, "List the actors and draw a sheet of thumbnails");
-  parser->add_option("--actor", request->actors, "Edit of one actor, [LOG:]ID:OPERATION,... (may be repeated)")
-      ->allow_extra_args(false);
-  parser->add_option("--prior", request->prior, "Diffusion run, for replace=generated");
-  parser->add_option("--seed", request->wish.seed, "Random seed, for replace=generated (0)")->check(whole_number(0));
-  parser
-      ->add_option("--guidance", request->wish.guidance,
-                   "Classifier-free guidance; above 1 follows class and time more closely (1)")
-      ->check(number_from(0, 100));
-  parser->add_option("-o,--out", request->out, "Folder of the edited run; with --list, of the thumbnails (RUN/edit)");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<EditRequest>(program, "edit", kExamples, run_command, [](const Options& add, EditRequest& r) {
+    add("RUN", r.run, "Run folder")->required();
+    add("--list", r.list, "List the actors and draw a sheet of thumbnails");
+    add("--actor", r.actors, "Edit of one actor, [LOG:]ID:OPERATION,... (may be repeated)")->allow_extra_args(false);
+    add("--prior", r.prior, "Diffusion run, for replace=generated");
+    add("--seed", r.wish.seed, "Random seed, for replace=generated (0)", whole_number(0));
+    add("--guidance", r.wish.guidance, "Classifier-free guidance; above 1 follows class and time more closely (1)",
+        number_from(0, 100));
+    add("-o,--out", r.out, "Folder of the edited run; with --list, of the thumbnails (RUN/edit)");
+  });
 }
 
 }  // namespace cloam

@@ -266,19 +266,15 @@ int run_eval(const EvalRequest& request, const Common& common) {
 }
 
 Command add_eval(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("eval", kExamples);
-  const auto request = std::make_shared<EvalRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_option("--data", request->other, "Other photos in the same coordinate frame: their test split, or all");
-  add_allow_outside(*parser, request->allow_outside);
-  parser->add_option("--protocol", request->protocol, "Driving logs: sparse, novel or rotate360 (default: the run's)")
-      ->check(one_of(protocol_names()));
-  parser->add_option("--features", request->features,
-                     "Also measure feature distances; a file with network weights, or random");
-  parser->add_option("--images", request->images, "Folder for the pictures (RUN/eval/images)")->check(output_folder());
-  add_common(*parser, *common);
-  return {parser, [=] { return run_eval(*request, *common); }};
+  return command<EvalRequest>(program, "eval", kExamples, run_eval, [](const Options& add, EvalRequest& r) {
+    add("RUN", r.run, "Run folder")->required();
+    add("--data", r.other, "Other photos in the same coordinate frame: their test split, or all");
+    add_allow_outside(add, r.allow_outside);
+    add("--protocol", r.protocol, "Driving logs: sparse, novel or rotate360 (default: the run's)",
+        one_of(protocol_names()));
+    add("--features", r.features, "Also measure feature distances; a file with network weights, or random");
+    add("--images", r.images, "Folder for the pictures (RUN/eval/images)", output_folder());
+  });
 }
 
 }  // namespace cloam

@@ -196,23 +196,18 @@ int run_command(const ExportRequest& request, const Common& common) {
 }  // namespace
 
 Command add_export(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("export", kExamples);
-  const auto request = std::make_shared<ExportRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_option("-o,--out", request->out, "Output file; a folder for turntables and for all actors")->required();
-  parser->add_option("--format", request->format,
-                     "Actors: glb or ply (mesh), turntable (PNG and GIF); splats: ply, splat, spz, glb "
-                     "(default: by the file's name)");
-  parser->add_option("--actor", request->actor, "Actor to export, [LOG:]ID (all)");
-  parser->add_option("--resolution", request->resolution, "Grid cells along the longest side of a mesh (128)")
-      ->check(whole_number(8, 512));
-  parser->add_option("--frames", request->frames, "Number of pictures of a turntable (36)")
-      ->check(whole_number(1, 10000));
-  parser->add_option("--size", request->size, "Width and height of a turntable's pictures (256)")
-      ->check(whole_number(16, 4096));
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<ExportRequest>(program, "export", kExamples, run_command, [](const Options& add, ExportRequest& r) {
+    add("RUN", r.run, "Run folder")->required();
+    add("-o,--out", r.out, "Output file; a folder for turntables and for all actors")->required();
+    add("--format", r.format,
+        "Actors: glb or ply (mesh), turntable (PNG and GIF); splats: ply, splat, spz, glb (default: by the file's "
+        "name)",
+        one_of({"glb", "ply", "turntable", "splat", "spz"}));
+    add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
+    add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 512));
+    add("--frames", r.frames, "Number of pictures of a turntable (36)", whole_number(1, 10000));
+    add("--size", r.size, "Width and height of a turntable's pictures (256)", whole_number(16, 4096));
+  });
 }
 
 }  // namespace cloam

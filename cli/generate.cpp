@@ -206,34 +206,25 @@ int run_command(GenerateRequest request, const Common& common) {
 }  // namespace
 
 Command add_generate(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("generate", kExamples);
-  const auto request = std::make_shared<GenerateRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Folder of a diffusion run")->required();
-  parser->add_option("-o,--out", request->out, "Folder for the files")->required();
-  parser->add_option("-n,--count", request->wish.count, "Number of assets (1)")->check(whole_number(1, 1000));
-  parser->add_option("--class", request->asset_class, "Car, Truck, Bus, ... (default: as often as in training)");
-  parser->add_option("--time", request->time, "day or night (default: as often as in training)")
-      ->check(one_of({"day", "night"}));
-  parser->add_option("--seed", request->wish.seed, "Random seed (0)")->check(whole_number(0));
-  parser
-      ->add_option("--guidance", request->wish.guidance,
-                   "Classifier-free guidance; above 1 follows class and time more closely (1)")
-      ->check(number_from(0, 100));
-  parser->add_option("--steps", request->wish.steps, "DDIM denoising steps (50)")->check(whole_number(1));
-  parser
-      ->add_option("--codes", request->codes,
-                   "sampled, random (the baseline to beat) or training (the codes trained on) (sampled)")
-      ->check(one_of({"sampled", "random", "training"}));
-  parser->add_flag("--pictures", request->pictures, "Also write the turntables' pictures as PNG, to DIR/pictures");
-  parser->add_flag("--no-meshes", request->no_meshes, "Write no meshes (GLB)");
-  parser->add_option("--frames", request->frames, "Number of pictures of a turntable (12)")
-      ->check(whole_number(1, 10000));
-  parser->add_option("--size", request->size, "Width and height of the pictures (128)")->check(whole_number(16, 4096));
-  parser->add_option("--resolution", request->resolution, "Grid cells along the longest side of a mesh (96)")
-      ->check(whole_number(8, 512));
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<GenerateRequest>(
+      program, "generate", kExamples, run_command, [](const Options& add, GenerateRequest& r) {
+        add("RUN", r.run, "Folder of a diffusion run")->required();
+        add("-o,--out", r.out, "Folder for the files")->required();
+        add("-n,--count", r.wish.count, "Number of assets (1)", whole_number(1, 1000));
+        add("--class", r.asset_class, "Car, Truck, Bus, ... (default: as often as in training)");
+        add("--time", r.time, "day or night (default: as often as in training)", one_of({"day", "night"}));
+        add("--seed", r.wish.seed, "Random seed (0)", whole_number(0));
+        add("--guidance", r.wish.guidance, "Classifier-free guidance; above 1 follows class and time more closely (1)",
+            number_from(0, 100));
+        add("--steps", r.wish.steps, "DDIM denoising steps (50)", whole_number(1));
+        add("--codes", r.codes, "sampled, random (the baseline to beat) or training (the codes trained on) (sampled)",
+            one_of({"sampled", "random", "training"}));
+        add("--pictures", r.pictures, "Also write the turntables' pictures as PNG, to DIR/pictures");
+        add("--no-meshes", r.no_meshes, "Write no meshes (GLB)");
+        add("--frames", r.frames, "Number of pictures of a turntable (12)", whole_number(1, 10000));
+        add("--size", r.size, "Width and height of the pictures (128)", whole_number(16, 4096));
+        add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (96)", whole_number(8, 512));
+      });
 }
 
 }  // namespace cloam

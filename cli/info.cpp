@@ -105,10 +105,12 @@ void put_json(const std::vector<DeviceInfo>& devices, const std::optional<Device
   for (const char* name : kVariables) {
     if (const char* value = std::getenv(name)) json["environment"][name] = value;
   }
-  put(json.dump(2, ' ', false, Report::error_handler_t::replace) + "\n");
+  put_json(json, 2);
 }
 
-int run_command(const Common& common) {
+struct InfoRequest {};
+
+int run_command(const InfoRequest&, const Common& common) {
   const std::vector<DeviceInfo> devices = list_devices();
   std::optional<Error> why_not;
   const std::optional<DeviceInfo> chosen = chosen_device(common, why_not);
@@ -123,10 +125,7 @@ int run_command(const Common& common) {
 }  // namespace
 
 Command add_info(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("info", kExamples);
-  const auto common = std::make_shared<Common>();
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*common); }};
+  return command<InfoRequest>(program, "info", kExamples, run_command, [](const Options&, InfoRequest&) {});
 }
 
 }  // namespace cloam

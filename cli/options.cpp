@@ -1,7 +1,6 @@
 // See options.h.
 #include "cli/options.h"
 
-#include <CLI/CLI.hpp>
 #include <charconv>
 #include <sstream>
 
@@ -94,6 +93,11 @@ class HelpFormat : public CLI::Formatter {
 
 }  // namespace
 
+void add_allow_outside(const Options& add, bool& allowed) {
+  add("--allow-outside", allowed,
+      "Also read images and points outside the capture's folder, if the capture lists them");
+}
+
 CLI::Validator whole_number(int64_t least, int64_t most) {
   return check([=](std::string& word) {
     int64_t value = 0;
@@ -113,8 +117,7 @@ CLI::Validator number_from(double least, double most) {
 CLI::Validator one_of(const std::vector<std::string>& words) {
   return check([=](std::string& word) {
     if (std::find(words.begin(), words.end(), word) != words.end()) return std::string();
-    const std::string near = nearest_name(word, words);
-    return text(word, ": want ", either(words), near.empty() ? "" : "; did you mean " + near + "?");
+    return text(word, ": want ", either(words), did_you_mean(word, words));
   });
 }
 

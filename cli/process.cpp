@@ -351,27 +351,19 @@ int run_command(const ProcessRequest& request, const Common& common) {
 }  // namespace
 
 Command add_process(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("process", kExamples);
-  const auto request = std::make_shared<ProcessRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("IMAGES", request->images, "Folder of photos, including its subfolders")->required();
-  parser->add_option("-o,--out", request->out, "Output folder for the capture")->required();
-  parser
-      ->add_option("--matching", request->matching,
-                   "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos) (auto)")
-      ->check(one_of({"auto", "exhaustive", "sequential"}));
-  parser
-      ->add_option("--camera-model", request->camera_model,
-                   "COLMAP's camera model, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)")
-      ->check(one_of({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV",
-                      "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
-  parser->add_option("--max-size", request->max_size, "Longest image side for finding features (1600)")
-      ->check(whole_number(100, 1 << 14));
-  parser->add_flag("--undistort", request->undistort, "Undistort the images");
-  parser->add_flag("--overwrite", request->overwrite,
-                   "Start over in a folder that already holds a model or part of one");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<ProcessRequest>(program, "process", kExamples, run_command, [](const Options& add, ProcessRequest& r) {
+    add("IMAGES", r.images, "Folder of photos, including its subfolders")->required();
+    add("-o,--out", r.out, "Output folder for the capture")->required();
+    add("--matching", r.matching,
+        "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos) (auto)",
+        one_of({"auto", "exhaustive", "sequential"}));
+    add("--camera-model", r.camera_model, "COLMAP's camera model, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)",
+        one_of({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV",
+                "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
+    add("--max-size", r.max_size, "Longest image side for finding features (1600)", whole_number(100, 1 << 14));
+    add("--undistort", r.undistort, "Undistort the images");
+    add("--overwrite", r.overwrite, "Start over in a folder that already holds a model or part of one");
+  });
 }
 
 }  // namespace cloam

@@ -184,33 +184,25 @@ int run_render(const RenderRequest& request, const Common& common) {
 }
 
 Command add_render(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("render", kExamples);
-  const auto request = std::make_shared<RenderRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_option("-o,--out", request->out, "Folder for the pictures")->required();
-  parser->add_option("--split", request->split, "test (held-out views), train or all (test)");
-  parser->add_option("--path", request->path,
-                     "orbit: a circle around what the cameras look at; interpolated: from camera to camera");
-  parser->add_option("--frames", request->frames, "Number of pictures along the path (60)")
-      ->check(whole_number(1, 10000));
-  parser->add_option("--log", request->log, "Runs on several logs: number (from 0) or name of one log");
-  parser->add_option("--camera-name", request->camera_name, "Driving logs: only this camera, such as front_camera");
-  parser->add_option("--step", request->step, "Driving logs: only this step, whatever the split")
-      ->check(whole_number(0));
-  parser->add_option("--time", request->time,
-                     "Driving logs: one camera at this time (seconds of the log, or +1.5 after its first image)");
-  parser->add_option("--size", request->size, "Picture size, WIDTHxHEIGHT (that of the training images)");
-  parser->add_flag("--masks", request->masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
-  parser->add_flag("--lidar", request->lidar,
-                   "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");
-  parser->add_flag("--exr", request->exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");
-  parser->add_option("--data", request->data, "Render the views of another capture in the same coordinates");
-  add_allow_outside(*parser, request->allow_outside);
-  parser->add_option("--camera", request->camera,
-                     "Cameras from a JSON file like transforms.json; several also make a GIF and an MP4");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_render(*request, *common); }};
+  return command<RenderRequest>(program, "render", kExamples, run_render, [](const Options& add, RenderRequest& r) {
+    add("RUN", r.run, "Run folder")->required();
+    add("-o,--out", r.out, "Folder for the pictures")->required();
+    add("--split", r.split, "test (held-out views), train or all (test)", one_of({"test", "train", "all"}));
+    add("--path", r.path, "orbit: a circle around what the cameras look at; interpolated: from camera to camera",
+        one_of({"orbit", "interpolated"}));
+    add("--frames", r.frames, "Number of pictures along the path (60)", whole_number(1, 10000));
+    add("--log", r.log, "Runs on several logs: number (from 0) or name of one log");
+    add("--camera-name", r.camera_name, "Driving logs: only this camera, such as front_camera");
+    add("--step", r.step, "Driving logs: only this step, whatever the split", whole_number(0));
+    add("--time", r.time, "Driving logs: one camera at this time (seconds of the log, or +1.5 after its first image)");
+    add("--size", r.size, "Picture size, WIDTHxHEIGHT (that of the training images)");
+    add("--masks", r.masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
+    add("--lidar", r.lidar, "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");
+    add("--exr", r.exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");
+    add("--data", r.data, "Render the views of another capture in the same coordinates");
+    add_allow_outside(add, r.allow_outside);
+    add("--camera", r.camera, "Cameras from a JSON file like transforms.json; several also make a GIF and an MP4");
+  });
 }
 
 }  // namespace cloam

@@ -337,28 +337,23 @@ int run_command(const SimulateRequest& request, const Common& common) {
 }  // namespace
 
 Command add_simulate(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("simulate", kExamples);
-  const auto request = std::make_shared<SimulateRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Run folder, edited or not")->required();
-  parser->add_option("-o,--out", request->out, "Folder for the log; with --augment, for the logs")->required();
-  parser->add_option("--log", request->log, "Number or name of one of the run's logs (0)");
-  parser->add_option("--cameras", request->cameras, "Cameras, separated by commas (all)");
-  parser->add_option("--size", request->size, "Size of the images, WIDTHxHEIGHT (as trained)");
-  parser
-      ->add_option("--augment", request->augment,
-                   "Number of logs to write, each with other vehicles in the same places")
-      ->check(whole_number(1, 100000));
-  parser->add_option("--prior", request->prior, "With --augment: diffusion run that makes the vehicles");
-  parser->add_option("--seed", request->wish.seed, "With --augment: random seed (0)")->check(whole_number(0));
-  parser
-      ->add_option("--guidance", request->wish.guidance,
-                   "With --augment: classifier-free guidance; above 1 follows the class more closely (1)")
-      ->check(number_from(0, 100));
-  parser->add_option("--data", request->data, "New location of the recorded log, if it was moved");
-  add_allow_outside(*parser, request->allow_outside);
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<SimulateRequest>(
+      program, "simulate", kExamples, run_command, [](const Options& add, SimulateRequest& r) {
+        add("RUN", r.run, "Run folder, edited or not")->required();
+        add("-o,--out", r.out, "Folder for the log; with --augment, for the logs")->required();
+        add("--log", r.log, "Number or name of one of the run's logs (0)");
+        add("--cameras", r.cameras, "Cameras, separated by commas (all)");
+        add("--size", r.size, "Size of the images, WIDTHxHEIGHT (as trained)");
+        add("--augment", r.augment, "Number of logs to write, each with other vehicles in the same places",
+            whole_number(1, 100000));
+        add("--prior", r.prior, "With --augment: diffusion run that makes the vehicles");
+        add("--seed", r.wish.seed, "With --augment: random seed (0)", whole_number(0));
+        add("--guidance", r.wish.guidance,
+            "With --augment: classifier-free guidance; above 1 follows the class more closely (1)",
+            number_from(0, 100));
+        add("--data", r.data, "New location of the recorded log, if it was moved");
+        add_allow_outside(add, r.allow_outside);
+      });
 }
 
 }  // namespace cloam

@@ -163,33 +163,23 @@ int run_command(SynthRequest request, const Common& common) {
 }  // namespace
 
 Command add_synth(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("synth", kExamples);
-  const auto request = std::make_shared<SynthRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("-o,--out", request->out, "Folder for the logs 001, 002, ...")->required();
-  parser->add_option("--logs", request->logs, "Number of logs (2)")->check(whole_number(1, 999));
-  parser->add_option("--frames", request->log.frames, "Time steps of each log (20)")->check(whole_number(1, 200));
-  parser
-      ->add_option("--rate", request->log.rate,
-                   "Steps per second (10); at lower rates, more sides of the actors are seen")
-      ->check(number_from(1, 10));
-  parser->add_option("--seed", request->log.seed, "Random seed (0)")->check(whole_number(0));
-  parser->add_option("--cameras", request->cameras,
-                     "List of front, front_left, front_right, left, right, back (front,front_left)");
-  parser->add_option("--size", request->size, "Image size, WIDTHxHEIGHT (320x180)");
-  parser->add_option("--night", request->night, "Fraction of the logs that are at night, 0 to 1 (0.25)")
-      ->check(number_from(0, 1));
-  parser
-      ->add_option("--clouds", request->log.clouds,
-                   "By day: 0 for a clear sky, 1 for an overcast one without shadows (0)")
-      ->check(number_from(0, 1));
-  parser->add_option("--beams", request->log.beams, "Number of LiDAR beams (32)")->check(whole_number(1, 256));
-  parser->add_flag("--rolling-shutter", request->log.rolling_shutter,
-                   "Expose images over 30 ms from top to bottom, sweeps over 100 ms");
-  parser->add_flag("--no-truth", request->no_truth, "Write no masks, depth or rotated actors");
-  parser->add_flag("--overwrite", request->overwrite, "Replace existing logs");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<SynthRequest>(program, "synth", kExamples, run_command, [](const Options& add, SynthRequest& r) {
+    add("-o,--out", r.out, "Folder for the logs 001, 002, ...")->required();
+    add("--logs", r.logs, "Number of logs (2)", whole_number(1, 999));
+    add("--frames", r.log.frames, "Time steps of each log (20)", whole_number(1, 200));
+    add("--rate", r.log.rate, "Steps per second (10); at lower rates, more sides of the actors are seen",
+        number_from(1, 10));
+    add("--seed", r.log.seed, "Random seed (0)", whole_number(0));
+    add("--cameras", r.cameras, "List of front, front_left, front_right, left, right, back (front,front_left)");
+    add("--size", r.size, "Image size, WIDTHxHEIGHT (320x180)");
+    add("--night", r.night, "Fraction of the logs that are at night, 0 to 1 (0.25)", number_from(0, 1));
+    add("--clouds", r.log.clouds, "By day: 0 for a clear sky, 1 for an overcast one without shadows (0)",
+        number_from(0, 1));
+    add("--beams", r.log.beams, "Number of LiDAR beams (32)", whole_number(1, 256));
+    add("--rolling-shutter", r.log.rolling_shutter, "Expose images over 30 ms from top to bottom, sweeps over 100 ms");
+    add("--no-truth", r.no_truth, "Write no masks, depth or rotated actors");
+    add("--overwrite", r.overwrite, "Replace existing logs");
+  });
 }
 
 }  // namespace cloam

@@ -323,115 +323,70 @@ void resolve_alias(TrainRequest& request, const Common& common) {
 }
 
 /// --resume takes a value or not, and the run folder may be told by it or by -o.
-void resolve_resume(TrainRequest& request, const CLI::Option& option) {
+void note_resume(TrainRequest& request, const CLI::Option& option) {
   request.resume = option.count() > 0;
-  if (!request.resume) return;
   const std::string named = option.results().empty() ? "" : option.results().front();
   const bool has_value = !named.empty() && named != "{}" && named != "true";
   if (has_value && request.out.empty()) request.out = named;
-  if (request.out.empty()) throw Error(Fault::usage, "--resume needs a run folder: cloam train --resume RUN");
 }
 
-void add_data_options(CLI::App& parser, TrainRequest& r) {
-  const char* group = "Data";
-  parser.add_option("--downscale", r.downscale, "Shrink the images by this factor (1)")
-      ->check(whole_number(1, 256))
-      ->group(group);
-  parser.add_option("--holdout", r.holdout, "Hold out every Nth image, ordered by name")
-      ->check(whole_number(2, 1 << 20))
-      ->group(group);
-  parser.add_flag("--skip-bad", r.skip_bad, "Skip damaged images with a warning")->group(group);
-  add_allow_outside(parser, r.allow_outside)->group(group);
-  parser
-      .add_option("--masks", r.masks, "What black mask pixels mean: ignore (the default), or transparent (empty space)")
-      ->check(one_of({"ignore", "transparent"}))
-      ->group(group);
-  parser.add_option("--protocol", r.protocol, "Driving logs: choose the training images by sparse, novel or rotate360")
-      ->check(one_of(protocol_names()))
-      ->group(group);
-  parser.add_option("--sparse-every", r.sparse_every, "With --protocol sparse: steps between training images")
-      ->check(whole_number(2, 1 << 20))
-      ->group(group);
-  parser
-      .add_option("--image", r.image, "Driving log: train on one image, such as front_camera/05, and its LiDAR sweep")
-      ->group(group);
-  parser.add_option("--data", r.new_data, "With --resume: where the data is now; repeat for each folder of the run")
-      ->allow_extra_args(false)
-      ->group(group);
-}
-
-void add_run_options(CLI::App& parser, TrainRequest& r) {
-  const char* group = "Run";
-  parser.add_option("-o,--out", r.out, "Run folder (default runs/DATA-METHOD)")->group(group);
-  parser.add_option("--steps", r.steps, "Number of steps, over which learning rates and other schedules run")
-      ->check(whole_number(1))
-      ->group(group);
-  parser.add_option("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included")
-      ->group(group);
-  parser.add_option("--stop-after", r.stop_after, "Save and stop after this step; --resume continues")
-      ->check(whole_number(1))
-      ->group(group);
-  parser.add_option("--save-every", r.save_every, "Save a checkpoint every N steps")
-      ->check(whole_number(1))
-      ->group(group);
-  parser.add_option("--seed", r.seed, "Random seed (42)")->check(whole_number(0))->group(group);
-  parser.add_flag("--overwrite", r.overwrite, "Replace an existing run in the folder")->group(group);
-  parser.add_flag("--dry-run", r.dry_run, "Check the data and show the plan; write nothing")->group(group);
-  parser.add_option("--progress", r.progress, "auto, bar, plain, jsonl or none")->group(group);
-}
-
-std::vector<std::string> preset_names() {
+void add_method_options(const Options& add, TrainRequest& r) {
   std::vector<std::string> names;
   for (const Preset& preset : presets()) names.push_back(preset.name);
-  return names;
+  add("METHOD", r.method, joined(method_names()));
+  add("DATA", r.data, "Folder of the capture; several driving logs make one run; for diffusion, a genassets run");
+  add.group("Method");
+  add("--preset", r.preset, joined(names) + " (default: the method's name)");
+  add("--networks", r.networks, "Freeze the networks of this genassets run and learn only what is new in DATA");
+  add("--prior", r.prior, "With --networks: a diffusion run trained on that run, as a prior for new actors");
+  add("--config", r.config_file, "TOML file with settings");
+  add("--set", r.settings, "Setting key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
+      ->allow_extra_args(false);
 }
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string out;
-  for (const std::string& word : words) out += (out.empty() ? "" : ", ") + word;
-  return out;
+void add_run_options(const Options& add, TrainRequest& r) {
+  add.group("Run");
+  add("-o,--out", r.out, "Run folder (default runs/DATA-METHOD)");
+  add("--steps", r.steps, "Number of steps, over which learning rates and other schedules run", whole_number(1));
+  add("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included");
+  add("--stop-after", r.stop_after, "Save and stop after this step; --resume continues", whole_number(1));
+  add("--save-every", r.save_every, "Save a checkpoint every N steps", whole_number(1));
+  add("--seed", r.seed, "Random seed (42)", whole_number(0));
+  add("--overwrite", r.overwrite, "Replace an existing run in the folder");
+  add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
+  add("--progress", r.progress, "auto, bar, plain, jsonl or none", one_of({"auto", "bar", "plain", "jsonl", "none"}));
+  add.parser.add_option("--resume", "Continue a run that was interrupted or stopped")
+      ->expected(0, 1)
+      ->option_text("[RUN]");
 }
 
-void add_method_options(CLI::App& parser, TrainRequest& r) {
-  const char* group = "Method";
-  parser.add_option("METHOD", r.method, joined(method_names()));
-  parser.add_option("DATA", r.data,
-                    "Folder of the capture; several driving logs make one run; for diffusion, a genassets run");
-  parser.add_option("--preset", r.preset, joined(preset_names()) + " (default: the method's name)")->group(group);
-  parser
-      .add_option("--networks", r.networks,
-                  "Freeze the networks of this genassets run and learn only what is new in DATA")
-      ->group(group);
-  parser
-      .add_option("--prior", r.prior, "With --networks: a diffusion run trained on that run, as a prior for new actors")
-      ->group(group);
-  parser.add_option("--config", r.config_file, "TOML file with settings")->group(group);
-  parser
-      .add_option("--set", r.settings,
-                  "Setting key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
-      ->allow_extra_args(false)
-      ->group(group);
+void add_data_options(const Options& add, TrainRequest& r) {
+  add.group("Data");
+  add("--downscale", r.downscale, "Shrink the images by this factor (1)", whole_number(1, 256));
+  add("--holdout", r.holdout, "Hold out every Nth image, ordered by name", whole_number(2, 1 << 20));
+  add("--skip-bad", r.skip_bad, "Skip damaged images with a warning");
+  add_allow_outside(add, r.allow_outside);
+  add("--masks", r.masks, "What black mask pixels mean: ignore (the default), or transparent (empty space)",
+      one_of({"ignore", "transparent"}));
+  add("--protocol", r.protocol, "Driving logs: choose the training images by sparse, novel or rotate360",
+      one_of(protocol_names()));
+  add("--sparse-every", r.sparse_every, "With --protocol sparse: steps between training images",
+      whole_number(2, 1 << 20));
+  add("--image", r.image, "Driving log: train on one image, such as front_camera/05, and its LiDAR sweep");
+  add("--data", r.new_data, "With --resume: where the data is now; repeat for each folder of the run")
+      ->allow_extra_args(false);
 }
 
 }  // namespace
 
 Command add_train(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("train", kExamples);
-  const auto request = std::make_shared<TrainRequest>();
-  const auto common = std::make_shared<Common>();
-  add_method_options(*parser, *request);
-  add_run_options(*parser, *request);
-  const CLI::Option* resume = parser->add_option("--resume", "Continue a run that was interrupted or stopped")
-                                  ->expected(0, 1)
-                                  ->option_text("[RUN]")
-                                  ->group("Run");
-  add_data_options(*parser, *request);
-  add_common(*parser, *common);
-  return {parser, [=] {
-            resolve_alias(*request, *common);
-            resolve_resume(*request, *resume);
-            return run_train(*request, *common);
-          }};
+  Command train =
+      command<TrainRequest>(program, "train", kExamples, run_train, [](const Options& add, TrainRequest& r) {
+        add_method_options(add, r);
+        add_run_options(add, r);
+        add_data_options(add, r);
+      });
+  return train;
 }
 
 }  // namespace cloam

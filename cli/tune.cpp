@@ -22,8 +22,7 @@ Examples:
   cloam tune matmul
   cloam tune --forget)";
 
-struct Options {
-  Common common;
+struct TuneRequest {
   std::string pattern;
   int rounds = 5;
   bool forget = false;
@@ -41,7 +40,7 @@ std::string line_of(const TuneResult& result) {
   return out;
 }
 
-std::string json_of(const std::vector<TuneResult>& results) {
+nlohmann::ordered_json json_of(const std::vector<TuneResult>& results) {
   nlohmann::ordered_json out = {{"schema_version", 1}, {"device", device().name}, {"driver", device().driver}};
   out["file"] = tuned_file();
   out["choices"] = nlohmann::ordered_json::array();
@@ -55,7 +54,7 @@ std::string json_of(const std::vector<TuneResult>& results) {
                               {"trials", trials},
                               {"winner", result.winner}});
   }
-  return out.dump(2) + "\n";
+  return out;
 }
 
 int forget(const Common& common) {
@@ -75,36 +74,33 @@ void keep(const std::string& choices) {
   }
 }
 
-int run_command(const Options& options) {
-  open_device(options.common);
-  if (options.forget) return forget(options.common);
+int run_command(const TuneRequest& request, const Common& common) {
+  open_device(common);
+  if (request.forget) return forget(common);
   const auto before = [&](const std::string& what, size_t done, size_t all) {
-    say(options.common, text("[", done + 1, "/", all, "] ", what));
+    say(common, text("[", done + 1, "/", all, "] ", what));
   };
-  const std::vector<TuneResult> results = tune(op_workloads(), {options.pattern, options.rounds}, before);
+  const std::vector<TuneResult> results = tune(op_workloads(), {request.pattern, request.rounds}, before);
   std::vector<Choice> kept;
   for (const TuneResult& result : results) {
-    if (!options.common.json) put(line_of(result));
+    if (!common.json) put(line_of(result));
     kept.push_back({result.family, result.size, result.trials[result.winner].variant, "tuned"});
   }
-  if (options.common.json) put(json_of(results));
+  if (common.json) put_json(json_of(results), 2);
   keep(with_tuned(kept));
   const auto changed = std::count_if(results.begin(), results.end(), [](const TuneResult& r) { return r.winner > 0; });
-  say(options.common,
-      text(results.size(), " choices, ", changed, " differ from the built-in table; kept in ", tuned_file()));
+  say(common, text(results.size(), " choices, ", changed, " differ from the built-in table; kept in ", tuned_file()));
   return 0;
 }
 
 }  // namespace
 
 Command add_tune(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("tune", kExamples);
-  const auto options = std::make_shared<Options>();
-  parser->add_option("PATTERN", options->pattern, "Only workloads whose name contains this (all)");
-  parser->add_option("--rounds", options->rounds, "Alternating rounds per candidate (5)")->check(whole_number(1, 99));
-  parser->add_flag("--forget", options->forget, "Delete the choices kept for this device");
-  add_common(*parser, options->common);
-  return {parser, [=] { return run_command(*options); }};
+  return command<TuneRequest>(program, "tune", kExamples, run_command, [](const Options& add, TuneRequest& r) {
+    add("PATTERN", r.pattern, "Only workloads whose name contains this (all)");
+    add("--rounds", r.rounds, "Alternating rounds per candidate (5)", whole_number(1, 99));
+    add("--forget", r.forget, "Delete the choices kept for this device");
+  });
 }
 
 }  // namespace cloam
