@@ -110,11 +110,6 @@ void expect_masks(Scene& scene) {
 
 }  // namespace
 
-CLI::Option* add_allow_outside(CLI::App& parser, bool& allowed) {
-  return parser.add_flag("--allow-outside", allowed,
-                         "Also read images and points outside the capture's folder, if the capture lists them");
-}
-
 Reading reading_for(const RunRecord& record, bool other, bool allow_outside) {
   Reading how = record.reading;
   how.allow_outside = allow_outside || (how.allow_outside && !other);

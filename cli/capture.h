@@ -9,11 +9,6 @@
 #include "models/runs/run_folder.h"
 #include "models/train/method.h"
 
-namespace CLI {
-class App;
-class Option;
-}  // namespace CLI
-
 namespace cloam {
 
 struct Capture {
@@ -23,9 +18,6 @@ struct Capture {
 };
 
 using Captures = std::vector<Capture>;
-
-/// --allow-outside of a command that reads captures.
-CLI::Option* add_allow_outside(CLI::App& parser, bool& allowed);
 
 /// How a command reads data for a run. What the user allowed when it was trained holds for its own data; `other` data
 /// are allowed nothing but what this call allows.

@@ -135,7 +135,7 @@ int run_command(const CheckRequest& request, const Common& common) {
                                    {"warnings", warnings}};
     if (scene.is_log) json["log"] = log_json(log);
     if (colmap) json["model"] = colmap_json(fit);
-    put(json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+    put_json(json, 2);
     return 0;
   }
   std::string out;

@@ -282,7 +282,7 @@ int run_command(const CompareRequest& request, const Common& common) {
   const std::vector<Group> groups = groups_of(runs, request.across_data);
   warn_of_differences(runs);
   if (common.json)
-    put(report(runs, groups).dump(2, ' ', false, Report::error_handler_t::replace) + "\n");
+    put_json(report(runs, groups), 2);
   else
     put(table(runs, groups));
   const std::string network = word(runs.front().eval, "feature_network");

@@ -73,18 +73,17 @@ int run_command(const ConvertRequest& request, const Common& common) {
   write(request, gaussians);
   const SplatErrors errors = reread_errors(request.out, gaussians);
   if (common.json) {
-    const nlohmann::ordered_json json = {{"schema_version", 1},
-                                         {"path", request.out},
-                                         {"gaussians", gaussians.count()},
-                                         {"up", {gaussians.up.x(), gaussians.up.y(), gaussians.up.z()}},
-                                         {"position_error", errors.position},
-                                         {"deviation_error", errors.scale},
-                                         {"rotation_error_degrees", errors.rotation},
-                                         {"opacity_error", errors.opacity},
-                                         {"colour_error", errors.colour},
-                                         {"harmonics_error", errors.harmonics},
-                                         {"warnings", file.warnings}};
-    put(json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+    put_json({{"schema_version", 1},
+              {"path", request.out},
+              {"gaussians", gaussians.count()},
+              {"up", {gaussians.up.x(), gaussians.up.y(), gaussians.up.z()}},
+              {"position_error", errors.position},
+              {"deviation_error", errors.scale},
+              {"rotation_error_degrees", errors.rotation},
+              {"opacity_error", errors.opacity},
+              {"colour_error", errors.colour},
+              {"harmonics_error", errors.harmonics},
+              {"warnings", file.warnings}});
   } else {
     put(text(request.out, ": ", gaussians.count(), " gaussians\n", lines_of(errors)));
   }

@@ -378,7 +378,7 @@ int Demo::run() {
     }
     expected_ += kParts[i].seconds * (this->*kParts[i].size)();
   }
-  if (common_.json) put(record().dump() + "\n");
+  if (common_.json) put_json(record());
   say(common_, text("done in ", words_for_seconds(seconds()), "\n", made_.folders.page().string()));
   return 0;
 }

@@ -116,11 +116,9 @@ class Editor {
     const std::string name = operation.substr(0, equals);
     const std::string operand = equals == std::string::npos ? "" : operation.substr(equals + 1);
     const std::vector<std::string> known = {"shift", "rotate", "remove", "replace", "path"};
-    if (std::find(known.begin(), known.end(), name) == known.end()) {
-      const std::string near = nearest_name(name, known);
+    if (std::find(known.begin(), known.end(), name) == known.end())
       bad_operation(given, text("there is no operation '", name, "'; want shift, rotate, remove, replace or path",
-                                near.empty() ? "" : "; did you mean " + near + "?"));
-    }
+                                did_you_mean(name, known)));
     if ((name == "remove") != (equals == std::string::npos)) {
       bad_operation(given, name + (name == "remove" ? " takes no operand" : " needs an operand after ="));
     }
@@ -245,9 +243,7 @@ fs::path write_thumbnails(const RestoredRun& run, const Report& rows, const fs::
 }
 
 int list_actors(const EditRequest& request, const Common& common) {
-  open_device(common);
-  const RestoredRun run = restore_run(request.run);
-  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  const RestoredRun run = restored(request.run, common);
   street_of(run);
   Report report = report_of(run);
   if (report["actors"].empty()) throw Error(Fault::data, "the logs of the run " + request.run + " have no actors");
@@ -255,7 +251,7 @@ int list_actors(const EditRequest& request, const Common& common) {
                                           request.out.empty() ? RunPaths{request.run}.edit() : fs::path(request.out));
   report["thumbnails"] = sheet.string();
   if (common.json)
-    put(report.dump(-1, ' ', false, Report::error_handler_t::replace) + "\n");
+    put_json(report);
   else
     put_table(report);
   say(common, text("thumbnails with their numbers are in ", sheet.string()));
@@ -277,7 +273,7 @@ int edit_actors(const EditRequest& request, const Common& common) {
   Editor editor(request, common);
   for (const std::string& given : request.actors) editor.apply_all(given);
   write_edited_run(editor.run(), request.out, command_line());
-  if (common.json) put(Report({{"schema_version", 1}, {"run", request.out}}).dump() + "\n");
+  if (common.json) put_json({{"schema_version", 1}, {"run", request.out}});
   say(common, text("the edited run is ", request.out, "\n  cloam render ", quoted(request.out),
                    " -o pictures, cloam simulate ", quoted(request.out), " -o LOG"));
   return 0;

@@ -132,7 +132,7 @@ void tell(const Scenes& scenes, const std::vector<Exported>& done, const Common&
                                               : text(one.vertices, " vertices, ", one.triangles, " triangles in ");
     say(common, text(spelled(scenes, one.actor), ": ", what, one.path));
   }
-  if (common.json) put(json.dump() + "\n");
+  if (common.json) put_json(json);
 }
 
 void check_file(const ExportRequest& request) {
@@ -174,16 +174,8 @@ int export_actors(const RestoredRun& run, ExportRequest request, const Common& c
 }
 
 int run_command(const ExportRequest& request, const Common& common) {
-  const std::vector<std::string> formats = {"glb", "ply", "turntable", "splat", "spz"};
-  if (!request.format.empty() && std::find(formats.begin(), formats.end(), request.format) == formats.end()) {
-    const std::string near = nearest_name(request.format, formats);
-    throw Error(Fault::usage, text("--format ", request.format, ": want one of glb, ply, turntable, splat, spz",
-                                   near.empty() ? "" : "; did you mean " + near + "?"));
-  }
   read_record(request.run);  // a wrong folder is told before a missing device
-  open_device(common);
-  const RestoredRun run = restore_run(request.run);
-  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  const RestoredRun run = restored(request.run, common);
   const auto* exports = as<ExportsGaussians>(*run.method);
   if (!exports) return export_actors(run, request, common);
   if (!request.actor.empty()) throw Error(Fault::usage, "--actor: this run has Gaussians, not actors");

@@ -50,7 +50,7 @@ int export_splats(const RestoredRun& run, const Gaussians& gaussians, const Spla
     nlohmann::ordered_json json = {
         {"schema_version", 1}, {"path", path.string()}, {"gaussians", read.gaussians.count()}};
     json["psnr_to_model"] = std::isfinite(decibel) ? nlohmann::ordered_json(decibel) : nullptr;
-    put(json.dump() + "\n");
+    put_json(json);
     return 0;
   }
   const std::string same = std::isfinite(decibel) ? fmt::format("match the model at {:.1f} dB", decibel)

@@ -62,14 +62,9 @@ struct Made {
 
 int class_named(const std::string& given) {
   const std::vector<std::string> names(std::begin(kAssetClasses), std::end(kAssetClasses));
-  std::string all;
-  for (std::size_t i = 0; i < names.size(); ++i) {
+  for (std::size_t i = 0; i < names.size(); ++i)
     if (lower_case(names[i]) == lower_case(given)) return static_cast<int>(i);
-    all += (i ? ", " : "") + names[i];
-  }
-  const std::string near = nearest_name(given, names);
-  throw Error(Fault::usage,
-              text("--class ", given, ": want one of ", all, near.empty() ? "" : "; did you mean " + near + "?"));
+  throw Error(Fault::usage, text("--class ", given, ": want one of ", joined(names), did_you_mean(given, names)));
 }
 
 const char* time_of_day(bool night) { return night ? "night" : "day"; }
@@ -177,9 +172,7 @@ int run_command(GenerateRequest request, const Common& common) {
   if (!request.time.empty()) request.wish.night = request.time == "night";
   request.wish.codes = kCodeSources.at(request.codes);
   check_is_prior(read_record(request.run), request.run);
-  open_device(common);
-  const RestoredRun prior = restore_run(request.run);
-  if (!prior.checkpoint.warning.empty()) warn(prior.checkpoint.warning);
+  const RestoredRun prior = restored(request.run, common);
   StoredRun source = read_source(prior);
   as<LearnsFromRun>(*prior.method)->load(source_of(source));
   const Json how = how_made(request, prior, source);
@@ -197,7 +190,7 @@ int run_command(GenerateRequest request, const Common& common) {
   commit_text(folder / kRecord, all.dump(2) + "\n");
   if (common.json) {
     all["folder"] = request.out;
-    put(all.dump() + "\n");
+    put_json(all);
   }
   say(common, text(made.assets.size(), " assets in ", request.out, ", shown together in ", (folder / kGrid).string()));
   return 0;

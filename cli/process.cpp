@@ -300,17 +300,16 @@ void tell_result(const Layout& layout, std::size_t given, std::size_t models, co
     warn(text("COLMAP could not place ", given - scene.frames.size(), " of ", given, " photos; they are left out"));
   if (models > 1) warn(text("the photos form ", models, " groups that do not overlap; the largest is used"));
   if (common.json) {
-    const nlohmann::ordered_json json = {{"schema_version", 1},
-                                         {"folder", layout.root.string()},
-                                         {"images_given", given},
-                                         {"images", scene.frames.size()},
-                                         {"cameras", scene.cameras.size()},
-                                         {"points", fit.points},
-                                         {"observations", fit.observations},
-                                         {"mean_error_pixels", fit.mean_error},
-                                         {"models", models},
-                                         {"seconds", seconds_since_start()}};
-    put(json.dump() + "\n");
+    put_json({{"schema_version", 1},
+              {"folder", layout.root.string()},
+              {"images_given", given},
+              {"images", scene.frames.size()},
+              {"cameras", scene.cameras.size()},
+              {"points", fit.points},
+              {"observations", fit.observations},
+              {"mean_error_pixels", fit.mean_error},
+              {"models", models},
+              {"seconds", seconds_since_start()}});
   } else {
     put(fmt::format("{} of {} photos placed; {} points, mean reprojection error {:.2f} px; {}\n", scene.frames.size(),
                     given, fit.points, fit.mean_error, words_for_seconds(seconds_since_start())));

@@ -17,7 +17,7 @@ using Event = nlohmann::ordered_json;
 
 enum class ProgressStyle { bar, plain, jsonl, none };
 
-/// auto: bar on a terminal, else plain; jsonl with --json; none with -q. Fault::usage.
+/// auto: bar on a terminal, else plain; jsonl with --json; none with -q.
 ProgressStyle progress_style(const std::string& wish, const Common& common);
 
 /// Events as JSON lines: on stdout if asked for, and in a file once one is opened. A log that cannot be written is

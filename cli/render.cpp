@@ -37,15 +37,6 @@ Examples:
   cloam render runs/street -o wide --log 003 --time +0.75 --camera-name left_camera --size 1280x720
   cloam render runs/street -o sweeps --lidar --split all)";
 
-void check_word(const char* option, const std::string& word, const std::vector<std::string>& known) {
-  std::string list;
-  for (const std::string& name : known) list += (list.empty() ? "" : ", ") + name;
-  if (std::find(known.begin(), known.end(), word) != known.end()) return;
-  const std::string near = nearest_name(word, known);
-  throw Error(Fault::usage,
-              text(option, " ", word, ": want one of ", list, near.empty() ? "" : "; did you mean " + near + "?"));
-}
-
 /// NAME_actor.png as the truth beside logs has it: which actor each pixel shows, 1 + its place in actors.json.
 void write_mask(const fs::path& path, const Picture& picture) {
   Labels labels{picture.width, picture.height, {}};
@@ -132,8 +123,7 @@ std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, c
 
 int render_lidar_alone(const RestoredRun& run, const RenderRequest& request, const Common& common) {
   const std::size_t sweeps = render_lidar(run, request, common);
-  if (common.json)
-    put(nlohmann::ordered_json({{"schema_version", 1}, {"sweeps", sweeps}, {"folder", request.out}}).dump() + "\n");
+  if (common.json) put_json({{"schema_version", 1}, {"sweeps", sweeps}, {"folder", request.out}});
   say(common, text(sweeps, " sweeps in ", request.out));
   return 0;
 }
@@ -149,8 +139,6 @@ std::string write_moving(const std::vector<Image>& images, const std::string& na
 }
 
 void check_request(const RenderRequest& request) {
-  check_word("--split", request.split, {"test", "train", "all"});
-  if (!request.path.empty()) check_word("--path", request.path, {"orbit", "interpolated"});
   if (!request.path.empty() && !request.camera.empty())
     throw Error(Fault::usage, "give either --path or --camera, not both");
   if (request.step && !request.time.empty()) throw Error(Fault::usage, "give either --step or --time, not both");
@@ -163,9 +151,7 @@ void check_request(const RenderRequest& request) {
 int run_render(const RenderRequest& request, const Common& common) {
   check_request(request);
   check_has_views(read_record(request.run));  // a wrong folder is told before a missing device
-  open_device(common);
-  const RestoredRun run = restore_run(request.run);
-  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  const RestoredRun run = restored(request.run, common);
   if ((request.masks || request.lidar) && !as<Street>(*run.method))
     throw Error(Fault::usage,
                 text("--masks and --lidar need a method with actors and LiDAR; the run's is ", run.record.method));
@@ -175,10 +161,7 @@ int run_render(const RenderRequest& request, const Common& common) {
   const std::vector<Image> images = render_all(run, views, request, common);
   if (request.masks) write_actor_names(run, request);
   const std::string moving = write_moving(images, film_name(views, request), request.out, common);
-  if (common.json) {
-    const nlohmann::ordered_json json = {{"schema_version", 1}, {"images", views.size()}, {"folder", request.out}};
-    put(json.dump() + "\n");
-  }
+  if (common.json) put_json({{"schema_version", 1}, {"images", views.size()}, {"folder", request.out}});
   say(common, text(views.size(), " pictures in ", request.out, moving));
   return 0;
 }

@@ -86,9 +86,7 @@ void keep_cameras(Scene& log, const std::string& list) {
     };
     if (!is_known(name) && is_known(name + "_camera")) name += "_camera";
     if (is_known(name)) continue;
-    std::string all;
-    for (const std::string& word : known) all += (all.empty() ? "" : ", ") + word;
-    throw Error(Fault::usage, text("--cameras ", list, ": the log has no camera '", name, "'; it has ", all));
+    throw Error(Fault::usage, text("--cameras ", list, ": the log has no camera '", name, "'; it has ", joined(known)));
   }
   std::erase_if(log.frames, [&](const Frame& frame) {
     return std::find(wanted.begin(), wanted.end(), frame.sensor) == wanted.end();
@@ -251,7 +249,7 @@ int write_one(const SimulateRequest& request, const Common& common, Simulation& 
   const Count count = simulation.write(run, request.out);
   Report report = {{"schema_version", 1}, {"folder", request.out}};
   report.update(report_of(count));
-  if (common.json) put(report.dump() + "\n");
+  if (common.json) put_json(report);
   say(common, text("the log is ", request.out, ": ", words_for(count), "\n  cloam check ", quoted(request.out)));
   return 0;
 }
@@ -300,7 +298,7 @@ int write_augmented(const SimulateRequest& request, const Common& common, int lo
     report["logs"].push_back(row);
     say(common, text(folder.string(), ": ", vehicles, " vehicles swapped, ", words_for(count)));
   }
-  if (common.json) put(report.dump() + "\n");
+  if (common.json) put_json(report);
   say(common, text(request.augment, " logs in ", request.out, "\n  cloam check ",
                    quoted((fs::path(request.out) / "001").string())));
   return 0;

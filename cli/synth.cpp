@@ -47,11 +47,8 @@ std::vector<std::string> camera_list(const std::string& list) {
     const bool ends = given.size() > ending.size() && given.ends_with(ending);
     const std::string name = ends ? given.substr(0, given.size() - ending.size()) : given;
     if (std::find(known.begin(), known.end(), name) == known.end()) {
-      std::string all;
-      for (const std::string& word : known) all += (all.empty() ? "" : ", ") + word;
-      const std::string near = nearest_name(name, known);
-      throw Error(Fault::usage, text("--cameras ", list, ": there is no camera '", given, "'; want some of ", all,
-                                     near.empty() ? "" : "; did you mean " + near + "?"));
+      throw Error(Fault::usage, text("--cameras ", list, ": there is no camera '", given, "'; want some of ",
+                                     joined(known), did_you_mean(name, known)));
     }
     if (std::find(cameras.begin(), cameras.end(), name + ending) == cameras.end()) cameras.push_back(name + ending);
   }
@@ -152,10 +149,7 @@ int run_command(SynthRequest request, const Common& common) {
       folders.push_back(folder.string());
     }
   }
-  if (common.json) {
-    const nlohmann::ordered_json json = {{"schema_version", 1}, {"logs", folders}};
-    put(json.dump() + "\n");
-  }
+  if (common.json) put_json({{"schema_version", 1}, {"logs", folders}});
   say(common, text(request.logs, " logs in ", request.out, ". next: cloam check ", cloam::quoted(folders.front())));
   return 0;
 }

@@ -268,6 +268,13 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
 
 namespace {
 
+void resolve_alias(TrainRequest& request, const Common& common) {
+  const std::string method = method_of_alias(request.method);
+  if (method == request.method) return;
+  say(common, text(request.method, " is called ", method, " here: training ", method));
+  request.method = method;
+}
+
 /// Where the data lie now, into the record of a run that is not trained any more.
 void record_places(TrainJob& job, const Common& common) {
   Captures captures;
@@ -292,6 +299,9 @@ int end_finished(TrainJob& job, const Common& common) {
 }  // namespace
 
 int run_train(TrainRequest request, const Common& common) {
+  resolve_alias(request, common);
+  if (request.resume && request.out.empty())
+    throw Error(Fault::usage, "--resume needs a run folder: cloam train --resume RUN");
   const ProgressStyle style = progress_style(request.progress, common);
   TrainJob job = request.resume ? resumed_job(request) : new_job(request);
   if (job.finished) return end_finished(job, common);
@@ -314,13 +324,6 @@ int run_train(TrainRequest request, const Common& common) {
 }
 
 namespace {
-
-void resolve_alias(TrainRequest& request, const Common& common) {
-  const std::string method = method_of_alias(request.method);
-  if (method == request.method) return;
-  say(common, text(request.method, " is called ", method, " here: training ", method));
-  request.method = method;
-}
 
 /// --resume takes a value or not, and the run folder may be told by it or by -o.
 void note_resume(TrainRequest& request, const CLI::Option& option) {
@@ -355,9 +358,10 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add("--overwrite", r.overwrite, "Replace an existing run in the folder");
   add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
   add("--progress", r.progress, "auto, bar, plain, jsonl or none", one_of({"auto", "bar", "plain", "jsonl", "none"}));
-  add.parser.add_option("--resume", "Continue a run that was interrupted or stopped")
-      ->expected(0, 1)
-      ->option_text("[RUN]");
+  const CLI::Option* resume = add.parser.add_option("--resume", "Continue a run that was interrupted or stopped")
+                                  ->expected(0, 1)
+                                  ->option_text("[RUN]");
+  add.parser.callback([&r, resume] { note_resume(r, *resume); });
 }
 
 void add_data_options(const Options& add, TrainRequest& r) {
@@ -380,13 +384,11 @@ void add_data_options(const Options& add, TrainRequest& r) {
 }  // namespace
 
 Command add_train(CLI::App& program) {
-  Command train =
-      command<TrainRequest>(program, "train", kExamples, run_train, [](const Options& add, TrainRequest& r) {
-        add_method_options(add, r);
-        add_run_options(add, r);
-        add_data_options(add, r);
-      });
-  return train;
+  return command<TrainRequest>(program, "train", kExamples, run_train, [](const Options& add, TrainRequest& r) {
+    add_method_options(add, r);
+    add_run_options(add, r);
+    add_data_options(add, r);
+  });
 }
 
 }  // namespace cloam
