@@ -4,7 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
-#include "cli/capture.h"
+#include "models/runs/captures.h"
 #include "cli/commands.h"
 #include "models/data/check_log.h"
 #include "models/data/colmap.h"

@@ -21,6 +21,8 @@
 #include "cli/output_path.h"
 #include "cli/profile.h"
 #include "cli/run_words.h"
+#include "cli/stop_signal.h"
+#include "models/io/draw_text.h"
 #include "models/runs/restore_run.h"
 #include "runtime/error.h"
 #include "runtime/kernel_cache.h"
@@ -134,6 +136,16 @@ void say(const Common& common, const std::string& line) {
 void warn(const std::string& warning) {
   end_build_news();
   std::fprintf(stderr, "warning: %s\n", warning.c_str());
+}
+
+void warn_without_font() {
+  if (!can_draw_text())
+    warn("the sheet has no captions: the font DejaVu Sans is not installed (apt-get install fonts-dejavu-core)");
+}
+
+Listener listener_of(const Common& common) {
+  return {[&common](const std::string& line) { say(common, line); }, warn,
+          [](const std::function<std::string()>& done) { check_stop(done); }};
 }
 
 void put(std::string_view data) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "models/io/words.h"
+#include "models/runs/listener.h"
 #include "runtime/device.h"
 
 namespace CLI {
@@ -42,6 +43,10 @@ RestoredRun restored(const std::string& run, const Common& common);
 /// A line on stderr, unless -q.
 void say(const Common& common, const std::string& line);
 void warn(const std::string& warning);
+/// Of a sheet of pictures that was to have captions.
+void warn_without_font();
+/// say, warn and check_stop, for long work in models/.
+Listener listener_of(const Common& common);
 /// Says that compiling is done, if it was said that it began: before news that do not go through say().
 void end_build_news();
 /// Data on stdout, at once. Fault::write if it cannot be written.

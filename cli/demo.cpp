@@ -12,7 +12,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "cli/actors.h"
+#include "models/runs/actor_names.h"
 #include "cli/commands.h"
 #include "cli/demo_page.h"
 #include "cli/distance.h"

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "cli/actors.h"
+#include "models/runs/actor_names.h"
 #include "cli/commands.h"
 #include "models/data/path_file.h"
 #include "models/eval/pictures.h"

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "cli/capture.h"
+#include "models/runs/captures.h"
 #include "cli/commands.h"
 #include "cli/eval_photos.h"
 #include "cli/eval_prior.h"

@@ -5,7 +5,7 @@
 #include <numeric>
 #include <set>
 
-#include "cli/capture.h"
+#include "models/runs/captures.h"
 #include "runtime/error.h"
 
 namespace cloam {

@@ -9,7 +9,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "cli/actors.h"
+#include "models/runs/actor_names.h"
 #include "cli/set_report.h"
 #include "cli/stop_signal.h"
 #include "models/diffusion/code_figures.h"

@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "cli/actors.h"
+#include "models/runs/actor_names.h"
 #include "cli/commands.h"
 #include "cli/export_splats.h"
 #include "cli/output_path.h"

@@ -8,7 +8,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "cli/actors.h"
+#include "models/runs/actor_names.h"
 #include "cli/commands.h"
 #include "cli/stop_signal.h"
 #include "models/eval/pictures.h"

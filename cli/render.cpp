@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "cli/actors.h"
-#include "cli/capture.h"
+#include "models/runs/actor_names.h"
+#include "models/runs/captures.h"
 #include "cli/commands.h"
 #include "cli/render_film.h"
 #include "cli/render_views.h"

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <charconv>
 
-#include "cli/capture.h"
+#include "models/runs/captures.h"
 #include "models/data/camera_file.h"
 #include "models/eval/pictures.h"
 #include "models/scene/camera_path.h"

@@ -8,8 +8,8 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "cli/actors.h"
-#include "cli/capture.h"
+#include "models/runs/actor_names.h"
+#include "models/runs/captures.h"
 #include "cli/commands.h"
 #include "cli/stop_signal.h"
 #include "models/data/pandaset.h"

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "cli/capture.h"
+#include "models/runs/captures.h"
 #include "cli/common.h"
 #include "models/train/method.h"
 

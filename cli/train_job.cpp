@@ -7,7 +7,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "cli/settings.h"
+#include "models/runs/settings.h"
 #include "models/methods/registry.h"
 #include "models/train/learns_from_run.h"
 #include "models/train/old_names.h"

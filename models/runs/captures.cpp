@@ -1,11 +1,11 @@
-// See capture.h.
-#include "cli/capture.h"
+// See captures.h.
+#include "models/runs/captures.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <future>
 
 #include "models/data/read_scene.h"
+#include "models/io/words.h"
 #include "models/street/street.h"
 #include "models/train/capability.h"
 #include "models/train/learns_from_captures.h"

@@ -4,7 +4,6 @@
 #include <string>
 #include <vector>
 
-#include "cli/common.h"
 #include "models/data/load_images.h"
 #include "models/runs/run_folder.h"
 #include "models/train/method.h"

@@ -1,5 +1,5 @@
 // See settings.h.
-#include "cli/settings.h"
+#include "models/runs/settings.h"
 
 #include <toml++/toml.h>
 
