@@ -4,11 +4,11 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
-#include "models/runs/captures.h"
 #include "cli/commands.h"
 #include "models/data/check_log.h"
 #include "models/data/colmap.h"
 #include "models/data/read_scene.h"
+#include "models/runs/captures.h"
 #include "runtime/error.h"
 
 namespace cloam {

@@ -12,7 +12,6 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "models/runs/actor_names.h"
 #include "cli/commands.h"
 #include "cli/demo_page.h"
 #include "cli/distance.h"
@@ -22,6 +21,7 @@
 #include "models/io/commit.h"
 #include "models/io/image.h"
 #include "models/io/json.h"
+#include "models/runs/actor_names.h"
 #include "models/runs/scene_file.h"
 #include "models/scene/asset_class.h"
 #include "runtime/error.h"

@@ -7,11 +7,11 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "models/runs/actor_names.h"
 #include "cli/commands.h"
 #include "models/data/path_file.h"
 #include "models/eval/pictures.h"
 #include "models/io/words.h"
+#include "models/runs/actor_names.h"
 #include "models/runs/asset_maker.h"
 #include "models/runs/edit_run.h"
 #include "runtime/error.h"

@@ -3,7 +3,6 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "models/runs/actor_names.h"
 #include "cli/commands.h"
 #include "cli/export_splats.h"
 #include "cli/output_path.h"
@@ -14,6 +13,7 @@
 #include "models/io/paths.h"
 #include "models/io/words.h"
 #include "models/mesh/write_mesh.h"
+#include "models/runs/actor_names.h"
 #include "models/street/asset_mesh.h"
 #include "runtime/error.h"
 

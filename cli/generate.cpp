@@ -8,7 +8,6 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "models/runs/actor_names.h"
 #include "cli/commands.h"
 #include "cli/stop_signal.h"
 #include "models/eval/pictures.h"
@@ -19,6 +18,7 @@
 #include "models/latents/new_assets.h"
 #include "models/latents/shows_assets.h"
 #include "models/mesh/write_mesh.h"
+#include "models/runs/actor_names.h"
 #include "models/street/asset_mesh.h"
 #include "runtime/error.h"
 

@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "models/runs/actor_names.h"
-#include "models/runs/captures.h"
 #include "cli/commands.h"
 #include "cli/render_film.h"
 #include "cli/render_views.h"
@@ -16,6 +14,8 @@
 #include "models/io/gif.h"
 #include "models/io/ply.h"
 #include "models/io/words.h"
+#include "models/runs/actor_names.h"
+#include "models/runs/captures.h"
 #include "models/street/lidar_rays.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"

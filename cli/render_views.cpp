@@ -6,9 +6,9 @@
 #include <algorithm>
 #include <charconv>
 
-#include "models/runs/captures.h"
 #include "models/data/camera_file.h"
 #include "models/eval/pictures.h"
+#include "models/runs/captures.h"
 #include "models/scene/camera_path.h"
 #include "models/scene/orbit.h"
 #include "runtime/error.h"

@@ -8,15 +8,15 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "models/runs/actor_names.h"
-#include "models/runs/captures.h"
 #include "cli/commands.h"
 #include "cli/stop_signal.h"
 #include "models/data/pandaset.h"
 #include "models/data/read_scene.h"
 #include "models/data/write_pandaset.h"
 #include "models/eval/pictures.h"
+#include "models/runs/actor_names.h"
 #include "models/runs/asset_maker.h"
+#include "models/runs/captures.h"
 #include "models/scene/asset_class.h"
 #include "models/scene/split.h"
 #include "models/street/street_data.h"

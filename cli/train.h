@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "models/runs/captures.h"
 #include "cli/common.h"
+#include "models/runs/captures.h"
 #include "models/train/method.h"
 
 namespace cloam {

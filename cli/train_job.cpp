@@ -7,8 +7,8 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "models/runs/settings.h"
 #include "models/methods/registry.h"
+#include "models/runs/settings.h"
 #include "models/train/learns_from_run.h"
 #include "models/train/old_names.h"
 #include "runtime/error.h"

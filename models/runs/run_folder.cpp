@@ -1,9 +1,9 @@
 // run.json and the other small files of a run folder. Field names are documented in docs/formats.md.
 #include "models/runs/run_folder.h"
 
-#include <nlohmann/json.hpp>
 #include <algorithm>
 #include <fstream>
+#include <nlohmann/json.hpp>
 
 #include "models/io/commit.h"
 #include "models/io/json.h"
