@@ -114,6 +114,15 @@ CLI::Validator number_from(double least, double most) {
   });
 }
 
+CLI::Validator duration() {
+  return check([](std::string& word) -> std::string {
+    try {
+      word = text(parse_duration(word));
+      return "";
+    } catch (const Error& error) { return error.what(); }
+  });
+}
+
 CLI::Validator one_of(const std::vector<std::string>& words) {
   return check([=](std::string& word) {
     if (std::find(words.begin(), words.end(), word) != words.end()) return std::string();

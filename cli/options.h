@@ -51,6 +51,8 @@ void add_allow_outside(const Options& add, bool& allowed);
 CLI::Validator whole_number(int64_t least, int64_t most = std::numeric_limits<int64_t>::max());
 /// Numbers from `least` to `most`.
 CLI::Validator number_from(double least, double most);
+/// "5m" and the like, which become seconds.
+CLI::Validator duration();
 /// One of these words; others are told the nearest.
 CLI::Validator one_of(const std::vector<std::string>& words);
 

@@ -1,25 +1,21 @@
 // cloam train: options, the run folder's life, signals.
-#include "cli/train.h"
-
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdlib>
+#include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
 #include "cli/progress.h"
 #include "cli/stop_signal.h"
-#include "cli/train_job.h"
-#include "cli/train_prior.h"
+#include "cli/train_plan.h"
 #include "models/eval/evaluate.h"
 #include "models/eval/pictures.h"
 #include "models/io/checkpoint.h"
 #include "models/io/commit.h"
 #include "models/methods/registry.h"
-#include "models/runs/restore_run.h"
 #include "models/runs/scene_file.h"
+#include "models/runs/training_sources.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/renders_views.h"
-#include "models/train/shares_networks.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -68,51 +64,6 @@ std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView&
   check_belongs(checkpoint, job.record);
   if (!checkpoint.warning.empty()) view.warning(checkpoint.warning);
   return checkpoint;
-}
-
-/// What a run learns from as its record names it.
-struct DataNow {
-  fs::path root;
-  std::string fingerprint;
-};
-
-std::vector<DataNow> data_now(const TrainJob& job, const Captures& captures) {
-  if (job.source) return {{job.source->folder, fingerprint(*job.source)}};
-  std::vector<DataNow> all;
-  for (const Capture& capture : captures) all.push_back({capture.scene.root, fingerprint(capture.scene)});
-  return all;
-}
-
-void check_data_unchanged(const TrainJob& job, const std::vector<DataNow>& data) {
-  for (std::size_t i = 0; i < data.size(); ++i) {
-    const std::string& before = job.record.data[i].fingerprint;
-    const std::string& now = data[i].fingerprint;
-    if (before.empty() || before == now) continue;
-    throw Error(Fault::data,
-                text(job.data[i].string(), " is not what the run was trained on (", before, "; this has ", now,
-                     ").\n  fix: name the run's own data with --data; to train on other data, start ",
-                     "another run: cloam train ", job.record.method, " ", quoted(job.data[i].string()), " -o RUN"));
-  }
-}
-
-/// The networks of the run named by --networks; a run that goes on has them in its own checkpoints and needs no other.
-void adopt_networks(TrainJob& job, const TrainRequest& request) {
-  if (!job.record.networks) return;
-  std::error_code error;
-  const bool own = request.resume && has_checkpoints(RunPaths{job.folder}.checkpoints());
-  fs::path source = own ? job.folder : fs::path(job.record.networks->given);
-  if (request.resume && !own) source = find_data(job.folder, *job.record.networks);
-  require<SharesNetworks>(*job.method, job.record.method, "--networks")
-      .adopt_networks(parameters_in(load_latest_checkpoint(RunPaths{source}.checkpoints()).file));
-  if (!own) job.record.networks->relative = relative_to_run(fs::weakly_canonical(source, error), job.folder);
-}
-
-void note_places(TrainJob& job, const std::vector<DataNow>& data) {
-  std::error_code error;
-  for (std::size_t i = 0; i < data.size(); ++i) {
-    job.record.data[i].fingerprint = data[i].fingerprint;
-    job.record.data[i].relative = relative_to_run(fs::weakly_canonical(data[i].root, error), job.folder);
-  }
 }
 
 void begin_folder(TrainJob& job, const Scenes& scenes, const std::vector<DataNow>& data, const TrainRequest& request) {
@@ -212,7 +163,7 @@ void take_progress(TrainJob& job, const LoadedCheckpoint& checkpoint, const Trai
   if (horizon != checkpoint.file.metadata.end())
     job.record.horizon = std::strtoll(horizon->second.c_str(), nullptr, 10);
   // The horizon that a budget chose stands; only a new budget limits what is left of it.
-  if (job.record.horizon > 0 && request.time_budget.empty()) job.record.time_budget_seconds.reset();
+  if (job.record.horizon > 0 && !request.time_budget) job.record.time_budget_seconds.reset();
 }
 
 /// A preview is no reason to miss a time budget.
@@ -303,7 +254,7 @@ int run_train(TrainRequest request, const Common& common) {
   if (request.resume && request.out.empty())
     throw Error(Fault::usage, "--resume needs a run folder: cloam train --resume RUN");
   const ProgressStyle style = progress_style(request.progress, common);
-  TrainJob job = request.resume ? resumed_job(request) : new_job(request);
+  TrainJob job = request.resume ? resumed_job(request) : new_job(request, listener_of(common));
   if (job.finished) return end_finished(job, common);
   open_device(common);
   EventLog log(style == ProgressStyle::jsonl);
@@ -351,7 +302,8 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add.group("Run");
   add("-o,--out", r.out, "Run folder (default runs/DATA-METHOD)");
   add("--steps", r.steps, "Number of steps, over which learning rates and other schedules run", whole_number(1));
-  add("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included");
+  add("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included", duration())
+      ->type_name("TEXT");
   add("--stop-after", r.stop_after, "Save and stop after this step; --resume continues", whole_number(1));
   add("--save-every", r.save_every, "Save a checkpoint every N steps", whole_number(1));
   add("--seed", r.seed, "Random seed (42)", whole_number(0));
