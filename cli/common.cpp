@@ -176,6 +176,16 @@ double parse_duration(const std::string& given) {
   return seconds;
 }
 
+ImageSize parse_size(const std::string& given) {
+  constexpr int kLargestSide = 1 << 14;
+  const auto is_side = [](int side) { return side >= 1 && side <= kLargestSide; };
+  int width = 0, height = 0, length = 0;
+  const bool whole = std::sscanf(given.c_str(), "%5dx%5d%n", &width, &height, &length) == 2 &&
+                     length == static_cast<int>(given.size());
+  if (whole && is_side(width) && is_side(height)) return {width, height};
+  throw Error(Fault::usage, text("--size ", given, ": want WIDTHxHEIGHT in pixels, such as 640x360"));
+}
+
 uint64_t parse_bytes(const std::string& given) {
   std::string_view rest = given;
   const double value = take_number(rest);

@@ -6,6 +6,7 @@
 #include <string_view>
 #include <vector>
 
+#include "models/io/image.h"
 #include "models/io/words.h"
 #include "models/runs/listener.h"
 #include "runtime/device.h"
@@ -56,6 +57,8 @@ void put_json(const nlohmann::ordered_json& json, int indent = -1);
 
 /// "90", "90s", "5m", "1h30m" -> seconds. Fault::usage.
 double parse_duration(const std::string& text);
+/// "320x180" -> width and height, as --size has them. Fault::usage.
+ImageSize parse_size(const std::string& text);
 /// "600M", "6G" -> bytes. Fault::usage.
 uint64_t parse_bytes(const std::string& text);
 /// "14:05", the local time that many seconds from now.

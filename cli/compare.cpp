@@ -12,6 +12,7 @@
 #include "cli/eval.h"
 #include "models/eval/compared_runs.h"
 #include "models/io/json.h"
+#include "models/nn/feature_network.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
 

@@ -49,7 +49,8 @@ void write_actor_names(const RestoredRun& run, const RenderRequest& request) {
     nlohmann::ordered_json json = nlohmann::ordered_json::object();
     const Scene& scene = run.scenes[static_cast<std::size_t>(index)];
     for (std::size_t i = 0; i < scene.actors.size(); ++i) json[std::to_string(i + 1)] = scene.actors[i].id;
-    const std::string prefix = run.scenes.size() > 1 ? log_name(run, index) + "_" : "";
+    const std::string prefix =
+        run.scenes.size() > 1 ? log_names(run.record)[static_cast<std::size_t>(index)] + "_" : "";
     commit_text(fs::path(request.out) / (prefix + "actors.json"), json.dump(1) + "\n");
   }
 }
@@ -111,7 +112,8 @@ std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, c
       const bool in_split = request.split == "all" || (sweep.split == Split::test) == (request.split == "test");
       if (request.step ? sweep.step != *request.step : !in_split) continue;
       check_stop([&] { return text(done, " sweeps are complete in ", request.out); });
-      const std::string prefix = run.scenes.size() > 1 ? log_name(run, index) + "_" : "";
+      const std::string prefix =
+          run.scenes.size() > 1 ? log_names(run.record)[static_cast<std::size_t>(index)] + "_" : "";
       const std::string name = prefix + "lidar_" + fs::path(sweep.file).stem().stem().string() + ".ply";
       render_sweep(street_of(run), sweep_rays(sweep, load_sweep(scene, sweep), index), fs::path(request.out) / name);
       say(common, text("render ", ++done, "  ", name));

@@ -25,7 +25,4 @@ std::vector<NamedView> views_of(const RestoredRun& run, const RenderRequest& req
 /// The numbers of the scenes that --log asks for: one, or all.
 std::vector<int> scenes_asked_for(const RestoredRun& run, const RenderRequest& request);
 
-/// The folder's name.
-std::string log_name(const RestoredRun& run, int scene);
-
 }  // namespace cloam

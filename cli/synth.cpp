@@ -55,14 +55,6 @@ std::vector<std::string> camera_list(const std::string& list) {
   return cameras;
 }
 
-/// "320x180".
-void read_size(const std::string& given, StreetLogOptions& log) {
-  int length = 0;
-  const bool whole = std::sscanf(given.c_str(), "%5dx%5d%n", &log.width, &log.height, &length) == 2 &&
-                     length == static_cast<int>(given.size());
-  if (!whole) throw Error(Fault::usage, text("--size ", given, ": want WIDTHxHEIGHT, such as 320x180"));
-}
-
 fs::path log_folder(const SynthRequest& request, int log) {
   return fs::path(request.out) / std::to_string(1001 + log).substr(1);
 }
@@ -129,7 +121,8 @@ void check_stop_in(const fs::path& folder, const SynthRequest& request, std::siz
 
 int run_command(SynthRequest request, const Common& common) {
   request.log.cameras = camera_list(request.cameras);
-  read_size(request.size, request.log);
+  const ImageSize size = parse_size(request.size);
+  request.log.width = size.width, request.log.height = size.height;
   request.log.truth = !request.no_truth;
   check_folders(request);
   std::vector<std::string> folders;

@@ -26,6 +26,13 @@ void average_box(const Image& image, int left, int top, int factor, std::uint8_t
 
 }  // namespace
 
+Image to_image(const std::vector<float>& values, int width, int height) {
+  Image image{width, height, 3, std::vector<std::uint8_t>(values.size())};
+  std::transform(values.begin(), values.end(), image.pixels.begin(),
+                 [](float value) { return static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.f, 1.f))); });
+  return image;
+}
+
 Image downscale(const Image& image, int factor) {
   if (factor < 1 || factor > image.width || factor > image.height) {
     throw Error(Fault::usage, text("--downscale ", factor, " of an image of ", image.width, "x", image.height,

@@ -6,6 +6,7 @@
 
 #include "models/io/host_random.h"
 #include "models/latents/generates_assets.h"
+#include "models/runs/actor_names.h"
 #include "models/scene/asset_class.h"
 #include "models/train/shares_networks.h"
 #include "runtime/error.h"
@@ -34,6 +35,13 @@ uint64_t seed_of(const StoredRun& run, const AssetName& name, uint64_t seed) {
   const std::vector<Actor>& actors = run.scenes.at(static_cast<std::size_t>(name.scene)).actors;
   const auto place = static_cast<uint64_t>(&actor_of(run.scenes, name) - actors.data());
   return HostRandom(seed, static_cast<uint64_t>(name.scene) << 32 | place).next();
+}
+
+std::vector<AssetName> vehicles_of(const Scenes& scenes, int log) {
+  std::vector<AssetName> names;
+  for (const Actor& actor : scenes.at(static_cast<std::size_t>(log)).actors)
+    if (!actor.boxes.empty() && is_vehicle(asset_class(actor.label))) names.push_back({log, actor.id});
+  return names;
 }
 
 }  // namespace
@@ -67,6 +75,22 @@ Replace AssetMaker::make(StoredRun& run, const AssetName& name, const MakerWish&
       how.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
   run.generated.assets.push_back(*best);
   return {looks, best->size};
+}
+
+std::size_t swap_vehicles(AssetMaker& maker, const MakerWish& wish, int log, StoredRun& run,
+                          const std::function<void(int, const std::string&)>& left_out) {
+  std::size_t swapped = 0;
+  for (const AssetName& name : vehicles_of(run.scenes, log)) {
+    try {
+      apply(maker.make(run, name, wish), run.scenes, name);
+      ++swapped;
+    } catch (const Error& error) {
+      if (error.fault() != Fault::usage) throw;
+      left_out(asset_class(actor_of(run.scenes, name).label), error.what());
+    }
+  }
+  if (swapped > 0) return swapped;
+  throw Error(Fault::data, "no vehicle of the log can be replaced: the --prior run learned none of their classes");
 }
 
 }  // namespace cloam
