@@ -1,5 +1,6 @@
-// The box filter of image.h.
+// The box filter of image.h, and images from values.
 #include <algorithm>
+#include <cmath>
 
 #include "models/io/image.h"
 #include "runtime/error.h"
