@@ -4,7 +4,6 @@
 #include "benchmarks/command.h"
 #include "benchmarks/tune.h"
 #include "cli/commands.h"
-#include "cli/output_path.h"
 #include "runtime/error.h"
 
 namespace cloam {

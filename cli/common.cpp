@@ -17,10 +17,7 @@
 #include <sstream>
 #include <utility>
 
-#include "cli/options.h"
-#include "cli/output_path.h"
-#include "cli/profile.h"
-#include "cli/run_words.h"
+#include "cli/commands.h"
 #include "cli/stop_signal.h"
 #include "models/io/draw_text.h"
 #include "models/runs/restore_run.h"

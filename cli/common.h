@@ -72,4 +72,10 @@ std::string device_spelling(const DeviceInfo& info);
 /// The command line as typed, in quotes where a shell needs them.
 std::string& command_line();
 
+/// --profile and --profile-trace: what each kernel and each step cost.
+/// Begins to record if the options ask for it. The device must be open.
+void begin_profile(const Common& common);
+/// Tells it on stderr and writes the trace. Nothing when no profile was begun. Fault::write.
+void end_profile();
+
 }  // namespace cloam

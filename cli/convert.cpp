@@ -7,7 +7,6 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
-#include "cli/output_path.h"
 #include "models/gaussians/formats.h"
 #include "models/gaussians/spz.h"
 #include "runtime/error.h"

@@ -16,7 +16,6 @@
 #include "cli/demo_page.h"
 #include "cli/distance.h"
 #include "cli/eval.h"
-#include "cli/run_words.h"
 #include "cli/stop_signal.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"

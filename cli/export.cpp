@@ -1,19 +1,22 @@
 // cloam export: actors of a trained street as meshes or turntables, and gaussians as files of splats.
-#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
-#include "cli/export_splats.h"
-#include "cli/output_path.h"
 #include "cli/stop_signal.h"
 #include "models/eval/pictures.h"
 #include "models/gaussians/exports_gaussians.h"
+#include "models/gaussians/formats.h"
+#include "models/gaussians/turn.h"
 #include "models/io/gif.h"
 #include "models/io/paths.h"
-#include "models/io/words.h"
 #include "models/mesh/write_mesh.h"
+#include "models/metrics/psnr.h"
+#include "models/render/undistort.h"
 #include "models/runs/actor_names.h"
+#include "models/splat/draw.h"
 #include "models/street/asset_mesh.h"
 #include "runtime/error.h"
 
@@ -173,6 +176,46 @@ int export_actors(const RestoredRun& run, ExportRequest request, const Common& c
   return 0;
 }
 
+constexpr std::size_t kViews = 3;  // that a file is looked at from
+
+std::vector<float> picture(const Gaussians& gaussians, const Scene& scene, const Frame& frame) {
+  const Camera camera = pinhole_around(scene.cameras[static_cast<std::size_t>(frame.camera)]);
+  std::vector<float> values =
+      draw(splat_model(gaussians), camera, view_matrix(frame.world_from_camera), {1e-3f}).planes.to_host();
+  for (float& value : values) value = std::min(value, 1.f);
+  return values;
+}
+
+/// The least of a few views.
+double likeness_of(const Gaussians& written, const Gaussians& model, const Scene& scene) {
+  double least = std::numeric_limits<double>::infinity();
+  const std::size_t every = std::max<std::size_t>(1, scene.frames.size() / kViews);
+  for (std::size_t i = 0; i < scene.frames.size(); i += every)
+    least = std::min(least, psnr(picture(written, scene, scene.frames[i]), picture(model, scene, scene.frames[i])));
+  return least;
+}
+
+/// Writes the file, reads it again, and prints how like the model's the pictures of what was read are.
+int export_splats(const RestoredRun& run, const Gaussians& gaussians, const ExportRequest& request,
+                  const Common& common) {
+  const fs::path path = with_format(request.out, request.format);
+  write_gaussians(path, gaussians);
+  const SplatFile read = read_gaussians(path);
+  for (const std::string& warning : read.warnings) warn(warning);
+  const double decibel = likeness_of(turned(read.gaussians, gaussians.up), gaussians, run.scenes.front());
+  if (common.json) {
+    nlohmann::ordered_json json = {
+        {"schema_version", 1}, {"path", path.string()}, {"gaussians", read.gaussians.count()}};
+    json["psnr_to_model"] = std::isfinite(decibel) ? nlohmann::ordered_json(decibel) : nullptr;
+    put_json(json);
+    return 0;
+  }
+  const std::string same = std::isfinite(decibel) ? fmt::format("match the model at {:.1f} dB", decibel)
+                                                  : std::string("equal the model's, bit for bit");
+  put(text(path.string(), ": ", read.gaussians.count(), " Gaussians; read back, its renders ", same, "\n"));
+  return 0;
+}
+
 int run_command(const ExportRequest& request, const Common& common) {
   read_record(request.run);  // a wrong folder is told before a missing device
   const RestoredRun run = restored(request.run, common);
@@ -182,7 +225,7 @@ int run_command(const ExportRequest& request, const Common& common) {
   if (request.format == "turntable")
     throw Error(Fault::usage, "--format turntable is for actors; for Gaussians, use cloam render RUN --path orbit");
   check_file(request);
-  return export_splats(run, exports->gaussians(), {request.format, request.out}, common);
+  return export_splats(run, exports->gaussians(), request, common);
 }
 
 }  // namespace

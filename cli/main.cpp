@@ -6,9 +6,7 @@
 #include <new>
 #include <stdexcept>
 
-#include "cli/options.h"
-#include "cli/profile.h"
-#include "cli/run_words.h"
+#include "cli/commands.h"
 #include "cli/stop_signal.h"
 #include "models/io/words.h"
 #include "runtime/error.h"

@@ -3,6 +3,7 @@
 #pragma once
 #include <CLI/CLI.hpp>
 #include <cstdint>
+#include <filesystem>
 #include <limits>
 #include <memory>
 #include <string>
@@ -55,6 +56,18 @@ CLI::Validator number_from(double least, double most);
 CLI::Validator duration();
 /// One of these words; others are told the nearest.
 CLI::Validator one_of(const std::vector<std::string>& words);
+
+/// For an option that names a folder: no "-" (nothing is written to stdout), no file, nothing below a file, and no name
+/// that is a file's ("orbit.gif") unless it is a folder's already.
+CLI::Validator output_folder();
+/// For an option that names a file: no "-", no folder, nothing below a file.
+CLI::Validator output_file();
+/// For one that names either: no "-", nothing below a file.
+CLI::Validator output_path();
+
+/// The file that --format and its name give together: with the format's extension where it has none that is a file's.
+/// Fault::usage where they contradict each other. format: as "glb"; empty: what the name says.
+std::filesystem::path with_format(const std::filesystem::path& path, const std::string& format);
 
 /// Lines of --help: N for any number, nothing of how values are checked.
 std::shared_ptr<CLI::Formatter> help_format();

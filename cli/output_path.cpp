@@ -1,10 +1,9 @@
-// See output_path.h.
-#include "cli/output_path.h"
-
+// Where a command writes, checked while the command line is read: before any work, and the same for all commands.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 
+#include "cli/options.h"
 #include "models/io/commit.h"
 #include "models/io/words.h"
 #include "runtime/error.h"

@@ -1,6 +1,4 @@
 // cloam render: views of the capture, a path, or cameras from a file.
-#include "cli/render.h"
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <nlohmann/json.hpp>
@@ -148,9 +146,7 @@ void check_request(const RenderRequest& request) {
     throw Error(Fault::usage, "--lidar renders recorded sweeps: choose them with --split, --step and --log");
 }
 
-}  // namespace
-
-int run_render(const RenderRequest& request, const Common& common) {
+int run_command(const RenderRequest& request, const Common& common) {
   check_request(request);
   check_has_views(read_record(request.run));  // a wrong folder is told before a missing device
   const RestoredRun run = restored(request.run, common);
@@ -168,8 +164,10 @@ int run_render(const RenderRequest& request, const Common& common) {
   return 0;
 }
 
+}  // namespace
+
 Command add_render(CLI::App& program) {
-  return command<RenderRequest>(program, "render", kExamples, run_render, [](const Options& add, RenderRequest& r) {
+  return command<RenderRequest>(program, "render", kExamples, run_command, [](const Options& add, RenderRequest& r) {
     add("RUN", r.run, "Run folder")->required();
     add("-o,--out", r.out, "Folder for the pictures")->required();
     add("--split", r.split, "test (held-out views), train or all (test)", one_of({"test", "train", "all"}));
