@@ -1,13 +1,11 @@
 // cloam process: photos become a capture. COLMAP finds the poses; we choose, watch and lay out.
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
-#include <deque>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -15,6 +13,7 @@
 
 #include "cli/child_program.h"
 #include "cli/commands.h"
+#include "cli/progress.h"
 #include "cli/stop_signal.h"
 #include "models/data/colmap.h"
 #include "models/data/colmap_model.h"
@@ -39,7 +38,6 @@ Examples:
 
 constexpr std::size_t kMostExhaustive = 150;  // images: the pairs to match grow with the square
 constexpr std::size_t kFewest = 3;
-constexpr std::size_t kLastWords = 12;  // lines of COLMAP's that an error shows
 
 struct ProcessRequest {
   std::string images, out, matching = "auto", camera_model = "SIMPLE_RADIAL";
@@ -116,33 +114,25 @@ std::optional<double> share_in(const std::string& line, std::size_t images) {
   return std::nullopt;
 }
 
-/// One line that is rewritten on a terminal; elsewhere a line when a stage begins.
 class Progress {
  public:
-  Progress(const Common& common, int stages) : common_(common), stages_(stages), draws_(isatty(STDERR_FILENO) != 0) {}
-  ~Progress() { end_line(); }
+  Progress(const Common& common, int stages) : common_(common), stages_(stages), line_(common) {}
 
   void begin(const std::string& stage) {
-    end_line();
+    line_.end();
     stage_ = text(++number_, "/", stages_, " ", stage);
-    if (!draws_) say(common_, stage_);
+    if (!line_.on_terminal()) say(common_, stage_);
     draw(0);
   }
   void draw(double share) {
-    if (!draws_ || common_.quiet) return;
-    std::fprintf(stderr, "\r%s  %3.0f %%  %s \033[K", stage_.c_str(), 100 * share,
-                 words_for_seconds(seconds_since_start()).c_str());
-    open_ = true;
+    line_.draw(fmt::format("{}  {:3.0f} %  {} ", stage_, 100 * share, words_for_seconds(seconds_since_start())));
   }
-  void end_line() {
-    if (open_) std::fputc('\n', stderr);
-    open_ = false;
-  }
+  void end_line() { line_.end(); }
 
  private:
   const Common& common_;
   int stages_, number_ = 0;
-  bool draws_, open_ = false;
+  RewrittenLine line_;
   std::string stage_;
 };
 
@@ -164,31 +154,24 @@ class Colmap {
     log << "\ncolmap";
     for (const std::string& word : stage.words) log << " " << quoted(word);
     log << "\n";
-    std::deque<std::string> last;
-    const int code = run_child({program_, stage.words, {"QT_QPA_PLATFORM=offscreen"}}, [&](const std::string& line) {
+    const auto seen = [&](const std::string& line) {
       log << line << "\n";
       if (verbose_) {
         progress_.end_line();
         std::fprintf(stderr, "  %s\n", line.c_str());
       }
-      last.push_back(line);
-      if (last.size() > kLastWords) last.pop_front();
       if (const auto share = share_in(line, images_)) progress_.draw(*share);
-    });
+    };
+    const ChildEnd end = run_child({program_, stage.words, {"QT_QPA_PLATFORM=offscreen"}}, seen);
     progress_.end_line();
     if (!log.flush())
       throw Error(Fault::write, text("cannot write ", layout_.log().string(), "; ", space_advice(layout_.work())));
-    if (code == 0 || stop_signal.load() != 0) return;
-    std::string words;
-    for (const std::string& line : last) words += "\n    " + line;
-    if (is_of_full_disk(words))
-      throw Error(Fault::write, text("colmap ", stage.words.front(), " cannot write: ", space_advice(layout_.work()),
-                                     "; it printed:", words));
-    throw Error(Fault::data,
-                text("colmap ", stage.words.front(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
-                     code == -SIGKILL ? " (out of memory? --max-size 1000 needs less)" : "",
-                     words.empty() ? "; it printed nothing" : "; it printed:", words,
-                     "\n  full output: ", layout_.log().string()));
+    if (end.code == 0 || stop_signal.load() != 0) return;
+    const std::string name = "colmap " + stage.words.front();
+    if (end.is_of_full_disk())
+      throw Error(Fault::write, text(name, " cannot write: ", space_advice(layout_.work()), "; it printed:", end.said));
+    const char* smaller = end.code == -SIGKILL ? "\n  fix: --max-size 1000 needs less memory" : "";
+    throw Error(Fault::data, text(name, " ", end.in_words(), smaller, "\n  full output: ", layout_.log().string()));
   }
 
  private:

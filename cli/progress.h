@@ -1,6 +1,8 @@
 // What a training tells while it runs: one line that is rewritten on a terminal, plain lines elsewhere, events as JSON
 // lines for programs and in the run's log. Events are documented in docs/formats.md.
 #pragma once
+#include <unistd.h>
+
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
@@ -14,6 +16,20 @@
 namespace cloam {
 
 using Event = nlohmann::ordered_json;
+
+/// A line on stderr that is rewritten where that is a terminal, and not there with -q; it ends with this.
+class RewrittenLine {
+ public:
+  explicit RewrittenLine(const Common& common) : quiet_(common.quiet) {}
+  ~RewrittenLine() { end(); }
+  bool on_terminal() const { return terminal_; }
+  void draw(const std::string& line);
+  void end();
+
+ private:
+  const bool quiet_, terminal_ = isatty(STDERR_FILENO) != 0;
+  bool open_ = false;
+};
 
 enum class ProgressStyle { bar, plain, jsonl, none };
 

@@ -1,9 +1,6 @@
 // See render_film.h.
 #include "cli/render_film.h"
 
-#include <cstdlib>
-#include <deque>
-
 #include "cli/child_program.h"
 #include "models/io/commit.h"
 #include "runtime/error.h"
@@ -12,8 +9,6 @@ namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr std::size_t kLastWords = 4;  // lines of ffmpeg's that a warning shows
 
 // Left alone, ffmpeg converts to BT.601 and does not say so, and players take large films for BT.709.
 constexpr char kFilter[] = "crop=trunc(iw/2)*2:trunc(ih/2)*2:0:0,scale=out_color_matrix=bt709,format=yuv420p";
@@ -33,19 +28,12 @@ void encode(const fs::path& ffmpeg, const std::vector<std::string>& input, const
                            "iec61966-2-1", "-movflags", "+faststart"})
     words.push_back(word);
   words.push_back(film.string());
-  std::deque<std::string> last;
-  const int code = run_child({ffmpeg, words}, [&](const std::string& line) {
-    last.push_back(line);
-    if (last.size() > kLastWords) last.pop_front();
-  });
-  if (code == 0) return;
-  std::string said;
-  for (const std::string& line : last) said += "\n    " + line;
-  if (is_of_full_disk(said))
+  const ChildEnd end = run_child({ffmpeg, words});
+  if (end.code == 0) return;
+  if (end.is_of_full_disk())
     throw Error(Fault::write,
-                text("cannot write the video: ", space_advice(film.parent_path()), "; ffmpeg printed:", said));
-  throw Error(Fault::data, text(ffmpeg.string(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
-                                said.empty() ? "; it printed nothing" : "; it printed:", said));
+                text("cannot write the video: ", space_advice(film.parent_path()), "; ffmpeg printed:", end.said));
+  throw Error(Fault::data, ffmpeg.string() + " " + end.in_words());
 }
 
 }  // namespace

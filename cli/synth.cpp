@@ -1,14 +1,12 @@
 // cloam synth: streets that it makes itself, as driving logs with the truth beside them.
-#include <unistd.h>
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/progress.h"
 #include "cli/stop_signal.h"
 #include "models/data/pandaset.h"
 #include "models/io/words.h"
@@ -79,35 +77,29 @@ void check_folders(const SynthRequest& request) {
   }
 }
 
-/// One line that is rewritten on a terminal; elsewhere a line a log.
+/// On a terminal after each picture, elsewhere a line a log.
 class Progress {
  public:
-  Progress(int pictures, const Common& common) : pictures_(pictures), common_(common), draws_(isatty(2) != 0) {}
-  ~Progress() {
-    if (open_) std::fputc('\n', stderr);
-  }
+  Progress(int pictures, const Common& common) : pictures_(pictures), common_(common), line_(common) {}
 
   void count(const fs::path& log) {
     ++done_;
-    if (common_.quiet || !draws_) return;
-    std::fprintf(stderr, "\r%s", line(log).c_str());
-    open_ = true;
+    line_.draw(line(log));
   }
   void end_log(const fs::path& log) {
-    if (!draws_) say(common_, line(log));
+    if (!line_.on_terminal()) say(common_, line(log));
   }
 
  private:
   std::string line(const fs::path& log) const {
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-    return text(log.string(), "  ", done_, "/", pictures_, " pictures, ",
-                words_for_seconds(seconds / done_ * (pictures_ - done_)), " left    ");
+    const double left = (seconds_since_start() - start_) / done_ * (pictures_ - done_);
+    return text(log.string(), "  ", done_, "/", pictures_, " pictures, ", words_for_seconds(left), " left    ");
   }
 
   int pictures_, done_ = 0;
   const Common& common_;
-  bool draws_, open_ = false;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  RewrittenLine line_;
+  const double start_ = seconds_since_start();
 };
 
 /// Ends the command after a signal, without the log that it was at.
@@ -143,7 +135,7 @@ int run_command(SynthRequest request, const Common& common) {
     }
   }
   if (common.json) put_json({{"schema_version", 1}, {"logs", folders}});
-  say(common, text(request.logs, " logs in ", request.out, ". next: cloam check ", cloam::quoted(folders.front())));
+  say(common, text(request.logs, " logs in ", request.out, ". next: cloam check ", quoted(folders.front())));
   return 0;
 }
 
