@@ -20,6 +20,7 @@
 #include "models/io/commit.h"
 #include "models/io/image.h"
 #include "models/io/json.h"
+#include "models/nn/feature_network.h"
 #include "models/runs/actor_names.h"
 #include "models/runs/scene_file.h"
 #include "models/scene/asset_class.h"
