@@ -49,31 +49,4 @@ double masked_psnr(std::span<const float> a, std::span<const float> b, std::span
   return count == 0 ? std::numeric_limits<double>::quiet_NaN() : decibel(sum / static_cast<double>(count));
 }
 
-std::vector<double> mean_colour(std::span<const std::span<const float>> images, int channels) {
-  std::vector<double> sums(static_cast<size_t>(std::max(channels, 0)), 0.0);
-  size_t count = 0;
-  for (const auto& image : images) {
-    need_channels(image.size(), channels);
-    for (size_t i = 0; i < image.size(); ++i) sums[i % sums.size()] += double{image[i]};
-    count += image.size() / sums.size();
-  }
-  if (count == 0) throw Error(Fault::data, "the mean colour needs at least one training pixel, got none");
-  for (double& sum : sums) sum /= static_cast<double>(count);
-  return sums;
-}
-
-double mean_colour_psnr(std::span<const std::span<const float>> train, std::span<const std::span<const float>> test,
-                        int channels) {
-  if (test.empty()) throw Error(Fault::data, "the mean colour baseline needs at least one test image, got none");
-  const std::vector<double> colour = mean_colour(train, channels);
-  double total = 0;
-  for (const auto& image : test) {
-    need_channels(image.size(), channels);
-    double sum = 0;
-    for (size_t i = 0; i < image.size(); ++i) sum += squared(double{image[i]} - colour[i % colour.size()]);
-    total += decibel(sum / static_cast<double>(image.size()));
-  }
-  return total / static_cast<double>(test.size());
-}
-
 }  // namespace cloam

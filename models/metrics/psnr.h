@@ -13,11 +13,4 @@ double psnr(std::span<const float> a, std::span<const float> b);
 /// a, b: [H,W,channels], mask: [H,W], pixels with a mask of 0 do not count. NaN when the mask is all 0.
 double masked_psnr(std::span<const float> a, std::span<const float> b, std::span<const uint8_t> mask, int channels);
 
-/// Mean value of each channel over all pixels of all images ([H,W,channels] each, of any size).
-std::vector<double> mean_colour(std::span<const std::span<const float>> images, int channels);
-
-/// The figure that a model must clear: mean PSNR of the test images against the mean colour of the training images.
-double mean_colour_psnr(std::span<const std::span<const float>> train, std::span<const std::span<const float>> test,
-                        int channels);
-
 }  // namespace cloam

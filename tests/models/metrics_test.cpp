@@ -71,17 +71,6 @@ TEST_CASE("psnr: only masked pixels count, with all their channels") {
   CHECK(std::isnan(masked_psnr(a, b, std::vector<uint8_t>(4, 0), 3)));
 }
 
-TEST_CASE("psnr: the mean colour of the training set is the baseline") {
-  const Values black{0, 0, 0, 0, 0, 0}, white{1, 1, 1}, grey{0.75F, 0.25F, 0.5F};
-  const std::vector<std::span<const float>> train{black, white}, test{grey, white};
-  const double third = 1.0 / 3.0;  // three pixels, one white
-  const double first_error =
-      ((0.75 - third) * (0.75 - third) + (0.25 - third) * (0.25 - third) + (0.5 - third) * (0.5 - third)) / 3;
-  const double second_error = (1 - third) * (1 - third);
-  CHECK(mean_colour_psnr(train, test, 3) ==
-        doctest::Approx(-5 * std::log10(first_error) - 5 * std::log10(second_error)).epsilon(1e-9));
-}
-
 TEST_CASE("ssim: the direct sum in double") {
   const ImageShape shape{17, 23, 3};  // wider and narrower than the window: borders everywhere
   const Values a = noise(17 * 23 * 3, 1), b = noise(17 * 23 * 3, 2);
@@ -181,5 +170,4 @@ TEST_CASE("metrics: sizes that disagree are data errors") {
   CHECK_THROWS_AS(masked_psnr(a, a, std::vector<uint8_t>(5, 1), 3), Error);
   CHECK_THROWS_AS(ssim(a, a, {2, 2, 4}), Error);
   CHECK_THROWS_AS(ssim(a, a, {2, 2, -3}), Error);
-  CHECK_THROWS_AS(mean_colour_psnr({}, {}, 3), Error);
 }

@@ -15,6 +15,7 @@
 #include "runtime/ops.h"
 #include "runtime/ops/volume.h"
 #include "tests/models/made_method.h"
+#include "tests/models/mean_colour.h"
 #include "tests/models/resume.h"
 
 using namespace cloam;
@@ -52,19 +53,14 @@ Outcome train_small(const Settings& settings, int64_t steps) {
   options.steps = steps;
   train({*method, folder.path / "ckpt", {}, nullptr, nullptr}, options, {});
 
-  std::vector<std::vector<float>> truth, seen;
-  for (const FramePixels& frame : load_images(scene, Split::train).frames) seen.push_back(on_white(frame));
   const Pixels test = load_images(scene, Split::test);
   Outcome out;
   for (const FramePixels& frame : test.frames) {
-    truth.push_back(on_white(frame));
     const Picture picture =
         shown(*method, {test.cameras[static_cast<size_t>(frame.camera)], scene.frames[frame.frame].world_from_camera});
-    out.psnr += psnr(picture.rgb, truth.back()) / static_cast<double>(test.frames.size());
+    out.psnr += psnr(picture.rgb, on_white(frame)) / static_cast<double>(test.frames.size());
   }
-  const std::vector<std::span<const float>> seen_views(seen.begin(), seen.end()),
-      truth_views(truth.begin(), truth.end());
-  out.baseline = mean_colour_psnr(seen_views, truth_views, 3);
+  out.baseline = mean_colour_figure(scene);
   return out;
 }
 

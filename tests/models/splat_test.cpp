@@ -10,6 +10,7 @@
 #include "runtime/error.h"
 #include "tests/models/folder.h"
 #include "tests/models/made_method.h"
+#include "tests/models/mean_colour.h"
 #include "tests/models/resume.h"
 
 using namespace cloam;
@@ -64,15 +65,6 @@ double trained(const Capture& capture, const Settings& settings, int64_t steps) 
   return test_psnr(*method, capture.scene);
 }
 
-double mean_colour(const Scene& scene) {
-  std::vector<std::vector<float>> pixels[2];
-  for (const FramePixels& frame : load_images(scene, Split::train).frames) pixels[0].push_back(on_white(frame));
-  for (const FramePixels& frame : load_images(scene, Split::test).frames) pixels[1].push_back(on_white(frame));
-  const std::vector<std::span<const float>> train(pixels[0].begin(), pixels[0].end());
-  const std::vector<std::span<const float>> test(pixels[1].begin(), pixels[1].end());
-  return mean_colour_psnr(train, test, 3);
-}
-
 }  // namespace
 
 TEST_CASE("splat: growth from few gaussians is worth its while, with either strategy") {
@@ -86,7 +78,7 @@ TEST_CASE("splat: growth from few gaussians is worth its while, with either stra
   const double densified = with({{"growth.start", "60"}, {"growth.every", "30"}});
   const double mcmc =
       with({{"growth.strategy", "mcmc"}, {"growth.start", "60"}, {"growth.every", "10"}, {"growth.max", "1500"}});
-  const double guess = mean_colour(capture.scene);
+  const double guess = mean_colour_figure(capture.scene);
   MESSAGE("PSNR: mean colour ", guess, ", 150 gaussians ", still, ", densified ", densified, ", mcmc ", mcmc);
   CHECK(still > guess + 3);
   CHECK(densified > still + 1.5);
@@ -170,7 +162,7 @@ TEST_CASE("splat: a growth with nothing to do changes nothing") {
                  {"growth.start", "5"},
                  {"growth.every", "5"},
                  {"growth.max", "150"}},
-                20) > mean_colour(capture.scene));
+                20) > mean_colour_figure(capture.scene));
 }
 
 TEST_CASE("splat: settings that cannot be are told") {
