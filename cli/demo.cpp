@@ -14,7 +14,6 @@
 
 #include "cli/commands.h"
 #include "cli/demo_page.h"
-#include "cli/distance.h"
 #include "cli/eval.h"
 #include "cli/stop_signal.h"
 #include "models/io/commit.h"

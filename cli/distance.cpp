@@ -1,11 +1,10 @@
 // cloam distance: how alike two sets of pictures are as sets. FID and KID with the weights of Inception, the same
 // statistics under other names with other networks.
-#include "cli/distance.h"
-
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/eval.h"
 #include "cli/stop_signal.h"
 #include "models/eval/image_sets.h"
 

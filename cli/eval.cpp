@@ -6,7 +6,6 @@
 #include <optional>
 
 #include "cli/commands.h"
-#include "cli/eval_table.h"
 #include "cli/stop_signal.h"
 #include "models/eval/measure_run.h"
 #include "models/eval/prior_figures.h"

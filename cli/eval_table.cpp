@@ -1,11 +1,11 @@
-// See eval_table.h.
-#include "cli/eval_table.h"
+// What an evaluation found, as tables for people.
 
 #include <fmt/format.h>
 
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "cli/eval.h"
 #include "models/eval/image_sets.h"
 #include "models/street/lidar_rays.h"
 #include "runtime/error.h"

@@ -1,10 +1,11 @@
 // See training_job.h.
 #include "models/runs/training_job.h"
 
+#include <toml++/toml.h>
+
 #include <algorithm>
 
 #include "models/methods/registry.h"
-#include "models/runs/settings.h"
 #include "models/train/learns_from_run.h"
 #include "models/train/old_names.h"
 #include "runtime/error.h"
@@ -13,6 +14,57 @@ namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
+using Settings = std::vector<std::pair<std::string, std::string>>;
+
+constexpr uint64_t kLargest = 1 << 20;
+
+std::string value_text(const toml::node& node, const std::string& where) {
+  if (const auto* value = node.as_string()) return value->get();
+  if (const auto* value = node.as_integer()) return to_string(ConfigValue(value->get()));
+  if (const auto* value = node.as_floating_point()) return to_string(ConfigValue(value->get()));
+  if (const auto* value = node.as_boolean()) return value->get() ? "true" : "false";
+  throw Error(Fault::usage, where + ": want a number, a string, true or false");
+}
+
+void collect(const toml::table& table, const std::string& prefix, const std::string& where, Settings& settings) {
+  for (const auto& [key, node] : table) {
+    const std::string name = prefix + std::string(key.str());
+    if (const auto* inner = node.as_table())
+      collect(*inner, name + ".", where, settings);
+    else
+      settings.emplace_back(name, value_text(node, where + ", " + name));
+  }
+}
+
+std::string content_of(const std::filesystem::path& path) {
+  try {
+    const auto bytes = read_file(path, kLargest);
+    return {bytes.begin(), bytes.end()};
+  } catch (const Error& error) { throw Error(Fault::usage, error.what()); }
+}
+
+/// The keys of a TOML file with their values as --set would take them; tables become dotted keys. Fault::usage for a
+/// file that cannot be read, is no TOML (with line and column), or holds lists or dates.
+Settings read_settings(const std::filesystem::path& path) {
+  Settings settings;
+  try {
+    collect(toml::parse(content_of(path), path.string()), "", path.string(), settings);
+  } catch (const toml::parse_error& error) {
+    const auto& place = error.source().begin;
+    throw Error(Fault::usage,
+                text(path.string(), ", line ", place.line, ", column ", place.column, ": ", error.description()));
+  }
+  return settings;
+}
+
+/// "key=value" -> both.
+std::pair<std::string, std::string> split_setting(const std::string& setting) {
+  const std::size_t equals = setting.find('=');
+  if (equals == std::string::npos || equals == 0) {
+    throw Error(Fault::usage, text("--set ", setting, ": want key=value, such as --set train.rate=0.01"));
+  }
+  return {setting.substr(0, equals), setting.substr(equals + 1)};
+}
 
 bool holds_files(const fs::path& folder) {
   std::error_code error;
