@@ -1,6 +1,8 @@
 // cloam edit: the actors of a trained street, listed with thumbnails, moved, turned, removed, swapped.
 #include "models/scene/edit.h"
 
+#include <fmt/format.h>
+
 #include <CLI/CLI.hpp>
 #include <Eigen/Dense>
 #include <cmath>
@@ -203,22 +205,17 @@ Report report_of(const RestoredRun& run) {
 }
 
 void put_table(const Report& report) {
-  char line[200];
-  std::snprintf(line, sizeof line, "%4s  %-4s %-38s %-18s %-18s %5s %6s\n", "no.", "log", "actor", "label",
-                "size w l h (m)", "boxes", "images");
-  std::string out = line;
+  std::string out = fmt::format("{:>4}  {:<4} {:<38} {:<18} {:<18} {:>5} {:>6}\n", "no.", "log", "actor", "label",
+                                "size w l h (m)", "boxes", "images");
   for (const Report& a : report["actors"]) {
-    char size[40];
-    std::snprintf(size, sizeof size, "%.2f %.2f %.2f", a["size_m"][0].get<double>(), a["size_m"][1].get<double>(),
-                  a["size_m"][2].get<double>());
-    const std::string notes = std::string(a["boxes"] == 0               ? "removed"
-                                          : a["stationary"].get<bool>() ? "stationary"
-                                                                        : "moving") +
-                              (a["looks_of"].is_null() ? "" : ", appearance of " + a["looks_of"].get<std::string>());
-    std::snprintf(line, sizeof line, "%4d  %-4d %-38.38s %-18.18s %-18s %5d %6d  ", a["number"].get<int>(),
-                  a["log"].get<int>(), a["actor"].get<std::string>().c_str(), a["label"].get<std::string>().c_str(),
-                  size, a["boxes"].get<int>(), a["images"].get<int>());
-    out += line + notes + "\n";
+    const Report& side = a["size_m"];
+    const std::string size =
+        fmt::format("{:.2f} {:.2f} {:.2f}", side[0].get<double>(), side[1].get<double>(), side[2].get<double>());
+    const char* motion = a["boxes"] == 0 ? "removed" : a["stationary"].get<bool>() ? "stationary" : "moving";
+    const std::string looks = a["looks_of"].is_null() ? "" : ", appearance of " + a["looks_of"].get<std::string>();
+    out += fmt::format("{:>4}  {:<4} {:<38.38} {:<18.18} {:<18} {:>5} {:>6}  {}{}\n", a["number"].get<int>(),
+                       a["log"].get<int>(), a["actor"].get<std::string>(), a["label"].get<std::string>(), size,
+                       a["boxes"].get<int>(), a["images"].get<int>(), motion, looks);
   }
   put(out);
 }

@@ -82,11 +82,7 @@ Exported export_turntable(const RestoredRun& run, const ExportRequest& request, 
                           const fs::path& folder) {
   const std::vector<Image> images = turntable(street_of(run), looks_of(run.scenes, name),
                                               actor_of(run.scenes, name).size, request.frames, request.size);
-  for (std::size_t i = 0; i < images.size(); ++i) {
-    char file[32];
-    std::snprintf(file, sizeof file, "turn_%04zu.png", i);
-    write_png(folder / file, images[i]);
-  }
+  for (std::size_t i = 0; i < images.size(); ++i) { write_png(folder / fmt::format("turn_{:04}.png", i), images[i]); }
   write_gif(folder / "turntable.gif", images, kFramesPerSecond);
   return {name, folder.string(), 0, 0, images.size()};
 }

@@ -1,5 +1,6 @@
 // cloam generate: new assets from a run of diffusion, decoded by the run that it learned from.
-#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -94,9 +95,7 @@ Json described(const Made& made, std::size_t i) {
 }
 
 fs::path file_of(const GenerateRequest& request, std::size_t asset, const char* extension) {
-  char name[32];
-  std::snprintf(name, sizeof name, "asset_%03zu.%s", asset, extension);
-  return fs::path(request.out) / name;
+  return fs::path(request.out) / fmt::format("asset_{:03}.{}", asset, extension);
 }
 
 void write_latents(const fs::path& path, const Made& made, const std::array<int64_t, 2>& shape) {
@@ -128,9 +127,7 @@ void add_mesh(const GenerateRequest& request, const Made& made, std::size_t i, J
 /// For `distance`, which wants no loops but pictures.
 void write_pictures(const GenerateRequest& request, std::size_t asset, const std::vector<Image>& turn) {
   for (std::size_t i = 0; i < turn.size(); ++i) {
-    char name[64];
-    std::snprintf(name, sizeof name, "asset_%03zu_%04zu.png", asset, i);
-    write_png(fs::path(request.out) / kPictures / name, turn[i]);
+    write_png(fs::path(request.out) / kPictures / fmt::format("asset_{:03}_{:04}.png", asset, i), turn[i]);
   }
 }
 

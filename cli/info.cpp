@@ -1,6 +1,6 @@
 // cloam info: devices, which one runs and how to name it again; what a bug report needs.
-#include <CLI/CLI.hpp>
-#include <cstdio>
+#include <fmt/format.h>
+
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -47,11 +47,9 @@ std::optional<DeviceInfo> chosen_device(const Common& common, std::optional<Erro
 }
 
 std::string row(const DeviceInfo& info, bool chosen) {
-  char buffer[256];
-  std::snprintf(buffer, sizeof buffer, "%s %-5s %-44.44s %-4s %9s  %5d  %s\n", chosen ? "*" : " ", info.id.c_str(),
-                (info.name + " (" + info.platform + ")").c_str(), info.is_cpu ? "cpu" : "gpu",
-                words_for_bytes(info.global_bytes).c_str(), info.compute_units, verdict(info).c_str());
-  return buffer;
+  return fmt::format("{} {:<5} {:<44.44} {:<4} {:>9}  {:>5}  {}\n", chosen ? "*" : " ", info.id,
+                     info.name + " (" + info.platform + ")", info.is_cpu ? "cpu" : "gpu",
+                     words_for_bytes(info.global_bytes), info.compute_units, verdict(info));
 }
 
 std::string environment() {
@@ -63,10 +61,8 @@ std::string environment() {
 }
 
 void put_table(const std::vector<DeviceInfo>& devices, const std::optional<DeviceInfo>& chosen) {
-  char head[160];
-  std::snprintf(head, sizeof head, "  %-5s %-44s %-4s %9s  %5s  %s\n", "id", "device", "type", "memory", "units",
-                "verdict");
-  std::string out = head;
+  std::string out =
+      fmt::format("  {:<5} {:<44} {:<4} {:>9}  {:>5}  {}\n", "id", "device", "type", "memory", "units", "verdict");
   for (const DeviceInfo& info : devices) out += row(info, chosen && chosen->id == info.id);
   if (chosen) {
     out += text("selected: ", chosen->id, " (",

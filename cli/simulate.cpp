@@ -1,6 +1,7 @@
 // cloam simulate: an edited street as a driving log: images rendered, LiDAR measured where the edit touches it.
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -142,13 +143,11 @@ int write_augmented(const SimulateRequest& request, const Common& common, int lo
   };
   Report report = {{"schema_version", 1}, {"folder", request.out}, {"logs", Report::array()}};
   for (int number = 1; number <= request.augment; ++number) {
-    char name[16];
-    std::snprintf(name, sizeof name, "%03d", number);
     const MakerWish wish{HostRandom(request.wish.seed, static_cast<uint64_t>(number)).next() >> 32,
                          request.wish.guidance};
     StoredRun swapped = stored;
     const std::size_t vehicles = swap_vehicles(maker, wish, log, swapped, left_out);
-    const fs::path folder = fs::path(request.out) / name;
+    const fs::path folder = fs::path(request.out) / fmt::format("{:03}", number);
     const LogCount count = simulation.write(restore_run(std::move(swapped)), folder);
     Report row = {{"folder", folder.string()}, {"seed", wish.seed}, {"vehicles", vehicles}};
     row.update(report_of(count));

@@ -1,4 +1,6 @@
 // cloam train: options, the run folder's life, signals.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -117,9 +119,7 @@ void write_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& 
   const std::vector<float> truth = on_white(frame.photo);
   const ImageScore score = score_image(picture.rgb, truth, frame.photo);
   const int w = picture.width, h = picture.height;
-  char name[40];
-  std::snprintf(name, sizeof name, "step_%06lld.png", static_cast<long long>(result.step));
-  const fs::path path = RunPaths{job.folder}.preview() / name;
+  const fs::path path = RunPaths{job.folder}.preview() / fmt::format("step_{:06}.png", result.step);
   write_png(path, contact_sheet({to_image(picture.rgb, w, h), to_image(truth, w, h)}, 2));
   log.write(
       "eval",
@@ -215,10 +215,6 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   return ended_early ? 128 + stop_signal.load() : 0;
 }
 
-}  // namespace
-
-namespace {
-
 void resolve_alias(TrainRequest& request, const Common& common) {
   const std::string method = method_of_alias(request.method);
   if (method == request.method) return;
@@ -247,9 +243,7 @@ int end_finished(TrainJob& job, const Common& common) {
   return 0;
 }
 
-}  // namespace
-
-int run_train(TrainRequest request, const Common& common) {
+int run_command(TrainRequest request, const Common& common) {
   resolve_alias(request, common);
   if (request.resume && request.out.empty())
     throw Error(Fault::usage, "--resume needs a run folder: cloam train --resume RUN");
@@ -273,8 +267,6 @@ int run_train(TrainRequest request, const Common& common) {
   say(common, "dry run: nothing was written");
   return 0;
 }
-
-namespace {
 
 /// --resume takes a value or not, and the run folder may be told by it or by -o.
 void note_resume(TrainRequest& request, const CLI::Option& option) {
@@ -336,7 +328,7 @@ void add_data_options(const Options& add, TrainRequest& r) {
 }  // namespace
 
 Command add_train(CLI::App& program) {
-  return command<TrainRequest>(program, "train", kExamples, run_train, [](const Options& add, TrainRequest& r) {
+  return command<TrainRequest>(program, "train", kExamples, run_command, [](const Options& add, TrainRequest& r) {
     add_method_options(add, r);
     add_run_options(add, r);
     add_data_options(add, r);

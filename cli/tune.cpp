@@ -1,9 +1,9 @@
 // cloam tune: which of the kernels' variants are fastest on this device, kept for the runs to come.
 #include "benchmarks/tune.h"
 
-#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -32,10 +32,8 @@ std::string line_of(const TuneResult& result) {
   std::string out = text(result.family, " ", result.size, "\n");
   for (size_t i = 0; i < result.trials.size(); i++) {
     const Trial& trial = result.trials[i];
-    char line[200];
-    std::snprintf(line, sizeof line, "  %s %5.2fx  %s", i == result.winner ? "*" : " ", trial.ratio,
-                  trial.variant->row().c_str());
-    out += std::string(line) + (trial.rejected.empty() ? "" : "  rejected: " + trial.rejected) + "\n";
+    out += fmt::format("  {} {:5.2f}x  {}{}\n", i == result.winner ? "*" : " ", trial.ratio, trial.variant->row(),
+                       trial.rejected.empty() ? "" : "  rejected: " + trial.rejected);
   }
   return out;
 }

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 
+#include "models/io/bytes.h"
+#include "models/io/words.h"
 #include "models/methods/registry.h"
 #include "models/train/learns_from_run.h"
 #include "models/train/old_names.h"

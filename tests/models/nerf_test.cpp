@@ -22,15 +22,6 @@ using namespace cloam;
 
 namespace {
 
-std::vector<float> on_white(const FramePixels& frame) {
-  std::vector<float> out;
-  for (size_t i = 0; i < frame.rgba.size(); i += 4) {
-    const float alpha = static_cast<float>(frame.rgba[i + 3]) / 255.f;
-    for (size_t c = 0; c < 3; c++) out.push_back(static_cast<float>(frame.rgba[i + c]) / 255.f * alpha + 1.f - alpha);
-  }
-  return out;
-}
-
 /// Built for the scene, with its training photos.
 std::unique_ptr<Method> loaded(const Scene& scene, const Settings& settings) {
   auto method = configured("nerf", settings);

@@ -37,15 +37,6 @@ std::unique_ptr<Method> built(const Scene& scene, const Settings& settings) {
   return built(scene, settings, load_images(scene, Split::train));
 }
 
-std::vector<float> on_white(const FramePixels& frame) {
-  std::vector<float> out;
-  for (size_t i = 0; i < frame.rgba.size(); i += 4) {
-    const float alpha = static_cast<float>(frame.rgba[i + 3]) / 255.f;
-    for (size_t c = 0; c < 3; c++) out.push_back(static_cast<float>(frame.rgba[i + c]) / 255.f * alpha + 1.f - alpha);
-  }
-  return out;
-}
-
 double test_psnr(Method& method, const Scene& scene) {
   const Pixels test = load_images(scene, Split::test);
   double sum = 0;
