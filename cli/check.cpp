@@ -24,10 +24,8 @@ Examples:
   cloam check data/2011_09_26_drive_0005_sync)";
 
 struct CheckRequest {
-  std::string data;
-  int downscale = 1, holdout = 0;
-  bool skip_bad = false, allow_outside = false;
-  std::string masks = "ignore";
+  std::string data, masks = "ignore";
+  Reading how;
 };
 
 /// One image in memory at a time. Returns what is odd, each kind of remark once.
@@ -100,11 +98,7 @@ std::string colmap_text(const ColmapFit& fit) {
 }
 
 int run_command(const CheckRequest& request, const Common& common) {
-  Reading how;
-  how.downscale = request.downscale;
-  how.holdout = request.holdout;
-  how.skip_bad = request.skip_bad;
-  how.allow_outside = request.allow_outside;
+  Reading how = request.how;
   how.masks = mask_meaning(request.masks);
   const Scene scene = read_split_scene(request.data, how);
   std::vector<std::string> warnings = scene.warnings;
@@ -144,7 +138,7 @@ int run_command(const CheckRequest& request, const Common& common) {
   if (colmap) out += colmap_text(fit);
   put(out + "training images in memory: " + words_for_bytes(bytes) + "\n");
   say(common, text("ok. next: cloam train ", scene.is_log ? "genassets " : "nerf ", quoted(request.data),
-                   request.allow_outside ? " --allow-outside" : ""));
+                   how.allow_outside ? " --allow-outside" : ""));
   return 0;
 }
 
@@ -153,11 +147,11 @@ int run_command(const CheckRequest& request, const Common& common) {
 Command add_check(CLI::App& program) {
   return command<CheckRequest>(program, "check", kExamples, run_command, [](const Options& add, CheckRequest& r) {
     add("DATA", r.data, "Folder of the capture")->required();
-    add("--downscale", r.downscale, "As for train: shrink the images by this factor (1)", whole_number(1, 256));
-    add("--holdout", r.holdout, "As for train: hold out every Nth image", whole_number(2, 1 << 20));
+    add("--downscale", r.how.downscale, "As for train: shrink the images by this factor (1)", whole_number(1, 256));
+    add("--holdout", r.how.holdout, "As for train: hold out every Nth image", whole_number(2, 1 << 20));
     add("--masks", r.masks, "As for train: ignore or transparent (ignore)", one_of({"ignore", "transparent"}));
-    add("--skip-bad", r.skip_bad, "Warn about damaged images instead of stopping");
-    add_allow_outside(add, r.allow_outside);
+    add("--skip-bad", r.how.skip_bad, "Warn about damaged images instead of stopping");
+    add_allow_outside(add, r.how.allow_outside);
   });
 }
 

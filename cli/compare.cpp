@@ -71,11 +71,7 @@ std::vector<ComparedRun> read_runs(const CompareRequest& request, const Common& 
       continue;
     }
     say(common, "evaluating " + one.run);
-    EvalRequest eval;
-    eval.run = one.run;
-    eval.protocol = request.protocol;
-    eval.features = request.features;
-    one.eval = measure_run(eval, common);
+    one.eval = measure_run({.run = one.run, .protocol = request.protocol, .features = request.features}, common);
   }
   return runs;
 }

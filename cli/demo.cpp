@@ -247,10 +247,8 @@ Json Demo::evaluated(const fs::path& run) {
   const double before = seconds();
   Common quiet = common_;
   quiet.quiet = !common_.verbose;
-  EvalRequest request;
-  request.run = run.string();
-  Json found = measure_run(request, quiet);
-  note({"eval", request.run}, before);
+  Json found = measure_run({.run = run.string()}, quiet);
+  note({"eval", run.string()}, before);
   return found;
 }
 

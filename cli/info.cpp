@@ -91,7 +91,7 @@ Report to_json(const DeviceInfo& info) {
           {"verdict", verdict(info)}};
 }
 
-void put_json(const std::vector<DeviceInfo>& devices, const std::optional<DeviceInfo>& chosen) {
+void put_report(const std::vector<DeviceInfo>& devices, const std::optional<DeviceInfo>& chosen) {
   Report json = {{"schema_version", 1}, {"version", kVersion}, {"default", nullptr}, {"memory_budget_bytes", nullptr}};
   if (chosen) json["default"] = chosen->id;
   if (chosen) json["memory_budget_bytes"] = memory_budget();
@@ -111,7 +111,7 @@ int run_command(const InfoRequest&, const Common& common) {
   std::optional<Error> why_not;
   const std::optional<DeviceInfo> chosen = chosen_device(common, why_not);
   if (common.json)
-    put_json(devices, chosen);
+    put_report(devices, chosen);
   else
     put_table(devices, chosen);
   if (why_not) throw Error(*why_not);

@@ -12,6 +12,7 @@
 #include "models/runs/actor_names.h"
 #include "models/runs/asset_maker.h"
 #include "models/runs/captures.h"
+#include "models/runs/edit_run.h"
 #include "models/runs/simulated_log.h"
 #include "models/scene/asset_class.h"
 #include "runtime/error.h"
@@ -49,12 +50,6 @@ void check_log(const Scene& log, const std::string& run) {
   throw Error(Fault::usage, text("the run ", run, " is of photos, not of a driving log; simulate needs a log"));
 }
 
-void check_out(const fs::path& out) {
-  std::error_code error;
-  if (!fs::exists(out, error) || (fs::is_directory(out, error) && fs::is_empty(out, error))) return;
-  throw Error(Fault::usage, text(out.string(), " exists; name a new folder with -o"));
-}
-
 Report report_of(const LogCount& count) {
   return {{"images", count.images},          {"sweeps", count.sweeps},           {"returns", count.returns},
           {"rays_measured", count.measured}, {"returns_changed", count.changed}, {"returns_gone", count.gone}};
@@ -81,7 +76,7 @@ class Simulation {
       return write_simulated_log(run, log_, out, folder, around);
     } catch (const Interrupted& interrupted) {
       std::error_code error;
-      fs::remove_all(folder, error);  // it is new: check_out
+      fs::remove_all(folder, error);  // it is new
       throw Interrupted(interrupted.signal(),
                         text(interrupted.what(), "; ", folder.string(), " was incomplete and has been removed"));
     }
@@ -167,7 +162,7 @@ void check_request(const SimulateRequest& request) {
     throw Error(Fault::usage, text("--augment N and --prior RUN2 go together: RUN2, a diffusion run, makes the ",
                                    "vehicles\n  example: cloam simulate RUN --augment 20 --prior RUN2 -o DIR"));
   if (!request.prior.empty()) check_is_prior(read_record(request.prior), request.prior);
-  check_out(request.out);
+  check_new_folder(request.out);
 }
 
 int run_command(const SimulateRequest& request, const Common& common) {

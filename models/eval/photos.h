@@ -11,9 +11,10 @@
 namespace cloam {
 
 struct EvalRequest {
-  std::string run, other, images;         // images: folder for the pictures (default RUN/eval/images)
-  std::string protocol;                   // empty: the run's own
-  std::string features;                   // weights of a feature network, or "random"; empty: no feature distances
+  std::string run = {}, other = {};
+  std::string images = {};                // folder for the pictures (default RUN/eval/images)
+  std::string protocol = {};              // empty: the run's own
+  std::string features = {};              // weights of a feature network, or "random"; empty: no feature distances
   std::optional<std::size_t> scene = {};  // of the run: that one alone
   bool allow_outside = false;             // as Reading has it, over what the run says
 };

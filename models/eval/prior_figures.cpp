@@ -41,10 +41,7 @@ LabelledCodes labelled(const std::vector<NewAsset>& assets) {
 }
 
 std::vector<NewAsset> assets_of(GeneratesAssets& prior, CodeSource source, int count) {
-  AssetWish wish;
-  wish.count = count;
-  wish.codes = source;
-  return prior.generate(wish);
+  return prior.generate({.count = count, .codes = source});
 }
 
 /// Classes of which there are enough training codes to speak of.
@@ -133,13 +130,8 @@ double share_of_darker_nights(GeneratesAssets& prior, Showroom& showroom, const 
   int darker = 0, pairs = 0;
   for (const int asset_class : classes) {
     std::vector<NewAsset> assets[2];
-    for (const bool night : {false, true}) {
-      AssetWish wish;
-      wish.count = kPairs;
-      wish.asset_class = asset_class;
-      wish.night = night;
-      assets[night] = prior.generate(wish);
-    }
+    for (const bool night : {false, true})
+      assets[night] = prior.generate({.count = kPairs, .asset_class = asset_class, .night = night});
     for (std::size_t i = 0; i < assets[0].size(); ++i, ++pairs)
       darker += showroom.brightness(assets[1][i]) < showroom.brightness(assets[0][i]);
   }
@@ -166,13 +158,11 @@ std::array<LabelledCodes, 2> looks_of_classes(GeneratesAssets& prior, Showroom& 
   std::array<Eigen::RowVectorXd, 2> units;
   for (const bool sampled : {false, true}) {
     std::vector<NewAsset> assets;
-    for (const int asset_class : classes) {
-      AssetWish wish;
-      wish.count = kOfAClass[sampled];
-      wish.asset_class = asset_class;
-      wish.codes = sampled ? CodeSource::sampled : CodeSource::training;
-      for (const NewAsset& asset : prior.generate(wish)) assets.push_back(asset);
-    }
+    const CodeSource source = sampled ? CodeSource::sampled : CodeSource::training;
+    for (const int asset_class : classes)
+      for (const NewAsset& asset :
+           prior.generate({.count = kOfAClass[sampled], .asset_class = asset_class, .codes = source}))
+        assets.push_back(asset);
     const auto looks = looks_of(showroom, assets);
     for (std::size_t k = 0; k < looks.size() && !sampled; ++k)  // of length 1 in all over the training assets
       units[k] = (looks[k].rowwise() - looks[k].colwise().mean()).colwise().norm().array() *

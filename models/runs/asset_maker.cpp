@@ -57,12 +57,11 @@ AssetMaker::AssetMaker(const std::filesystem::path& prior, const StoredRun& run)
 Replace AssetMaker::make(StoredRun& run, const AssetName& name, const MakerWish& wish) {
   const Actor& actor = actor_of(run.scenes, name);
   auto& prior = *as<GeneratesAssets>(*prior_.method);
-  AssetWish wanted;
-  wanted.count = kCandidates;
-  wanted.asset_class = asset_class(actor.label);
-  wanted.night = run.scenes[static_cast<std::size_t>(name.scene)].night;
-  wanted.seed = seed_of(run, name, wish.seed);
-  wanted.guidance = wish.guidance;
+  const AssetWish wanted = {.count = kCandidates,
+                            .asset_class = asset_class(actor.label),
+                            .night = run.scenes[static_cast<std::size_t>(name.scene)].night,
+                            .seed = seed_of(run, name, wish.seed),
+                            .guidance = wish.guidance};
   const std::vector<NewAsset> candidates = prior.generate(wanted);
   const auto best = std::min_element(candidates.begin(), candidates.end(), [&](const NewAsset& a, const NewAsset& b) {
     return misfit(a.size, actor.size) < misfit(b.size, actor.size);
