@@ -4,14 +4,13 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
-#include <Eigen/Dense>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
 #include "cli/commands.h"
 #include "models/data/path_file.h"
-#include "models/eval/pictures.h"
+#include "models/eval/actor_list.h"
 #include "models/io/words.h"
 #include "models/runs/actor_names.h"
 #include "models/runs/asset_maker.h"
@@ -24,7 +23,6 @@ namespace {
 namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 
-constexpr int kThumbnail = 128, kColumns = 8;
 constexpr char kGenerated[] = "generated";
 constexpr char kExamples[] = R"(List the actors of a trained street, or move, turn, remove or replace them in a new run.
 
@@ -151,59 +149,6 @@ class Editor {
   std::optional<AssetMaker> maker_;
 };
 
-/// Images in whose view the centre of the actor's box is.
-std::size_t images_of(const Scene& scene, const Actor& actor) {
-  std::size_t count = 0;
-  for (const Frame& frame : scene.frames) {
-    const auto box = world_from_box_at(actor, frame.timestamp.value_or(0));
-    if (!box) continue;
-    const Eigen::Vector4d centre = frame.world_from_camera.inverse() * box->col(3);
-    const Camera& camera = scene.cameras[static_cast<std::size_t>(frame.camera)];
-    if (centre.z() <= 0) continue;
-    const Eigen::Vector2d at = project(camera, centre.head<3>());
-    count += at.x() >= 0 && at.x() < camera.width && at.y() >= 0 && at.y() < camera.height;
-  }
-  return count;
-}
-
-std::string words_for_looks(const Scenes& scenes, const AssetName& looks) {
-  const auto logs = static_cast<int>(scenes.size());
-  return looks.scene < logs ? spelled(scenes, looks) : text(kGenerated, " ", looks.scene - logs);
-}
-
-Report row_of(const Scenes& scenes, int log, const Actor& actor, std::size_t place) {
-  const Scene& scene = scenes[static_cast<std::size_t>(log)];
-  Report row = {{"number", place + 1},
-                {"log", log},
-                {"actor", actor.id},
-                {"short_id", short_id(scenes, {log, actor.id})},
-                {"label", actor.label},
-                {"size_m", {actor.size.x(), actor.size.y(), actor.size.z()}},
-                {"boxes", actor.boxes.size()},
-                {"images", images_of(scene, actor)},
-                {"stationary", actor.stationary},
-                {"looks_of", actor.asset ? Report(words_for_looks(scenes, *actor.asset)) : Report()},
-                {"row", place / kColumns + 1},
-                {"column", place % kColumns + 1}};
-  return row;
-}
-
-Report report_of(const RestoredRun& run) {
-  Report report = {{"schema_version", 1}, {"logs", Report::array()}, {"actors", Report::array()}};
-  const std::vector<std::string> names = log_names(run.record);
-  for (std::size_t log = 0; log < run.scenes.size(); ++log) {
-    const std::vector<Moment> moments = moments_of(run.scenes[log]);
-    Report entry = {{"name", names[log]}, {"steps", moments.size()}};
-    if (!moments.empty())
-      entry["first_time"] = moments.front().timestamp, entry["last_time"] = moments.back().timestamp;
-    report["logs"].push_back(entry);
-    for (const Actor& actor : run.scenes[log].actors) {
-      report["actors"].push_back(row_of(run.scenes, static_cast<int>(log), actor, report["actors"].size()));
-    }
-  }
-  return report;
-}
-
 void put_table(const Report& report) {
   std::string out = fmt::format("{:>4}  {:<4} {:<38} {:<18} {:<18} {:>5} {:>6}\n", "no.", "log", "actor", "label",
                                 "size w l h (m)", "boxes", "images");
@@ -220,32 +165,14 @@ void put_table(const Report& report) {
   put(out);
 }
 
-/// Below each actor what the list says of it: number, beginning of the id, label.
-fs::path write_thumbnails(const RestoredRun& run, const Report& rows, const fs::path& folder) {
-  std::vector<Image> images;
-  std::vector<Caption> captions;
-  for (std::size_t log = 0; log < run.scenes.size(); ++log) {
-    for (const Actor& actor : run.scenes[log].actors) {
-      const AssetName looks = actor.asset.value_or(AssetName{static_cast<int>(log), actor.id});
-      images.push_back(three_quarter_picture(street_of(run), looks, actor.size, kThumbnail));
-    }
-  }
-  for (const Report& row : rows)
-    captions.push_back(
-        {text(row["number"], "  ", row["short_id"].get<std::string>()), row["label"].get<std::string>()});
-  const fs::path path = folder / "actors.png";
-  write_png(path, contact_sheet(images, kColumns, captions));
-  warn_without_font();
-  return path;
-}
-
 int list_actors(const EditRequest& request, const Common& common) {
   const RestoredRun run = restored(request.run, common);
   street_of(run);
-  Report report = report_of(run);
+  Report report = list_of_actors(run);
   if (report["actors"].empty()) throw Error(Fault::data, "the logs of the run " + request.run + " have no actors");
-  const fs::path sheet = write_thumbnails(run, report["actors"],
-                                          request.out.empty() ? RunPaths{request.run}.edit() : fs::path(request.out));
+  const fs::path sheet =
+      write_thumbnails(run, report, request.out.empty() ? RunPaths{request.run}.edit() : fs::path(request.out));
+  warn_without_font();
   report["thumbnails"] = sheet.string();
   if (common.json)
     put_json(report);
