@@ -88,15 +88,6 @@ std::string log_text(const LogReport& log) {
 
 constexpr double kPoorFit = 4;  // pixels; what COLMAP finds itself is below 2, as a rule
 
-nlohmann::ordered_json colmap_json(const ColmapFit& fit) {
-  return {{"points", fit.points}, {"observations", fit.observations}, {"mean_error_pixels", fit.mean_error}};
-}
-
-std::string colmap_text(const ColmapFit& fit) {
-  return fmt::format("model: {} points, seen {} times in images, mean reprojection error {:.2f} px\n", fit.points,
-                     fit.observations, fit.mean_error);
-}
-
 int run_command(const CheckRequest& request, const Common& common) {
   Reading how = request.how;
   how.masks = mask_meaning(request.masks);
@@ -128,14 +119,18 @@ int run_command(const CheckRequest& request, const Common& common) {
                                    {"image_bytes", bytes},
                                    {"warnings", warnings}};
     if (scene.is_log) json["log"] = log_json(log);
-    if (colmap) json["model"] = colmap_json(fit);
+    if (colmap)
+      json["model"] = {
+          {"points", fit.points}, {"observations", fit.observations}, {"mean_error_pixels", fit.mean_error}};
     put_json(json, 2);
     return 0;
   }
   std::string out;
   for (const std::string& line : describe(scene, how)) out += line + "\n";
   if (scene.is_log) out += log_text(log);
-  if (colmap) out += colmap_text(fit);
+  if (colmap)
+    out += fmt::format("model: {} points, seen {} times in images, mean reprojection error {:.2f} px\n", fit.points,
+                       fit.observations, fit.mean_error);
   put(out + "training images in memory: " + words_for_bytes(bytes) + "\n");
   say(common, text("ok. next: cloam train ", scene.is_log ? "genassets " : "nerf ", quoted(request.data),
                    how.allow_outside ? " --allow-outside" : ""));

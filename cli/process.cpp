@@ -141,45 +141,40 @@ struct Stage {
   std::vector<std::string> words;
 };
 
-class Colmap {
- public:
-  Colmap(const fs::path& program, const Layout& layout, std::size_t images, Progress& progress, bool verbose)
-      : program_(program), layout_(layout), images_(images), progress_(progress), verbose_(verbose) {}
+struct Colmap {
+  fs::path program;
+  const Layout& layout;
+  std::size_t images;
+  Progress& progress;
+  bool verbose;
 
   /// Ends with the stage done, or with stop_signal set. Fault::data with COLMAP's last words.
   void run(const Stage& stage) {
-    progress_.begin(stage.told);
-    std::ofstream log(layout_.log(), std::ios::app);
-    if (!log) throw Error(Fault::write, text("cannot open ", layout_.log().string(), ": ", std::strerror(errno)));
+    progress.begin(stage.told);
+    std::ofstream log(layout.log(), std::ios::app);
+    if (!log) throw Error(Fault::write, text("cannot open ", layout.log().string(), ": ", std::strerror(errno)));
     log << "\ncolmap";
     for (const std::string& word : stage.words) log << " " << quoted(word);
     log << "\n";
     const auto seen = [&](const std::string& line) {
       log << line << "\n";
-      if (verbose_) {
-        progress_.end_line();
+      if (verbose) {
+        progress.end_line();
         std::fprintf(stderr, "  %s\n", line.c_str());
       }
-      if (const auto share = share_in(line, images_)) progress_.draw(*share);
+      if (const auto share = share_in(line, images)) progress.draw(*share);
     };
-    const ChildEnd end = run_child({program_, stage.words, {"QT_QPA_PLATFORM=offscreen"}}, seen);
-    progress_.end_line();
+    const ChildEnd end = run_child({program, stage.words, {"QT_QPA_PLATFORM=offscreen"}}, seen);
+    progress.end_line();
     if (!log.flush())
-      throw Error(Fault::write, text("cannot write ", layout_.log().string(), "; ", space_advice(layout_.work())));
+      throw Error(Fault::write, text("cannot write ", layout.log().string(), "; ", space_advice(layout.work())));
     if (end.code == 0 || stop_signal.load() != 0) return;
     const std::string name = "colmap " + stage.words.front();
     if (end.is_of_full_disk())
-      throw Error(Fault::write, text(name, " cannot write: ", space_advice(layout_.work()), "; it printed:", end.said));
+      throw Error(Fault::write, text(name, " cannot write: ", space_advice(layout.work()), "; it printed:", end.said));
     const char* smaller = end.code == -SIGKILL ? "\n  fix: --max-size 1000 needs less memory" : "";
-    throw Error(Fault::data, text(name, " ", end.in_words(), smaller, "\n  full output: ", layout_.log().string()));
+    throw Error(Fault::data, text(name, " ", end.in_words(), smaller, "\n  full output: ", layout.log().string()));
   }
-
- private:
-  fs::path program_;
-  const Layout& layout_;
-  std::size_t images_;
-  Progress& progress_;
-  bool verbose_;
 };
 
 std::vector<Stage> stages_of(const ProcessRequest& request, const Layout& layout, std::size_t images, bool one_camera) {
@@ -310,7 +305,7 @@ int run_command(const ProcessRequest& request, const Common& common) {
   const StopOnSignal signals("ending COLMAP");
   say(common, text(names.size(), " photos, ", one_camera ? "one camera" : "several cameras"));
   Progress progress(common, request.undistort ? 4 : 3);
-  Colmap colmap(program, layout, names.size(), progress, common.verbose);
+  Colmap colmap{program, layout, names.size(), progress, common.verbose};
   for (const Stage& stage : stages_of(request, layout, names.size(), one_camera)) {
     colmap.run(stage);
     if (stop_signal.load() != 0) return interrupted(layout);

@@ -5,6 +5,7 @@
 
 #include "models/eval/pictures.h"
 #include "models/runs/actor_names.h"
+#include "models/scene/edit.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -14,7 +15,6 @@ namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 
 constexpr int kThumbnail = 128, kColumns = 8;
-constexpr char kGenerated[] = "generated";
 
 /// Images in whose view the centre of the actor's box is.
 std::size_t images_of(const Scene& scene, const Actor& actor) {
@@ -33,7 +33,7 @@ std::size_t images_of(const Scene& scene, const Actor& actor) {
 
 std::string words_for_looks(const Scenes& scenes, const AssetName& looks) {
   const auto logs = static_cast<int>(scenes.size());
-  return looks.scene < logs ? spelled(scenes, looks) : text(kGenerated, " ", looks.scene - logs);
+  return looks.scene < logs ? spelled(scenes, looks) : text("generated ", looks.scene - logs);
 }
 
 Report row_of(const Scenes& scenes, int log, const Actor& actor, std::size_t place) {

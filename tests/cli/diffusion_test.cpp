@@ -17,8 +17,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 std::string last_checkpoint(const fs::path& run) { return content_of(run / "ckpt" / "000060.safetensors"); }
 
 void change_record(const fs::path& run, const std::string& key, const std::string& value) {

@@ -13,8 +13,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 void edit(const fs::path& file, const std::function<void(nlohmann::json&)>& change) {
   auto json = json_of(file);
   change(json);

@@ -13,8 +13,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 /// Every file in the folder, those of 0 bytes and temporary ones counted double.
 struct Left {
   std::size_t whole = 0, litter = 0;

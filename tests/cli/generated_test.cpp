@@ -18,8 +18,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 /// Ids of the cars of the first street that stand in it at all steps.
 std::vector<std::string> cars() {
   std::vector<std::string> ids;

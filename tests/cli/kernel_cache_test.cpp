@@ -11,8 +11,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 /// Empty is as unset.
 Words environment(const fs::path& temporary, const Words& more) {
   Words all = {"TMPDIR=" + temporary.string()};

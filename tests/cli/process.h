@@ -42,6 +42,10 @@ class Process {
 
 Outcome cloam_with(const Words& arguments, const Words& environment = {}, const std::string& stdout_to = "");
 
+inline bool contains(const std::string& where, const std::string& what) {
+  return where.find(what) != std::string::npos;
+}
+
 /// A folder of this test process, removed at its end.
 const std::filesystem::path& scratch();
 std::string content_of(const std::filesystem::path& path);

@@ -16,8 +16,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 /// The command, asked to stop once `begun` is there.
 Outcome stopped(const Words& words, const fs::path& begun, int signal = SIGINT) {
   Process process(words);

@@ -18,8 +18,6 @@ namespace {
 
 const Words kSteps = {"--steps", "40", "--save-every", "10"};
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 std::string checkpoint(const fs::path& run, const char* step) {
   return content_of(run / "ckpt" / (std::string(step) + ".safetensors"));
 }
