@@ -1,5 +1,6 @@
 // What all commands share: the options every one has, talk on stderr, data on stdout, words for numbers.
 #pragma once
+#include <filesystem>
 #include <functional>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
@@ -17,6 +18,7 @@ class App;
 
 namespace cloam {
 
+namespace fs = std::filesystem;
 struct RestoredRun;
 
 constexpr char kVersion[] = "0.1.0";

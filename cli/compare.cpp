@@ -19,7 +19,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 using Cells = std::vector<std::string>;
 

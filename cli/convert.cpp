@@ -58,7 +58,7 @@ std::string lines_of(const SplatErrors& errors) {
 /// Also through links: what is read must not be replaced.
 void check_other_file(const ConvertRequest& request) {
   std::error_code ignored;
-  if (std::filesystem::equivalent(request.in, request.out, ignored))
+  if (fs::equivalent(request.in, request.out, ignored))
     throw Error(Fault::usage, text(request.out, " is the input file; name another file to write"));
 }
 

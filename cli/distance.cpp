@@ -11,8 +11,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr char kExamples[] = R"(Measure the distance between two sets of images, a folder each: FID and KID.
 
 Examples:

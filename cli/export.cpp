@@ -23,8 +23,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr int kFramesPerSecond = 12;
 constexpr char kExamples[] =
     R"(Write the actors of a street, or Gaussian splats, as files for other programs.

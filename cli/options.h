@@ -67,7 +67,7 @@ CLI::Validator output_path();
 
 /// The file that --format and its name give together: with the format's extension where it has none that is a file's.
 /// Fault::usage where they contradict each other. format: as "glb"; empty: what the name says.
-std::filesystem::path with_format(const std::filesystem::path& path, const std::string& format);
+fs::path with_format(const fs::path& path, const std::string& format);
 
 /// Lines of --help: N for any number, nothing of how values are checked.
 std::shared_ptr<CLI::Formatter> help_format();

@@ -26,8 +26,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr char kExamples[] = R"(Find the camera poses of photos with COLMAP (apt-get install colmap), on the CPU.
 The result is a capture for train and check: images/, and sparse/0 with cameras, poses and points.
 

@@ -66,7 +66,7 @@ ProgressStyle progress_style(const std::string& wish, const Common& common) {
   return isatty(STDERR_FILENO) ? ProgressStyle::bar : ProgressStyle::plain;
 }
 
-void EventLog::open(const std::filesystem::path& path) {
+void EventLog::open(const fs::path& path) {
   file_.reset(std::fopen(path.c_str(), "a"));
   if (!file_) throw Error(Fault::write, text(path.string(), ": cannot be written: ", std::strerror(errno)));
   write_line(before_open_);
@@ -146,7 +146,7 @@ void ProgressView::tell() {
   untold_ = {};
 }
 
-void ProgressView::checkpoint(int64_t step, const std::filesystem::path& path, bool told) {
+void ProgressView::checkpoint(int64_t step, const fs::path& path, bool told) {
   tell();
   log_.write("checkpoint", {{"step", step}, {"path", path.filename().string()}});
   if (!told) return;

@@ -41,7 +41,7 @@ ProgressStyle progress_style(const std::string& wish, const Common& common);
 class EventLog {
  public:
   explicit EventLog(bool on_stdout) : on_stdout_(on_stdout) {}
-  void open(const std::filesystem::path& path);
+  void open(const fs::path& path);
   /// Adds schema_version, event and t (seconds since the program's start) in front. What comes before open() is kept
   /// for it.
   void write(const std::string& name, const Event& fields);
@@ -60,7 +60,7 @@ class ProgressView {
   ProgressView(ProgressStyle style, EventLog& log) : style_(style), log_(log) {}
   ~ProgressView() { end_line(); }
   void step(const StepReport& report);
-  void checkpoint(int64_t step, const std::filesystem::path& path, bool tell);
+  void checkpoint(int64_t step, const fs::path& path, bool tell);
   void warning(const std::string& text);
   /// Leaves the rewritten line, so that other text can follow. Tells the last steps, if some were not told.
   void finish();

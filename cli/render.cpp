@@ -21,8 +21,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr int kFramesPerSecond = 20;
 constexpr char kExamples[] = R"(Render views of a trained scene.
 

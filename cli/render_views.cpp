@@ -18,8 +18,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
-
 template <class Value>
 bool parse(const std::string& word, Value& value) {
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);

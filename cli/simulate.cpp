@@ -20,7 +20,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 
 constexpr char kExamples[] =

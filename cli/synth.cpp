@@ -16,8 +16,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr char kExamples[] =
     R"(Make synthetic driving logs in PandaSet's layout, with ground truth: actor masks, depth, and
 the same frames with all actors rotated. Equal options give equal bytes.

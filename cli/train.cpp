@@ -23,8 +23,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr char kExamples[] = R"(Train a scene from photos or driving logs.
 
 Examples:

@@ -14,8 +14,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
-
 uint64_t training_bytes(const Captures& captures, int downscale) {
   uint64_t sum = 0;
   for (const Capture& capture : captures) sum += image_bytes(capture.scene, Split::train, downscale);

@@ -57,7 +57,7 @@ nlohmann::ordered_json json_of(const std::vector<TuneResult>& results) {
 
 int forget(const Common& common) {
   std::error_code problem;
-  const bool was = std::filesystem::remove(tuned_file(), problem);
+  const bool was = fs::remove(tuned_file(), problem);
   if (problem) throw Error(Fault::write, text("cannot remove ", tuned_file(), ": ", problem.message()));
   say(common, (was ? "deleted " : "there was no ") + tuned_file());
   return 0;
