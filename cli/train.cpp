@@ -292,7 +292,8 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add.group("Run");
   add("-o,--out", r.out, "Run folder (default runs/DATA-METHOD)");
   add("--steps", r.steps, "Number of steps, over which learning rates and other schedules run", whole_number(1));
-  add("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included", duration())
+  add("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included")
+      ->transform(duration())
       ->type_name("TEXT");
   add("--stop-after", r.stop_after, "Save and stop after this step; --resume continues", whole_number(1));
   add("--save-every", r.save_every, "Save a checkpoint every N steps", whole_number(1));
