@@ -4,7 +4,6 @@
 #include "benchmarks/command.h"
 #include "benchmarks/tune.h"
 #include "cli/commands.h"
-#include "cli/output_path.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -60,21 +59,15 @@ int run_command(const BenchArguments& arguments, const Common& common) {
 }  // namespace
 
 Command add_bench(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("bench", kExamples);
-  const auto arguments = std::make_shared<BenchArguments>();
-  const auto common = std::make_shared<Common>();
-  BenchOptions& options = arguments->request.options;
-  parser->add_option("PATTERN", options.patterns, "Parts of workload names (all)");
-  parser->add_flag("--peers", options.peers, "Also time other libraries, in turn (those found by the build)");
-  parser->add_option("--suite", arguments->suite, "ops, train or all (all)")->check(one_of({"ops", "train", "all"}));
-  parser->add_option("--rounds", options.rounds, "Samples per workload (9; 5 for slow ones)")
-      ->check(whole_number(1, 1000));
-  parser->add_option("--report", arguments->request.report, "Write a Markdown report, with a plot beside it")
-      ->check(output_file());
-  parser->add_option("--explain", arguments->explained,
-                     "Show which kernel variants an operation or workload uses, and why");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*arguments, *common); }};
+  return command<BenchArguments>(program, "bench", kExamples, run_command, [](const Options& add, BenchArguments& r) {
+    BenchOptions& options = r.request.options;
+    add("PATTERN", options.patterns, "Parts of workload names (all)");
+    add("--peers", options.peers, "Also time other libraries, in turn (those found by the build)");
+    add("--suite", r.suite, "ops, train or all (all)", one_of({"ops", "train", "all"}));
+    add("--rounds", options.rounds, "Samples per workload (9; 5 for slow ones)", whole_number(1, 1000));
+    add("--report", r.request.report, "Write a Markdown report, with a plot beside it", output_file());
+    add("--explain", r.explained, "Show which kernel variants an operation or workload uses, and why");
+  });
 }
 
 }  // namespace cloam

@@ -4,11 +4,11 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
-#include "cli/capture.h"
 #include "cli/commands.h"
 #include "models/data/check_log.h"
 #include "models/data/colmap.h"
 #include "models/data/read_scene.h"
+#include "models/runs/captures.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -24,10 +24,8 @@ Examples:
   cloam check data/2011_09_26_drive_0005_sync)";
 
 struct CheckRequest {
-  std::string data;
-  int downscale = 1, holdout = 0;
-  bool skip_bad = false, allow_outside = false;
-  std::string masks = "ignore";
+  std::string data, masks = "ignore";
+  Reading how;
 };
 
 /// One image in memory at a time. Returns what is odd, each kind of remark once.
@@ -90,21 +88,8 @@ std::string log_text(const LogReport& log) {
 
 constexpr double kPoorFit = 4;  // pixels; what COLMAP finds itself is below 2, as a rule
 
-nlohmann::ordered_json colmap_json(const ColmapFit& fit) {
-  return {{"points", fit.points}, {"observations", fit.observations}, {"mean_error_pixels", fit.mean_error}};
-}
-
-std::string colmap_text(const ColmapFit& fit) {
-  return fmt::format("model: {} points, seen {} times in images, mean reprojection error {:.2f} px\n", fit.points,
-                     fit.observations, fit.mean_error);
-}
-
 int run_command(const CheckRequest& request, const Common& common) {
-  Reading how;
-  how.downscale = request.downscale;
-  how.holdout = request.holdout;
-  how.skip_bad = request.skip_bad;
-  how.allow_outside = request.allow_outside;
+  Reading how = request.how;
   how.masks = mask_meaning(request.masks);
   const Scene scene = read_split_scene(request.data, how);
   std::vector<std::string> warnings = scene.warnings;
@@ -134,37 +119,35 @@ int run_command(const CheckRequest& request, const Common& common) {
                                    {"image_bytes", bytes},
                                    {"warnings", warnings}};
     if (scene.is_log) json["log"] = log_json(log);
-    if (colmap) json["model"] = colmap_json(fit);
-    put(json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+    if (colmap)
+      json["model"] = {
+          {"points", fit.points}, {"observations", fit.observations}, {"mean_error_pixels", fit.mean_error}};
+    put_json(json, 2);
     return 0;
   }
   std::string out;
   for (const std::string& line : describe(scene, how)) out += line + "\n";
   if (scene.is_log) out += log_text(log);
-  if (colmap) out += colmap_text(fit);
+  if (colmap)
+    out += fmt::format("model: {} points, seen {} times in images, mean reprojection error {:.2f} px\n", fit.points,
+                       fit.observations, fit.mean_error);
   put(out + "training images in memory: " + words_for_bytes(bytes) + "\n");
   say(common, text("ok. next: cloam train ", scene.is_log ? "genassets " : "nerf ", quoted(request.data),
-                   request.allow_outside ? " --allow-outside" : ""));
+                   how.allow_outside ? " --allow-outside" : ""));
   return 0;
 }
 
 }  // namespace
 
 Command add_check(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("check", kExamples);
-  const auto request = std::make_shared<CheckRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("DATA", request->data, "Folder of the capture")->required();
-  parser->add_option("--downscale", request->downscale, "As for train: shrink the images by this factor (1)")
-      ->check(whole_number(1, 256));
-  parser->add_option("--holdout", request->holdout, "As for train: hold out every Nth image")
-      ->check(whole_number(2, 1 << 20));
-  parser->add_option("--masks", request->masks, "As for train: ignore or transparent (ignore)")
-      ->check(one_of({"ignore", "transparent"}));
-  parser->add_flag("--skip-bad", request->skip_bad, "Warn about damaged images instead of stopping");
-  add_allow_outside(*parser, request->allow_outside);
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<CheckRequest>(program, "check", kExamples, run_command, [](const Options& add, CheckRequest& r) {
+    add("DATA", r.data, "Folder of the capture")->required();
+    add("--downscale", r.how.downscale, "As for train: shrink the images by this factor (1)", whole_number(1, 256));
+    add("--holdout", r.how.holdout, "As for train: hold out every Nth image", whole_number(2, 1 << 20));
+    add("--masks", r.masks, "As for train: ignore or transparent (ignore)", one_of({"ignore", "transparent"}));
+    add("--skip-bad", r.how.skip_bad, "Warn about damaged images instead of stopping");
+    add_allow_outside(add, r.how.allow_outside);
+  });
 }
 
 }  // namespace cloam

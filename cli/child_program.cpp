@@ -11,6 +11,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <deque>
 #include <sstream>
 
 #include "cli/stop_signal.h"
@@ -24,6 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kLookMs = 100;  // between looks at stop_signal
+constexpr std::size_t kLastLines = 12;
 
 std::vector<std::string> merged_environment(const std::vector<std::string>& over) {
   std::vector<std::string> all = over;
@@ -112,11 +114,28 @@ fs::path find_program(const std::string& name) {
   return {};
 }
 
-int run_child(const ChildProgram& program, const std::function<void(const std::string& line)>& seen) {
+std::string ChildEnd::in_words() const {
+  return text("ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
+              code == -SIGKILL ? " (out of memory?)" : "",
+              said.empty() ? "; it printed nothing" : "; it printed:", said);
+}
+
+bool ChildEnd::is_of_full_disk() const {
+  const char* const words[] = {std::strerror(ENOSPC), std::strerror(EDQUOT), std::strerror(EFBIG), "disk is full"};
+  return std::any_of(std::begin(words), std::end(words),
+                     [&](const char* word) { return said.find(word) != std::string::npos; });
+}
+
+ChildEnd run_child(const ChildProgram& program, const std::function<void(const std::string& line)>& seen) {
   const Started child = start(program);
+  std::deque<std::string> last;
   int status = 0;
   try {
-    read_lines(child, seen);
+    read_lines(child, [&](const std::string& line) {
+      seen(line);
+      last.push_back(line);
+      if (last.size() > kLastLines) last.pop_front();
+    });
   } catch (...) {
     kill(-child.id, SIGKILL);
     close(child.output);
@@ -127,13 +146,9 @@ int run_child(const ChildProgram& program, const std::function<void(const std::s
   while (waitpid(child.id, &status, 0) < 0 && errno == EINTR) {
     if (stop_signal.load() != 0) kill(-child.id, SIGTERM);
   }
-  return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-}
-
-bool is_of_full_disk(const std::string& said) {
-  const char* const words[] = {std::strerror(ENOSPC), std::strerror(EDQUOT), std::strerror(EFBIG), "disk is full"};
-  return std::any_of(std::begin(words), std::end(words),
-                     [&](const char* word) { return said.find(word) != std::string::npos; });
+  ChildEnd end{WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status), {}};
+  for (const std::string& line : last) end.said += "\n    " + line;
+  return end;
 }
 
 }  // namespace cloam

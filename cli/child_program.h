@@ -16,12 +16,20 @@ struct ChildProgram {
   std::vector<std::string> environment = {};  // "NAME=value" over our own
 };
 
-/// Runs it to its end and returns its exit code, or minus the signal that ended it. `seen` is called with each line of
+/// How a program ended: its exit code, or minus the signal that ended it, and the last lines that it printed.
+struct ChildEnd {
+  int code = 0;
+  std::string said;  // "\n    line" each
+  /// "ended with code 3; it printed: ...".
+  std::string in_words() const;
+  /// Whether it tells of a disk that is full.
+  bool is_of_full_disk() const;
+};
+
+/// Runs it to its end. `seen` is called with each line of
 /// its stdout and stderr. Once stop_signal (stop_signal.h) is set, the program and those that it started are ended. It
 /// dies with us. Fault::internal if it cannot be started.
-int run_child(const ChildProgram& program, const std::function<void(const std::string& line)>& seen);
-
-/// Whether a program that failed tells of a disk that is full.
-bool is_of_full_disk(const std::string& said);
+ChildEnd run_child(
+    const ChildProgram& program, const std::function<void(const std::string& line)>& seen = [](const std::string&) {});
 
 }  // namespace cloam

@@ -1,7 +1,7 @@
 // See common.h.
 #include "cli/common.h"
 
-#include <time.h>
+#include <fmt/chrono.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -13,12 +13,14 @@
 #include <cstring>
 #include <ctime>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <sstream>
 #include <utility>
 
-#include "cli/output_path.h"
-#include "cli/profile.h"
-#include "cli/run_words.h"
+#include "cli/commands.h"
+#include "cli/stop_signal.h"
+#include "models/io/draw_text.h"
+#include "models/runs/restore_run.h"
 #include "runtime/error.h"
 #include "runtime/kernel_cache.h"
 
@@ -40,13 +42,6 @@ double start_time() {
   return field.empty() ? -1 : std::strtod(field.c_str(), nullptr) / ticks;
 }
 
-std::string local_time(std::time_t when, const char* format) {
-  std::tm parts{};
-  localtime_r(&when, &parts);
-  char buffer[64];
-  return {buffer, std::strftime(buffer, sizeof buffer, format, &parts)};
-}
-
 /// The number at the front of `rest`, which is moved past it; negative if there is none.
 double take_number(std::string_view& rest) {
   double value = -1;
@@ -59,17 +54,15 @@ double take_number(std::string_view& rest) {
 }  // namespace
 
 void add_common(CLI::App& parser, Common& common) {
-  const char* group = "Device and output";
-  parser.add_option("--device", common.device, "auto, cpu, gpu, N, P:D or part of a name (cloam info lists them)")
-      ->group(group);
-  parser.add_option("--max-memory", common.max_memory, "Limit of device memory, such as 600M or 6G")->group(group);
-  parser.add_flag("--json", common.json, "Machine-readable output on stdout")->group(group);
-  parser.add_flag("-q,--quiet", common.quiet, "Print only errors and warnings")->group(group);
-  parser.add_flag("-v,--verbose", common.verbose, "Print more detail")->group(group);
-  parser.add_flag("--profile", common.profile, "At the end, print the cost of each kernel and each step")->group(group);
-  parser.add_option("--profile-trace", common.profile_trace, "Also write a timeline for Perfetto to this file")
-      ->group(group)
-      ->check(output_file());
+  parser.option_defaults()->group("Device and output");
+  const Options add{parser};
+  add("--device", common.device, "auto, cpu, gpu, N, P:D or part of a name (cloam info lists them)");
+  add("--max-memory", common.max_memory, "Limit of device memory, such as 600M or 6G");
+  add("--json", common.json, "Machine-readable output on stdout");
+  add("-q,--quiet", common.quiet, "Print only errors and warnings");
+  add("-v,--verbose", common.verbose, "Print more detail");
+  add("--profile", common.profile, "At the end, print the cost of each kernel and each step");
+  add("--profile-trace", common.profile_trace, "Also write a timeline for Perfetto to this file", output_file());
   // Of the commands' own -o alone that of export may be a file, and it knows more of it.
   if (CLI::Option* out = parser.get_option_no_throw("--out"))
     out->check(parser.get_name() == "export" ? output_path() : output_folder());
@@ -123,6 +116,13 @@ void open_device(const Common& common) {
   begin_profile(common);
 }
 
+RestoredRun restored(const std::string& run, const Common& common) {
+  open_device(common);
+  RestoredRun found = restore_run(run);
+  if (!found.checkpoint.warning.empty()) warn(found.checkpoint.warning);
+  return found;
+}
+
 void end_build_news() { build_news().end(); }
 
 void say(const Common& common, const std::string& line) {
@@ -135,11 +135,25 @@ void warn(const std::string& warning) {
   std::fprintf(stderr, "warning: %s\n", warning.c_str());
 }
 
+void warn_without_font() {
+  if (!can_draw_text())
+    warn("the sheet has no captions: the font DejaVu Sans is not installed (apt-get install fonts-dejavu-core)");
+}
+
+Listener listener_of(const Common& common) {
+  return {[&common](const std::string& line) { say(common, line); }, warn,
+          [](const std::function<std::string()>& done) { check_stop(done); }};
+}
+
 void put(std::string_view data) {
   end_build_news();
   const bool written = std::fwrite(data.data(), 1, data.size(), stdout) == data.size();
   if (!written || std::fflush(stdout) != 0)
     throw Error(Fault::write, text("cannot write to standard output: ", std::strerror(errno)));
+}
+
+void put_json(const nlohmann::ordered_json& json, int indent) {
+  put(json.dump(indent, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
 }
 
 double parse_duration(const std::string& given) {
@@ -157,6 +171,16 @@ double parse_duration(const std::string& given) {
   if (seconds <= 0)
     throw Error(Fault::usage, text("\"", given, "\" is not a positive duration: want 90s, 5m or 1h30m"));
   return seconds;
+}
+
+ImageSize parse_size(const std::string& given) {
+  constexpr int kLargestSide = 1 << 14;
+  const auto is_side = [](int side) { return side >= 1 && side <= kLargestSide; };
+  int width = 0, height = 0, length = 0;
+  const bool whole = std::sscanf(given.c_str(), "%5dx%5d%n", &width, &height, &length) == 2 &&
+                     length == static_cast<int>(given.size());
+  if (whole && is_side(width) && is_side(height)) return {width, height};
+  throw Error(Fault::usage, text("--size ", given, ": want WIDTHxHEIGHT in pixels, such as 640x360"));
 }
 
 uint64_t parse_bytes(const std::string& given) {
@@ -178,40 +202,12 @@ uint64_t parse_bytes(const std::string& given) {
   return static_cast<uint64_t>(value * factor);
 }
 
-std::string words_for_bytes(uint64_t bytes) {
-  const double mega = static_cast<double>(bytes) / (1 << 20);
-  char buffer[32];
-  if (mega < 1000)
-    std::snprintf(buffer, sizeof buffer, mega < 10 ? "%.1f MB" : "%.0f MB", mega);
-  else
-    std::snprintf(buffer, sizeof buffer, "%.1f GB", mega / 1024);
-  return buffer;
-}
-
-std::string words_for_seconds(double seconds) {
-  const long whole = std::lround(std::max(0.0, seconds));
-  char buffer[48];
-  if (whole < 60)
-    std::snprintf(buffer, sizeof buffer, "%lds", whole);
-  else if (whole < 3600)
-    std::snprintf(buffer, sizeof buffer, "%ldm%02lds", whole / 60, whole % 60);
-  else
-    std::snprintf(buffer, sizeof buffer, "%ldh%02ldm", whole / 3600, whole / 60 % 60);
-  return buffer;
-}
-
 std::string clock_after(double seconds) {
   const std::time_t when = std::time(nullptr) + static_cast<std::time_t>(seconds);
-  return local_time(when, seconds > 20 * 3600 ? "%a %H:%M" : "%H:%M");
+  return fmt::format(fmt::runtime(seconds > 20 * 3600 ? "{:%a %H:%M}" : "{:%H:%M}"), fmt::localtime(when));
 }
 
-std::string time_stamp() {
-  const std::time_t now = std::time(nullptr);
-  std::tm parts{};
-  gmtime_r(&now, &parts);
-  char buffer[64];
-  return {buffer, std::strftime(buffer, sizeof buffer, "%Y-%m-%dT%H:%M:%SZ", &parts)};
-}
+std::string time_stamp() { return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr))); }
 
 namespace {
 
@@ -239,14 +235,6 @@ std::string device_spelling(const DeviceInfo& info) { return text("--device ", i
 std::string& command_line() {
   static std::string line;
   return line;
-}
-
-std::string quoted(const std::string& word) {
-  const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./=:,+@%";
-  if (!word.empty() && word.find_first_not_of(plain) == std::string::npos) return word;
-  std::string out = "'";
-  for (const char c : word) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return out + "'";
 }
 
 }  // namespace cloam

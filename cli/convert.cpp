@@ -7,7 +7,6 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
-#include "cli/output_path.h"
 #include "models/gaussians/formats.h"
 #include "models/gaussians/spz.h"
 #include "runtime/error.h"
@@ -59,7 +58,7 @@ std::string lines_of(const SplatErrors& errors) {
 /// Also through links: what is read must not be replaced.
 void check_other_file(const ConvertRequest& request) {
   std::error_code ignored;
-  if (std::filesystem::equivalent(request.in, request.out, ignored))
+  if (fs::equivalent(request.in, request.out, ignored))
     throw Error(Fault::usage, text(request.out, " is the input file; name another file to write"));
 }
 
@@ -73,18 +72,17 @@ int run_command(const ConvertRequest& request, const Common& common) {
   write(request, gaussians);
   const SplatErrors errors = reread_errors(request.out, gaussians);
   if (common.json) {
-    const nlohmann::ordered_json json = {{"schema_version", 1},
-                                         {"path", request.out},
-                                         {"gaussians", gaussians.count()},
-                                         {"up", {gaussians.up.x(), gaussians.up.y(), gaussians.up.z()}},
-                                         {"position_error", errors.position},
-                                         {"deviation_error", errors.scale},
-                                         {"rotation_error_degrees", errors.rotation},
-                                         {"opacity_error", errors.opacity},
-                                         {"colour_error", errors.colour},
-                                         {"harmonics_error", errors.harmonics},
-                                         {"warnings", file.warnings}};
-    put(json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+    put_json({{"schema_version", 1},
+              {"path", request.out},
+              {"gaussians", gaussians.count()},
+              {"up", {gaussians.up.x(), gaussians.up.y(), gaussians.up.z()}},
+              {"position_error", errors.position},
+              {"deviation_error", errors.scale},
+              {"rotation_error_degrees", errors.rotation},
+              {"opacity_error", errors.opacity},
+              {"colour_error", errors.colour},
+              {"harmonics_error", errors.harmonics},
+              {"warnings", file.warnings}});
   } else {
     put(text(request.out, ": ", gaussians.count(), " gaussians\n", lines_of(errors)));
   }
@@ -94,17 +92,12 @@ int run_command(const ConvertRequest& request, const Common& common) {
 }  // namespace
 
 Command add_convert(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("convert", kExamples);
-  const auto request = std::make_shared<ConvertRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("IN", request->in, "Input file: .ply, .splat, .spz or .glb")->required();
-  parser->add_option("OUT", request->out, "Output file: .ply, .splat, .spz or .glb")->required()->check(output_file());
-  parser->add_option("--up", request->up,
-                     "Axis of IN that points up: x, y, z, -x, -y or -z (default: as IN states, else -y)");
-  parser->add_option("--spz-version", request->spz_version, "Version of .spz to write: 3, or 2 for old readers (3)")
-      ->check(whole_number(2, 3));
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<ConvertRequest>(program, "convert", kExamples, run_command, [](const Options& add, ConvertRequest& r) {
+    add("IN", r.in, "Input file: .ply, .splat, .spz or .glb")->required();
+    add("OUT", r.out, "Output file: .ply, .splat, .spz or .glb", output_file())->required();
+    add("--up", r.up, "Axis of IN that points up: x, y, z, -x, -y or -z (default: as IN states, else -y)");
+    add("--spz-version", r.spz_version, "Version of .spz to write: 3, or 2 for old readers (3)", whole_number(2, 3));
+  });
 }
 
 }  // namespace cloam

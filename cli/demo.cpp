@@ -12,16 +12,15 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "cli/actors.h"
 #include "cli/commands.h"
 #include "cli/demo_page.h"
-#include "cli/distance.h"
 #include "cli/eval.h"
-#include "cli/run_words.h"
 #include "cli/stop_signal.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"
 #include "models/io/json.h"
+#include "models/nn/feature_network.h"
+#include "models/runs/actor_names.h"
 #include "models/runs/scene_file.h"
 #include "models/scene/asset_class.h"
 #include "runtime/error.h"
@@ -29,7 +28,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 using Words = std::vector<std::string>;
 
@@ -84,6 +82,87 @@ std::map<std::string, std::size_t> pixels_of(const fs::path& folder, const std::
   return pixels;
 }
 
+double pictures(const DemoRequest& request) {
+  const ImageSize size = parse_size(request.size);
+  return request.logs * request.frames * static_cast<double>(size.width * size.height) / (4 * 12 * 160 * 90);
+}
+
+double assets(const DemoRequest& request) { return (request.assets / 48.0 + request.logs / 4.0) / 2; }
+
+double one(const DemoRequest&) { return 1; }
+
+/// How long the trainings took that ran so far.
+double trained(const DemoRecord& made) {
+  double sum = 0;
+  for (const DemoCommand& command : made.commands)
+    if (command.line.starts_with("cloam train")) sum += command.seconds;
+  return sum;
+}
+
+/// For a training: its share of the budget in seconds, or the steps that were asked for.
+Words with_schedule(Words words, const DemoRequest& request, double seconds) {
+  if (request.steps > 0)
+    words.insert(words.end(), {"--steps", std::to_string(request.steps)});
+  else
+    words.insert(words.end(), {"--time-budget", text(std::lround(std::max(1.0, seconds)), "s")});
+  return words;
+}
+
+/// The log whose vehicles cover most of its pictures, and those of them that cover most.
+Swap best_swap(const DemoFolders& folders) {
+  const RunRecord record = read_record(folders.street());
+  const Scenes scenes = read_scene_file(folders.street() / "scene.json");
+  const auto kinds = kinds_in(folders.training());
+  const std::vector<std::string> logs = log_names(record);
+  Swap best;
+  for (std::size_t log = 0; log < scenes.size(); ++log) {
+    const auto pixels = pixels_of(folders.before(), logs[log]);
+    std::vector<std::pair<std::size_t, std::string>> vehicles;
+    for (const Actor& actor : scenes[log].actors) {
+      const std::string kind = kAssetClasses[asset_class(actor.label)];
+      const auto seen = pixels.find(actor.id);
+      if (is_vehicle(asset_class(kind)) && !actor.boxes.empty() &&
+          kinds.contains({kind, scenes[log].night ? "night" : "day"}))
+        vehicles.emplace_back(seen == pixels.end() ? 0 : seen->second, actor.id);
+    }
+    std::sort(vehicles.rbegin(), vehicles.rend());
+    vehicles.resize(std::min(vehicles.size(), kSwapped));
+    Swap swap{static_cast<int>(log), {}, 0};
+    for (const auto& [count, id] : vehicles) swap.actors.push_back(id), swap.pixels += count;
+    if (best.actors.empty() || swap.pixels > best.pixels) best = swap;
+  }
+  if (!best.actors.empty()) return best;
+  throw Error(Fault::data, "no vehicle in the streets is of a class that was learned\n  fix: a longer --time-budget");
+}
+
+/// A demo before this one, but nothing else.
+void clear(const DemoFolders& f) {
+  std::error_code error;
+  if (!fs::exists(f.root, error) || fs::is_empty(f.root, error)) return;
+  if (!fs::exists(f.record(), error))
+    throw Error(Fault::usage,
+                text(f.root.string(), " exists and is not a demo; name another folder with -o, or remove it"));
+  for (const fs::path& path : {f.page(), f.logs(), f.street(), f.prior(), f.training(), f.samples(), f.random(),
+                               f.assets(), f.before(), f.edited(), f.after()}) {
+    fs::remove_all(path, error);
+    if (error) throw Error(Fault::write, text(path.string(), ": cannot be removed: ", error.message()));
+  }
+}
+
+Json record_of(const DemoRecord& made, double seconds) {
+  Json json = {{"schema_version", 1}, {"page", nullptr}, {"seconds", seconds}};
+  if (fs::exists(made.folders.page())) json["page"] = made.folders.page().string();
+  json["street"] = made.street;
+  json["prior"] = made.prior;
+  json["distance_of_samples"] = made.samples;
+  json["distance_of_random_latents"] = made.random;
+  json["swapped"] = {{"log", made.swapped_log}, {"actors", made.swapped}};
+  json["commands"] = Json::array();
+  for (const DemoCommand& command : made.commands)
+    json["commands"].push_back({{"command", command.line}, {"seconds", command.seconds}});
+  return json;
+}
+
 /// For signals between commands, which handle them themselves; every file is whole at any time.
 extern "C" void leave(int signal) {
   constexpr char kTold[] = "\nstopped: the finished parts are in the demo's folder\n";
@@ -103,9 +182,9 @@ class Demo {
  private:
   struct Part {
     const char* what;
-    double seconds;                // with the default sizes on two cores of 2023, trainings aside
-    double (Demo::*size)() const;  // of what takes these seconds, 1 by default
-    double share;                  // of the time budget
+    double seconds;                      // with the default sizes on two cores of 2023, trainings aside
+    double (*size)(const DemoRequest&);  // of what takes these seconds, 1 by default
+    double share;                        // of the time budget
     int (Demo::*run)();
   };
   static const std::vector<Part> kParts;
@@ -121,18 +200,9 @@ class Demo {
   int run_noted(Words words, bool talks = false);
   Json evaluated(const fs::path& run);
   Json distance(const fs::path& set);
-  Words with_schedule(Words words, double share) const;
-  Swap best_swap() const;
-  void clear() const;
   void note(const Words& words, double seconds_before);
-  Json record() const;
   void tell(std::size_t part) const;
   std::string time_left(std::size_t part) const;
-  /// How long the trainings took that ran so far.
-  double trained() const;
-  double pictures() const;
-  double assets() const { return (request_.assets / 48.0 + request_.logs / 4.0) / 2; }
-  double one() const { return 1; }
   double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - started_).count(); }
   /// With the options that all commands have.
   Words with_common(Words words, bool quiet) const;
@@ -146,15 +216,13 @@ class Demo {
 };
 
 const std::vector<Demo::Part> Demo::kParts = {
-    {"making synthetic streets: driving logs with cameras, LiDAR and boxes", 10, &Demo::pictures, 0,
-     &Demo::make_streets},
-    {"reconstructing them; a sixth of the images is held out for evaluation", 20, &Demo::pictures, kStreetShare,
+    {"making synthetic streets: driving logs with cameras, LiDAR and boxes", 10, pictures, 0, &Demo::make_streets},
+    {"reconstructing them; a sixth of the images is held out for evaluation", 20, pictures, kStreetShare,
      &Demo::reconstruct},
-    {"learning what their assets are like: diffusion on their latent codes", 5, &Demo::one, kPriorShare,
-     &Demo::learn_assets},
-    {"generating assets, and a baseline from random latents", 60, &Demo::assets, 0, &Demo::generate},
-    {"replacing vehicles in a street with generated ones", 30, &Demo::pictures, 0, &Demo::swap_vehicles},
-    {"writing the page", 1, &Demo::one, 0, &Demo::write_page}};
+    {"learning what their assets are like: diffusion on their latent codes", 5, one, kPriorShare, &Demo::learn_assets},
+    {"generating assets, and a baseline from random latents", 60, assets, 0, &Demo::generate},
+    {"replacing vehicles in a street with generated ones", 30, pictures, 0, &Demo::swap_vehicles},
+    {"writing the page", 1, one, 0, &Demo::write_page}};
 
 Words Demo::with_common(Words words, bool quiet) const {
   if (common_.device != Common().device) words.insert(words.end(), {"--device", common_.device});
@@ -178,10 +246,8 @@ Json Demo::evaluated(const fs::path& run) {
   const double before = seconds();
   Common quiet = common_;
   quiet.quiet = !common_.verbose;
-  EvalRequest request;
-  request.run = run.string();
-  Json found = measure_run(request, quiet);
-  note({"eval", request.run}, before);
+  Json found = measure_run({.run = run.string()}, quiet);
+  note({"eval", run.string()}, before);
   return found;
 }
 
@@ -192,14 +258,6 @@ Json Demo::distance(const fs::path& set) {
   Json found = measure_distance(request, common_);
   note({"distance", request.folders[0], request.folders[1], "--features", request.features}, before);
   return found;
-}
-
-Words Demo::with_schedule(Words words, double share) const {
-  if (request_.steps > 0)
-    words.insert(words.end(), {"--steps", std::to_string(request_.steps)});
-  else
-    words.insert(words.end(), {"--time-budget", text(std::lround(std::max(1.0, share * budget_)), "s")});
-  return words;
 }
 
 int Demo::make_streets() {
@@ -217,7 +275,7 @@ int Demo::reconstruct() {
   Words settings = {"batch.patches=8", "batch.patch_side=24", "background.side=256"};
   settings.insert(settings.end(), request_.settings.begin(), request_.settings.end());
   for (const std::string& setting : settings) words.insert(words.end(), {"--set", setting});
-  const int code = run_noted(with_schedule(words, kStreetShare), true);
+  const int code = run_noted(with_schedule(words, request_, kStreetShare * budget_), true);
   if (code == 0) made_.street = evaluated(made_.folders.street());
   return code;
 }
@@ -225,7 +283,7 @@ int Demo::reconstruct() {
 int Demo::learn_assets() {
   const int code = run_noted(with_schedule({"train", "diffusion", made_.folders.street().string(), "-o",
                                             made_.folders.prior().string(), "--preset", "diffusion-small"},
-                                           kPriorShare),
+                                           request_, kPriorShare * budget_),
                              true);
   if (code == 0) made_.prior = evaluated(made_.folders.prior());
   return code;
@@ -259,37 +317,10 @@ int Demo::generate() {
   return 0;
 }
 
-/// The log whose vehicles cover most of its pictures, and those of them that cover most.
-Swap Demo::best_swap() const {
-  const RunRecord record = read_record(made_.folders.street());
-  const Scenes scenes = read_scene_file(made_.folders.street() / "scene.json");
-  const auto kinds = kinds_in(made_.folders.training());
-  const std::vector<std::string> logs = log_names(record);
-  Swap best;
-  for (std::size_t log = 0; log < scenes.size(); ++log) {
-    const auto pixels = pixels_of(made_.folders.before(), logs[log]);
-    std::vector<std::pair<std::size_t, std::string>> vehicles;
-    for (const Actor& actor : scenes[log].actors) {
-      const std::string kind = kAssetClasses[asset_class(actor.label)];
-      const auto seen = pixels.find(actor.id);
-      if (is_vehicle(asset_class(kind)) && !actor.boxes.empty() &&
-          kinds.contains({kind, scenes[log].night ? "night" : "day"}))
-        vehicles.emplace_back(seen == pixels.end() ? 0 : seen->second, actor.id);
-    }
-    std::sort(vehicles.rbegin(), vehicles.rend());
-    vehicles.resize(std::min(vehicles.size(), kSwapped));
-    Swap swap{static_cast<int>(log), {}, 0};
-    for (const auto& [count, id] : vehicles) swap.actors.push_back(id), swap.pixels += count;
-    if (best.actors.empty() || swap.pixels > best.pixels) best = swap;
-  }
-  if (!best.actors.empty()) return best;
-  throw Error(Fault::data, "no vehicle in the streets is of a class that was learned\n  fix: a longer --time-budget");
-}
-
 int Demo::swap_vehicles() {
   const std::string street = made_.folders.street().string();
   run_noted({"render", street, "-o", made_.folders.before().string(), "--masks", "--exr"});
-  const Swap swap = best_swap();
+  const Swap swap = best_swap(made_.folders);
   made_.swapped_log = log_names(read_record(street)).at(static_cast<std::size_t>(swap.log));
   made_.swapped = swap.actors;
   Words words = {"edit", street, "--prior", made_.folders.prior().string(), "-o", made_.folders.edited().string()};
@@ -305,58 +336,16 @@ int Demo::write_page() {
   return 0;
 }
 
-/// A demo before this one, but nothing else.
-void Demo::clear() const {
-  const DemoFolders& f = made_.folders;
-  std::error_code error;
-  if (!fs::exists(f.root, error) || fs::is_empty(f.root, error)) return;
-  if (!fs::exists(f.record(), error))
-    throw Error(Fault::usage,
-                text(f.root.string(), " exists and is not a demo; name another folder with -o, or remove it"));
-  for (const fs::path& path : {f.page(), f.logs(), f.street(), f.prior(), f.training(), f.samples(), f.random(),
-                               f.assets(), f.before(), f.edited(), f.after()}) {
-    fs::remove_all(path, error);
-    if (error) throw Error(Fault::write, text(path.string(), ": cannot be removed: ", error.message()));
-  }
-}
-
-Json Demo::record() const {
-  Json json = {{"schema_version", 1}, {"page", nullptr}, {"seconds", seconds()}};
-  if (fs::exists(made_.folders.page())) json["page"] = made_.folders.page().string();
-  json["street"] = made_.street;
-  json["prior"] = made_.prior;
-  json["distance_of_samples"] = made_.samples;
-  json["distance_of_random_latents"] = made_.random;
-  json["swapped"] = {{"log", made_.swapped_log}, {"actors", made_.swapped}};
-  json["commands"] = Json::array();
-  for (const DemoCommand& command : made_.commands)
-    json["commands"].push_back({{"command", command.line}, {"seconds", command.seconds}});
-  return json;
-}
-
-double Demo::pictures() const {
-  int width = 160, height = 90;
-  std::sscanf(request_.size.c_str(), "%5dx%5d", &width, &height);
-  return request_.logs * request_.frames * static_cast<double>(width * height) / (4 * 12 * 160 * 90);
-}
-
-double Demo::trained() const {
-  double sum = 0;
-  for (const DemoCommand& command : made_.commands)
-    if (command.line.starts_with("cloam train")) sum += command.seconds;
-  return sum;
-}
-
 /// By how fast this machine was so far; as parts differ, a range. Nothing while trainings of unknown length are ahead.
 std::string Demo::time_left(std::size_t part) const {
   constexpr double kQuicker = 0.6, kSlower = 1.6;
   double work = 0, training = 0;
   for (std::size_t i = part; i < kParts.size(); ++i) {
-    work += kParts[i].seconds * (this->*kParts[i].size)();
+    work += kParts[i].seconds * kParts[i].size(request_);
     training += kParts[i].share * budget_;
   }
   if (request_.steps > 0 && training > 0) return "";
-  if (expected_ > 0) work *= (seconds() - trained()) / expected_;
+  if (expected_ > 0) work *= (seconds() - trained(made_)) / expected_;
   return text("; ", words_for_seconds(training + kQuicker * work), " to ", words_for_seconds(training + kSlower * work),
               " left in total");
 }
@@ -366,19 +355,19 @@ void Demo::tell(std::size_t part) const {
 }
 
 int Demo::run() {
-  clear();
-  commit_text(made_.folders.record(), record().dump(2) + "\n");
+  clear(made_.folders);
+  commit_text(made_.folders.record(), record_of(made_, seconds()).dump(2) + "\n");
   for (std::size_t i = 0; i < kParts.size(); ++i) {
     tell(i);
     const int code = (this->*kParts[i].run)();
-    commit_text(made_.folders.record(), record().dump(2) + "\n");
+    commit_text(made_.folders.record(), record_of(made_, seconds()).dump(2) + "\n");
     if (code != 0) {
       say(common_, text("the finished parts are in ", request_.out));
       return code;
     }
-    expected_ += kParts[i].seconds * (this->*kParts[i].size)();
+    expected_ += kParts[i].seconds * kParts[i].size(request_);
   }
-  if (common_.json) put(record().dump() + "\n");
+  if (common_.json) put_json(record_of(made_, seconds()));
   say(common_, text("done in ", words_for_seconds(seconds()), "\n", made_.folders.page().string()));
   return 0;
 }
@@ -398,24 +387,18 @@ int run_command(const DemoRequest& request, const Common& common) {
 }  // namespace
 
 Command add_demo(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("demo", kExamples);
-  const auto request = std::make_shared<DemoRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("-o,--out", request->out, "Output folder (demo)");
-  parser->add_option("--time-budget", request->time_budget,
-                     "For both training runs together (9m); the rest takes a few minutes more");
-  parser->add_option("--features", request->features, "Weights of the feature network for distances (random)");
-  parser->add_option("--logs", request->logs, "Number of streets (4)")->check(whole_number(2, 100));
-  parser->add_option("--frames", request->frames, "Time steps of each street (12)")->check(whole_number(2, 200));
-  parser->add_option("--size", request->size, "Image size, WIDTHxHEIGHT (160x90)");
-  parser->add_option("--assets", request->assets, "Number of assets to generate for the comparison (48)")
-      ->check(whole_number(2, 1000));
-  parser->add_option("--steps", request->steps, "Steps of each training run, instead of a time budget")
-      ->check(whole_number(1));
-  parser->add_option("--set", request->settings, "Setting key=value for the training on the streets; may be repeated")
-      ->allow_extra_args(false);
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<DemoRequest>(program, "demo", kExamples, run_command, [](const Options& add, DemoRequest& r) {
+    add("-o,--out", r.out, "Output folder (demo)");
+    add("--time-budget", r.time_budget, "For both training runs together (9m); the rest takes a few minutes more");
+    add("--features", r.features, "Weights of the feature network for distances (random)");
+    add("--logs", r.logs, "Number of streets (4)", whole_number(2, 100));
+    add("--frames", r.frames, "Time steps of each street (12)", whole_number(2, 200));
+    add("--size", r.size, "Image size, WIDTHxHEIGHT (160x90)");
+    add("--assets", r.assets, "Number of assets to generate for the comparison (48)", whole_number(2, 1000));
+    add("--steps", r.steps, "Steps of each training run, instead of a time budget", whole_number(1));
+    add("--set", r.settings, "Setting key=value for the training on the streets; may be repeated")
+        ->allow_extra_args(false);
+  });
 }
 
 }  // namespace cloam

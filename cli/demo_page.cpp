@@ -16,7 +16,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr uint64_t kLargestPicture = 64 << 20;

@@ -1,7 +1,7 @@
 // What a demo made, as a page for people: one HTML file that holds its pictures and needs nothing else.
 #pragma once
 #include <filesystem>
-#include <nlohmann/json_fwd.hpp>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 

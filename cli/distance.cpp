@@ -1,25 +1,15 @@
 // cloam distance: how alike two sets of pictures are as sets. FID and KID with the weights of Inception, the same
 // statistics under other names with other networks.
-#include "cli/distance.h"
-
 #include <CLI/CLI.hpp>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
 #include "cli/eval.h"
-#include "cli/set_report.h"
 #include "cli/stop_signal.h"
-#include "models/data/load_images.h"
-#include "models/eval/evaluate.h"
-#include "models/eval/pictures.h"
-#include "models/io/image.h"
-#include "runtime/error.h"
+#include "models/eval/image_sets.h"
 
 namespace cloam {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr char kExamples[] = R"(Measure the distance between two sets of images, a folder each: FID and KID.
 
@@ -30,44 +20,6 @@ Examples:
 
 docs/formats.md says how to get a file with Inception weights.)";
 
-std::vector<fs::path> images_in(const fs::path& folder) {
-  if (!fs::is_directory(folder)) throw Error(Fault::data, text(folder.string(), ": not a folder of images"));
-  std::vector<fs::path> files;
-  for (const auto& entry : fs::directory_iterator(folder))
-    if (is_image_name(entry.path())) files.push_back(entry.path());
-  if (files.size() < 2)
-    throw Error(Fault::data,
-                text(folder.string(), ": at least two images (.png, .jpg, .exr) are needed, found ", files.size()));
-  std::sort(files.begin(), files.end());
-  return files;
-}
-
-Eigen::MatrixXd features_of(const fs::path& file, const FeatureNetwork& network) {
-  const Image image = read_image(file);
-  if (std::min(image.width, image.height) < network.smallest)
-    throw Error(Fault::data, text(file.string(), ": ", image.width, "x", image.height, " pixels, ", network.name,
-                                  " needs at least ", network.smallest, " per side"));
-  FramePixels pixels;
-  pixels.width = image.width, pixels.height = image.height;
-  pixels.rgba = as_rgba(image);
-  return pooled_features(network, as_batch(on_white(pixels), image.width, image.height));
-}
-
-Eigen::MatrixXd features_of(const std::vector<fs::path>& files, const FeatureNetwork& network, const Common& common) {
-  constexpr std::size_t kTold = 200;
-  Eigen::MatrixXd rows;
-  const StopOnSignal signals("finishing this image");
-  for (std::size_t i = 0; i < files.size(); ++i) {
-    check_stop(
-        [&] { return text(i, " of ", files.size(), " images in ", files[i].parent_path().string(), " were read"); });
-    const Eigen::MatrixXd row = features_of(files[i], network);
-    if (i == 0) rows.resize(static_cast<Eigen::Index>(files.size()), row.cols());
-    rows.row(static_cast<Eigen::Index>(i)) = row;
-    if ((i + 1) % kTold == 0) say(common, text(files[i].parent_path().string(), "  ", i + 1, "/", files.size()));
-  }
-  return rows;
-}
-
 struct Measured {
   std::string network;
   SetDistances sets;
@@ -76,9 +28,11 @@ struct Measured {
 Measured measure(const DistanceRequest& request, const Common& common) {
   const std::vector<fs::path> a = images_in(request.folders.at(0)), b = images_in(request.folders.at(1));
   open_device(common);
+  const Listener listener = listener_of(common);
   const FeatureNetwork network = features_named(request.features);
-  const SetDistances sets = set_distances(features_of(a, network, common), features_of(b, network, common));
-  warn_of_few_images(sets);
+  const StopOnSignal signals("finishing this image");
+  const SetDistances sets = set_distances(features_of(a, network, listener), features_of(b, network, listener));
+  warn_of_few_images(sets, listener);
   return {network.name, sets};
 }
 
@@ -90,7 +44,7 @@ nlohmann::ordered_json to_json(const Measured& measured) {
 
 int run_command(const DistanceRequest& request, const Common& common) {
   const Measured measured = measure(request, common);
-  put(common.json ? to_json(measured).dump(2) + "\n" : set_lines(measured.network, measured.sets));
+  common.json ? put_json(to_json(measured), 2) : put(set_lines(measured.network, measured.sets));
   return 0;
 }
 
@@ -101,13 +55,11 @@ nlohmann::ordered_json measure_distance(const DistanceRequest& request, const Co
 }
 
 Command add_distance(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("distance", kExamples);
-  const auto request = std::make_shared<DistanceRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("FOLDER", request->folders, "Two folders of images")->required()->expected(2);
-  parser->add_option("--features", request->features, "Weights of a feature network, or random")->required();
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<DistanceRequest>(
+      program, "distance", kExamples, run_command, [](const Options& add, DistanceRequest& r) {
+        add("FOLDER", r.folders, "Two folders of images")->required()->expected(2);
+        add("--features", r.features, "Weights of a feature network, or random")->required();
+      });
 }
 
 }  // namespace cloam

@@ -1,17 +1,18 @@
 // cloam edit: the actors of a trained street, listed with thumbnails, moved, turned, removed, swapped.
 #include "models/scene/edit.h"
 
+#include <fmt/format.h>
+
 #include <CLI/CLI.hpp>
-#include <Eigen/Dense>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "cli/actors.h"
 #include "cli/commands.h"
 #include "models/data/path_file.h"
-#include "models/eval/pictures.h"
+#include "models/eval/actor_list.h"
 #include "models/io/words.h"
+#include "models/runs/actor_names.h"
 #include "models/runs/asset_maker.h"
 #include "models/runs/edit_run.h"
 #include "runtime/error.h"
@@ -19,10 +20,8 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 
-constexpr int kThumbnail = 128, kColumns = 8;
 constexpr char kGenerated[] = "generated";
 constexpr char kExamples[] = R"(List the actors of a trained street, or move, turn, remove or replace them in a new run.
 
@@ -116,11 +115,9 @@ class Editor {
     const std::string name = operation.substr(0, equals);
     const std::string operand = equals == std::string::npos ? "" : operation.substr(equals + 1);
     const std::vector<std::string> known = {"shift", "rotate", "remove", "replace", "path"};
-    if (std::find(known.begin(), known.end(), name) == known.end()) {
-      const std::string near = nearest_name(name, known);
+    if (std::find(known.begin(), known.end(), name) == known.end())
       bad_operation(given, text("there is no operation '", name, "'; want shift, rotate, remove, replace or path",
-                                near.empty() ? "" : "; did you mean " + near + "?"));
-    }
+                                did_you_mean(name, known)));
     if ((name == "remove") != (equals == std::string::npos)) {
       bad_operation(given, name + (name == "remove" ? " takes no operand" : " needs an operand after ="));
     }
@@ -151,111 +148,33 @@ class Editor {
   std::optional<AssetMaker> maker_;
 };
 
-/// Images in whose view the centre of the actor's box is.
-std::size_t images_of(const Scene& scene, const Actor& actor) {
-  std::size_t count = 0;
-  for (const Frame& frame : scene.frames) {
-    const auto box = world_from_box_at(actor, frame.timestamp.value_or(0));
-    if (!box) continue;
-    const Eigen::Vector4d centre = frame.world_from_camera.inverse() * box->col(3);
-    const Camera& camera = scene.cameras[static_cast<std::size_t>(frame.camera)];
-    if (centre.z() <= 0) continue;
-    const Eigen::Vector2d at = project(camera, centre.head<3>());
-    count += at.x() >= 0 && at.x() < camera.width && at.y() >= 0 && at.y() < camera.height;
-  }
-  return count;
-}
-
-std::string words_for_looks(const Scenes& scenes, const AssetName& looks) {
-  const auto logs = static_cast<int>(scenes.size());
-  return looks.scene < logs ? spelled(scenes, looks) : text(kGenerated, " ", looks.scene - logs);
-}
-
-Report row_of(const Scenes& scenes, int log, const Actor& actor, std::size_t place) {
-  const Scene& scene = scenes[static_cast<std::size_t>(log)];
-  Report row = {{"number", place + 1},
-                {"log", log},
-                {"actor", actor.id},
-                {"short_id", short_id(scenes, {log, actor.id})},
-                {"label", actor.label},
-                {"size_m", {actor.size.x(), actor.size.y(), actor.size.z()}},
-                {"boxes", actor.boxes.size()},
-                {"images", images_of(scene, actor)},
-                {"stationary", actor.stationary},
-                {"looks_of", actor.asset ? Report(words_for_looks(scenes, *actor.asset)) : Report()},
-                {"row", place / kColumns + 1},
-                {"column", place % kColumns + 1}};
-  return row;
-}
-
-Report report_of(const RestoredRun& run) {
-  Report report = {{"schema_version", 1}, {"logs", Report::array()}, {"actors", Report::array()}};
-  const std::vector<std::string> names = log_names(run.record);
-  for (std::size_t log = 0; log < run.scenes.size(); ++log) {
-    const std::vector<Moment> moments = moments_of(run.scenes[log]);
-    Report entry = {{"name", names[log]}, {"steps", moments.size()}};
-    if (!moments.empty())
-      entry["first_time"] = moments.front().timestamp, entry["last_time"] = moments.back().timestamp;
-    report["logs"].push_back(entry);
-    for (const Actor& actor : run.scenes[log].actors) {
-      report["actors"].push_back(row_of(run.scenes, static_cast<int>(log), actor, report["actors"].size()));
-    }
-  }
-  return report;
-}
-
 void put_table(const Report& report) {
-  char line[200];
-  std::snprintf(line, sizeof line, "%4s  %-4s %-38s %-18s %-18s %5s %6s\n", "no.", "log", "actor", "label",
-                "size w l h (m)", "boxes", "images");
-  std::string out = line;
+  std::string out = fmt::format("{:>4}  {:<4} {:<38} {:<18} {:<18} {:>5} {:>6}\n", "no.", "log", "actor", "label",
+                                "size w l h (m)", "boxes", "images");
   for (const Report& a : report["actors"]) {
-    char size[40];
-    std::snprintf(size, sizeof size, "%.2f %.2f %.2f", a["size_m"][0].get<double>(), a["size_m"][1].get<double>(),
-                  a["size_m"][2].get<double>());
-    const std::string notes = std::string(a["boxes"] == 0               ? "removed"
-                                          : a["stationary"].get<bool>() ? "stationary"
-                                                                        : "moving") +
-                              (a["looks_of"].is_null() ? "" : ", appearance of " + a["looks_of"].get<std::string>());
-    std::snprintf(line, sizeof line, "%4d  %-4d %-38.38s %-18.18s %-18s %5d %6d  ", a["number"].get<int>(),
-                  a["log"].get<int>(), a["actor"].get<std::string>().c_str(), a["label"].get<std::string>().c_str(),
-                  size, a["boxes"].get<int>(), a["images"].get<int>());
-    out += line + notes + "\n";
+    const Report& side = a["size_m"];
+    const std::string size =
+        fmt::format("{:.2f} {:.2f} {:.2f}", side[0].get<double>(), side[1].get<double>(), side[2].get<double>());
+    const char* motion = a["boxes"] == 0 ? "removed" : a["stationary"].get<bool>() ? "stationary" : "moving";
+    const std::string looks = a["looks_of"].is_null() ? "" : ", appearance of " + a["looks_of"].get<std::string>();
+    out += fmt::format("{:>4}  {:<4} {:<38.38} {:<18.18} {:<18} {:>5} {:>6}  {}{}\n", a["number"].get<int>(),
+                       a["log"].get<int>(), a["actor"].get<std::string>(), a["label"].get<std::string>(), size,
+                       a["boxes"].get<int>(), a["images"].get<int>(), motion, looks);
   }
   put(out);
 }
 
-/// Below each actor what the list says of it: number, beginning of the id, label.
-fs::path write_thumbnails(const RestoredRun& run, const Report& rows, const fs::path& folder) {
-  std::vector<Image> images;
-  std::vector<Caption> captions;
-  for (std::size_t log = 0; log < run.scenes.size(); ++log) {
-    for (const Actor& actor : run.scenes[log].actors) {
-      const AssetName looks = actor.asset.value_or(AssetName{static_cast<int>(log), actor.id});
-      images.push_back(three_quarter_picture(street_of(run), looks, actor.size, kThumbnail));
-    }
-  }
-  for (const Report& row : rows)
-    captions.push_back(
-        {text(row["number"], "  ", row["short_id"].get<std::string>()), row["label"].get<std::string>()});
-  const fs::path path = folder / "actors.png";
-  write_png(path, contact_sheet(images, kColumns, captions));
-  warn_without_font();
-  return path;
-}
-
 int list_actors(const EditRequest& request, const Common& common) {
-  open_device(common);
-  const RestoredRun run = restore_run(request.run);
-  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  const RestoredRun run = restored(request.run, common);
   street_of(run);
-  Report report = report_of(run);
+  Report report = list_of_actors(run);
   if (report["actors"].empty()) throw Error(Fault::data, "the logs of the run " + request.run + " have no actors");
-  const fs::path sheet = write_thumbnails(run, report["actors"],
-                                          request.out.empty() ? RunPaths{request.run}.edit() : fs::path(request.out));
+  const fs::path sheet =
+      write_thumbnails(run, report, request.out.empty() ? RunPaths{request.run}.edit() : fs::path(request.out));
+  warn_without_font();
   report["thumbnails"] = sheet.string();
   if (common.json)
-    put(report.dump(-1, ' ', false, Report::error_handler_t::replace) + "\n");
+    put_json(report);
   else
     put_table(report);
   say(common, text("thumbnails with their numbers are in ", sheet.string()));
@@ -277,7 +196,7 @@ int edit_actors(const EditRequest& request, const Common& common) {
   Editor editor(request, common);
   for (const std::string& given : request.actors) editor.apply_all(given);
   write_edited_run(editor.run(), request.out, command_line());
-  if (common.json) put(Report({{"schema_version", 1}, {"run", request.out}}).dump() + "\n");
+  if (common.json) put_json({{"schema_version", 1}, {"run", request.out}});
   say(common, text("the edited run is ", request.out, "\n  cloam render ", quoted(request.out),
                    " -o pictures, cloam simulate ", quoted(request.out), " -o LOG"));
   return 0;
@@ -296,22 +215,16 @@ int run_command(const EditRequest& request, const Common& common) {
 }  // namespace
 
 Command add_edit(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("edit", kExamples);
-  const auto request = std::make_shared<EditRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_flag("--list", request->list, "List the actors and draw a sheet of thumbnails");
-  parser->add_option("--actor", request->actors, "Edit of one actor, [LOG:]ID:OPERATION,... (may be repeated)")
-      ->allow_extra_args(false);
-  parser->add_option("--prior", request->prior, "Diffusion run, for replace=generated");
-  parser->add_option("--seed", request->wish.seed, "Random seed, for replace=generated (0)")->check(whole_number(0));
-  parser
-      ->add_option("--guidance", request->wish.guidance,
-                   "Classifier-free guidance; above 1 follows class and time more closely (1)")
-      ->check(number_from(0, 100));
-  parser->add_option("-o,--out", request->out, "Folder of the edited run; with --list, of the thumbnails (RUN/edit)");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<EditRequest>(program, "edit", kExamples, run_command, [](const Options& add, EditRequest& r) {
+    add("RUN", r.run, "Run folder")->required();
+    add("--list", r.list, "List the actors and draw a sheet of thumbnails");
+    add("--actor", r.actors, "Edit of one actor, [LOG:]ID:OPERATION,... (may be repeated)")->allow_extra_args(false);
+    add("--prior", r.prior, "Diffusion run, for replace=generated");
+    add("--seed", r.wish.seed, "Random seed, for replace=generated (0)", whole_number(0));
+    add("--guidance", r.wish.guidance, "Classifier-free guidance; above 1 follows class and time more closely (1)",
+        number_from(0, 100));
+    add("-o,--out", r.out, "Folder of the edited run; with --list, of the thumbnails (RUN/edit)");
+  });
 }
 
 }  // namespace cloam

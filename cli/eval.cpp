@@ -2,34 +2,18 @@
 // actors alone, and the LiDAR's depths.
 #include "cli/eval.h"
 
-#include <CLI/CLI.hpp>
-#include <algorithm>
-#include <chrono>
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "cli/capture.h"
 #include "cli/commands.h"
-#include "cli/eval_photos.h"
-#include "cli/eval_prior.h"
-#include "cli/eval_report.h"
-#include "cli/output_path.h"
-#include "cli/set_report.h"
 #include "cli/stop_signal.h"
-#include "models/data/turned_log.h"
-#include "models/eval/pictures.h"
-#include "models/io/image.h"
-#include "models/metrics/feature_distance.h"
-#include "models/street/lidar_rays.h"
-#include "models/train/renders_views.h"
+#include "models/eval/measure_run.h"
+#include "models/eval/prior_figures.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
-
-constexpr int kLeastPixels = 16;  // of an actor that an image shows
 constexpr char kExamples[] = R"(Measure a run on held-out photos: PSNR, SSIM and baselines.
 
 Examples:
@@ -40,245 +24,58 @@ Examples:
   cloam eval runs/street --protocol rotate360 --features squeezenet.npz
   cloam eval runs/assets                                    a diffusion run: its loss on held-out codes)";
 
-struct Evaluator {
-  const Common& common;
-  fs::path pictures;
-  std::optional<FeatureNetwork> network = {};
-  Eigen::MatrixXd rendered = {}, source = {};  // features of rotate360, a row an image; actors alone
-  std::size_t done = 0;
-
-  void show(const EvaluatedImage& image, const std::string& name) {
-    check_stop(
-        [&] { return text(done, " pictures are complete in ", pictures.string(), "; no metrics were written"); });
-    const int w = image.frame.width, h = image.frame.height;
-    const auto& rgb = image.picture.rgb;
-    write_png(
-        pictures / (name + ".png"),
-        contact_sheet({to_image(rgb, w, h), to_image(image.truth, w, h), error_image(rgb, image.truth, w, h)}, 3));
-    say(common, text("eval ", ++done, "  ", name));
-  }
-
-  void add_features(Eigen::MatrixXd& rows, const std::vector<float>& rgb, const ActorMask& actors) const {
-    if (!network || std::min(actors.width, actors.height) < network->smallest) return;
-    const Tensor image = as_batch(on_black(rgb, actors.any()), actors.width, actors.height);
-    const Eigen::MatrixXd row = pooled_features(*network, image);
-    rows.conservativeResize(rows.rows() + 1, row.cols());
-    rows.bottomRows(1) = row;
-  }
-};
-
-std::vector<std::string> names_of(const Photos& photos, const Scene& scene, const Pixels& pixels, bool several) {
-  std::vector<std::size_t> frames;
-  for (const FramePixels& frame : pixels.frames) frames.push_back(frame.frame);
-  std::vector<std::string> names = file_names(scene, frames);
-  for (std::string& name : names) name = (several ? photos.name + "_" : "") + name;
-  return names;
+void check_options(const EvalRequest& request) {
+  const std::pair<const char*, bool> options[] = {{"--data", !request.other.empty()},
+                                                  {"--protocol", !request.protocol.empty()},
+                                                  {"--images", !request.images.empty()}};
+  for (const auto& [option, given] : options)
+    if (given) throw Error(Fault::usage, text(option, " is for runs trained on images; ", request.run, " was not"));
 }
 
-void note_kind(const Photos& photos, EvalResult& result) {
-  result.protocol = photos.protocol;
-  result.is_log |= photos.scene.is_log;
-  for (const FramePixels& frame : photos.measured.frames) result.has_masks |= !frame.mask.empty();
+nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& common) {
+  check_options(request);
+  const StopOnSignal signals("finishing this asset");
+  const RestoredRun run = restored(request.run, common);
+  std::optional<FeatureNetwork> network;
+  if (!request.features.empty()) network = features_named(request.features);
+  return measure_prior(run, network ? &*network : nullptr, listener_of(common));
 }
 
-void measure_scene(Method& method, const Photos& photos, bool several, Evaluator& evaluator, EvalResult& result) {
-  note_kind(photos, result);
-  SceneResult scene{photos.name, {}, {}, 0};
-  const Guesses guesses(photos.train_scene, photos.train);
-  std::optional<ActorMasks> masks;
-  if (photos.scene.is_log) masks.emplace(photos.scene);
-  const std::vector<std::string> names = names_of(photos, photos.scene, photos.measured, several);
-  std::size_t next = 0;
-  EvaluateOptions options;
-  options.features = evaluator.network ? &*evaluator.network : nullptr;
-  options.seen = [&](const EvaluatedImage& image) {
-    scene.truth_masks += masks && masks->has_truth(photos.scene.frames[image.frame.frame]);
-    evaluator.show(image, names[next++]);
-  };
-  scene.images = evaluate(*as<RendersViews>(method),
-                          {photos.index, photos.scene, photos.measured, guesses, masks ? &*masks : nullptr}, options);
-  if (scene.truth_masks > 0 && scene.truth_masks < scene.images.size())
-    warn(text(photos.name, ": ", scene.truth_masks, " of ", scene.images.size(),
-              " images have actor masks in truth/; box outlines are used for the others"));
-  // Always the run's own held-out sweeps: what it was trained on is no measure, whatever the protocol.
-  if (auto* street = as<Street>(method)) scene.lidar_errors = lidar_errors(*street, photos.train_scene, photos.index);
-  result.scenes.push_back(std::move(scene));
-}
-
-/// The actors as the log itself shows them, which turned ones are compared with.
-void add_source(const Photos& photos, Evaluator& evaluator) {
-  const ActorMasks masks(photos.scene);
-  for (const FramePixels& pixels : photos.train.frames) {
-    const Frame& frame = photos.train_scene.frames[pixels.frame];
-    if (frame.sensor != front_sensor(photos.scene)) continue;
-    const Camera& camera = photos.train.cameras[static_cast<std::size_t>(pixels.camera)];
-    evaluator.add_features(evaluator.source, on_white(pixels), masks.of(frame, camera));
-  }
-}
-
-/// Of a run on one image: that moment alone, and of the actors those that the image shows.
-void keep_image(TurnedLog& turned, const Photos& photos) {
-  if (photos.image.empty()) return;
-  const std::size_t shown = frame_named(photos.scene, photos.image);
-  const Frame& frame = photos.scene.frames[shown];
-  if (frame.sensor != front_sensor(photos.scene))
-    throw Error(Fault::usage, text("rotate360 measures images of ", front_sensor(photos.scene),
-                                   ", but the run was trained on ", photos.image, " alone"));
-  for (std::size_t i = 0; i < turned.scene.frames.size(); ++i)
-    if (i != shown) turned.scene.frames[i].split = Split::unused;
-  const ActorMask mask = ActorMasks(photos.scene).of(frame, photos.train.cameras.front());
-  for (std::size_t a = 0; a < turned.scene.actors.size(); ++a)
-    if (std::count(mask.actors.begin(), mask.actors.end(), static_cast<int>(a) + 1) < kLeastPixels)
-      turned.scene.actors[a].boxes.clear();
-}
-
-/// One log with its actors turned by one angle, into the log's result.
-void measure_turned(Method& method, const Photos& photos, const TurnedLog& turned, Evaluator& evaluator,
-                    SceneResult& result) {
-  const Pixels pixels = load_images(turned.scene, Split::test, photos.options);
-  const Guesses guesses(photos.train_scene, photos.train);
-  const ActorMasks masks(turned.scene, turned.has_truth);
-  const std::vector<std::string> names = names_of(photos, turned.scene, pixels, true);
-  std::size_t next = 0;
-  EvaluateOptions options;
-  options.compare = turned.has_truth;
-  options.features = evaluator.network ? &*evaluator.network : nullptr;
-  options.seen = [&](const EvaluatedImage& image) {
-    result.truth_masks += masks.has_truth(turned.scene.frames[image.frame.frame]);
-    evaluator.add_features(evaluator.rendered, image.picture.rgb, *image.actors);
-    evaluator.show(image, text("rot", turned.degrees, "_", names[next++]));
-  };
-  const auto images =
-      evaluate(*as<RendersViews>(method), {photos.index, turned.scene, pixels, guesses, &masks}, options);
-  result.images.insert(result.images.end(), images.begin(), images.end());
-}
-
-/// Fault::data where nothing was measured, because of `why`.
-void require_images(const EvalResult& result, const std::string& why) {
-  for (const SceneResult& scene : result.scenes)
-    if (!scene.images.empty()) return;
-  throw Error(Fault::data, "there is no image to evaluate: " + why);
-}
-
-void measure_rotations(const EvalRequest& request, const RestoredRun& trained, Evaluator& evaluator,
-                       EvalResult& result) {
-  const std::vector<std::size_t> scenes = scenes_to_measure(trained, request);
-  result.scenes.resize(scenes.size());
-  std::vector<std::size_t> possible(scenes.size());  // images, if there were truth for all
-  for (int degrees = kTurnStep; degrees < kFullTurn; degrees += kTurnStep) {
-    const RestoredRun run = restore_run(request.run, [&](Scenes& all) {
-      for (Scene& scene : all) turn_actors(scene, degrees);
-    });
-    for (std::size_t i = 0; i < scenes.size(); ++i) {
-      const Photos photos = photos_of(trained, request, scenes[i]);
-      note_kind(photos, result);
-      result.scenes[i].name = photos.name;
-      if (degrees == kTurnStep) add_source(photos, evaluator);
-      TurnedLog turned = turned_log(photos.scene, degrees);
-      if (turned.has_truth && photos.image.empty()) possible[i] += turned.possible;
-      keep_image(turned, photos);
-      if (!turned.has_truth && degrees == kTurnStep)
-        warn(photos.name + ": truth/ has no images of turned actors: renders are shown beside the original images");
-      if (frames_of(turned.scene, Split::test).empty()) continue;
-      measure_turned(*run.method, photos, turned, evaluator, result.scenes[i]);
-    }
-  }
-  for (std::size_t i = 0; i < scenes.size(); ++i) {
-    const SceneResult& scene = result.scenes[i];
-    if (scene.images.size() < possible[i])
-      warn(text(scene.name, ": truth/ has ", scene.images.size(), " of ", possible[i],
-                " images of turned actors; only those are measured"));
-  }
-  require_images(result, "a turned actor encloses the camera at every angle, or truth/ has no image of this time");
-  if (evaluator.rendered.rows() < 2 || evaluator.source.rows() < 2) return;
-  result.sets = set_distances(evaluator.rendered, evaluator.source);
-  warn_of_few_images(*result.sets);
-}
-
-void measure_photos(const EvalRequest& request, const RestoredRun& run, Evaluator& evaluator, EvalResult& result) {
-  const std::vector<std::size_t> scenes = scenes_to_measure(run, request);
-  for (const std::size_t scene : scenes)
-    measure_scene(*run.method, photos_of(run, request, scene), scenes.size() > 1, evaluator, result);
-  require_images(result, text("the protocol ", result.protocol, " selects none; novel needs a ", kFrontLeftSensor));
-}
-
-EvalResult measure(const EvalRequest& request, const RestoredRun& run, Evaluator& evaluator) {
-  EvalResult result;
-  const RunRecord& record = run.record;
-  result.train_protocol = record.reading.protocol.name;
-  result.method = record.method;
-  result.preset = record.preset;
-  result.step = run.progress.step;
-  result.downscale = record.reading.downscale;
-  if (!request.features.empty()) {
-    evaluator.network = features_named(request.features);
-    result.features = evaluator.network->name;
-  }
-  if (protocol_of(run, request) == "rotate360" && request.other.empty())
-    measure_rotations(request, run, evaluator, result);
-  else
-    measure_photos(request, run, evaluator, result);
-  return result;
-}
-
-fs::path pictures_of(const EvalRequest& request) {
-  return request.images.empty() ? RunPaths{request.run}.eval() / "images" : fs::path(request.images);
-}
-
-EvalResult measure_and_report(EvalRequest request, const Common& common) {
-  const auto start = std::chrono::steady_clock::now();
-  open_device(common);
-  RestoredRun run = restore_run(request.run);
-  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
-  take_own_data(run, request, common);
+EvalResult measure_photos(const EvalRequest& request, const Common& common) {
+  RestoredRun run = restored(request.run, common);
   const StopOnSignal signals("finishing this picture");
-  Evaluator evaluator{common, pictures_of(request)};
-  EvalResult result = measure(request, run, evaluator);
-  result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  write_reports(RunPaths{request.run}.eval(), result);
-  return result;
-}
-
-}  // namespace
-
-FeatureNetwork features_named(const std::string& features) {
-  return features == "random" ? random_features() : feature_network(features);
-}
-
-nlohmann::ordered_json measure_run(const EvalRequest& request, const Common& common) {
-  if (learned_from_run(read_record(request.run))) return measure_prior(request, common);
-  return to_json(measure_and_report(request, common));
+  return measure_run(request, run, listener_of(common));
 }
 
 int run_eval(const EvalRequest& request, const Common& common) {
   if (learned_from_run(read_record(request.run))) {
     const auto figures = measure_prior(request, common);
-    put(common.json ? figures.dump(2) + "\n" : prior_table(figures));
+    common.json ? put_json(figures, 2) : put(prior_table(figures));
     return 0;
   }
-  const EvalResult result = measure_and_report(request, common);
-  if (common.json)
-    put(to_json(result).dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
-  else
-    put(table(result));
+  const EvalResult result = measure_photos(request, common);
+  common.json ? put_json(to_json(result), 2) : put(table(result));
   say(common, text("pictures ", pictures_of(request).string(), "  (render | photo | error x4)"));
   return 0;
 }
 
+}  // namespace
+
+nlohmann::ordered_json measure_run(const EvalRequest& request, const Common& common) {
+  if (learned_from_run(read_record(request.run))) return measure_prior(request, common);
+  return to_json(measure_photos(request, common));
+}
+
 Command add_eval(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("eval", kExamples);
-  const auto request = std::make_shared<EvalRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_option("--data", request->other, "Other photos in the same coordinate frame: their test split, or all");
-  add_allow_outside(*parser, request->allow_outside);
-  parser->add_option("--protocol", request->protocol, "Driving logs: sparse, novel or rotate360 (default: the run's)")
-      ->check(one_of(protocol_names()));
-  parser->add_option("--features", request->features,
-                     "Also measure feature distances; a file with network weights, or random");
-  parser->add_option("--images", request->images, "Folder for the pictures (RUN/eval/images)")->check(output_folder());
-  add_common(*parser, *common);
-  return {parser, [=] { return run_eval(*request, *common); }};
+  return command<EvalRequest>(program, "eval", kExamples, run_eval, [](const Options& add, EvalRequest& r) {
+    add("RUN", r.run, "Run folder")->required();
+    add("--data", r.other, "Other photos in the same coordinate frame: their test split, or all");
+    add_allow_outside(add, r.allow_outside);
+    add("--protocol", r.protocol, "Driving logs: sparse, novel or rotate360 (default: the run's)",
+        one_of(protocol_names()));
+    add("--features", r.features, "Also measure feature distances; a file with network weights, or random");
+    add("--images", r.images, "Folder for the pictures (RUN/eval/images)", output_folder());
+  });
 }
 
 }  // namespace cloam

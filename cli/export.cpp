@@ -1,26 +1,27 @@
 // cloam export: actors of a trained street as meshes or turntables, and gaussians as files of splats.
-#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "cli/actors.h"
 #include "cli/commands.h"
-#include "cli/export_splats.h"
-#include "cli/output_path.h"
 #include "cli/stop_signal.h"
 #include "models/eval/pictures.h"
 #include "models/gaussians/exports_gaussians.h"
+#include "models/gaussians/formats.h"
+#include "models/gaussians/turn.h"
 #include "models/io/gif.h"
 #include "models/io/paths.h"
-#include "models/io/words.h"
 #include "models/mesh/write_mesh.h"
+#include "models/metrics/psnr.h"
+#include "models/render/undistort.h"
+#include "models/runs/actor_names.h"
+#include "models/splat/draw.h"
 #include "models/street/asset_mesh.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr int kFramesPerSecond = 12;
 constexpr char kExamples[] =
@@ -79,11 +80,7 @@ Exported export_turntable(const RestoredRun& run, const ExportRequest& request, 
                           const fs::path& folder) {
   const std::vector<Image> images = turntable(street_of(run), looks_of(run.scenes, name),
                                               actor_of(run.scenes, name).size, request.frames, request.size);
-  for (std::size_t i = 0; i < images.size(); ++i) {
-    char file[32];
-    std::snprintf(file, sizeof file, "turn_%04zu.png", i);
-    write_png(folder / file, images[i]);
-  }
+  for (std::size_t i = 0; i < images.size(); ++i) { write_png(folder / fmt::format("turn_{:04}.png", i), images[i]); }
   write_gif(folder / "turntable.gif", images, kFramesPerSecond);
   return {name, folder.string(), 0, 0, images.size()};
 }
@@ -132,7 +129,7 @@ void tell(const Scenes& scenes, const std::vector<Exported>& done, const Common&
                                               : text(one.vertices, " vertices, ", one.triangles, " triangles in ");
     say(common, text(spelled(scenes, one.actor), ": ", what, one.path));
   }
-  if (common.json) put(json.dump() + "\n");
+  if (common.json) put_json(json);
 }
 
 void check_file(const ExportRequest& request) {
@@ -173,46 +170,73 @@ int export_actors(const RestoredRun& run, ExportRequest request, const Common& c
   return 0;
 }
 
-int run_command(const ExportRequest& request, const Common& common) {
-  const std::vector<std::string> formats = {"glb", "ply", "turntable", "splat", "spz"};
-  if (!request.format.empty() && std::find(formats.begin(), formats.end(), request.format) == formats.end()) {
-    const std::string near = nearest_name(request.format, formats);
-    throw Error(Fault::usage, text("--format ", request.format, ": want one of glb, ply, turntable, splat, spz",
-                                   near.empty() ? "" : "; did you mean " + near + "?"));
+constexpr std::size_t kViews = 3;  // that a file is looked at from
+
+std::vector<float> picture(const Gaussians& gaussians, const Scene& scene, const Frame& frame) {
+  const Camera camera = pinhole_around(scene.cameras[static_cast<std::size_t>(frame.camera)]);
+  std::vector<float> values =
+      draw(splat_model(gaussians), camera, view_matrix(frame.world_from_camera), {1e-3f}).planes.to_host();
+  for (float& value : values) value = std::min(value, 1.f);
+  return values;
+}
+
+/// The least of a few views.
+double likeness_of(const Gaussians& written, const Gaussians& model, const Scene& scene) {
+  double least = std::numeric_limits<double>::infinity();
+  const std::size_t every = std::max<std::size_t>(1, scene.frames.size() / kViews);
+  for (std::size_t i = 0; i < scene.frames.size(); i += every)
+    least = std::min(least, psnr(picture(written, scene, scene.frames[i]), picture(model, scene, scene.frames[i])));
+  return least;
+}
+
+/// Writes the file, reads it again, and prints how like the model's the pictures of what was read are.
+int export_splats(const RestoredRun& run, const Gaussians& gaussians, const ExportRequest& request,
+                  const Common& common) {
+  const fs::path path = with_format(request.out, request.format);
+  write_gaussians(path, gaussians);
+  const SplatFile read = read_gaussians(path);
+  for (const std::string& warning : read.warnings) warn(warning);
+  const double decibel = likeness_of(turned(read.gaussians, gaussians.up), gaussians, run.scenes.front());
+  if (common.json) {
+    nlohmann::ordered_json json = {
+        {"schema_version", 1}, {"path", path.string()}, {"gaussians", read.gaussians.count()}};
+    json["psnr_to_model"] = std::isfinite(decibel) ? nlohmann::ordered_json(decibel) : nullptr;
+    put_json(json);
+    return 0;
   }
+  const std::string same = std::isfinite(decibel) ? fmt::format("match the model at {:.1f} dB", decibel)
+                                                  : std::string("equal the model's, bit for bit");
+  put(text(path.string(), ": ", read.gaussians.count(), " Gaussians; read back, its renders ", same, "\n"));
+  return 0;
+}
+
+int run_command(const ExportRequest& request, const Common& common) {
   read_record(request.run);  // a wrong folder is told before a missing device
-  open_device(common);
-  const RestoredRun run = restore_run(request.run);
-  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  const RestoredRun run = restored(request.run, common);
   const auto* exports = as<ExportsGaussians>(*run.method);
   if (!exports) return export_actors(run, request, common);
   if (!request.actor.empty()) throw Error(Fault::usage, "--actor: this run has Gaussians, not actors");
   if (request.format == "turntable")
     throw Error(Fault::usage, "--format turntable is for actors; for Gaussians, use cloam render RUN --path orbit");
   check_file(request);
-  return export_splats(run, exports->gaussians(), {request.format, request.out}, common);
+  return export_splats(run, exports->gaussians(), request, common);
 }
 
 }  // namespace
 
 Command add_export(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("export", kExamples);
-  const auto request = std::make_shared<ExportRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_option("-o,--out", request->out, "Output file; a folder for turntables and for all actors")->required();
-  parser->add_option("--format", request->format,
-                     "Actors: glb or ply (mesh), turntable (PNG and GIF); splats: ply, splat, spz, glb "
-                     "(default: by the file's name)");
-  parser->add_option("--actor", request->actor, "Actor to export, [LOG:]ID (all)");
-  parser->add_option("--resolution", request->resolution, "Grid cells along the longest side of a mesh (128)")
-      ->check(whole_number(8, 512));
-  parser->add_option("--frames", request->frames, "Number of pictures of a turntable (36)")
-      ->check(whole_number(1, 10000));
-  parser->add_option("--size", request->size, "Width and height of a turntable's pictures (256)")
-      ->check(whole_number(16, 4096));
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<ExportRequest>(program, "export", kExamples, run_command, [](const Options& add, ExportRequest& r) {
+    add("RUN", r.run, "Run folder")->required();
+    add("-o,--out", r.out, "Output file; a folder for turntables and for all actors")->required();
+    add("--format", r.format,
+        "Actors: glb or ply (mesh), turntable (PNG and GIF); splats: ply, splat, spz, glb (default: by the file's "
+        "name)",
+        one_of({"glb", "ply", "turntable", "splat", "spz"}));
+    add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
+    add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 512));
+    add("--frames", r.frames, "Number of pictures of a turntable (36)", whole_number(1, 10000));
+    add("--size", r.size, "Width and height of a turntable's pictures (256)", whole_number(16, 4096));
+  });
 }
 
 }  // namespace cloam

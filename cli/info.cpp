@@ -1,6 +1,6 @@
 // cloam info: devices, which one runs and how to name it again; what a bug report needs.
-#include <CLI/CLI.hpp>
-#include <cstdio>
+#include <fmt/format.h>
+
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -47,11 +47,9 @@ std::optional<DeviceInfo> chosen_device(const Common& common, std::optional<Erro
 }
 
 std::string row(const DeviceInfo& info, bool chosen) {
-  char buffer[256];
-  std::snprintf(buffer, sizeof buffer, "%s %-5s %-44.44s %-4s %9s  %5d  %s\n", chosen ? "*" : " ", info.id.c_str(),
-                (info.name + " (" + info.platform + ")").c_str(), info.is_cpu ? "cpu" : "gpu",
-                words_for_bytes(info.global_bytes).c_str(), info.compute_units, verdict(info).c_str());
-  return buffer;
+  return fmt::format("{} {:<5} {:<44.44} {:<4} {:>9}  {:>5}  {}\n", chosen ? "*" : " ", info.id,
+                     info.name + " (" + info.platform + ")", info.is_cpu ? "cpu" : "gpu",
+                     words_for_bytes(info.global_bytes), info.compute_units, verdict(info));
 }
 
 std::string environment() {
@@ -63,10 +61,8 @@ std::string environment() {
 }
 
 void put_table(const std::vector<DeviceInfo>& devices, const std::optional<DeviceInfo>& chosen) {
-  char head[160];
-  std::snprintf(head, sizeof head, "  %-5s %-44s %-4s %9s  %5s  %s\n", "id", "device", "type", "memory", "units",
-                "verdict");
-  std::string out = head;
+  std::string out =
+      fmt::format("  {:<5} {:<44} {:<4} {:>9}  {:>5}  {}\n", "id", "device", "type", "memory", "units", "verdict");
   for (const DeviceInfo& info : devices) out += row(info, chosen && chosen->id == info.id);
   if (chosen) {
     out += text("selected: ", chosen->id, " (",
@@ -95,7 +91,7 @@ Report to_json(const DeviceInfo& info) {
           {"verdict", verdict(info)}};
 }
 
-void put_json(const std::vector<DeviceInfo>& devices, const std::optional<DeviceInfo>& chosen) {
+void put_report(const std::vector<DeviceInfo>& devices, const std::optional<DeviceInfo>& chosen) {
   Report json = {{"schema_version", 1}, {"version", kVersion}, {"default", nullptr}, {"memory_budget_bytes", nullptr}};
   if (chosen) json["default"] = chosen->id;
   if (chosen) json["memory_budget_bytes"] = memory_budget();
@@ -105,15 +101,17 @@ void put_json(const std::vector<DeviceInfo>& devices, const std::optional<Device
   for (const char* name : kVariables) {
     if (const char* value = std::getenv(name)) json["environment"][name] = value;
   }
-  put(json.dump(2, ' ', false, Report::error_handler_t::replace) + "\n");
+  put_json(json, 2);
 }
 
-int run_command(const Common& common) {
+struct InfoRequest {};
+
+int run_command(const InfoRequest&, const Common& common) {
   const std::vector<DeviceInfo> devices = list_devices();
   std::optional<Error> why_not;
   const std::optional<DeviceInfo> chosen = chosen_device(common, why_not);
   if (common.json)
-    put_json(devices, chosen);
+    put_report(devices, chosen);
   else
     put_table(devices, chosen);
   if (why_not) throw Error(*why_not);
@@ -123,10 +121,7 @@ int run_command(const Common& common) {
 }  // namespace
 
 Command add_info(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("info", kExamples);
-  const auto common = std::make_shared<Common>();
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*common); }};
+  return command<InfoRequest>(program, "info", kExamples, run_command, [](const Options&, InfoRequest&) {});
 }
 
 }  // namespace cloam

@@ -6,9 +6,7 @@
 #include <new>
 #include <stdexcept>
 
-#include "cli/options.h"
-#include "cli/profile.h"
-#include "cli/run_words.h"
+#include "cli/commands.h"
 #include "cli/stop_signal.h"
 #include "models/io/words.h"
 #include "runtime/error.h"
@@ -65,16 +63,15 @@ std::vector<std::string> option_names(const CLI::App& parser) {
   return names;
 }
 
-std::string did_you_mean(const std::string& word, const std::vector<std::string>& names) {
-  const std::string near = nearest_name(word.substr(0, word.find('=')), names);
-  return near.empty() ? "" : "; did you mean " + near + "?";
+std::string hint(const std::string& word, const std::vector<std::string>& names) {
+  return did_you_mean(word.substr(0, word.find('=')), names);
 }
 
 int unknown_words(const CLI::App& program) {
   for (const CLI::App* command : program.get_subcommands()) {
     for (const std::string& word : command->remaining()) {
       const std::string kind = word[0] == '-' ? " has no option " : " takes no argument ";
-      return report(2, "cloam " + command->get_name() + kind + word + did_you_mean(word, option_names(*command)) +
+      return report(2, "cloam " + command->get_name() + kind + word + hint(word, option_names(*command)) +
                            "\n  see cloam " + command->get_name() + " --help");
     }
   }
@@ -82,7 +79,7 @@ int unknown_words(const CLI::App& program) {
   for (const CLI::App* command : program.get_subcommands({})) names.push_back(command->get_name());
   const std::vector<std::string> words = program.remaining();
   const std::string word = words.empty() ? "" : words.front();
-  return report(2, "unknown command " + word + did_you_mean(word, names) + "\n  see cloam --help");
+  return report(2, "unknown command " + word + hint(word, names) + "\n  see cloam --help");
 }
 
 int introduce() {

@@ -1,10 +1,11 @@
 // See options.h.
 #include "cli/options.h"
 
-#include <CLI/CLI.hpp>
+#include <algorithm>
 #include <charconv>
 #include <sstream>
 
+#include "models/io/commit.h"
 #include "models/io/words.h"
 #include "runtime/error.h"
 
@@ -92,7 +93,44 @@ class HelpFormat : public CLI::Formatter {
   }
 };
 
+const char* const kFileExtensions[] = {".avi",         ".csv",  ".exr",   ".gif",  ".glb", ".html", ".jpeg",
+                                       ".jpg",         ".json", ".mov",   ".mp4",  ".npz", ".ply",  ".png",
+                                       ".safetensors", ".spz",  ".splat", ".webm", ".zip"};
+
+bool is_file_name(const fs::path& path) {
+  const std::string extension = lower_case(path.extension().string());
+  return std::find(std::begin(kFileExtensions), std::end(kFileExtensions), extension) != std::end(kFileExtensions);
+}
+
+std::string problem_of_place(const std::string& given, const char* wanted) {
+  if (given == "-") return text("-: nothing is written to standard output; name ", wanted);
+  const fs::path file = file_in_the_way(fs::path(given).parent_path());
+  return file.empty() ? "" : text(given, ": ", file.string(), " is a file, not a folder; choose another path");
+}
+
+std::string problem_of_folder(const std::string& given) {
+  std::error_code ignored;
+  if (const std::string problem = problem_of_place(given, "a folder"); !problem.empty()) return problem;
+  if (fs::is_directory(given, ignored)) return "";
+  if (fs::exists(given, ignored)) return given + " is a file; name a folder";
+  if (!is_file_name(given)) return "";
+  return text(given, " is a file name, but several files are written; name a folder for them, such as ",
+              fs::path(given).replace_extension().string());
+}
+
+std::string problem_of_file(const std::string& given) {
+  std::error_code ignored;
+  if (const std::string problem = problem_of_place(given, "a file"); !problem.empty()) return problem;
+  if (fs::is_other(given, ignored)) return given + " is a device or a pipe; name a file";
+  return fs::is_directory(given, ignored) ? given + " is a folder; name a file" : "";
+}
+
 }  // namespace
+
+void add_allow_outside(const Options& add, bool& allowed) {
+  add("--allow-outside", allowed,
+      "Also read images and points outside the capture's folder, if the capture lists them");
+}
 
 CLI::Validator whole_number(int64_t least, int64_t most) {
   return check([=](std::string& word) {
@@ -110,12 +148,35 @@ CLI::Validator number_from(double least, double most) {
   });
 }
 
+CLI::Validator duration() {
+  return check([](std::string& word) -> std::string {
+    try {
+      word = text(parse_duration(word));
+      return "";
+    } catch (const Error& error) { return error.what(); }
+  });
+}
+
 CLI::Validator one_of(const std::vector<std::string>& words) {
   return check([=](std::string& word) {
     if (std::find(words.begin(), words.end(), word) != words.end()) return std::string();
-    const std::string near = nearest_name(word, words);
-    return text(word, ": want ", either(words), near.empty() ? "" : "; did you mean " + near + "?");
+    return text(word, ": want ", either(words), did_you_mean(word, words));
   });
+}
+
+CLI::Validator output_folder() { return CLI::Validator(problem_of_folder, ""); }
+CLI::Validator output_file() { return CLI::Validator(problem_of_file, ""); }
+CLI::Validator output_path() {
+  return CLI::Validator([](const std::string& given) { return problem_of_place(given, "a file or folder"); }, "");
+}
+
+fs::path with_format(const fs::path& path, const std::string& format) {
+  const std::string extension = "." + format;
+  if (format.empty() || lower_case(path.extension().string()) == extension) return path;
+  if (!is_file_name(path)) return path.string() + extension;
+  throw Error(Fault::usage,
+              text("--format ", format, " contradicts -o ", path.string(), ": leave out --format, or name the file ",
+                   fs::path(path).replace_extension(extension).string()));
 }
 
 std::shared_ptr<CLI::Formatter> help_format() { return std::make_shared<HelpFormat>(); }

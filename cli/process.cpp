@@ -1,13 +1,11 @@
 // cloam process: photos become a capture. COLMAP finds the poses; we choose, watch and lay out.
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
-#include <deque>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -15,6 +13,7 @@
 
 #include "cli/child_program.h"
 #include "cli/commands.h"
+#include "cli/progress.h"
 #include "cli/stop_signal.h"
 #include "models/data/colmap.h"
 #include "models/data/colmap_model.h"
@@ -27,8 +26,6 @@
 namespace cloam {
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr char kExamples[] = R"(Find the camera poses of photos with COLMAP (apt-get install colmap), on the CPU.
 The result is a capture for train and check: images/, and sparse/0 with cameras, poses and points.
 
@@ -39,7 +36,6 @@ Examples:
 
 constexpr std::size_t kMostExhaustive = 150;  // images: the pairs to match grow with the square
 constexpr std::size_t kFewest = 3;
-constexpr std::size_t kLastWords = 12;  // lines of COLMAP's that an error shows
 
 struct ProcessRequest {
   std::string images, out, matching = "auto", camera_model = "SIMPLE_RADIAL";
@@ -116,33 +112,25 @@ std::optional<double> share_in(const std::string& line, std::size_t images) {
   return std::nullopt;
 }
 
-/// One line that is rewritten on a terminal; elsewhere a line when a stage begins.
 class Progress {
  public:
-  Progress(const Common& common, int stages) : common_(common), stages_(stages), draws_(isatty(STDERR_FILENO) != 0) {}
-  ~Progress() { end_line(); }
+  Progress(const Common& common, int stages) : common_(common), stages_(stages), line_(common) {}
 
   void begin(const std::string& stage) {
-    end_line();
+    line_.end();
     stage_ = text(++number_, "/", stages_, " ", stage);
-    if (!draws_) say(common_, stage_);
+    if (!line_.on_terminal()) say(common_, stage_);
     draw(0);
   }
   void draw(double share) {
-    if (!draws_ || common_.quiet) return;
-    std::fprintf(stderr, "\r%s  %3.0f %%  %s \033[K", stage_.c_str(), 100 * share,
-                 words_for_seconds(seconds_since_start()).c_str());
-    open_ = true;
+    line_.draw(fmt::format("{}  {:3.0f} %  {} ", stage_, 100 * share, words_for_seconds(seconds_since_start())));
   }
-  void end_line() {
-    if (open_) std::fputc('\n', stderr);
-    open_ = false;
-  }
+  void end_line() { line_.end(); }
 
  private:
   const Common& common_;
   int stages_, number_ = 0;
-  bool draws_, open_ = false;
+  RewrittenLine line_;
   std::string stage_;
 };
 
@@ -151,52 +139,40 @@ struct Stage {
   std::vector<std::string> words;
 };
 
-class Colmap {
- public:
-  Colmap(const fs::path& program, const Layout& layout, std::size_t images, Progress& progress, bool verbose)
-      : program_(program), layout_(layout), images_(images), progress_(progress), verbose_(verbose) {}
+struct Colmap {
+  fs::path program;
+  const Layout& layout;
+  std::size_t images;
+  Progress& progress;
+  bool verbose;
 
   /// Ends with the stage done, or with stop_signal set. Fault::data with COLMAP's last words.
   void run(const Stage& stage) {
-    progress_.begin(stage.told);
-    std::ofstream log(layout_.log(), std::ios::app);
-    if (!log) throw Error(Fault::write, text("cannot open ", layout_.log().string(), ": ", std::strerror(errno)));
+    progress.begin(stage.told);
+    std::ofstream log(layout.log(), std::ios::app);
+    if (!log) throw Error(Fault::write, text("cannot open ", layout.log().string(), ": ", std::strerror(errno)));
     log << "\ncolmap";
     for (const std::string& word : stage.words) log << " " << quoted(word);
     log << "\n";
-    std::deque<std::string> last;
-    const int code = run_child({program_, stage.words, {"QT_QPA_PLATFORM=offscreen"}}, [&](const std::string& line) {
+    const auto seen = [&](const std::string& line) {
       log << line << "\n";
-      if (verbose_) {
-        progress_.end_line();
+      if (verbose) {
+        progress.end_line();
         std::fprintf(stderr, "  %s\n", line.c_str());
       }
-      last.push_back(line);
-      if (last.size() > kLastWords) last.pop_front();
-      if (const auto share = share_in(line, images_)) progress_.draw(*share);
-    });
-    progress_.end_line();
+      if (const auto share = share_in(line, images)) progress.draw(*share);
+    };
+    const ChildEnd end = run_child({program, stage.words, {"QT_QPA_PLATFORM=offscreen"}}, seen);
+    progress.end_line();
     if (!log.flush())
-      throw Error(Fault::write, text("cannot write ", layout_.log().string(), "; ", space_advice(layout_.work())));
-    if (code == 0 || stop_signal.load() != 0) return;
-    std::string words;
-    for (const std::string& line : last) words += "\n    " + line;
-    if (is_of_full_disk(words))
-      throw Error(Fault::write, text("colmap ", stage.words.front(), " cannot write: ", space_advice(layout_.work()),
-                                     "; it printed:", words));
-    throw Error(Fault::data,
-                text("colmap ", stage.words.front(), " ended ", code < 0 ? "by signal " : "with code ", std::abs(code),
-                     code == -SIGKILL ? " (out of memory? --max-size 1000 needs less)" : "",
-                     words.empty() ? "; it printed nothing" : "; it printed:", words,
-                     "\n  full output: ", layout_.log().string()));
+      throw Error(Fault::write, text("cannot write ", layout.log().string(), "; ", space_advice(layout.work())));
+    if (end.code == 0 || stop_signal.load() != 0) return;
+    const std::string name = "colmap " + stage.words.front();
+    if (end.is_of_full_disk())
+      throw Error(Fault::write, text(name, " cannot write: ", space_advice(layout.work()), "; it printed:", end.said));
+    const char* smaller = end.code == -SIGKILL ? "\n  fix: --max-size 1000 needs less memory" : "";
+    throw Error(Fault::data, text(name, " ", end.in_words(), smaller, "\n  full output: ", layout.log().string()));
   }
-
- private:
-  fs::path program_;
-  const Layout& layout_;
-  std::size_t images_;
-  Progress& progress_;
-  bool verbose_;
 };
 
 std::vector<Stage> stages_of(const ProcessRequest& request, const Layout& layout, std::size_t images, bool one_camera) {
@@ -300,17 +276,16 @@ void tell_result(const Layout& layout, std::size_t given, std::size_t models, co
     warn(text("COLMAP could not place ", given - scene.frames.size(), " of ", given, " photos; they are left out"));
   if (models > 1) warn(text("the photos form ", models, " groups that do not overlap; the largest is used"));
   if (common.json) {
-    const nlohmann::ordered_json json = {{"schema_version", 1},
-                                         {"folder", layout.root.string()},
-                                         {"images_given", given},
-                                         {"images", scene.frames.size()},
-                                         {"cameras", scene.cameras.size()},
-                                         {"points", fit.points},
-                                         {"observations", fit.observations},
-                                         {"mean_error_pixels", fit.mean_error},
-                                         {"models", models},
-                                         {"seconds", seconds_since_start()}};
-    put(json.dump() + "\n");
+    put_json({{"schema_version", 1},
+              {"folder", layout.root.string()},
+              {"images_given", given},
+              {"images", scene.frames.size()},
+              {"cameras", scene.cameras.size()},
+              {"points", fit.points},
+              {"observations", fit.observations},
+              {"mean_error_pixels", fit.mean_error},
+              {"models", models},
+              {"seconds", seconds_since_start()}});
   } else {
     put(fmt::format("{} of {} photos placed; {} points, mean reprojection error {:.2f} px; {}\n", scene.frames.size(),
                     given, fit.points, fit.mean_error, words_for_seconds(seconds_since_start())));
@@ -328,7 +303,7 @@ int run_command(const ProcessRequest& request, const Common& common) {
   const StopOnSignal signals("ending COLMAP");
   say(common, text(names.size(), " photos, ", one_camera ? "one camera" : "several cameras"));
   Progress progress(common, request.undistort ? 4 : 3);
-  Colmap colmap(program, layout, names.size(), progress, common.verbose);
+  Colmap colmap{program, layout, names.size(), progress, common.verbose};
   for (const Stage& stage : stages_of(request, layout, names.size(), one_camera)) {
     colmap.run(stage);
     if (stop_signal.load() != 0) return interrupted(layout);
@@ -351,27 +326,19 @@ int run_command(const ProcessRequest& request, const Common& common) {
 }  // namespace
 
 Command add_process(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("process", kExamples);
-  const auto request = std::make_shared<ProcessRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("IMAGES", request->images, "Folder of photos, including its subfolders")->required();
-  parser->add_option("-o,--out", request->out, "Output folder for the capture")->required();
-  parser
-      ->add_option("--matching", request->matching,
-                   "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos) (auto)")
-      ->check(one_of({"auto", "exhaustive", "sequential"}));
-  parser
-      ->add_option("--camera-model", request->camera_model,
-                   "COLMAP's camera model, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)")
-      ->check(one_of({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV",
-                      "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
-  parser->add_option("--max-size", request->max_size, "Longest image side for finding features (1600)")
-      ->check(whole_number(100, 1 << 14));
-  parser->add_flag("--undistort", request->undistort, "Undistort the images");
-  parser->add_flag("--overwrite", request->overwrite,
-                   "Start over in a folder that already holds a model or part of one");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<ProcessRequest>(program, "process", kExamples, run_command, [](const Options& add, ProcessRequest& r) {
+    add("IMAGES", r.images, "Folder of photos, including its subfolders")->required();
+    add("-o,--out", r.out, "Output folder for the capture")->required();
+    add("--matching", r.matching,
+        "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos) (auto)",
+        one_of({"auto", "exhaustive", "sequential"}));
+    add("--camera-model", r.camera_model, "COLMAP's camera model, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)",
+        one_of({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV",
+                "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
+    add("--max-size", r.max_size, "Longest image side for finding features (1600)", whole_number(100, 1 << 14));
+    add("--undistort", r.undistort, "Undistort the images");
+    add("--overwrite", r.overwrite, "Start over in a folder that already holds a model or part of one");
+  });
 }
 
 }  // namespace cloam

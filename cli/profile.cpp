@@ -1,13 +1,13 @@
 // The tables of a profile.
-#include "cli/profile.h"
+#include "runtime/profile.h"
 
 #include <algorithm>
 #include <cstdio>
 
+#include "cli/common.h"
 #include "models/io/commit.h"
 #include "runtime/device.h"
 #include "runtime/limits.h"
-#include "runtime/profile.h"
 
 namespace cloam {
 namespace {

@@ -1,8 +1,8 @@
 // See progress.h. Losses and speeds are means over the steps since the last line: single steps are noise.
 #include "cli/progress.h"
 
+#include <fmt/format.h>
 #include <sys/ioctl.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -10,8 +10,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <nlohmann/json.hpp>
+#include <utility>
 
-#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -20,12 +20,6 @@ namespace {
 constexpr int kSchema = 1;
 constexpr double kBarSeconds = 0.2, kPlainSeconds = 5, kEventSeconds = 1;
 constexpr int64_t kFirstSteps = 3;  // always told: they show that it runs
-
-std::string formatted(const char* format, double value) {
-  char buffer[64];
-  std::snprintf(buffer, sizeof buffer, format, value);
-  return buffer;
-}
 
 int columns() {
   winsize size{};
@@ -54,21 +48,25 @@ Event step_event(const StepReport& report, double loss, double step_seconds) {
 
 }  // namespace
 
+void RewrittenLine::draw(const std::string& line) {
+  if (quiet_ || !terminal_) return;
+  std::fprintf(stderr, "\r%s\033[K", line.c_str());
+  open_ = true;
+}
+
+void RewrittenLine::end() {
+  if (std::exchange(open_, false)) std::fputc('\n', stderr);
+}
+
 ProgressStyle progress_style(const std::string& wish, const Common& common) {
   if (wish == "jsonl" || (wish == "auto" && common.json)) return ProgressStyle::jsonl;
   if (wish == "none" || (wish == "auto" && common.quiet)) return ProgressStyle::none;
   if (wish == "bar") return ProgressStyle::bar;
   if (wish == "plain") return ProgressStyle::plain;
-  const std::vector<std::string> known = {"auto", "bar", "plain", "jsonl", "none"};
-  const std::string near = nearest_name(wish, known);
-  if (wish != "auto") {
-    throw Error(Fault::usage, text("--progress ", wish, ": want auto, bar, plain, jsonl or none",
-                                   near.empty() ? "" : "; did you mean " + near + "?"));
-  }
   return isatty(STDERR_FILENO) ? ProgressStyle::bar : ProgressStyle::plain;
 }
 
-void EventLog::open(const std::filesystem::path& path) {
+void EventLog::open(const fs::path& path) {
   file_.reset(std::fopen(path.c_str(), "a"));
   if (!file_) throw Error(Fault::write, text(path.string(), ": cannot be written: ", std::strerror(errno)));
   write_line(before_open_);
@@ -105,13 +103,13 @@ std::string ProgressView::line() const {
   const double each = undrawn_.step_seconds();
   const double share = static_cast<double>(p.step) / static_cast<double>(std::max<int64_t>(1, last_.end));
   std::string out = text("step ", p.step);
-  if (last_.end > 0) out += text("/", last_.end, formatted("  %2.0f%%", 100 * share));
-  out += formatted("  loss %.5f", undrawn_.loss());
+  if (last_.end > 0) out += text("/", last_.end, fmt::format("  {:2.0f}%", 100 * share));
+  out += fmt::format("  loss {:.5f}", undrawn_.loss());
   const auto psnr = last_.metrics.find("psnr");
-  if (psnr != last_.metrics.end()) out += formatted("  psnr %.1f", psnr->second);
+  if (psnr != last_.metrics.end()) out += fmt::format("  psnr {:.1f}", psnr->second);
   const auto gaussians = last_.metrics.find("gaussians");
-  if (gaussians != last_.metrics.end()) out += formatted("  %.1f k gaussians", 1e-3 * gaussians->second);
-  if (each > 0) out += each < 1 ? formatted("  %.1f it/s", 1 / each) : formatted("  %.1f s/it", each);
+  if (gaussians != last_.metrics.end()) out += fmt::format("  {:.1f} k gaussians", 1e-3 * gaussians->second);
+  if (each > 0) out += each < 1 ? fmt::format("  {:.1f} it/s", 1 / each) : fmt::format("  {:.1f} s/it", each);
   out += "  mem " + words_for_bytes(device_stats().live_bytes);
   if (last_.seconds_left) {
     out += "  left " + words_for_seconds(*last_.seconds_left) + " (" + clock_after(*last_.seconds_left) + ")";
@@ -148,7 +146,7 @@ void ProgressView::tell() {
   untold_ = {};
 }
 
-void ProgressView::checkpoint(int64_t step, const std::filesystem::path& path, bool told) {
+void ProgressView::checkpoint(int64_t step, const fs::path& path, bool told) {
   tell();
   log_.write("checkpoint", {{"step", step}, {"path", path.filename().string()}});
   if (!told) return;

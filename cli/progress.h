@@ -1,6 +1,8 @@
 // What a training tells while it runs: one line that is rewritten on a terminal, plain lines elsewhere, events as JSON
 // lines for programs and in the run's log. Events are documented in docs/formats.md.
 #pragma once
+#include <unistd.h>
+
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
@@ -15,9 +17,23 @@ namespace cloam {
 
 using Event = nlohmann::ordered_json;
 
+/// A line on stderr that is rewritten where that is a terminal, and not there with -q; it ends with this.
+class RewrittenLine {
+ public:
+  explicit RewrittenLine(const Common& common) : quiet_(common.quiet) {}
+  ~RewrittenLine() { end(); }
+  bool on_terminal() const { return terminal_; }
+  void draw(const std::string& line);
+  void end();
+
+ private:
+  const bool quiet_, terminal_ = isatty(STDERR_FILENO) != 0;
+  bool open_ = false;
+};
+
 enum class ProgressStyle { bar, plain, jsonl, none };
 
-/// auto: bar on a terminal, else plain; jsonl with --json; none with -q. Fault::usage.
+/// auto: bar on a terminal, else plain; jsonl with --json; none with -q.
 ProgressStyle progress_style(const std::string& wish, const Common& common);
 
 /// Events as JSON lines: on stdout if asked for, and in a file once one is opened. A log that cannot be written is
@@ -25,7 +41,7 @@ ProgressStyle progress_style(const std::string& wish, const Common& common);
 class EventLog {
  public:
   explicit EventLog(bool on_stdout) : on_stdout_(on_stdout) {}
-  void open(const std::filesystem::path& path);
+  void open(const fs::path& path);
   /// Adds schema_version, event and t (seconds since the program's start) in front. What comes before open() is kept
   /// for it.
   void write(const std::string& name, const Event& fields);
@@ -44,7 +60,7 @@ class ProgressView {
   ProgressView(ProgressStyle style, EventLog& log) : style_(style), log_(log) {}
   ~ProgressView() { end_line(); }
   void step(const StepReport& report);
-  void checkpoint(int64_t step, const std::filesystem::path& path, bool tell);
+  void checkpoint(int64_t step, const fs::path& path, bool tell);
   void warning(const std::string& text);
   /// Leaves the rewritten line, so that other text can follow. Tells the last steps, if some were not told.
   void finish();

@@ -1,14 +1,10 @@
 // cloam render: views of the capture, a path, or cameras from a file.
-#include "cli/render.h"
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "cli/actors.h"
-#include "cli/capture.h"
+#include "cli/child_program.h"
 #include "cli/commands.h"
-#include "cli/render_film.h"
 #include "cli/render_views.h"
 #include "cli/stop_signal.h"
 #include "models/eval/pictures.h"
@@ -16,14 +12,14 @@
 #include "models/io/gif.h"
 #include "models/io/ply.h"
 #include "models/io/words.h"
+#include "models/runs/actor_names.h"
+#include "models/runs/captures.h"
 #include "models/street/lidar_rays.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr int kFramesPerSecond = 20;
 constexpr char kExamples[] = R"(Render views of a trained scene.
@@ -37,15 +33,6 @@ Examples:
   cloam render runs/street -o wide --log 003 --time +0.75 --camera-name left_camera --size 1280x720
   cloam render runs/street -o sweeps --lidar --split all)";
 
-void check_word(const char* option, const std::string& word, const std::vector<std::string>& known) {
-  std::string list;
-  for (const std::string& name : known) list += (list.empty() ? "" : ", ") + name;
-  if (std::find(known.begin(), known.end(), word) != known.end()) return;
-  const std::string near = nearest_name(word, known);
-  throw Error(Fault::usage,
-              text(option, " ", word, ": want one of ", list, near.empty() ? "" : "; did you mean " + near + "?"));
-}
-
 /// NAME_actor.png as the truth beside logs has it: which actor each pixel shows, 1 + its place in actors.json.
 void write_mask(const fs::path& path, const Picture& picture) {
   Labels labels{picture.width, picture.height, {}};
@@ -58,7 +45,8 @@ void write_actor_names(const RestoredRun& run, const RenderRequest& request) {
     nlohmann::ordered_json json = nlohmann::ordered_json::object();
     const Scene& scene = run.scenes[static_cast<std::size_t>(index)];
     for (std::size_t i = 0; i < scene.actors.size(); ++i) json[std::to_string(i + 1)] = scene.actors[i].id;
-    const std::string prefix = run.scenes.size() > 1 ? log_name(run, index) + "_" : "";
+    const std::string prefix =
+        run.scenes.size() > 1 ? log_names(run.record)[static_cast<std::size_t>(index)] + "_" : "";
     commit_text(fs::path(request.out) / (prefix + "actors.json"), json.dump(1) + "\n");
   }
 }
@@ -120,7 +108,8 @@ std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, c
       const bool in_split = request.split == "all" || (sweep.split == Split::test) == (request.split == "test");
       if (request.step ? sweep.step != *request.step : !in_split) continue;
       check_stop([&] { return text(done, " sweeps are complete in ", request.out); });
-      const std::string prefix = run.scenes.size() > 1 ? log_name(run, index) + "_" : "";
+      const std::string prefix =
+          run.scenes.size() > 1 ? log_names(run.record)[static_cast<std::size_t>(index)] + "_" : "";
       const std::string name = prefix + "lidar_" + fs::path(sweep.file).stem().stem().string() + ".ply";
       render_sweep(street_of(run), sweep_rays(sweep, load_sweep(scene, sweep), index), fs::path(request.out) / name);
       say(common, text("render ", ++done, "  ", name));
@@ -132,10 +121,61 @@ std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, c
 
 int render_lidar_alone(const RestoredRun& run, const RenderRequest& request, const Common& common) {
   const std::size_t sweeps = render_lidar(run, request, common);
-  if (common.json)
-    put(nlohmann::ordered_json({{"schema_version", 1}, {"sweeps", sweeps}, {"folder", request.out}}).dump() + "\n");
+  if (common.json) put_json({{"schema_version", 1}, {"sweeps", sweeps}, {"folder", request.out}});
   say(common, text(sweeps, " sweeps in ", request.out));
   return 0;
+}
+
+// Left alone, ffmpeg converts to BT.601 and does not say so, and players take large films for BT.709.
+constexpr char kFilter[] = "crop=trunc(iw/2)*2:trunc(ih/2)*2:0:0,scale=out_color_matrix=bt709,format=yuv420p";
+
+/// For ffmpeg, which reads % as the beginning of a number's place.
+std::string without_places(const std::string& path) {
+  std::string out;
+  for (const char letter : path) out += letter == '%' ? "%%" : std::string(1, letter);
+  return out;
+}
+
+/// Paths begin with a slash: ffmpeg takes what stands before a colon for a protocol.
+void encode(const fs::path& ffmpeg, const std::vector<std::string>& input, const fs::path& film) {
+  std::vector<std::string> words = {"-nostdin", "-hide_banner", "-loglevel", "error", "-xerror", "-y"};
+  words.insert(words.end(), input.begin(), input.end());
+  for (const char* word : {"-vf", kFilter, "-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc",
+                           "iec61966-2-1", "-movflags", "+faststart"})
+    words.push_back(word);
+  words.push_back(film.string());
+  const ChildEnd end = run_child({ffmpeg, words});
+  if (end.code == 0) return;
+  if (end.is_of_full_disk())
+    throw Error(Fault::write,
+                text("cannot write the video: ", space_advice(film.parent_path()), "; ffmpeg printed:", end.said));
+  throw Error(Fault::data, ffmpeg.string() + " " + end.in_words());
+}
+
+/// FOLDER/NAME.mp4 of the pictures FOLDER/NAME_0000.png to `count`, of even width and height: an odd last column or row
+/// is left out. False where ffmpeg is not in PATH (a line says so) and where it fails (a warning with its last words);
+/// Fault::write where the disk is full.
+bool write_film(const fs::path& folder, const std::string& name, std::size_t count, int frames_per_second,
+                const Common& common) {
+  const fs::path ffmpeg = find_program("ffmpeg"), film = folder / (name + ".mp4");
+  if (ffmpeg.empty()) {
+    say(common, text("no ", film.string(), ": ffmpeg is not in PATH (apt-get install ffmpeg)"));
+    return false;
+  }
+  const std::string pictures = without_places(fs::absolute(folder / name).string()) + "_%04d.png";
+  try {
+    commit_file(fs::absolute(film), [&](const fs::path& temp) {
+      encode(ffmpeg,
+             {"-f", "image2", "-pattern_type", "sequence", "-framerate", std::to_string(frames_per_second),
+              "-start_number", "0", "-i", pictures, "-frames:v", std::to_string(count)},
+             temp);
+    });
+  } catch (const Error& error) {
+    if (error.fault() == Fault::write) throw;
+    warn(text("no ", film.string(), ": ", error.what()));
+    return false;
+  }
+  return true;
 }
 
 /// A path's pictures as a GIF and a film. Returns in words what was made; of no pictures nothing.
@@ -149,8 +189,6 @@ std::string write_moving(const std::vector<Image>& images, const std::string& na
 }
 
 void check_request(const RenderRequest& request) {
-  check_word("--split", request.split, {"test", "train", "all"});
-  if (!request.path.empty()) check_word("--path", request.path, {"orbit", "interpolated"});
   if (!request.path.empty() && !request.camera.empty())
     throw Error(Fault::usage, "give either --path or --camera, not both");
   if (request.step && !request.time.empty()) throw Error(Fault::usage, "give either --step or --time, not both");
@@ -158,14 +196,10 @@ void check_request(const RenderRequest& request) {
     throw Error(Fault::usage, "--lidar renders recorded sweeps: choose them with --split, --step and --log");
 }
 
-}  // namespace
-
-int run_render(const RenderRequest& request, const Common& common) {
+int run_command(const RenderRequest& request, const Common& common) {
   check_request(request);
   check_has_views(read_record(request.run));  // a wrong folder is told before a missing device
-  open_device(common);
-  const RestoredRun run = restore_run(request.run);
-  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+  const RestoredRun run = restored(request.run, common);
   if ((request.masks || request.lidar) && !as<Street>(*run.method))
     throw Error(Fault::usage,
                 text("--masks and --lidar need a method with actors and LiDAR; the run's is ", run.record.method));
@@ -175,42 +209,33 @@ int run_render(const RenderRequest& request, const Common& common) {
   const std::vector<Image> images = render_all(run, views, request, common);
   if (request.masks) write_actor_names(run, request);
   const std::string moving = write_moving(images, film_name(views, request), request.out, common);
-  if (common.json) {
-    const nlohmann::ordered_json json = {{"schema_version", 1}, {"images", views.size()}, {"folder", request.out}};
-    put(json.dump() + "\n");
-  }
+  if (common.json) put_json({{"schema_version", 1}, {"images", views.size()}, {"folder", request.out}});
   say(common, text(views.size(), " pictures in ", request.out, moving));
   return 0;
 }
 
+}  // namespace
+
 Command add_render(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("render", kExamples);
-  const auto request = std::make_shared<RenderRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("RUN", request->run, "Run folder")->required();
-  parser->add_option("-o,--out", request->out, "Folder for the pictures")->required();
-  parser->add_option("--split", request->split, "test (held-out views), train or all (test)");
-  parser->add_option("--path", request->path,
-                     "orbit: a circle around what the cameras look at; interpolated: from camera to camera");
-  parser->add_option("--frames", request->frames, "Number of pictures along the path (60)")
-      ->check(whole_number(1, 10000));
-  parser->add_option("--log", request->log, "Runs on several logs: number (from 0) or name of one log");
-  parser->add_option("--camera-name", request->camera_name, "Driving logs: only this camera, such as front_camera");
-  parser->add_option("--step", request->step, "Driving logs: only this step, whatever the split")
-      ->check(whole_number(0));
-  parser->add_option("--time", request->time,
-                     "Driving logs: one camera at this time (seconds of the log, or +1.5 after its first image)");
-  parser->add_option("--size", request->size, "Picture size, WIDTHxHEIGHT (that of the training images)");
-  parser->add_flag("--masks", request->masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
-  parser->add_flag("--lidar", request->lidar,
-                   "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");
-  parser->add_flag("--exr", request->exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");
-  parser->add_option("--data", request->data, "Render the views of another capture in the same coordinates");
-  add_allow_outside(*parser, request->allow_outside);
-  parser->add_option("--camera", request->camera,
-                     "Cameras from a JSON file like transforms.json; several also make a GIF and an MP4");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_render(*request, *common); }};
+  return command<RenderRequest>(program, "render", kExamples, run_command, [](const Options& add, RenderRequest& r) {
+    add("RUN", r.run, "Run folder")->required();
+    add("-o,--out", r.out, "Folder for the pictures")->required();
+    add("--split", r.split, "test (held-out views), train or all (test)", one_of({"test", "train", "all"}));
+    add("--path", r.path, "orbit: a circle around what the cameras look at; interpolated: from camera to camera",
+        one_of({"orbit", "interpolated"}));
+    add("--frames", r.frames, "Number of pictures along the path (60)", whole_number(1, 10000));
+    add("--log", r.log, "Runs on several logs: number (from 0) or name of one log");
+    add("--camera-name", r.camera_name, "Driving logs: only this camera, such as front_camera");
+    add("--step", r.step, "Driving logs: only this step, whatever the split", whole_number(0));
+    add("--time", r.time, "Driving logs: one camera at this time (seconds of the log, or +1.5 after its first image)");
+    add("--size", r.size, "Picture size, WIDTHxHEIGHT (that of the training images)");
+    add("--masks", r.masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
+    add("--lidar", r.lidar, "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");
+    add("--exr", r.exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");
+    add("--data", r.data, "Render the views of another capture in the same coordinates");
+    add_allow_outside(add, r.allow_outside);
+    add("--camera", r.camera, "Cameras from a JSON file like transforms.json; several also make a GIF and an MP4");
+  });
 }
 
 }  // namespace cloam

@@ -5,20 +5,18 @@
 
 #include <algorithm>
 #include <charconv>
+#include <numeric>
 
-#include "cli/capture.h"
 #include "models/data/camera_file.h"
 #include "models/eval/pictures.h"
+#include "models/runs/actor_names.h"
+#include "models/runs/captures.h"
 #include "models/scene/camera_path.h"
 #include "models/scene/orbit.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
-
-namespace fs = std::filesystem;
-
-constexpr int kLargestSide = 1 << 14;
 
 template <class Value>
 bool parse(const std::string& word, Value& value) {
@@ -28,13 +26,8 @@ bool parse(const std::string& word, Value& value) {
 
 Camera at_size(const Camera& camera, const RestoredRun& run, const RenderRequest& request) {
   if (request.size.empty()) return scaled(camera, run.record.reading.downscale);
-  const std::size_t cross = request.size.find('x');
-  int width = 0, height = 0;
-  const bool sound = cross != std::string::npos && parse(request.size.substr(0, cross), width) &&
-                     parse(request.size.substr(cross + 1), height);
-  if (!sound || width < 1 || height < 1 || width > kLargestSide || height > kLargestSide)
-    throw Error(Fault::usage, text("--size ", request.size, ": want WIDTHxHEIGHT in pixels, such as 640x360"));
-  return resized(camera, width, height);
+  const ImageSize size = parse_size(request.size);
+  return resized(camera, size.width, size.height);
 }
 
 const Camera& camera_of(const Scene& scene, const Frame& frame) {
@@ -46,9 +39,7 @@ void check_camera_name(const Scene& scene, const std::string& name) {
   for (const Frame& frame : scene.frames)
     if (std::find(names.begin(), names.end(), frame.sensor) == names.end()) names.push_back(frame.sensor);
   if (std::find(names.begin(), names.end(), name) != names.end()) return;
-  std::string all;
-  for (const std::string& known : names) all += " " + known;
-  throw Error(Fault::usage, text("--camera-name ", name, ": the cameras are", all));
+  throw Error(Fault::usage, text("--camera-name ", name, ": the cameras are ", joined(names, " ")));
 }
 
 std::vector<std::size_t> frames_of_choice(const Scene& scene, const RenderRequest& request) {
@@ -131,16 +122,10 @@ std::vector<NamedView> interpolated_views(const Scene& scene, int index, const R
   return views;
 }
 
-std::vector<std::string> log_names(const RestoredRun& run) {
-  std::vector<std::string> names;
-  for (std::size_t i = 0; i < run.scenes.size(); ++i) names.push_back(log_name(run, static_cast<int>(i)));
-  return names;
-}
-
 std::vector<NamedView> file_views(const RestoredRun& run, const RenderRequest& request) {
   const int log = request.log.empty() ? 0 : scenes_asked_for(run, request).front();
   std::vector<NamedView> views;
-  for (View view : read_camera_file(request.camera, log_names(run), log)) {
+  for (View view : read_camera_file(request.camera, log_names(run.record), log)) {
     if (!request.size.empty()) view.camera = at_size(view.camera, run, request);
     views.push_back({fmt::format("{}_{:04}", kCameraFileViews, views.size()), view});
   }
@@ -149,24 +134,12 @@ std::vector<NamedView> file_views(const RestoredRun& run, const RenderRequest& r
 
 }  // namespace
 
-std::string log_name(const RestoredRun& run, int scene) {
-  const fs::path given = run.record.data[static_cast<std::size_t>(scene)].given;
-  return (given.has_filename() ? given : given.parent_path()).filename().string();
-}
-
 std::vector<int> scenes_asked_for(const RestoredRun& run, const RenderRequest& request) {
-  const int count = static_cast<int>(run.scenes.size());
-  std::vector<int> all;
-  std::string names;
-  for (int i = 0; i < count; ++i) {
-    if (request.log == log_name(run, i)) return {i};
-    all.push_back(i);
-    names += " " + log_name(run, i);
-  }
-  if (request.log.empty()) return all;
-  int number = 0;
-  if (parse(request.log, number) && number >= 0 && number < count) return {number};
-  throw Error(Fault::usage, text("--log ", request.log, ": want a number from 0 to ", count - 1, " or a name:", names));
+  const std::vector<std::string> names = log_names(run.record);
+  if (!request.log.empty()) return {find_log(names, request.log)};
+  std::vector<int> all(names.size());
+  std::iota(all.begin(), all.end(), 0);
+  return all;
 }
 
 std::vector<NamedView> views_of(const RestoredRun& run, const RenderRequest& request) {
@@ -189,7 +162,7 @@ std::vector<NamedView> views_of(const RestoredRun& run, const RenderRequest& req
     else
       more = capture_views(scene, index, run, request);
     for (NamedView& view : more) {
-      if (scenes.size() > 1) view.name = log_name(run, index) + "_" + view.name;
+      if (scenes.size() > 1) view.name = log_names(run.record)[static_cast<std::size_t>(index)] + "_" + view.name;
       views.push_back(std::move(view));
     }
   }

@@ -1,13 +1,24 @@
 // The views that a rendering asks for.
 #pragma once
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "cli/render.h"
+#include "cli/common.h"
 #include "models/runs/restore_run.h"
 #include "models/scene/view.h"
 
 namespace cloam {
+
+struct RenderRequest {
+  std::string run, out, split = "test", path, data, camera;
+  int frames = 60;
+  bool exr = false, allow_outside = false;
+  std::string log, camera_name, size;  // of logs: number or name; a camera's name; "640x360"
+  std::string time;                    // seconds on the log's clock, or with a + after its first image
+  std::optional<int> step;
+  bool masks = false, lidar = false;
+};
 
 struct NamedView {
   std::string name;  // of its files
@@ -24,8 +35,5 @@ std::vector<NamedView> views_of(const RestoredRun& run, const RenderRequest& req
 
 /// The numbers of the scenes that --log asks for: one, or all.
 std::vector<int> scenes_asked_for(const RestoredRun& run, const RenderRequest& request);
-
-/// The folder's name.
-std::string log_name(const RestoredRun& run, int scene);
 
 }  // namespace cloam

@@ -1,9 +1,8 @@
-// See run_words.h.
-#include "cli/run_words.h"
-
+// Commands by their words.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 
+#include "cli/commands.h"
 #include "runtime/error.h"
 
 namespace cloam {

@@ -52,12 +52,8 @@ int run_command(bool quick, const Common& common) {
 }  // namespace
 
 Command add_selftest(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("selftest", kExamples);
-  const auto quick = std::make_shared<bool>(false);
-  const auto common = std::make_shared<Common>();
-  parser->add_flag("--quick", *quick, "Test dense inputs only");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*quick, *common); }};
+  return command<bool>(program, "selftest", kExamples, run_command,
+                       [](const Options& add, bool& quick) { add("--quick", quick, "Test dense inputs only"); });
 }
 
 }  // namespace cloam

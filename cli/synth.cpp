@@ -1,14 +1,12 @@
 // cloam synth: streets that it makes itself, as driving logs with the truth beside them.
-#include <unistd.h>
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/progress.h"
 #include "cli/stop_signal.h"
 #include "models/data/pandaset.h"
 #include "models/io/words.h"
@@ -17,8 +15,6 @@
 
 namespace cloam {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr char kExamples[] =
     R"(Make synthetic driving logs in PandaSet's layout, with ground truth: actor masks, depth, and
@@ -47,23 +43,12 @@ std::vector<std::string> camera_list(const std::string& list) {
     const bool ends = given.size() > ending.size() && given.ends_with(ending);
     const std::string name = ends ? given.substr(0, given.size() - ending.size()) : given;
     if (std::find(known.begin(), known.end(), name) == known.end()) {
-      std::string all;
-      for (const std::string& word : known) all += (all.empty() ? "" : ", ") + word;
-      const std::string near = nearest_name(name, known);
-      throw Error(Fault::usage, text("--cameras ", list, ": there is no camera '", given, "'; want some of ", all,
-                                     near.empty() ? "" : "; did you mean " + near + "?"));
+      throw Error(Fault::usage, text("--cameras ", list, ": there is no camera '", given, "'; want some of ",
+                                     joined(known), did_you_mean(name, known)));
     }
     if (std::find(cameras.begin(), cameras.end(), name + ending) == cameras.end()) cameras.push_back(name + ending);
   }
   return cameras;
-}
-
-/// "320x180".
-void read_size(const std::string& given, StreetLogOptions& log) {
-  int length = 0;
-  const bool whole = std::sscanf(given.c_str(), "%5dx%5d%n", &log.width, &log.height, &length) == 2 &&
-                     length == static_cast<int>(given.size());
-  if (!whole) throw Error(Fault::usage, text("--size ", given, ": want WIDTHxHEIGHT, such as 320x180"));
 }
 
 fs::path log_folder(const SynthRequest& request, int log) {
@@ -90,35 +75,29 @@ void check_folders(const SynthRequest& request) {
   }
 }
 
-/// One line that is rewritten on a terminal; elsewhere a line a log.
+/// On a terminal after each picture, elsewhere a line a log.
 class Progress {
  public:
-  Progress(int pictures, const Common& common) : pictures_(pictures), common_(common), draws_(isatty(2) != 0) {}
-  ~Progress() {
-    if (open_) std::fputc('\n', stderr);
-  }
+  Progress(int pictures, const Common& common) : pictures_(pictures), common_(common), line_(common) {}
 
   void count(const fs::path& log) {
     ++done_;
-    if (common_.quiet || !draws_) return;
-    std::fprintf(stderr, "\r%s", line(log).c_str());
-    open_ = true;
+    line_.draw(line(log));
   }
   void end_log(const fs::path& log) {
-    if (!draws_) say(common_, line(log));
+    if (!line_.on_terminal()) say(common_, line(log));
   }
 
  private:
   std::string line(const fs::path& log) const {
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-    return text(log.string(), "  ", done_, "/", pictures_, " pictures, ",
-                words_for_seconds(seconds / done_ * (pictures_ - done_)), " left    ");
+    const double left = (seconds_since_start() - start_) / done_ * (pictures_ - done_);
+    return text(log.string(), "  ", done_, "/", pictures_, " pictures, ", words_for_seconds(left), " left    ");
   }
 
   int pictures_, done_ = 0;
   const Common& common_;
-  bool draws_, open_ = false;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  RewrittenLine line_;
+  const double start_ = seconds_since_start();
 };
 
 /// Ends the command after a signal, without the log that it was at.
@@ -132,7 +111,8 @@ void check_stop_in(const fs::path& folder, const SynthRequest& request, std::siz
 
 int run_command(SynthRequest request, const Common& common) {
   request.log.cameras = camera_list(request.cameras);
-  read_size(request.size, request.log);
+  const ImageSize size = parse_size(request.size);
+  request.log.width = size.width, request.log.height = size.height;
   request.log.truth = !request.no_truth;
   check_folders(request);
   std::vector<std::string> folders;
@@ -152,44 +132,31 @@ int run_command(SynthRequest request, const Common& common) {
       folders.push_back(folder.string());
     }
   }
-  if (common.json) {
-    const nlohmann::ordered_json json = {{"schema_version", 1}, {"logs", folders}};
-    put(json.dump() + "\n");
-  }
-  say(common, text(request.logs, " logs in ", request.out, ". next: cloam check ", cloam::quoted(folders.front())));
+  if (common.json) put_json({{"schema_version", 1}, {"logs", folders}});
+  say(common, text(request.logs, " logs in ", request.out, ". next: cloam check ", quoted(folders.front())));
   return 0;
 }
 
 }  // namespace
 
 Command add_synth(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("synth", kExamples);
-  const auto request = std::make_shared<SynthRequest>();
-  const auto common = std::make_shared<Common>();
-  parser->add_option("-o,--out", request->out, "Folder for the logs 001, 002, ...")->required();
-  parser->add_option("--logs", request->logs, "Number of logs (2)")->check(whole_number(1, 999));
-  parser->add_option("--frames", request->log.frames, "Time steps of each log (20)")->check(whole_number(1, 200));
-  parser
-      ->add_option("--rate", request->log.rate,
-                   "Steps per second (10); at lower rates, more sides of the actors are seen")
-      ->check(number_from(1, 10));
-  parser->add_option("--seed", request->log.seed, "Random seed (0)")->check(whole_number(0));
-  parser->add_option("--cameras", request->cameras,
-                     "List of front, front_left, front_right, left, right, back (front,front_left)");
-  parser->add_option("--size", request->size, "Image size, WIDTHxHEIGHT (320x180)");
-  parser->add_option("--night", request->night, "Fraction of the logs that are at night, 0 to 1 (0.25)")
-      ->check(number_from(0, 1));
-  parser
-      ->add_option("--clouds", request->log.clouds,
-                   "By day: 0 for a clear sky, 1 for an overcast one without shadows (0)")
-      ->check(number_from(0, 1));
-  parser->add_option("--beams", request->log.beams, "Number of LiDAR beams (32)")->check(whole_number(1, 256));
-  parser->add_flag("--rolling-shutter", request->log.rolling_shutter,
-                   "Expose images over 30 ms from top to bottom, sweeps over 100 ms");
-  parser->add_flag("--no-truth", request->no_truth, "Write no masks, depth or rotated actors");
-  parser->add_flag("--overwrite", request->overwrite, "Replace existing logs");
-  add_common(*parser, *common);
-  return {parser, [=] { return run_command(*request, *common); }};
+  return command<SynthRequest>(program, "synth", kExamples, run_command, [](const Options& add, SynthRequest& r) {
+    add("-o,--out", r.out, "Folder for the logs 001, 002, ...")->required();
+    add("--logs", r.logs, "Number of logs (2)", whole_number(1, 999));
+    add("--frames", r.log.frames, "Time steps of each log (20)", whole_number(1, 200));
+    add("--rate", r.log.rate, "Steps per second (10); at lower rates, more sides of the actors are seen",
+        number_from(1, 10));
+    add("--seed", r.log.seed, "Random seed (0)", whole_number(0));
+    add("--cameras", r.cameras, "List of front, front_left, front_right, left, right, back (front,front_left)");
+    add("--size", r.size, "Image size, WIDTHxHEIGHT (320x180)");
+    add("--night", r.night, "Fraction of the logs that are at night, 0 to 1 (0.25)", number_from(0, 1));
+    add("--clouds", r.log.clouds, "By day: 0 for a clear sky, 1 for an overcast one without shadows (0)",
+        number_from(0, 1));
+    add("--beams", r.log.beams, "Number of LiDAR beams (32)", whole_number(1, 256));
+    add("--rolling-shutter", r.log.rolling_shutter, "Expose images over 30 ms from top to bottom, sweeps over 100 ms");
+    add("--no-truth", r.no_truth, "Write no masks, depth or rotated actors");
+    add("--overwrite", r.overwrite, "Replace existing logs");
+  });
 }
 
 }  // namespace cloam

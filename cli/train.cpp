@@ -1,31 +1,27 @@
 // cloam train: options, the run folder's life, signals.
-#include "cli/train.h"
+#include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdlib>
+#include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
 #include "cli/progress.h"
 #include "cli/stop_signal.h"
-#include "cli/train_job.h"
-#include "cli/train_prior.h"
+#include "cli/train_plan.h"
 #include "models/eval/evaluate.h"
 #include "models/eval/pictures.h"
 #include "models/io/checkpoint.h"
 #include "models/io/commit.h"
 #include "models/methods/registry.h"
-#include "models/runs/restore_run.h"
 #include "models/runs/scene_file.h"
+#include "models/runs/training_sources.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/renders_views.h"
-#include "models/train/shares_networks.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr char kExamples[] = R"(Train a scene from photos or driving logs.
 
@@ -68,51 +64,6 @@ std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView&
   check_belongs(checkpoint, job.record);
   if (!checkpoint.warning.empty()) view.warning(checkpoint.warning);
   return checkpoint;
-}
-
-/// What a run learns from as its record names it.
-struct DataNow {
-  fs::path root;
-  std::string fingerprint;
-};
-
-std::vector<DataNow> data_now(const TrainJob& job, const Captures& captures) {
-  if (job.source) return {{job.source->folder, fingerprint(*job.source)}};
-  std::vector<DataNow> all;
-  for (const Capture& capture : captures) all.push_back({capture.scene.root, fingerprint(capture.scene)});
-  return all;
-}
-
-void check_data_unchanged(const TrainJob& job, const std::vector<DataNow>& data) {
-  for (std::size_t i = 0; i < data.size(); ++i) {
-    const std::string& before = job.record.data[i].fingerprint;
-    const std::string& now = data[i].fingerprint;
-    if (before.empty() || before == now) continue;
-    throw Error(Fault::data,
-                text(job.data[i].string(), " is not what the run was trained on (", before, "; this has ", now,
-                     ").\n  fix: name the run's own data with --data; to train on other data, start ",
-                     "another run: cloam train ", job.record.method, " ", quoted(job.data[i].string()), " -o RUN"));
-  }
-}
-
-/// The networks of the run named by --networks; a run that goes on has them in its own checkpoints and needs no other.
-void adopt_networks(TrainJob& job, const TrainRequest& request) {
-  if (!job.record.networks) return;
-  std::error_code error;
-  const bool own = request.resume && has_checkpoints(RunPaths{job.folder}.checkpoints());
-  fs::path source = own ? job.folder : fs::path(job.record.networks->given);
-  if (request.resume && !own) source = find_data(job.folder, *job.record.networks);
-  require<SharesNetworks>(*job.method, job.record.method, "--networks")
-      .adopt_networks(parameters_in(load_latest_checkpoint(RunPaths{source}.checkpoints()).file));
-  if (!own) job.record.networks->relative = relative_to_run(fs::weakly_canonical(source, error), job.folder);
-}
-
-void note_places(TrainJob& job, const std::vector<DataNow>& data) {
-  std::error_code error;
-  for (std::size_t i = 0; i < data.size(); ++i) {
-    job.record.data[i].fingerprint = data[i].fingerprint;
-    job.record.data[i].relative = relative_to_run(fs::weakly_canonical(data[i].root, error), job.folder);
-  }
 }
 
 void begin_folder(TrainJob& job, const Scenes& scenes, const std::vector<DataNow>& data, const TrainRequest& request) {
@@ -166,9 +117,7 @@ void write_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& 
   const std::vector<float> truth = on_white(frame.photo);
   const ImageScore score = score_image(picture.rgb, truth, frame.photo);
   const int w = picture.width, h = picture.height;
-  char name[40];
-  std::snprintf(name, sizeof name, "step_%06lld.png", static_cast<long long>(result.step));
-  const fs::path path = RunPaths{job.folder}.preview() / name;
+  const fs::path path = RunPaths{job.folder}.preview() / fmt::format("step_{:06}.png", result.step);
   write_png(path, contact_sheet({to_image(picture.rgb, w, h), to_image(truth, w, h)}, 2));
   log.write(
       "eval",
@@ -212,7 +161,7 @@ void take_progress(TrainJob& job, const LoadedCheckpoint& checkpoint, const Trai
   if (horizon != checkpoint.file.metadata.end())
     job.record.horizon = std::strtoll(horizon->second.c_str(), nullptr, 10);
   // The horizon that a budget chose stands; only a new budget limits what is left of it.
-  if (job.record.horizon > 0 && request.time_budget.empty()) job.record.time_budget_seconds.reset();
+  if (job.record.horizon > 0 && !request.time_budget) job.record.time_budget_seconds.reset();
 }
 
 /// A preview is no reason to miss a time budget.
@@ -264,9 +213,12 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   return ended_early ? 128 + stop_signal.load() : 0;
 }
 
-}  // namespace
-
-namespace {
+void resolve_alias(TrainRequest& request, const Common& common) {
+  const std::string method = method_of_alias(request.method);
+  if (method == request.method) return;
+  say(common, text(request.method, " is called ", method, " here: training ", method));
+  request.method = method;
+}
 
 /// Where the data lie now, into the record of a run that is not trained any more.
 void record_places(TrainJob& job, const Common& common) {
@@ -289,11 +241,12 @@ int end_finished(TrainJob& job, const Common& common) {
   return 0;
 }
 
-}  // namespace
-
-int run_train(TrainRequest request, const Common& common) {
+int run_command(TrainRequest request, const Common& common) {
+  resolve_alias(request, common);
+  if (request.resume && request.out.empty())
+    throw Error(Fault::usage, "--resume needs a run folder: cloam train --resume RUN");
   const ProgressStyle style = progress_style(request.progress, common);
-  TrainJob job = request.resume ? resumed_job(request) : new_job(request);
+  TrainJob job = request.resume ? resumed_job(request) : new_job(request, listener_of(common));
   if (job.finished) return end_finished(job, common);
   open_device(common);
   EventLog log(style == ProgressStyle::jsonl);
@@ -313,125 +266,72 @@ int run_train(TrainRequest request, const Common& common) {
   return 0;
 }
 
-namespace {
-
-void resolve_alias(TrainRequest& request, const Common& common) {
-  const std::string method = method_of_alias(request.method);
-  if (method == request.method) return;
-  say(common, text(request.method, " is called ", method, " here: training ", method));
-  request.method = method;
-}
-
 /// --resume takes a value or not, and the run folder may be told by it or by -o.
-void resolve_resume(TrainRequest& request, const CLI::Option& option) {
+void note_resume(TrainRequest& request, const CLI::Option& option) {
   request.resume = option.count() > 0;
-  if (!request.resume) return;
   const std::string named = option.results().empty() ? "" : option.results().front();
   const bool has_value = !named.empty() && named != "{}" && named != "true";
   if (has_value && request.out.empty()) request.out = named;
-  if (request.out.empty()) throw Error(Fault::usage, "--resume needs a run folder: cloam train --resume RUN");
 }
 
-void add_data_options(CLI::App& parser, TrainRequest& r) {
-  const char* group = "Data";
-  parser.add_option("--downscale", r.downscale, "Shrink the images by this factor (1)")
-      ->check(whole_number(1, 256))
-      ->group(group);
-  parser.add_option("--holdout", r.holdout, "Hold out every Nth image, ordered by name")
-      ->check(whole_number(2, 1 << 20))
-      ->group(group);
-  parser.add_flag("--skip-bad", r.skip_bad, "Skip damaged images with a warning")->group(group);
-  add_allow_outside(parser, r.allow_outside)->group(group);
-  parser
-      .add_option("--masks", r.masks, "What black mask pixels mean: ignore (the default), or transparent (empty space)")
-      ->check(one_of({"ignore", "transparent"}))
-      ->group(group);
-  parser.add_option("--protocol", r.protocol, "Driving logs: choose the training images by sparse, novel or rotate360")
-      ->check(one_of(protocol_names()))
-      ->group(group);
-  parser.add_option("--sparse-every", r.sparse_every, "With --protocol sparse: steps between training images")
-      ->check(whole_number(2, 1 << 20))
-      ->group(group);
-  parser
-      .add_option("--image", r.image, "Driving log: train on one image, such as front_camera/05, and its LiDAR sweep")
-      ->group(group);
-  parser.add_option("--data", r.new_data, "With --resume: where the data is now; repeat for each folder of the run")
-      ->allow_extra_args(false)
-      ->group(group);
-}
-
-void add_run_options(CLI::App& parser, TrainRequest& r) {
-  const char* group = "Run";
-  parser.add_option("-o,--out", r.out, "Run folder (default runs/DATA-METHOD)")->group(group);
-  parser.add_option("--steps", r.steps, "Number of steps, over which learning rates and other schedules run")
-      ->check(whole_number(1))
-      ->group(group);
-  parser.add_option("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included")
-      ->group(group);
-  parser.add_option("--stop-after", r.stop_after, "Save and stop after this step; --resume continues")
-      ->check(whole_number(1))
-      ->group(group);
-  parser.add_option("--save-every", r.save_every, "Save a checkpoint every N steps")
-      ->check(whole_number(1))
-      ->group(group);
-  parser.add_option("--seed", r.seed, "Random seed (42)")->check(whole_number(0))->group(group);
-  parser.add_flag("--overwrite", r.overwrite, "Replace an existing run in the folder")->group(group);
-  parser.add_flag("--dry-run", r.dry_run, "Check the data and show the plan; write nothing")->group(group);
-  parser.add_option("--progress", r.progress, "auto, bar, plain, jsonl or none")->group(group);
-}
-
-std::vector<std::string> preset_names() {
+void add_method_options(const Options& add, TrainRequest& r) {
   std::vector<std::string> names;
   for (const Preset& preset : presets()) names.push_back(preset.name);
-  return names;
+  add("METHOD", r.method, joined(method_names()));
+  add("DATA", r.data, "Folder of the capture; several driving logs make one run; for diffusion, a genassets run");
+  add.group("Method");
+  add("--preset", r.preset, joined(names) + " (default: the method's name)");
+  add("--networks", r.networks, "Freeze the networks of this genassets run and learn only what is new in DATA");
+  add("--prior", r.prior, "With --networks: a diffusion run trained on that run, as a prior for new actors");
+  add("--config", r.config_file, "TOML file with settings");
+  add("--set", r.settings, "Setting key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
+      ->allow_extra_args(false);
 }
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string out;
-  for (const std::string& word : words) out += (out.empty() ? "" : ", ") + word;
-  return out;
+void add_run_options(const Options& add, TrainRequest& r) {
+  add.group("Run");
+  add("-o,--out", r.out, "Run folder (default runs/DATA-METHOD)");
+  add("--steps", r.steps, "Number of steps, over which learning rates and other schedules run", whole_number(1));
+  add("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included")
+      ->transform(duration())
+      ->type_name("TEXT");
+  add("--stop-after", r.stop_after, "Save and stop after this step; --resume continues", whole_number(1));
+  add("--save-every", r.save_every, "Save a checkpoint every N steps", whole_number(1));
+  add("--seed", r.seed, "Random seed (42)", whole_number(0));
+  add("--overwrite", r.overwrite, "Replace an existing run in the folder");
+  add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
+  add("--progress", r.progress, "auto, bar, plain, jsonl or none", one_of({"auto", "bar", "plain", "jsonl", "none"}));
+  const CLI::Option* resume = add.parser.add_option("--resume", "Continue a run that was interrupted or stopped")
+                                  ->expected(0, 1)
+                                  ->option_text("[RUN]");
+  add.parser.callback([&r, resume] { note_resume(r, *resume); });
 }
 
-void add_method_options(CLI::App& parser, TrainRequest& r) {
-  const char* group = "Method";
-  parser.add_option("METHOD", r.method, joined(method_names()));
-  parser.add_option("DATA", r.data,
-                    "Folder of the capture; several driving logs make one run; for diffusion, a genassets run");
-  parser.add_option("--preset", r.preset, joined(preset_names()) + " (default: the method's name)")->group(group);
-  parser
-      .add_option("--networks", r.networks,
-                  "Freeze the networks of this genassets run and learn only what is new in DATA")
-      ->group(group);
-  parser
-      .add_option("--prior", r.prior, "With --networks: a diffusion run trained on that run, as a prior for new actors")
-      ->group(group);
-  parser.add_option("--config", r.config_file, "TOML file with settings")->group(group);
-  parser
-      .add_option("--set", r.settings,
-                  "Setting key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
-      ->allow_extra_args(false)
-      ->group(group);
+void add_data_options(const Options& add, TrainRequest& r) {
+  add.group("Data");
+  add("--downscale", r.downscale, "Shrink the images by this factor (1)", whole_number(1, 256));
+  add("--holdout", r.holdout, "Hold out every Nth image, ordered by name", whole_number(2, 1 << 20));
+  add("--skip-bad", r.skip_bad, "Skip damaged images with a warning");
+  add_allow_outside(add, r.allow_outside);
+  add("--masks", r.masks, "What black mask pixels mean: ignore (the default), or transparent (empty space)",
+      one_of({"ignore", "transparent"}));
+  add("--protocol", r.protocol, "Driving logs: choose the training images by sparse, novel or rotate360",
+      one_of(protocol_names()));
+  add("--sparse-every", r.sparse_every, "With --protocol sparse: steps between training images",
+      whole_number(2, 1 << 20));
+  add("--image", r.image, "Driving log: train on one image, such as front_camera/05, and its LiDAR sweep");
+  add("--data", r.new_data, "With --resume: where the data is now; repeat for each folder of the run")
+      ->allow_extra_args(false);
 }
 
 }  // namespace
 
 Command add_train(CLI::App& program) {
-  CLI::App* parser = program.add_subcommand("train", kExamples);
-  const auto request = std::make_shared<TrainRequest>();
-  const auto common = std::make_shared<Common>();
-  add_method_options(*parser, *request);
-  add_run_options(*parser, *request);
-  const CLI::Option* resume = parser->add_option("--resume", "Continue a run that was interrupted or stopped")
-                                  ->expected(0, 1)
-                                  ->option_text("[RUN]")
-                                  ->group("Run");
-  add_data_options(*parser, *request);
-  add_common(*parser, *common);
-  return {parser, [=] {
-            resolve_alias(*request, *common);
-            resolve_resume(*request, *resume);
-            return run_train(*request, *common);
-          }};
+  return command<TrainRequest>(program, "train", kExamples, run_command, [](const Options& add, TrainRequest& r) {
+    add_method_options(add, r);
+    add_run_options(add, r);
+    add_data_options(add, r);
+  });
 }
 
 }  // namespace cloam

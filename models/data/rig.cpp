@@ -215,9 +215,7 @@ class RigReader {
     if (found != cameras_->end() && found->is_object() && name == printable(name)) return *found;
     std::vector<std::string> names;
     for (const auto& [other, camera] : cameras_->items()) names.push_back(printable(other));
-    const std::string near = nearest_name(name, names);
-    bad_data(where, ": camera is ", printable(name), ", which is not defined in cameras",
-             near.empty() ? "" : "; did you mean " + near + "?");
+    bad_data(where, ": camera is ", printable(name), ", which is not defined in cameras", did_you_mean(name, names));
   }
 
   void read_actors() {

@@ -15,8 +15,6 @@ constexpr int kGap = 4;
 constexpr int kLetters = 12, kLine = 15, kBelow = 4;  // heights of letters, of a line, and from its baseline to its end
 constexpr float kErrorGain = 4;
 
-std::uint8_t byte(float value) { return static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.f, 1.f))); }
-
 void paste(Image& sheet, const Image& image, int left, int top) {
   for (int row = 0; row < image.height; ++row) {
     const auto* from = image.pixels.data() + std::size_t(row) * image.width * 3;
@@ -56,12 +54,6 @@ std::vector<float> on_white(const FramePixels& frame) {
     }
   }
   return rgb;
-}
-
-Image to_image(const std::vector<float>& values, int width, int height) {
-  Image image{width, height, 3, std::vector<std::uint8_t>(values.size())};
-  std::transform(values.begin(), values.end(), image.pixels.begin(), byte);
-  return image;
 }
 
 Image error_image(const std::vector<float>& a, const std::vector<float>& b, int width, int height) {

@@ -12,9 +12,6 @@ namespace cloam {
 /// NeRF-synthetic scenes).
 std::vector<float> on_white(const FramePixels& frame);
 
-/// values: [H,W,3] in [0,1].
-Image to_image(const std::vector<float>& values, int width, int height);
-
 /// The absolute difference of two [H,W,3], four times as bright so that small errors show.
 Image error_image(const std::vector<float>& a, const std::vector<float>& b, int width, int height);
 

@@ -55,7 +55,7 @@ Gaussians zero_gaussians(std::uint64_t count, const std::string& file) {
 }
 
 void append(Gaussians& all, const Gaussians& more) {
-  for (const Field& field : kFields) {
+  for (const GaussianArray& field : kGaussianArrays) {
     const std::vector<float>& values = more.*field.values;
     (all.*field.values).insert((all.*field.values).end(), values.begin(), values.end());
   }

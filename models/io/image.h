@@ -56,6 +56,9 @@ Labels read_labels(const std::filesystem::path& path);
 /// A PNG that read_labels reads, of 8 bit where that is enough. Replaces `path` in one step. Fault::write.
 void write_labels(const std::filesystem::path& path, const Labels& labels);
 
+/// An RGB image of values [H,W,3] in [0,1], which are clamped and rounded.
+Image to_image(const std::vector<float>& values, int width, int height);
+
 /// Mean over factor x factor boxes; a rest of rows or columns at the end is dropped, so the result has
 /// floor(width / factor) columns. Colours are weighted by alpha. Fault::usage if nothing would be left.
 Image downscale(const Image& image, int factor);

@@ -1,5 +1,6 @@
-// What image.h does to pixels in memory: smaller, turned, with other channels.
+// What image.h does to pixels in memory: smaller, turned, with other channels, made of values.
 #include <algorithm>
+#include <cmath>
 
 #include "models/io/image.h"
 #include "runtime/error.h"
@@ -25,6 +26,13 @@ void average_box(const Image& image, int left, int top, int factor, std::uint8_t
 }
 
 }  // namespace
+
+Image to_image(const std::vector<float>& values, int width, int height) {
+  Image image{width, height, 3, std::vector<std::uint8_t>(values.size())};
+  std::transform(values.begin(), values.end(), image.pixels.begin(),
+                 [](float value) { return static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.f, 1.f))); });
+  return image;
+}
 
 Image downscale(const Image& image, int factor) {
   if (factor < 1 || factor > image.width || factor > image.height) {

@@ -1,7 +1,10 @@
 // See words.h.
 #include "models/io/words.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 namespace cloam {
@@ -40,6 +43,36 @@ std::string nearest_name(const std::string& wanted, const std::vector<std::strin
     nearest = name;
   }
   return nearest;
+}
+
+std::string did_you_mean(const std::string& wanted, const std::vector<std::string>& names) {
+  const std::string near = nearest_name(wanted, names);
+  return near.empty() ? "" : "; did you mean " + near + "?";
+}
+
+std::string joined(const std::vector<std::string>& words, const std::string& between) {
+  return fmt::format("{}", fmt::join(words, between));
+}
+
+std::string quoted(const std::string& word) {
+  const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./=:,+@%";
+  if (!word.empty() && word.find_first_not_of(plain) == std::string::npos) return word;
+  std::string out = "'";
+  for (const char c : word) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return out + "'";
+}
+
+std::string words_for_bytes(uint64_t bytes) {
+  const double mega = static_cast<double>(bytes) / (1 << 20);
+  if (mega >= 1000) return fmt::format("{:.1f} GB", mega / 1024);
+  return fmt::format("{:.{}f} MB", mega, mega < 10 ? 1 : 0);
+}
+
+std::string words_for_seconds(double seconds) {
+  const long whole = std::lround(std::max(0.0, seconds));
+  if (whole < 60) return fmt::format("{}s", whole);
+  if (whole < 3600) return fmt::format("{}m{:02}s", whole / 60, whole % 60);
+  return fmt::format("{}h{:02}m", whole / 3600, whole / 60 % 60);
 }
 
 }  // namespace cloam

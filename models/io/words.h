@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -36,5 +37,16 @@ std::optional<Number> number_in(std::string_view word) {
 
 /// The name among `names` that is most like `wanted`, or "" if none is near: for "did you mean".
 std::string nearest_name(const std::string& wanted, const std::vector<std::string>& names);
+/// "; did you mean NAME?", or "".
+std::string did_you_mean(const std::string& wanted, const std::vector<std::string>& names);
+
+/// "a, b, c".
+std::string joined(const std::vector<std::string>& words, const std::string& between = ", ");
+/// A word as a shell takes it.
+std::string quoted(const std::string& word);
+/// "600 MB", "1.5 GB".
+std::string words_for_bytes(uint64_t bytes);
+/// "12s", "3m05s", "1h02m".
+std::string words_for_seconds(double seconds);
 
 }  // namespace cloam

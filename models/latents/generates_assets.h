@@ -19,9 +19,9 @@ struct PriorScore {
 enum class CodeSource { sampled, random, training };
 
 struct AssetWish {
-  int count = 1;                   // of training codes: at most
-  std::optional<int> asset_class;  // of kAssetClasses; none: as often as in training
-  std::optional<bool> night;       // none: as often as in training, of that class
+  int count = 1;                        // of training codes: at most
+  std::optional<int> asset_class = {};  // of kAssetClasses; none: as often as in training
+  std::optional<bool> night = {};       // none: as often as in training, of that class
   uint64_t seed = 0;
   float guidance = 1;
   int steps = 50;

@@ -107,6 +107,10 @@ FeatureNetwork feature_network(const std::filesystem::path& path) {
   return path.empty() ? random_features() : feature_network(read_weights(path));
 }
 
+FeatureNetwork features_named(const std::string& features) {
+  return feature_network(features == "random" ? "" : features);
+}
+
 FeatureNetwork feature_network(const Weights& weights) {
   const auto begins = [&](const std::string& first) { return weights.has(first + ".weight"); };
   if (begins(kSqueezeNetFirst)) return squeezenet(weights);

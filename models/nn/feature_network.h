@@ -54,6 +54,8 @@ struct FeatureNetwork {
 /// empty path gives the random features. Fault::data that names the tensors looked for and found.
 FeatureNetwork feature_network(const std::filesystem::path& weights);
 FeatureNetwork feature_network(const Weights& weights);
+/// The one that --features names: a file of weights, or "random".
+FeatureNetwork features_named(const std::string& features);
 /// He-initialised 3x3 convolutions between poolings, the same numbers in every run.
 FeatureNetwork random_features();
 

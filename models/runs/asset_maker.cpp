@@ -6,6 +6,7 @@
 
 #include "models/io/host_random.h"
 #include "models/latents/generates_assets.h"
+#include "models/runs/actor_names.h"
 #include "models/scene/asset_class.h"
 #include "models/train/shares_networks.h"
 #include "runtime/error.h"
@@ -36,6 +37,13 @@ uint64_t seed_of(const StoredRun& run, const AssetName& name, uint64_t seed) {
   return HostRandom(seed, static_cast<uint64_t>(name.scene) << 32 | place).next();
 }
 
+std::vector<AssetName> vehicles_of(const Scenes& scenes, int log) {
+  std::vector<AssetName> names;
+  for (const Actor& actor : scenes.at(static_cast<std::size_t>(log)).actors)
+    if (!actor.boxes.empty() && is_vehicle(asset_class(actor.label))) names.push_back({log, actor.id});
+  return names;
+}
+
 }  // namespace
 
 AssetMaker::AssetMaker(const std::filesystem::path& prior, const StoredRun& run) {
@@ -49,12 +57,11 @@ AssetMaker::AssetMaker(const std::filesystem::path& prior, const StoredRun& run)
 Replace AssetMaker::make(StoredRun& run, const AssetName& name, const MakerWish& wish) {
   const Actor& actor = actor_of(run.scenes, name);
   auto& prior = *as<GeneratesAssets>(*prior_.method);
-  AssetWish wanted;
-  wanted.count = kCandidates;
-  wanted.asset_class = asset_class(actor.label);
-  wanted.night = run.scenes[static_cast<std::size_t>(name.scene)].night;
-  wanted.seed = seed_of(run, name, wish.seed);
-  wanted.guidance = wish.guidance;
+  const AssetWish wanted = {.count = kCandidates,
+                            .asset_class = asset_class(actor.label),
+                            .night = run.scenes[static_cast<std::size_t>(name.scene)].night,
+                            .seed = seed_of(run, name, wish.seed),
+                            .guidance = wish.guidance};
   const std::vector<NewAsset> candidates = prior.generate(wanted);
   const auto best = std::min_element(candidates.begin(), candidates.end(), [&](const NewAsset& a, const NewAsset& b) {
     return misfit(a.size, actor.size) < misfit(b.size, actor.size);
@@ -67,6 +74,22 @@ Replace AssetMaker::make(StoredRun& run, const AssetName& name, const MakerWish&
       how.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
   run.generated.assets.push_back(*best);
   return {looks, best->size};
+}
+
+std::size_t swap_vehicles(AssetMaker& maker, const MakerWish& wish, int log, StoredRun& run,
+                          const std::function<void(int, const std::string&)>& left_out) {
+  std::size_t swapped = 0;
+  for (const AssetName& name : vehicles_of(run.scenes, log)) {
+    try {
+      apply(maker.make(run, name, wish), run.scenes, name);
+      ++swapped;
+    } catch (const Error& error) {
+      if (error.fault() != Fault::usage) throw;
+      left_out(asset_class(actor_of(run.scenes, name).label), error.what());
+    }
+  }
+  if (swapped > 0) return swapped;
+  throw Error(Fault::data, "no vehicle of the log can be replaced: the --prior run learned none of their classes");
 }
 
 }  // namespace cloam

@@ -1,6 +1,8 @@
 // Generated assets for the actors of a run: who is replaced by what, for `edit` and `simulate`.
 #pragma once
 #include <filesystem>
+#include <functional>
+#include <string>
 
 #include "models/runs/restore_run.h"
 #include "models/scene/edit.h"
@@ -26,5 +28,10 @@ class AssetMaker {
  private:
   RestoredRun prior_;
 };
+
+/// Gives every vehicle that is somewhere in the log a new asset; returns how many. Vehicles of a class that the prior
+/// never saw stay as they are, which left_out(class, why) hears of each. Fault::data if none can be replaced.
+std::size_t swap_vehicles(AssetMaker& maker, const MakerWish& wish, int log, StoredRun& run,
+                          const std::function<void(int asset_class, const std::string& why)>& left_out);
 
 }  // namespace cloam

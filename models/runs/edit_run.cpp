@@ -10,12 +10,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-void check_empty(const fs::path& folder) {
-  std::error_code error;
-  if (!fs::exists(folder, error) || (fs::is_directory(folder, error) && fs::is_empty(folder, error))) return;
-  throw Error(Fault::usage, text(folder.string(), " exists; name a new folder with -o"));
-}
-
 void link_or_copy(const fs::path& from, const fs::path& to) {
   commit_file(to, [&](const fs::path& temp) {
     std::error_code error;
@@ -33,8 +27,14 @@ RunData moved(RunData data, const fs::path& from, const fs::path& to) {
 
 }  // namespace
 
+void check_new_folder(const fs::path& folder) {
+  std::error_code error;
+  if (!fs::exists(folder, error) || (fs::is_directory(folder, error) && fs::is_empty(folder, error))) return;
+  throw Error(Fault::usage, text(folder.string(), " exists; name a new folder with -o"));
+}
+
 void write_edited_run(const StoredRun& edited, const fs::path& to, const std::string& command_line) {
-  check_empty(to);
+  check_new_folder(to);
   const fs::path& from = edited.folder;
   RunRecord record = edited.record;
   const RunPaths paths{to};

@@ -1,9 +1,9 @@
 // run.json and the other small files of a run folder. Field names are documented in docs/formats.md.
 #include "models/runs/run_folder.h"
 
-#include <nlohmann/json.hpp>
 #include <algorithm>
 #include <fstream>
+#include <nlohmann/json.hpp>
 
 #include "models/io/commit.h"
 #include "models/io/json.h"
@@ -17,6 +17,10 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kSchema = 2;
+const std::pair<const char*, std::string RunRecord::*> kWords[] = {
+    {"state", &RunRecord::state},   {"version", &RunRecord::version},           {"method", &RunRecord::method},
+    {"preset", &RunRecord::preset}, {"command_line", &RunRecord::command_line}, {"device", &RunRecord::device},
+    {"driver", &RunRecord::driver}, {"started", &RunRecord::started},           {"ended", &RunRecord::ended}};
 
 int64_t whole(const Json& object, const std::string& key, const std::string& where) {
   const Json& value = member(object, key, where);
@@ -132,15 +136,7 @@ RunRecord read_record(const fs::path& folder) {
   if (whole(json, "schema_version", where) != kSchema)
     throw Error(Fault::data, where + ": written by another version of the program; train again");
   RunRecord record;
-  record.state = string(json, "state", where);
-  record.version = string(json, "version", where);
-  record.method = string(json, "method", where);
-  record.preset = string(json, "preset", where);
-  record.command_line = string(json, "command_line", where);
-  record.device = string(json, "device", where);
-  record.driver = string(json, "driver", where);
-  record.started = string(json, "started", where);
-  record.ended = string(json, "ended", where);
+  for (const auto& [key, word] : kWords) record.*word = string(json, key, where);
   record.seed = seed_of(json, where);
   record.step = whole(json, "step", where);
   record.horizon = whole(json, "horizon", where);
@@ -159,19 +155,11 @@ RunRecord read_record(const fs::path& folder) {
 }
 
 void write_record(const fs::path& folder, const RunRecord& r) {
-  nlohmann::ordered_json json = {{"schema_version", kSchema},
-                                 {"state", r.state},
-                                 {"version", r.version},
-                                 {"method", r.method},
-                                 {"preset", r.preset},
-                                 {"seed", r.seed},
-                                 {"command_line", r.command_line},
-                                 {"device", r.device},
-                                 {"driver", r.driver},
-                                 {"started", r.started},
-                                 {"ended", r.ended},
-                                 {"step", r.step},
-                                 {"horizon", r.horizon}};
+  nlohmann::ordered_json json = {{"schema_version", kSchema}};
+  for (const auto& [key, word] : kWords) json[key] = r.*word;
+  json["seed"] = r.seed;
+  json["step"] = r.step;
+  json["horizon"] = r.horizon;
   Json data = Json::array();
   for (const RunData& one : r.data) data.push_back(to_json(one));
   json["data"] = data;

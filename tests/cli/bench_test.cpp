@@ -14,8 +14,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 /// A folder with peers that are shell scripts.
 struct FakePeers {
   fs::path folder;

@@ -12,8 +12,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 /// Three points of a cloud with z up, as text.
 fs::path points() {
   const fs::path path = scratch() / "points.ply";

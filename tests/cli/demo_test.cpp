@@ -12,8 +12,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 Words small_demo(const fs::path& out) {
   Words words = {"demo", "-o",       out.string(), "--size",   "48x27", "--logs",
                  "2",    "--frames", "2",          "--assets", "3",     "--json"};

@@ -160,8 +160,20 @@ void give_surfaces_to(const std::string& line, const fs::path& folder) {
   give_surfaces(checkpoints / latest);
 }
 
+/// A training that another document tells with the same words and data: its run is copied.
+bool copied(const std::string& line, const fs::path& folder) {
+  static std::map<std::string, fs::path> known;
+  std::smatch match;
+  if (!std::regex_search(line, match, std::regex("^cloam train (?!.*--networks).* -o (\\S+)"))) return false;
+  if (line.find(places().string()) == std::string::npos) return false;  // its data are this document's own
+  const auto [made, is_new] = known.emplace(line, folder / match[1].str());
+  if (!is_new) fs::copy(made->second, folder / match[1].str(), fs::copy_options::recursive);
+  return !is_new;
+}
+
 void type(const std::string& command, const fs::path& folder) {
   std::string line = cut_down(command);
+  if (copied(line, folder)) return;
   std::smatch match;
   if (std::regex_search(line, match, std::regex("^cloam (?:edit|export) (\\S+).*\\bID\\b")))
     line = std::regex_replace(line, std::regex("\\bID\\b"), actor_of(match[1], folder));

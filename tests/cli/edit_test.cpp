@@ -15,8 +15,6 @@ using Eigen::Vector3d;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 Scene log_with(const std::vector<std::string>& ids) {
   Scene log;
   log.is_log = true;

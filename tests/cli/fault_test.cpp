@@ -13,17 +13,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
-const fs::path& existing_run() {
-  static const fs::path run = [] {
-    const fs::path folder = scratch() / "precious";
-    REQUIRE(cloam_with(small_training(small_scene(), folder, {"--steps", "5"})).code == 0);
-    return folder;
-  }();
-  return run;
-}
-
 void edit(const fs::path& file, const std::function<void(nlohmann::json&)>& change) {
   auto json = json_of(file);
   change(json);
@@ -100,18 +89,18 @@ const std::vector<BadData>& bad_data() {
 }  // namespace
 
 TEST_CASE("bad data: exit 3, a message that names it, the run folder unchanged") {
-  const auto before = snapshot(existing_run());
+  const auto before = snapshot(small_run());
   int index = 0;
   for (const BadData& row : bad_data()) {
     CAPTURE(row.name);
     const fs::path data = copy_of_scene("bad" + std::to_string(index++));
     row.damage(data);
-    const Outcome replaced = cloam_with(small_training(data, existing_run(), {"--steps", "5", "--overwrite"}));
+    const Outcome replaced = cloam_with(small_training(data, small_run(), {"--steps", "5", "--overwrite"}));
     CHECK(replaced.code == 3);
     CHECK(replaced.err.find("error: ") == replaced.err.rfind("error: "));
     CHECK_MESSAGE(contains(replaced.err, row.told), replaced.err);
     CHECK(contains(replaced.err, "[exit 3]"));
-    CHECK(snapshot(existing_run()) == before);
+    CHECK(snapshot(small_run()) == before);
     const Outcome checked = cloam_with({"check", data.string()});
     CHECK_MESSAGE(checked.code == 3, checked.err);
   }
@@ -179,8 +168,7 @@ TEST_CASE("wrong checkpoints are exit 3 and nothing is lost") {
 }
 
 TEST_CASE("a damaged newest checkpoint is passed over with a warning") {
-  const fs::path run = scratch() / "fallback";
-  REQUIRE(cloam_with(small_training(small_scene(), run, {"--steps", "6", "--save-every", "3"})).code == 0);
+  const fs::path run = copy_of(small_run(), "fallback");
   fs::resize_file(run / "ckpt" / "000006.safetensors", 1000);
   const Outcome outcome = cloam_with({"eval", run.string(), "--json", "-q"});
   REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
@@ -189,8 +177,7 @@ TEST_CASE("a damaged newest checkpoint is passed over with a warning") {
 }
 
 TEST_CASE("a damaged run.json is exit 3") {
-  const fs::path run = scratch() / "record";
-  fs::copy(existing_run(), run, fs::copy_options::recursive);
+  const fs::path run = copy_of(small_run(), "record");
   write_text(run / "run.json", "{");
   CHECK(cloam_with({"eval", run.string()}).code == 3);
   fs::remove(run / "run.json");
@@ -206,7 +193,7 @@ TEST_CASE("no OpenCL driver: exit 4 with the package to install, at once") {
   CHECK(contains(outcome.err, "pocl-opencl-icd"));
   CHECK_FALSE(fs::exists(scratch() / "no-device"));
   CHECK(cloam_with({"info"}, nowhere).code == 4);
-  CHECK(cloam_with({"eval", existing_run().string()}, nowhere).code == 4);
+  CHECK(cloam_with({"eval", small_run().string()}, nowhere).code == 4);
   CHECK(cloam_with({"check", small_scene().string()}, nowhere).code == 0);
 }
 
@@ -218,7 +205,7 @@ TEST_CASE("a plan over the memory budget: exit 5 before anything is written") {
 
 TEST_CASE("places that cannot be written: exit 8") {
   CHECK(cloam_with(small_training(small_scene(), "/proc/cloam-run", {"--steps", "2"})).code == 8);
-  CHECK(cloam_with({"eval", existing_run().string(), "--json", "-q", "--images", (scratch() / "i").string()}, {},
+  CHECK(cloam_with({"eval", small_run().string(), "--json", "-q", "--images", (scratch() / "i").string()}, {},
                    "/dev/full")
             .code == 8);
 }
@@ -246,9 +233,9 @@ TEST_CASE("typing errors: exit 2 with the nearest name") {
            {{"train", "nerf", data, data}, "one capture"},
            {{"train"}, "train nerf DATA"},
            {{"train", "--resume"}, "RUN"},
-           {{"eval", existing_run().string() + "x"}, "precious"},
-           {{"render", existing_run().string(), "-o", "x", "--path", "orbt"}, "orbit"},
-           {{"render", existing_run().string()}, "--out"},
+           {{"eval", small_run().string() + "x"}, "precious"},
+           {{"render", small_run().string(), "-o", "x", "--path", "orbt"}, "orbit"},
+           {{"render", small_run().string()}, "--out"},
        }) {
     std::string line;
     for (const std::string& word : row.words) line += " " + word;

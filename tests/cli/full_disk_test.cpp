@@ -13,17 +13,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
-const std::string& trained() {
-  static const std::string run = [] {
-    const fs::path folder = scratch() / "full-disk-run";
-    REQUIRE(cloam_with(small_training(small_scene(), folder, {"--steps", "5"})).code == 0);
-    return folder.string();
-  }();
-  return run;
-}
-
 /// Every file in the folder, those of 0 bytes and temporary ones counted double.
 struct Left {
   std::size_t whole = 0, litter = 0;
@@ -43,12 +32,12 @@ Left left_in(const fs::path& folder) {
 /// Commands that write into the folder `out`.
 std::vector<Words> writing_commands(const fs::path& out) {
   return {
-      {"render", trained(), "-o", out.string(), "--path", "orbit", "--frames", "3", "--size", "96x96"},
-      {"render", trained(), "-o", out.string(), "--split", "all", "--exr", "--size", "96x96"},
-      {"eval", trained(), "--images", out.string()},
+      {"render", small_run().string(), "-o", out.string(), "--path", "orbit", "--frames", "3", "--size", "96x96"},
+      {"render", small_run().string(), "-o", out.string(), "--split", "all", "--exr", "--size", "96x96"},
+      {"eval", small_run().string(), "--images", out.string()},
       {"synth", "-o", out.string(), "--logs", "1", "--frames", "1", "--size", "96x54"},
       {"edit", small_street_run().string(), "--list", "-o", out.string()},
-      {"render", trained(), "-o", (scratch() / "with-trace").string(), "--frames", "1", "--path", "orbit",
+      {"render", small_run().string(), "-o", (scratch() / "with-trace").string(), "--frames", "1", "--path", "orbit",
        "--profile-trace", (out / "trace.json").string()},
   };
 }
@@ -108,8 +97,9 @@ echo "Error writing trailer of $film: No space left on device" >&2
 case " $* " in *" -xerror "*) exit 1 ;; esac  # without it ffmpeg ends well all the same
 )sh");
   fs::permissions(bin / "ffmpeg", fs::perms::owner_all);
-  const Outcome outcome = cloam_with({"render", trained(), "-o", out.string(), "--path", "orbit", "--frames", "2"},
-                                     {"PATH=" + bin.string()});
+  const Outcome outcome =
+      cloam_with({"render", small_run().string(), "-o", out.string(), "--path", "orbit", "--frames", "2"},
+                 {"PATH=" + bin.string()});
   CHECK_MESSAGE(outcome.code == 8, outcome.err);
   CHECK_MESSAGE(contains(outcome.err, "bytes are free on /"), outcome.err);
   CHECK(left_in(out).litter == 0);
@@ -120,7 +110,7 @@ TEST_CASE("a place to write to that is none: exit 2 before any work, and it stay
   const fs::path file = scratch() / "a-file", folder = scratch() / "a-folder";
   write_text(file, "precious");
   fs::create_directories(folder);
-  const std::string run = trained(), inside = (file / "run").string();
+  const std::string run = small_run().string(), inside = (file / "run").string();
   struct Row {
     Words words;
     const char* told;

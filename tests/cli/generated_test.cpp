@@ -18,8 +18,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 /// Ids of the cars of the first street that stand in it at all steps.
 std::vector<std::string> cars() {
   std::vector<std::string> ids;
@@ -82,19 +80,22 @@ bool stands_alike(const Actor& a, const Actor& b) {
   return std::equal(a.boxes.begin(), a.boxes.end(), b.boxes.begin(), b.boxes.end(), alike);
 }
 
-fs::path copied(const fs::path& run, const std::string& name) {
-  const fs::path to = scratch() / name;
-  fs::copy(run, to, fs::copy_options::recursive);
-  return to;
+/// The first car of the first street in an asset of seed 7.
+const fs::path& worn_run() {
+  static const fs::path run = [] {
+    const fs::path folder = scratch() / "worn";
+    const Outcome outcome = generate_into(two_streets_run(), cars()[0], folder, "7");
+    REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+    return folder;
+  }();
+  return run;
 }
 
 }  // namespace
 
 TEST_CASE("an actor takes a generated asset of its class; the same seed the same bytes, another others") {
   const std::string id = cars()[0];
-  const fs::path first = scratch() / "worn", again = scratch() / "worn_again", other = scratch() / "worn_other";
-  const Outcome outcome = generate_into(two_streets_run(), id, first, "7");
-  REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+  const fs::path first = worn_run(), again = scratch() / "worn_again", other = scratch() / "worn_other";
   const Scenes before = read_scene_file(two_streets_run() / "scene.json"),
                after = read_scene_file(first / "scene.json");
   const Actor &was = actor_in(before[0], id), &is = actor_in(after[0], id);
@@ -121,9 +122,8 @@ TEST_CASE("an actor takes a generated asset of its class; the same seed the same
 
 TEST_CASE("a run with a generated asset stands alone: it is seen, listed, exported and edited again") {
   const std::vector<std::string> ids = cars();
-  const fs::path once = scratch() / "once_worn", twice = scratch() / "twice_worn", swapped = scratch() / "worn_by_two";
-  REQUIRE(generate_into(two_streets_run(), ids[0], once, "1").code == 0);
-  const Outcome second = generate_into(once, ids[1], twice, "1");
+  const fs::path once = worn_run(), twice = scratch() / "twice_worn", swapped = scratch() / "worn_by_two";
+  const Outcome second = generate_into(once, ids[1], twice, "7");
   REQUIRE_MESSAGE(second.code == 0, second.err);
   const NewAssets of_one = read_new_assets(once / "generated.safetensors"),
                   of_two = read_new_assets(twice / "generated.safetensors");
@@ -224,12 +224,12 @@ TEST_CASE("what cannot be generated into a street is one error, and nothing is w
   fails(edits(street, {"--prior", (scratch() / "nowhere").string()}), 2, "no such run folder");
   fails(edit_words(street, id + ":remove", never, {"--prior", prior}), 2, "replace=generated");
   // Another run: one number of its networks differs.
-  const fs::path trained_on = copied(street, "trained_on");
+  const fs::path trained_on = copy_of(street, "trained_on");
   SafetensorsFile file = read_safetensors(trained_on / "ckpt" / "000008.safetensors");
   file.tensors.at("param.networks.field.offset").data[0] ^= std::byte{1};
   write_safetensors(trained_on / "ckpt" / "000008.safetensors", file);
   fails(edits(trained_on, {"--prior", prior}), 3, "whose networks are not those of");
-  const fs::path odd = copied(street, "odd_actor");
+  const fs::path odd = copy_of(street, "odd_actor");
   auto scenes = json_of(odd / "scene.json");
   for (auto& actor : scenes.at("scenes").at(0).at("actors"))
     if (actor.at("id") == id) actor["label"] = "Rolling Containers";
@@ -245,8 +245,7 @@ TEST_CASE("what cannot be generated into a street is one error, and nothing is w
   fails(simulates({"--prior", prior}), 2, "--augment N and --prior RUN2 go together");
   fails(simulates({"--augment", "2", "--prior", street}), 2, "cloam train diffusion");
   // A street that names an asset which its folder does not hold.
-  const fs::path worn = scratch() / "worn_lost";
-  REQUIRE(generate_into(street, id, worn, "3").code == 0);
+  const fs::path worn = copy_of(worn_run(), "worn_lost");
   fs::remove(worn / "generated.safetensors");
   fails({"render", worn.string(), "-o", never.string()}, 3, "uses generated asset 0");
 }

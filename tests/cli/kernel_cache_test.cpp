@@ -11,8 +11,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 /// Empty is as unset.
 Words environment(const fs::path& temporary, const Words& more) {
   Words all = {"TMPDIR=" + temporary.string()};
@@ -51,10 +49,11 @@ TEST_CASE("no folder for compiled kernels: a temporary one serves, for this user
 }
 
 TEST_CASE("kernels are compiled into the temporary folder") {
-  const fs::path temporary = scratch() / "compiled", run = scratch() / "homeless";
+  const fs::path temporary = scratch() / "compiled";
+  const std::string photos = (small_scene() / "test").string();
   fs::create_directories(temporary);
-  const Outcome outcome =
-      cloam_with(small_training(small_scene(), run, {"--steps", "1"}), environment(temporary, {"HOME=/proc"}));
+  const Outcome outcome = cloam_with({"distance", photos, photos, "--features", "random"},  // few kernels
+                                     environment(temporary, {"HOME=/proc"}));
   CHECK_MESSAGE(outcome.code == 0, outcome.err);
   CHECK(contains(outcome.err, kernels_in(temporary).string()));
   CHECK_FALSE(fs::is_empty(kernels_in(temporary)));

@@ -37,6 +37,17 @@ fs::path small_log(const std::string& name, int steps = 2) {
   return scratch() / name;
 }
 
+/// A run of two steps on a log of twelve, by the protocol sparse.
+struct SparseRun {
+  fs::path log = small_log("sparse-log", 12), run = scratch() / "sparse-run";
+  Outcome trained = cloam_with(small_training(log, run, {"--steps", "2", "--protocol", "sparse"}));
+};
+const SparseRun& sparse_run() {
+  static const SparseRun made;
+  REQUIRE_MESSAGE(made.trained.code == 0, made.trained.err);
+  return made;
+}
+
 }  // namespace
 
 TEST_CASE("check reports on a log") {
@@ -144,14 +155,7 @@ TEST_CASE("training says what a log or a method lacks") {
 }
 
 TEST_CASE("a protocol chooses the training images of a log, and the record says so") {
-  const fs::path log = small_log("protocol-log", 12), run = scratch() / "protocol-run";
-  const auto training = [&](const Words& more) {
-    Words words = small_training(log, run, {"--steps", "2", "--downscale", "1"});
-    words.insert(words.end(), more.begin(), more.end());
-    return cloam_with(words);
-  };
-  const Outcome trained = training({"--protocol", "sparse"});
-  REQUIRE_MESSAGE(trained.code == 0, trained.err);
+  const auto& [log, run, trained] = sparse_run();
   CHECK(trained.err.find("protocol sparse: 4 for training, 8 for evaluation") != std::string::npos);  // 0, 5, 10, 11
   CHECK(json_of(run / "run.json").at("reading").at("protocol") == "sparse");
   const auto scene = json_of(run / "scene.json").at("scenes").at(0);
@@ -159,12 +163,13 @@ TEST_CASE("a protocol chooses the training images of a log, and the record says 
   CHECK(scene.at("sweeps").at(1).at("split") == "test");
   CHECK(scene.at("actors").at(0).at("boxes").size() == 12);
   CHECK(cloam_with({"train", "--resume", run.string(), "--protocol", "novel"}).code == 2);
-  fs::remove_all(run);
+  const fs::path never = scratch() / "protocol-never";
+  const auto training = [&, &data = log](const Words& more) { return cloam_with(small_training(data, never, more)); };
   CHECK(training({"--protocol", "sparse", "--holdout", "3"}).code == 2);
   CHECK(training({"--protocol", "dense"}).code == 2);
   CHECK(training({"--sparse-every", "3"}).code == 2);
-  CHECK(cloam_with(small_training(small_scene(), run, {"--protocol", "sparse"})).code == 2);  // photos
-  CHECK_FALSE(fs::exists(run));
+  CHECK(cloam_with(small_training(small_scene(), never, {"--protocol", "sparse"})).code == 2);  // photos
+  CHECK_FALSE(fs::exists(never));
 }
 
 TEST_CASE("methods for one capture refuse several, and networks of others") {
@@ -187,8 +192,7 @@ TEST_CASE("methods for one capture refuse several, and networks of others") {
 }
 
 TEST_CASE("eval of a log prints the figures over actors and the guesses to clear, by log too") {
-  const fs::path log = small_log("eval-log", 12), run = scratch() / "eval-run";
-  REQUIRE(cloam_with(small_training(log, run, {"--steps", "2", "--protocol", "sparse"})).code == 0);
+  const fs::path log = sparse_run().log, run = sparse_run().run;
   const Outcome evaluated = cloam_with({"eval", run.string(), "--json"});
   REQUIRE_MESSAGE(evaluated.code == 0, evaluated.err);
   const auto json = nlohmann::json::parse(evaluated.out);
@@ -203,7 +207,7 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
   CHECK(json.at("protocol") == "sparse");
   CHECK(json.at("images") == 8);
   CHECK(json.at("masks") == "boxes");
-  CHECK(json.at("logs").at(0).at("name") == "eval-log");
+  CHECK(json.at("logs").at(0).at("name") == "sparse-log");
   CHECK(json_of(run / "eval" / "eval.json").at("per_image").size() == 8);
   const Outcome novel = cloam_with({"eval", run.string(), "--protocol", "novel"});
   CHECK(novel.code == 3);

@@ -13,8 +13,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 const fs::path& trained() {
   static const fs::path run = [] {
     const fs::path folder = scratch() / "trained";

@@ -49,6 +49,12 @@ std::vector<char*> pointers(Words& words) {
   return out;
 }
 
+fs::path trained_into(const std::string& name, const Words& how) {
+  const Outcome outcome = cloam_with(small_training(small_scene(), scratch() / name, how));
+  if (outcome.code != 0) throw std::runtime_error(outcome.err);
+  return scratch() / name;
+}
+
 Words merged_environment(const Words& over) {
   Words all = over;
   for (char** entry = environ; *entry; ++entry) {
@@ -143,9 +149,21 @@ const fs::path& small_scene() {
   return folder;
 }
 
-fs::path copy_of_scene(const std::string& name) {
-  fs::copy(small_scene(), scratch() / name, fs::copy_options::recursive);
+fs::path copy_of(const fs::path& folder, const std::string& name) {
+  fs::copy(folder, scratch() / name, fs::copy_options::recursive);
   return scratch() / name;
+}
+
+fs::path copy_of_scene(const std::string& name) { return copy_of(small_scene(), name); }
+
+const fs::path& small_run() {
+  static const fs::path run = trained_into("precious", {"--steps", "6", "--save-every", "3"});
+  return run;
+}
+
+const fs::path& stopped_run() {
+  static const fs::path run = trained_into("stopped-after-five", {"--steps", "40", "--stop-after", "5"});
+  return run;
 }
 
 Words small_training(const fs::path& data, const fs::path& run, const Words& more) {

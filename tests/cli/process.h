@@ -42,6 +42,10 @@ class Process {
 
 Outcome cloam_with(const Words& arguments, const Words& environment = {}, const std::string& stdout_to = "");
 
+inline bool contains(const std::string& where, const std::string& what) {
+  return where.find(what) != std::string::npos;
+}
+
 /// A folder of this test process, removed at its end.
 const std::filesystem::path& scratch();
 std::string content_of(const std::filesystem::path& path);
@@ -56,6 +60,12 @@ bool wait_for(const std::filesystem::path& path, Process& process);
 const std::filesystem::path& small_scene();
 /// A copy of it that a test may damage.
 std::filesystem::path copy_of_scene(const std::string& name);
+/// A finished run of six steps on small_scene(), checkpoints at 3 and 6, made once: to be read, or copied.
+const std::filesystem::path& small_run();
+/// A run of forty steps on it that was stopped after five, made once: to be read.
+const std::filesystem::path& stopped_run();
+/// A copy of a folder that a test may change.
+std::filesystem::path copy_of(const std::filesystem::path& folder, const std::string& name);
 /// `train nerf` on `data` into `run` with settings that make a step take a hundredth of a second.
 Words small_training(const std::filesystem::path& data, const std::filesystem::path& run, const Words& more);
 

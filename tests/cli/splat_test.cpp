@@ -11,8 +11,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 Words training(const fs::path& run, const Words& more) {
   Words words = {"train",          "splat", small_scene().string(), "-o",    run.string(),      "--progress",
                  "plain",          "--set", "initial.random=300",   "--set", "growth.start=20", "--set",

@@ -16,8 +16,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 /// The command, asked to stop once `begun` is there.
 Outcome stopped(const Words& words, const fs::path& begun, int signal = SIGINT) {
   Process process(words);
@@ -97,7 +95,7 @@ TEST_CASE("synth that is stopped leaves whole logs alone") {
 
 TEST_CASE("simulate that is stopped leaves no half log") {
   const fs::path out = scratch() / "stopped-simulate";
-  const Outcome outcome = stopped({"simulate", small_street_run().string(), "-o", out.string(), "--size", "640x360"},
+  const Outcome outcome = stopped({"simulate", small_street_run().string(), "-o", out.string(), "--size", "320x180"},
                                   out / "camera" / "front_camera" / "00.jpg");
   CHECK(number_before(outcome, " of 3 images were rendered") > 0);
   CHECK(contains(outcome.err, out.string() + " was incomplete and has been removed"));

@@ -18,8 +18,6 @@ namespace {
 
 const Words kSteps = {"--steps", "40", "--save-every", "10"};
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 std::string checkpoint(const fs::path& run, const char* step) {
   return content_of(run / "ckpt" / (std::string(step) + ".safetensors"));
 }
@@ -158,8 +156,7 @@ TEST_CASE("--stop-after only stops: going on ends in the same bytes") {
 }
 
 TEST_CASE("a resumed run refuses options that contradict it") {
-  const fs::path run = scratch() / "contradicted";
-  REQUIRE(cloam_with(small_training(small_scene(), run, {"--steps", "40", "--stop-after", "5"})).code == 0);
+  const fs::path run = stopped_run();
   const auto before = snapshot(run);
   for (const Words& more : {Words{"--seed", "3"}, Words{"--downscale", "2"}, Words{"--set", "batch.rays=65"},
                             Words{"--steps", "50"}, Words{"--overwrite"}}) {
@@ -177,26 +174,23 @@ TEST_CASE("a time budget is kept and chooses the steps") {
 }
 
 TEST_CASE("an existing run is refused and unchanged; --overwrite replaces it; a finished one has nothing left to do") {
-  const fs::path run = scratch() / "existing";
-  REQUIRE(cloam_with(small_training(small_scene(), run, {"--steps", "5"})).code == 0);
+  const fs::path run = copy_of(small_run(), "existing");
   const auto before = snapshot(run);
-  const Outcome refused = cloam_with(small_training(small_scene(), run, {"--steps", "6"}));
+  const Outcome refused = cloam_with(small_training(small_scene(), run, {"--steps", "7"}));
   CHECK(refused.code == 2);
-  CHECK(contains(refused.err, "finished at step 5"));
+  CHECK(contains(refused.err, "finished at step 6"));
   CHECK(snapshot(run) == before);
   const Outcome resumed = resume(run);
   CHECK(resumed.code == 0);
   CHECK(contains(resumed.err, "nothing to do"));
   CHECK(snapshot(run) == before);
-  CHECK(cloam_with(small_training(small_scene(), run, {"--steps", "6", "--overwrite"})).code == 0);
-  CHECK(json_of(run / "run.json").at("step") == 6);
-  CHECK_FALSE(fs::exists(run / "ckpt" / "000005.safetensors"));
+  CHECK(cloam_with(small_training(small_scene(), run, {"--steps", "7", "--overwrite"})).code == 0);
+  CHECK(json_of(run / "run.json").at("step") == 7);
+  CHECK_FALSE(fs::exists(run / "ckpt" / "000006.safetensors"));
 }
 
 TEST_CASE("a finished run is extended by --steps, at the final values of its schedules") {
-  const fs::path run = scratch() / "extended", other = scratch() / "extended-twice";
-  fs::copy(golden(), run, fs::copy_options::recursive);
-  fs::copy(golden(), other, fs::copy_options::recursive);
+  const fs::path run = copy_of(golden(), "extended"), other = copy_of(golden(), "extended-twice");
   const Outcome refused = resume(run, {"--steps", "30"});
   CHECK(refused.code == 2);
   CHECK(contains(refused.err, "40 steps"));
@@ -278,10 +272,9 @@ TEST_CASE("run and data can be moved together, and data alone with --data") {
 }
 
 TEST_CASE("a run goes on with its own data alone: other data are exit 3, and nothing is changed") {
-  const fs::path run = scratch() / "own-data", other = copy_of_scene("other-photos");
+  const fs::path run = stopped_run(), other = copy_of_scene("other-photos");
   fs::remove(other / "train" / "r_0.png");
   fs::copy_file(other / "train" / "r_1.png", other / "train" / "r_0.png");
-  REQUIRE(cloam_with(small_training(small_scene(), run, {"--steps", "40", "--stop-after", "5"})).code == 0);
   const auto before = snapshot(run);
   for (const Words& words : {Words{"train", "--resume", run.string(), "--data", other.string()},
                              Words{"train", "nerf", other.string(), "-o", run.string(), "--resume"}}) {

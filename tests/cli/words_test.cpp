@@ -18,8 +18,6 @@ namespace {
 
 using Names = std::set<std::string>;
 
-bool contains(const std::string& where, const std::string& what) { return where.find(what) != std::string::npos; }
-
 std::vector<std::string> lines_of(const std::string& text) {
   std::istringstream stream(text);
   std::vector<std::string> lines;

@@ -1,35 +1,21 @@
-// What a method must beat: the mean colour of the training images, shown everywhere.
+// What a model must clear.
 #pragma once
-#include <span>
-#include <vector>
-
-#include "models/metrics/psnr.h"
+#include "models/data/load_images.h"
+#include "models/eval/baselines.h"
+#include "models/eval/pictures.h"
 
 namespace cloam {
 
-using Images = std::vector<std::vector<float>>;  // [H,W,3] each, of any size
-
-inline std::vector<float> mean_colour(const Images& images) {
-  std::vector<double> sums(3);
-  double pixels = 0;
-  for (const auto& image : images) {
-    for (size_t i = 0; i < image.size(); ++i) sums[i % 3] += double{image[i]};
-    pixels += static_cast<double>(image.size()) / 3;
-  }
-  for (double& sum : sums) sum /= pixels;
-  return {sums.begin(), sums.end()};
-}
-
-/// The mean over the test images.
-inline double mean_colour_psnr(const Images& train, const Images& test) {
-  const std::vector<float> colour = mean_colour(train);
+/// Mean PSNR of the test photos against the mean colour of the training photos.
+inline double mean_colour_figure(const Scene& scene) {
+  const Pixels train = load_images(scene, Split::train), test = load_images(scene, Split::test);
+  const Guesses guesses(scene, train);
   double sum = 0;
-  for (const auto& image : test) {
-    std::vector<float> guess(image.size());
-    for (size_t i = 0; i < guess.size(); ++i) guess[i] = colour[i % 3];
-    sum += psnr(guess, image);
+  for (const FramePixels& frame : test.frames) {
+    const std::vector<float> rgb = on_white(frame);
+    sum += guesses.score({scene, frame, rgb}).mean_colour;
   }
-  return sum / static_cast<double>(test.size());
+  return sum / static_cast<double>(test.frames.size());
 }
 
 }  // namespace cloam

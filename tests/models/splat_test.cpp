@@ -37,15 +37,6 @@ std::unique_ptr<Method> built(const Scene& scene, const Settings& settings) {
   return built(scene, settings, load_images(scene, Split::train));
 }
 
-std::vector<float> on_white(const FramePixels& frame) {
-  std::vector<float> out;
-  for (size_t i = 0; i < frame.rgba.size(); i += 4) {
-    const float alpha = static_cast<float>(frame.rgba[i + 3]) / 255.f;
-    for (size_t c = 0; c < 3; c++) out.push_back(static_cast<float>(frame.rgba[i + c]) / 255.f * alpha + 1.f - alpha);
-  }
-  return out;
-}
-
 double test_psnr(Method& method, const Scene& scene) {
   const Pixels test = load_images(scene, Split::test);
   double sum = 0;
@@ -65,13 +56,6 @@ double trained(const Capture& capture, const Settings& settings, int64_t steps) 
   return test_psnr(*method, capture.scene);
 }
 
-double mean_colour_of(const Scene& scene) {
-  Images pixels[2];
-  for (const FramePixels& frame : load_images(scene, Split::train).frames) pixels[0].push_back(on_white(frame));
-  for (const FramePixels& frame : load_images(scene, Split::test).frames) pixels[1].push_back(on_white(frame));
-  return mean_colour_psnr(pixels[0], pixels[1]);
-}
-
 }  // namespace
 
 TEST_CASE("splat: growth from few gaussians is worth its while, with either strategy") {
@@ -85,7 +69,7 @@ TEST_CASE("splat: growth from few gaussians is worth its while, with either stra
   const double densified = with({{"growth.start", "60"}, {"growth.every", "30"}});
   const double mcmc =
       with({{"growth.strategy", "mcmc"}, {"growth.start", "60"}, {"growth.every", "10"}, {"growth.max", "1500"}});
-  const double guess = mean_colour_of(capture.scene);
+  const double guess = mean_colour_figure(capture.scene);
   MESSAGE("PSNR: mean colour ", guess, ", 150 gaussians ", still, ", densified ", densified, ", mcmc ", mcmc);
   CHECK(still > guess + 3);
   CHECK(densified > still + 1.5);
@@ -169,7 +153,7 @@ TEST_CASE("splat: a growth with nothing to do changes nothing") {
                  {"growth.start", "5"},
                  {"growth.every", "5"},
                  {"growth.max", "150"}},
-                20) > mean_colour_of(capture.scene));
+                20) > mean_colour_figure(capture.scene));
 }
 
 TEST_CASE("splat: settings that cannot be are told") {

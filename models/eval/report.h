@@ -1,4 +1,4 @@
-// What an evaluation found, as JSON, as files in the run folder and as a table.
+// What an evaluation found, as JSON and as files in the run folder.
 #pragma once
 #include <filesystem>
 #include <nlohmann/json_fwd.hpp>
@@ -35,6 +35,9 @@ struct EvalResult {
 nlohmann::ordered_json to_json(const EvalResult& result);
 /// eval.json (with each image) and per_image.csv.
 void write_reports(const std::filesystem::path& folder, const EvalResult& result);
-std::string table(const EvalResult& result);
+
+/// Of all scenes, one after the other.
+std::vector<ImageScore> all_images(const EvalResult& result);
+std::vector<double> all_errors(const EvalResult& result);
 
 }  // namespace cloam

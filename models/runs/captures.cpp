@@ -1,11 +1,11 @@
-// See capture.h.
-#include "cli/capture.h"
+// See captures.h.
+#include "models/runs/captures.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <future>
 
 #include "models/data/read_scene.h"
+#include "models/io/words.h"
 #include "models/street/street.h"
 #include "models/train/capability.h"
 #include "models/train/learns_from_captures.h"
@@ -109,11 +109,6 @@ void expect_masks(Scene& scene) {
 }
 
 }  // namespace
-
-CLI::Option* add_allow_outside(CLI::App& parser, bool& allowed) {
-  return parser.add_flag("--allow-outside", allowed,
-                         "Also read images and points outside the capture's folder, if the capture lists them");
-}
 
 Reading reading_for(const RunRecord& record, bool other, bool allow_outside) {
   Reading how = record.reading;

@@ -1,13 +1,12 @@
-// See train_job.h.
-#include "cli/train_job.h"
+// See training_job.h.
+#include "models/runs/training_job.h"
+
+#include <toml++/toml.h>
 
 #include <algorithm>
-#include <cctype>
-#include <cstdio>
-#include <map>
-#include <nlohmann/json.hpp>
 
-#include "cli/settings.h"
+#include "models/io/bytes.h"
+#include "models/io/words.h"
 #include "models/methods/registry.h"
 #include "models/train/learns_from_run.h"
 #include "models/train/old_names.h"
@@ -17,6 +16,57 @@ namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
+using Settings = std::vector<std::pair<std::string, std::string>>;
+
+constexpr uint64_t kLargest = 1 << 20;
+
+std::string value_text(const toml::node& node, const std::string& where) {
+  if (const auto* value = node.as_string()) return value->get();
+  if (const auto* value = node.as_integer()) return to_string(ConfigValue(value->get()));
+  if (const auto* value = node.as_floating_point()) return to_string(ConfigValue(value->get()));
+  if (const auto* value = node.as_boolean()) return value->get() ? "true" : "false";
+  throw Error(Fault::usage, where + ": want a number, a string, true or false");
+}
+
+void collect(const toml::table& table, const std::string& prefix, const std::string& where, Settings& settings) {
+  for (const auto& [key, node] : table) {
+    const std::string name = prefix + std::string(key.str());
+    if (const auto* inner = node.as_table())
+      collect(*inner, name + ".", where, settings);
+    else
+      settings.emplace_back(name, value_text(node, where + ", " + name));
+  }
+}
+
+std::string content_of(const std::filesystem::path& path) {
+  try {
+    const auto bytes = read_file(path, kLargest);
+    return {bytes.begin(), bytes.end()};
+  } catch (const Error& error) { throw Error(Fault::usage, error.what()); }
+}
+
+/// The keys of a TOML file with their values as --set would take them; tables become dotted keys. Fault::usage for a
+/// file that cannot be read, is no TOML (with line and column), or holds lists or dates.
+Settings read_settings(const std::filesystem::path& path) {
+  Settings settings;
+  try {
+    collect(toml::parse(content_of(path), path.string()), "", path.string(), settings);
+  } catch (const toml::parse_error& error) {
+    const auto& place = error.source().begin;
+    throw Error(Fault::usage,
+                text(path.string(), ", line ", place.line, ", column ", place.column, ": ", error.description()));
+  }
+  return settings;
+}
+
+/// "key=value" -> both.
+std::pair<std::string, std::string> split_setting(const std::string& setting) {
+  const std::size_t equals = setting.find('=');
+  if (equals == std::string::npos || equals == 0) {
+    throw Error(Fault::usage, text("--set ", setting, ": want key=value, such as --set train.rate=0.01"));
+  }
+  return {setting.substr(0, equals), setting.substr(equals + 1)};
+}
 
 bool holds_files(const fs::path& folder) {
   std::error_code error;
@@ -24,12 +74,6 @@ bool holds_files(const fs::path& folder) {
     if (entry->path().filename() != ".lock") return true;
   }
   return false;
-}
-
-std::string name_of_data(const fs::path& data) {
-  std::error_code error;
-  const std::string name = fs::weakly_canonical(data, error).filename().string();
-  return name.empty() ? "data" : name;
 }
 
 void check_data_given(const TrainRequest& request) {
@@ -49,32 +93,23 @@ fs::path default_folder(const TrainRequest& request) {
   return fs::path("runs") / (name_of_data(request.data.front()) + rest + "-" + request.method);
 }
 
-int64_t seed_of(const TrainRequest& request) { return request.seed.value_or(42); }
-
 /// As Config::set, with a note for names of earlier versions.
-void set(Config& config, const std::string& key, const std::string& value, const std::string& origin) {
-  if (current_setting(key) != key) warn(text("the setting ", key, " is now called ", current_setting(key)));
+void set(Config& config, const std::string& key, const std::string& value, const std::string& origin,
+         const Listener& listener) {
+  if (current_setting(key) != key) listener.warn(text("the setting ", key, " is now called ", current_setting(key)));
   config.set(key, value, origin);
 }
 
-void apply_settings(const TrainRequest& request, Config& config) {
+void apply_settings(const TrainRequest& request, Config& config, const Listener& listener) {
   if (!request.config_file.empty()) {
     for (const auto& [key, value] : read_settings(request.config_file))
-      set(config, key, value, "file " + fs::path(request.config_file).filename().string());
+      set(config, key, value, "file " + fs::path(request.config_file).filename().string(), listener);
   }
   for (const std::string& setting : request.settings) {
     const auto [key, value] = split_setting(setting);
-    set(config, key, value, "--set");
+    set(config, key, value, "--set", listener);
   }
 }
-
-std::optional<double> budget_of(const TrainRequest& request) {
-  if (request.time_budget.empty()) return std::nullopt;
-  return parse_duration(request.time_budget);
-}
-
-/// Where the training is to end, once its horizon is known.
-int64_t last_step(const RunRecord& record) { return std::max(record.horizon, record.steps.value_or(0)); }
 
 template <class Value>
 void same(const char* option, const std::optional<Value>& given, const Value& stored) {
@@ -157,9 +192,9 @@ void take_source(const TrainRequest& request, TrainJob& job) {
 
 void fill_record(const TrainRequest& request, TrainJob& job) {
   RunRecord& r = job.record;
-  r.seed = static_cast<uint64_t>(seed_of(request));
+  r.seed = static_cast<uint64_t>(request.seed.value_or(42));
   r.steps = request.steps;
-  r.time_budget_seconds = budget_of(request);
+  r.time_budget_seconds = request.time_budget;
   r.save_every = request.save_every.value_or(0);
   for (const std::string& data : request.data) r.data.push_back({data, "", ""});
   r.reading.downscale = request.downscale.value_or(r.reading.downscale);
@@ -219,108 +254,15 @@ void find_captures(const std::vector<std::string>& given, TrainJob& job) {
   }
 }
 
-uint64_t training_bytes(const Captures& captures, int downscale) {
-  uint64_t sum = 0;
-  for (const Capture& capture : captures) sum += image_bytes(capture.scene, Split::train, downscale);
-  return sum;
-}
-
-MemoryPlan memory_plan(const TrainJob& job, const Captures& captures) {
-  PhotoSizes photos;
-  for (const Capture& capture : captures)
-    for (const FramePixels& frame : capture.train.frames) {
-      photos.bytes += frame.rgba.size() + frame.mask.size();
-      photos.largest = std::max<uint64_t>(photos.largest, frame.rgba.size() / 4);
-    }
-  return job.method->memory(photos);
-}
-
-void check_memory(const MemoryPlan& plan, const TrainJob& job, const Captures& captures) {
-  if (plan.total() <= memory_budget()) return;
-  const uint64_t model = plan.total() - plan.images;
-  std::string fix = text("fix: the model alone needs ", words_for_bytes(model), "; ", plan.smaller);
-  for (int factor = job.record.reading.downscale + 1; factor <= 64 && model < memory_budget(); ++factor) {
-    const uint64_t images = training_bytes(captures, factor);
-    if (model + images > memory_budget()) continue;
-    fix = text("fix: --downscale ", factor, " fits (", words_for_bytes(model + images), ")");
-    break;
-  }
-  throw Error(Fault::memory, text("training needs ", words_for_bytes(plan.total()), ", the budget is ",
-                                  words_for_bytes(memory_budget()), "\n  ", fix, "\n  or: --max-memory ",
-                                  (plan.total() >> 20) + 1, "M, if the machine has that much"));
-}
-
-std::string schedule_text(const TrainJob& job) {
-  const RunRecord& r = job.record;
-  if (r.horizon > 0 && last_step(r) > r.horizon)
-    return text(last_step(r), " steps, those after ", r.horizon, " at the schedules' final values");
-  if (r.horizon > 0) return text(r.horizon, " steps");
-  if (r.steps) return text(*r.steps, " steps");
-  if (r.time_budget_seconds) return "as many steps as " + words_for_seconds(*r.time_budget_seconds) + " allow";
-  return text(job.default_steps, " steps");
-}
-
-std::string words_for_count(int64_t count) {
-  char buffer[32];
-  if (count < 10000)
-    std::snprintf(buffer, sizeof buffer, "%lld", static_cast<long long>(count));
-  else
-    std::snprintf(buffer, sizeof buffer, "%.2f M", static_cast<double>(count) * 1e-6);
-  return buffer;
-}
-
-/// By the first two words of their names, all logs' together: "6.25 M: log.background 2.36 M, networks.decoder ...".
-std::string parameters_text(const Params& parameters) {
-  std::map<std::string, int64_t> counts;
-  int64_t sum = 0;
-  for (const auto& [name, p] : parameters) {
-    const std::size_t first = std::min(name.find('.'), name.size()), second = name.find('.', first + 1);
-    std::string group = name.substr(0, first);
-    while (!group.empty() && std::isdigit(static_cast<unsigned char>(group.back()))) group.pop_back();
-    counts[group + name.substr(first, second - first)] += p.numel();
-    sum += p.numel();
-  }
-  std::string out = words_for_count(sum);
-  for (const auto& [group, count] : counts)
-    out += text(out.find(':') == std::string::npos ? ": " : ", ", group, " ", words_for_count(count));
-  return out;
-}
-
-Event plan_event(const TrainJob& job, const Captures& captures, const MemoryPlan& plan) {
-  const Camera& camera = captures.front().train.cameras.front();
-  std::size_t train = 0, test = 0;
-  std::vector<std::string> data, warnings;
-  for (std::size_t i = 0; i < captures.size(); ++i) {
-    const Capture& capture = captures[i];
-    data.push_back(job.data[i].string());
-    train += capture.train.frames.size();
-    test += capture.test.frames.size();
-    warnings.insert(warnings.end(), capture.warnings.begin(), capture.warnings.end());
-  }
-  return {{"method", job.record.method},
-          {"preset", job.record.preset},
-          {"data", data},
-          {"images_train", train},
-          {"images_test", test},
-          {"width", camera.width},
-          {"height", camera.height},
-          {"downscale", job.record.reading.downscale},
-          {"memory_bytes", plan.total()},
-          {"memory_budget_bytes", memory_budget()},
-          {"device", device().name},
-          {"device_id", device().id},
-          {"warnings", warnings}};
-}
-
-/// The plan of a method that learns from a run.
-Event source_event(const TrainJob& job, const MemoryPlan& plan) {
-  const auto& learns = *as<LearnsFromRun>(*job.method);
-  return {{"method", job.record.method}, {"preset", job.record.preset},  {"data", {job.data.front().string()}},
-          {"assets", learns.describe()}, {"memory_bytes", plan.total()}, {"memory_budget_bytes", memory_budget()},
-          {"device", device().name},     {"device_id", device().id},     {"warnings", learns.warnings()}};
-}
-
 }  // namespace
+
+int64_t last_step(const RunRecord& record) { return std::max(record.horizon, record.steps.value_or(0)); }
+
+std::string name_of_data(const fs::path& data) {
+  std::error_code error;
+  const std::string name = fs::weakly_canonical(data, error).filename().string();
+  return name.empty() ? "data" : name;
+}
 
 /// Never in silence over another run: hours may lie there.
 void check_folder(const fs::path& folder, bool overwrite) {
@@ -340,7 +282,7 @@ void check_folder(const fs::path& folder, bool overwrite) {
                                  old.step, go_on, "\n  start over: add --overwrite, or name another folder with -o"));
 }
 
-TrainJob new_job(const TrainRequest& request) {
+TrainJob new_job(const TrainRequest& request, const Listener& listener) {
   if (request.method.empty()) throw Error(Fault::usage, "METHOD and DATA are missing: cloam train nerf DATA");
   TrainJob job;
   check_data_given(request);
@@ -358,7 +300,7 @@ TrainJob new_job(const TrainRequest& request) {
     for (const auto& [key, value] : preset.settings) job.config.set(key, value, text("preset ", preset.name));
   take_source(request, job);
   take_prior(request, job);
-  apply_settings(request, job.config);
+  apply_settings(request, job.config, listener);
   job.data.assign(request.data.begin(), request.data.end());
   job.folder = request.out.empty() ? default_folder(request) : fs::path(request.out);
   check_folder(job.folder, request.overwrite);
@@ -388,45 +330,12 @@ TrainJob resumed_job(const TrainRequest& request) {
   if (job.finished) return job;
   if (request.save_every) job.record.save_every = *request.save_every;
   if (request.steps) job.record.steps = request.steps;
-  if (!request.time_budget.empty())
-    job.record.time_budget_seconds = budget_of(request);
+  if (request.time_budget)
+    job.record.time_budget_seconds = request.time_budget;
   else if (job.record.horizon > 0)
     job.record.time_budget_seconds.reset();  // the horizon it chose stands
   if (!request.prior.empty()) job.record.prior->given = request.prior;
   return job;
-}
-
-void tell_plan(const TrainJob& job, const Captures& captures, const Common& common, EventLog& log) {
-  const MemoryPlan plan = memory_plan(job, captures);
-  std::string label = "plan   ";
-  for (std::size_t i = 0; i < captures.size(); ++i) {
-    const std::string name = captures.size() > 1 ? name_of_data(job.data[i]) + ": " : "";
-    for (const std::string& warning : captures[i].warnings) warn(name + warning);
-    for (const std::string& line : describe(captures[i].scene, job.record.reading)) {
-      say(common, label + name + line);
-      label = "       ";
-    }
-  }
-  if (const auto* learns = as<LearnsFromRun>(*job.method)) {
-    for (const std::string& warning : learns->warnings()) warn(warning);
-    for (const std::string& line : learns->describe()) {
-      say(common, label + line);
-      label = "       ";
-    }
-  }
-  say(common, text("model  ", job.record.method, ", preset ", job.record.preset, ", seed ", job.record.seed, ", ",
-                   schedule_text(job)));
-  say(common, "       parameters " + parameters_text(job.method->parameters()));
-  say(common, "memory " + words_for_bytes(plan.total()) + " of " + words_for_bytes(memory_budget()) + " (images " +
-                  words_for_bytes(plan.images) + ", parameters " + words_for_bytes(plan.parameters) + ", optimiser " +
-                  words_for_bytes(plan.optimiser) + ", work " + words_for_bytes(plan.work) + ")");
-  say(common, text("device ", device().name, " (", device().platform, "); select it with ", device_spelling(device())));
-  for (const ConfigEntry& entry : job.config.entries()) {
-    if (common.verbose)
-      say(common, text("       ", entry.key, " = ", to_string(entry.value), "  (", entry.origin, ") ", entry.help));
-  }
-  log.write("plan", captures.empty() ? source_event(job, plan) : plan_event(job, captures, plan));
-  check_memory(plan, job, captures);
 }
 
 }  // namespace cloam

@@ -1,11 +1,9 @@
-// See actors.h.
-#include "cli/actors.h"
+// See actor_names.h.
+#include "models/runs/actor_names.h"
 
 #include <algorithm>
 #include <filesystem>
 
-#include "cli/common.h"
-#include "models/io/draw_text.h"
 #include "models/io/words.h"
 #include "models/methods/registry.h"
 #include "models/scene/asset_class.h"
@@ -25,11 +23,10 @@ std::vector<AssetName> all_actors(const Scenes& scenes) {
 }
 
 std::string list(const Scenes& scenes, const std::vector<AssetName>& names) {
-  std::string out;
-  for (std::size_t i = 0; i < std::min(names.size(), kMostShown); ++i) {
-    out += (i ? ", " : "") + spelled(scenes, names[i]);
-  }
-  return out + (names.size() > kMostShown ? ", ..." : "");
+  std::vector<std::string> shown;
+  for (const AssetName& name : names)
+    if (shown.size() < kMostShown) shown.push_back(spelled(scenes, name));
+  return joined(shown) + (names.size() > kMostShown ? ", ..." : "");
 }
 
 [[noreturn]] void no_actor(const Scenes& scenes, const std::vector<AssetName>& all, const std::string& word,
@@ -65,9 +62,9 @@ int find_log(const std::vector<std::string>& logs, const std::string& word) {
   if (std::count(logs.begin(), logs.end(), word) == 1) {
     return static_cast<int>(std::find(logs.begin(), logs.end(), word) - logs.begin());
   }
-  std::string known;
-  for (std::size_t i = 0; i < logs.size(); ++i) known += text(i ? ", " : "", i, " (", logs[i], ")");
-  throw Error(Fault::usage, text("the run has no log ", word, "; its logs are ", known));
+  std::vector<std::string> known;
+  for (const std::string& log : logs) known.push_back(text(known.size(), " (", log, ")"));
+  throw Error(Fault::usage, text("the run has no log ", word, "; its logs are ", joined(known)));
 }
 
 AssetName find_actor(const Scenes& scenes, const std::vector<std::string>& logs, const std::string& word) {
@@ -117,11 +114,6 @@ std::string seen_label(const StoredRun& run, const AssetName& name) {
   const int worn = run.generated.assets.at(scene - run.scenes.size()).asset_class;
   const std::string& own = actor_of(run.scenes, name).label;
   return asset_class(own) == worn ? own : kAssetClasses[worn];
-}
-
-void warn_without_font() {
-  if (!can_draw_text())
-    warn("the sheet has no captions: the font DejaVu Sans is not installed (apt-get install fonts-dejavu-core)");
 }
 
 bool is_vehicle(int asset_class) {

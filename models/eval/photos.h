@@ -1,13 +1,23 @@
 // The photos that an evaluation measures, one scene of the run at a time.
 #pragma once
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "cli/eval.h"
 #include "models/data/load_images.h"
+#include "models/runs/listener.h"
 #include "models/runs/restore_run.h"
 
 namespace cloam {
+
+struct EvalRequest {
+  std::string run = {}, other = {};
+  std::string images = {};                // folder for the pictures (default RUN/eval/images)
+  std::string protocol = {};              // empty: the run's own
+  std::string features = {};              // weights of a feature network, or "random"; empty: no feature distances
+  std::optional<std::size_t> scene = {};  // of the run: that one alone
+  bool allow_outside = false;             // as Reading has it, over what the run says
+};
 
 struct Photos {
   int index = 0;     // of the run's scenes
@@ -27,11 +37,11 @@ std::vector<std::size_t> scenes_to_measure(const RestoredRun& run, const EvalReq
 
 /// With --data: data of the fingerprint of one of the run's scenes are that scene's, in another place. Then the request
 /// becomes one for that scene without --data, and the record in memory names the new place. Fault::data.
-void take_own_data(RestoredRun& run, EvalRequest& request, const Common& common);
+void take_own_data(RestoredRun& run, EvalRequest& request, const Listener& listener);
 
 /// The run's own photos: those that the protocol measures or that the run held out, else those it was trained on.
 /// With --data those of another folder in the same coordinates, of which it takes the test split, else all. The guesses
 /// are always made from the run's own training photos. Tells what is odd as warnings.
-Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t index);
+Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t index, const Listener& listener);
 
 }  // namespace cloam

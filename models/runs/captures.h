@@ -4,15 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "cli/common.h"
 #include "models/data/load_images.h"
 #include "models/runs/run_folder.h"
 #include "models/train/method.h"
-
-namespace CLI {
-class App;
-class Option;
-}  // namespace CLI
 
 namespace cloam {
 
@@ -23,9 +17,6 @@ struct Capture {
 };
 
 using Captures = std::vector<Capture>;
-
-/// --allow-outside of a command that reads captures.
-CLI::Option* add_allow_outside(CLI::App& parser, bool& allowed);
 
 /// How a command reads data for a run. What the user allowed when it was trained holds for its own data; `other` data
 /// are allowed nothing but what this call allows.

@@ -1,24 +1,22 @@
-// See eval_prior.h.
-#include "cli/eval_prior.h"
-
-#include <fmt/format.h>
+// See prior_figures.h.
+#include "models/eval/prior_figures.h"
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "cli/actors.h"
-#include "cli/set_report.h"
-#include "cli/stop_signal.h"
 #include "models/diffusion/code_figures.h"
 #include "models/eval/evaluate.h"
+#include "models/eval/image_sets.h"
 #include "models/io/commit.h"
+#include "models/io/words.h"
 #include "models/latents/generates_assets.h"
 #include "models/latents/shows_assets.h"
-#include "models/runs/restore_run.h"
 #include "models/scene/orbit.h"
+#include "models/street/street.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -32,14 +30,9 @@ constexpr int kViews = 4, kPixels = 64;
 constexpr std::size_t kTold = 64;  // assets from one line of progress to the next
 
 using Json = nlohmann::ordered_json;
+using Clock = std::chrono::steady_clock;
 
-void check_options(const EvalRequest& request) {
-  const std::pair<const char*, bool> options[] = {{"--data", !request.other.empty()},
-                                                  {"--protocol", !request.protocol.empty()},
-                                                  {"--images", !request.images.empty()}};
-  for (const auto& [option, given] : options)
-    if (given) throw Error(Fault::usage, text(option, " is for runs trained on images; ", request.run, " was not"));
-}
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 LabelledCodes labelled(const std::vector<NewAsset>& assets) {
   LabelledCodes codes;
@@ -48,10 +41,7 @@ LabelledCodes labelled(const std::vector<NewAsset>& assets) {
 }
 
 std::vector<NewAsset> assets_of(GeneratesAssets& prior, CodeSource source, int count) {
-  AssetWish wish;
-  wish.count = count;
-  wish.codes = source;
-  return prior.generate(wish);
+  return prior.generate({.count = count, .codes = source});
 }
 
 /// Classes of which there are enough training codes to speak of.
@@ -74,12 +64,12 @@ void add_code_figures(GeneratesAssets& prior, Json& figures) {
 /// Where assets are looked at from all sides, with the time that is left for those still to come.
 class Showroom {
  public:
-  Showroom(Method& decoder, const FeatureNetwork& network, std::size_t expected, const Common& common)
+  Showroom(Method& decoder, const FeatureNetwork& network, std::size_t expected, const Listener& listener)
       : street_(*as<Street>(decoder)),
         shows_(*as<ShowsAssets>(decoder)),
         network_(network),
         expected_(expected),
-        common_(common) {}
+        listener_(listener) {}
 
   /// A row a view.
   Eigen::MatrixXd features_of(const std::vector<NewAsset>& assets) {
@@ -110,7 +100,8 @@ class Showroom {
 
  private:
   std::vector<Picture> views_of(const NewAsset& asset) {
-    check_stop([&] { return text(shown_, " of ", expected_, " assets were measured; no metrics were written"); });
+    listener_.check_stop(
+        [&] { return text(shown_, " of ", expected_, " assets were measured; no metrics were written"); });
     const Camera camera = turntable_camera(kPixels, kPixels);
     const AssetName name = shows_.show_assets({asset}).front();
     std::vector<Picture> views;
@@ -121,17 +112,17 @@ class Showroom {
   }
 
   void tell() const {
-    const double seconds = seconds_since_start() - start_;
+    const double seconds = seconds_since(start_);
     const double left = seconds / static_cast<double>(shown_) * static_cast<double>(expected_ - shown_);
-    say(common_, text("eval ", shown_, "/", expected_, " assets  left ", words_for_seconds(left)));
+    listener_.say(text("eval ", shown_, "/", expected_, " assets  left ", words_for_seconds(left)));
   }
 
   Street& street_;
   ShowsAssets& shows_;
   const FeatureNetwork& network_;
   std::size_t shown_ = 0, expected_;
-  const Common& common_;
-  const double start_ = seconds_since_start();
+  const Listener& listener_;
+  const Clock::time_point start_ = Clock::now();
 };
 
 /// Of pairs of one class and one seed, the share whose sample of the night is darker than that of the day.
@@ -139,13 +130,8 @@ double share_of_darker_nights(GeneratesAssets& prior, Showroom& showroom, const 
   int darker = 0, pairs = 0;
   for (const int asset_class : classes) {
     std::vector<NewAsset> assets[2];
-    for (const bool night : {false, true}) {
-      AssetWish wish;
-      wish.count = kPairs;
-      wish.asset_class = asset_class;
-      wish.night = night;
-      assets[night] = prior.generate(wish);
-    }
+    for (const bool night : {false, true})
+      assets[night] = prior.generate({.count = kPairs, .asset_class = asset_class, .night = night});
     for (std::size_t i = 0; i < assets[0].size(); ++i, ++pairs)
       darker += showroom.brightness(assets[1][i]) < showroom.brightness(assets[0][i]);
   }
@@ -172,13 +158,11 @@ std::array<LabelledCodes, 2> looks_of_classes(GeneratesAssets& prior, Showroom& 
   std::array<Eigen::RowVectorXd, 2> units;
   for (const bool sampled : {false, true}) {
     std::vector<NewAsset> assets;
-    for (const int asset_class : classes) {
-      AssetWish wish;
-      wish.count = kOfAClass[sampled];
-      wish.asset_class = asset_class;
-      wish.codes = sampled ? CodeSource::sampled : CodeSource::training;
-      for (const NewAsset& asset : prior.generate(wish)) assets.push_back(asset);
-    }
+    const CodeSource source = sampled ? CodeSource::sampled : CodeSource::training;
+    for (const int asset_class : classes)
+      for (const NewAsset& asset :
+           prior.generate({.count = kOfAClass[sampled], .asset_class = asset_class, .codes = source}))
+        assets.push_back(asset);
     const auto looks = looks_of(showroom, assets);
     for (std::size_t k = 0; k < looks.size() && !sampled; ++k)  // of length 1 in all over the training assets
       units[k] = (looks[k].rowwise() - looks[k].colwise().mean()).colwise().norm().array() *
@@ -238,13 +222,13 @@ std::size_t count_of_shown(const LabelledCodes& training, const std::array<std::
 
 /// Of samples as they look: as a set like the training assets; of their class; dark at night.
 void add_picture_figures(GeneratesAssets& prior, const RestoredRun& decoder, const FeatureNetwork& network,
-                         const Common& common, Json& figures) {
+                         const Listener& listener, Json& figures) {
   const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kAllCodes);
   const auto sets = two_sets(all);
   const LabelledCodes training = labelled(all);
   const std::vector<int> classes = common_classes(training);
   const bool nights = !classes.empty() && has_night_and_day(all);
-  Showroom showroom(*decoder.method, network, count_of_shown(training, sets, classes, nights), common);
+  Showroom showroom(*decoder.method, network, count_of_shown(training, sets, classes, nights), listener);
   add_set_figures(prior, showroom, sets, figures);
   figures["feature_network"] = network.name;
   if (classes.size() > 1) {
@@ -258,13 +242,8 @@ void add_picture_figures(GeneratesAssets& prior, const RestoredRun& decoder, con
 
 }  // namespace
 
-nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& common) {
-  check_options(request);
-  const StopOnSignal signals("finishing this asset");
-  const double start = seconds_since_start();
-  open_device(common);
-  const RestoredRun run = restore_run(request.run);
-  if (!run.checkpoint.warning.empty()) warn(run.checkpoint.warning);
+nlohmann::ordered_json measure_prior(const RestoredRun& run, const FeatureNetwork* network, const Listener& listener) {
+  const Clock::time_point start = Clock::now();
   auto& prior = *as<GeneratesAssets>(*run.method);
   StoredRun source = read_source(run);
   as<LearnsFromRun>(*run.method)->load(source_of(source));
@@ -278,38 +257,13 @@ nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& c
                   {"floor_v_loss", score.floor_v_loss},
                   {"training_v_loss", score.training_v_loss}};
   add_code_figures(prior, figures);
-  if (!request.features.empty()) {
-    const FeatureNetwork network = features_named(request.features);
-    add_picture_figures(prior, restore_run(std::move(source)), network, common, figures);
-  }
+  if (network) add_picture_figures(prior, restore_run(std::move(source)), *network, listener, figures);
   figures["method"] = run.record.method;
   figures["preset"] = run.record.preset;
   figures["step"] = run.progress.step;
-  figures["seconds"] = seconds_since_start() - start;
-  commit_text(RunPaths{request.run}.eval() / "eval.json", figures.dump(2) + "\n");
+  figures["seconds"] = seconds_since(start);
+  commit_text(RunPaths{run.folder}.eval() / "eval.json", figures.dump(2) + "\n");
   return figures;
-}
-
-std::string prior_table(const nlohmann::ordered_json& f) {
-  const auto row = [&](const char* what, const char* key) {
-    return f.contains(key) ? fmt::format("{:<38}{:.4f}\n", what, f.at(key).get<double>()) : "";
-  };
-  return fmt::format("{} codes held out, {} trained on, step {}\n", f.at("codes").get<int64_t>(),
-                     f.at("training_codes").get<int64_t>(), f.at("step").get<int64_t>()) +
-         row("v-loss", "v_loss") + row("v-loss of predicting zero", "baseline_zero_v_loss") +
-         row("least possible v-loss", "floor_v_loss") + row("v-loss on the training codes", "training_v_loss") +
-         row("relative distance to training codes", "copy_ratio") +
-         row("samples recognised as their class", "class_right") +
-         row("training assets recognised as theirs", "class_right_of_training") +
-         row("recognised by chance", "baseline_class_right") +
-         row("Frechet distance to training assets", "frechet_feature_distance") + row("FID to training", "fid") +
-         row("of random codes", "baseline_random_frechet_feature_distance") +
-         row("of random codes", "baseline_random_fid") +
-         row("of other training assets", "baseline_training_frechet_feature_distance") +
-         row("of other training assets", "baseline_training_fid") +
-         row("kernel distance to training assets", "kernel_feature_distance") + row("KID to training", "kid") +
-         row("of random codes", "baseline_random_kernel_feature_distance") +
-         row("of random codes", "baseline_random_kid") + row("nights darker than days", "night_darker");
 }
 
 }  // namespace cloam

@@ -1,7 +1,8 @@
-// See train_prior.h.
-#include "cli/train_prior.h"
+// See training_sources.h.
+#include "models/runs/training_sources.h"
 
 #include "models/io/crc32c.h"
+#include "models/io/words.h"
 #include "models/latents/generates_assets.h"
 #include "models/latents/takes_prior.h"
 #include "models/train/shares_networks.h"
@@ -45,13 +46,51 @@ fs::path find_prior(const TrainJob& job, const TrainRequest& request) {
 
 }  // namespace
 
+std::vector<DataNow> data_now(const TrainJob& job, const Captures& captures) {
+  if (job.source) return {{job.source->folder, fingerprint(*job.source)}};
+  std::vector<DataNow> all;
+  for (const Capture& capture : captures) all.push_back({capture.scene.root, fingerprint(capture.scene)});
+  return all;
+}
+
+void check_data_unchanged(const TrainJob& job, const std::vector<DataNow>& data) {
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    const std::string& before = job.record.data[i].fingerprint;
+    const std::string& now = data[i].fingerprint;
+    if (before.empty() || before == now) continue;
+    throw Error(Fault::data,
+                text(job.data[i].string(), " is not what the run was trained on (", before, "; this has ", now,
+                     ").\n  fix: name the run's own data with --data; to train on other data, start ",
+                     "another run: cloam train ", job.record.method, " ", quoted(job.data[i].string()), " -o RUN"));
+  }
+}
+
+void note_places(TrainJob& job, const std::vector<DataNow>& data) {
+  std::error_code error;
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    job.record.data[i].fingerprint = data[i].fingerprint;
+    job.record.data[i].relative = relative_to_run(fs::weakly_canonical(data[i].root, error), job.folder);
+  }
+}
+
+void adopt_networks(TrainJob& job, const TrainRequest& request) {
+  if (!job.record.networks) return;
+  std::error_code error;
+  const bool own = request.resume && has_checkpoints(RunPaths{job.folder}.checkpoints());
+  fs::path source = own ? job.folder : fs::path(job.record.networks->given);
+  if (request.resume && !own) source = find_data(job.folder, *job.record.networks);
+  require<SharesNetworks>(*job.method, job.record.method, "--networks")
+      .adopt_networks(parameters_in(load_latest_checkpoint(RunPaths{source}.checkpoints()).file));
+  if (!own) job.record.networks->relative = relative_to_run(fs::weakly_canonical(source, error), job.folder);
+}
+
 void adopt_prior(TrainJob& job, const TrainRequest& request) {
   if (!job.record.prior) return;
   const fs::path folder = find_prior(job, request);
   if (!learned_from_run(read_record(folder)))
     throw Error(Fault::usage, text("--prior ", folder.string(), " is a run of ", read_record(folder).method,
                                    ", want a diffusion run\n  fix: cloam train diffusion ",
-                                   cloam::quoted(job.record.networks->given), " makes one"));
+                                   quoted(job.record.networks->given), " makes one"));
   StoredRun stored = read_run(folder);
   const std::string now = fingerprint(stored);
   std::string& then = job.record.prior->fingerprint;

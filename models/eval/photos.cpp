@@ -1,11 +1,11 @@
-// See eval_photos.h.
-#include "cli/eval_photos.h"
+// See photos.h.
+#include "models/eval/photos.h"
 
 #include <algorithm>
 #include <numeric>
 #include <set>
 
-#include "cli/capture.h"
+#include "models/runs/captures.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -34,7 +34,7 @@ LoadOptions options_of(const RestoredRun& run) {
 }
 
 /// trained: the scene as the run's folder has it, whatever became of the data since.
-void warn_of_training_photos(const Photos& photos, const Scene& trained) {
+void warn_of_training_photos(const Photos& photos, const Scene& trained, const Listener& listener) {
   std::set<std::string> names;
   for (const Frame& frame : trained.frames)
     if (frame.split == Split::train) names.insert(frame.image);
@@ -42,11 +42,11 @@ void warn_of_training_photos(const Photos& photos, const Scene& trained) {
   for (const FramePixels& frame : photos.measured.frames)
     count += names.contains(photos.scene.frames[frame.frame].image);
   if (count > 0)
-    warn(text(photos.name, ": ", count, " of the ", photos.measured.frames.size(),
-              " evaluated images were used in training: their metrics are too optimistic"));
+    listener.warn(text(photos.name, ": ", count, " of the ", photos.measured.frames.size(),
+                       " evaluated images were used in training: their metrics are too optimistic"));
 }
 
-Photos own_photos(const RestoredRun& run, const EvalRequest& request, std::size_t index) {
+Photos own_photos(const RestoredRun& run, const EvalRequest& request, std::size_t index, const Listener& listener) {
   const RunData& data = run.record.data[index];
   const Reading how = reading_for(run.record, false, request.allow_outside);
   const std::string protocol = protocol_of(run, request);
@@ -57,18 +57,19 @@ Photos own_photos(const RestoredRun& run, const EvalRequest& request, std::size_
   photos.image = how.image;
   photos.train_scene = read_split_scene(folder, how);
   const bool changed = fingerprint(photos.train_scene) != data.fingerprint;
-  if (changed) warn(text(folder.string(), " differs from what the run was trained on"));
+  if (changed) listener.warn(text(folder.string(), " differs from what the run was trained on"));
   photos.scene = photos.train_scene;
   if (other_protocol) apply_protocol(photos.scene, {protocol, how.protocol.sparse_every});
   photos.train = load_images(photos.train_scene, Split::train, options_of(run));
   photos.measured = load_images(photos.scene, Split::test, options_of(run));
   photos.protocol = how.holdout > 0 ? text("holdout-", how.holdout) : "test-split";
   if (!protocol.empty()) photos.protocol = protocol;
-  if (other_protocol || changed) warn_of_training_photos(photos, run.scenes[index]);
+  if (other_protocol || changed) warn_of_training_photos(photos, run.scenes[index], listener);
   if (!photos.measured.frames.empty() || !protocol.empty()) return photos;
   photos.measured = photos.train;
   photos.protocol = "train-images";
-  warn("no images were held out, so the training images are evaluated; train with --holdout 8 for fair metrics");
+  listener.warn(
+      "no images were held out, so the training images are evaluated; train with --holdout 8 for fair metrics");
   return photos;
 }
 
@@ -89,7 +90,7 @@ std::size_t scene_named(const RestoredRun& run, const std::string& other) {
   throw Error(Fault::usage, text("--data ", other, ": no log of the run has that name; its logs are", names));
 }
 
-Photos other_photos(const RestoredRun& run, const EvalRequest& request) {
+Photos other_photos(const RestoredRun& run, const EvalRequest& request, const Listener& listener) {
   Photos photos;
   photos.index = static_cast<int>(scene_named(run, request.other));
   photos.name = folder_name(request.other);
@@ -107,7 +108,7 @@ Photos other_photos(const RestoredRun& run, const EvalRequest& request) {
     photos.train_scene = read_split_scene(find_data(request.run, data), run.record.reading);
     photos.train = load_images(photos.train_scene, Split::train, options_of(run));
   } catch (const Error& error) {
-    warn(text("no baselines: ", error.what()));
+    listener.warn(text("no baselines: ", error.what()));
     photos.train_scene = photos.scene;
     photos.train = {};
   }
@@ -127,7 +128,7 @@ std::vector<std::size_t> scenes_to_measure(const RestoredRun& run, const EvalReq
   return all;
 }
 
-void take_own_data(RestoredRun& run, EvalRequest& request, const Common& common) {
+void take_own_data(RestoredRun& run, EvalRequest& request, const Listener& listener) {
   if (request.other.empty()) return;
   const std::string found =
       fingerprint(read_scene_as_listed(request.other, reading_for(run.record, true, request.allow_outside)));
@@ -136,17 +137,18 @@ void take_own_data(RestoredRun& run, EvalRequest& request, const Common& common)
     if (data.fingerprint != found) continue;
     data = {request.other, relative_to_run(request.other, run.folder), found};
     request.scene = i;
-    say(common, text(request.other, " holds the run's own data: ", measured_in_words(run.record.reading)));
+    listener.say(text(request.other, " holds the run's own data: ", measured_in_words(run.record.reading)));
     request.other.clear();
     return;
   }
 }
 
-Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t index) {
-  Photos photos = request.other.empty() ? own_photos(run, request, index) : other_photos(run, request);
+Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t index, const Listener& listener) {
+  Photos photos =
+      request.other.empty() ? own_photos(run, request, index, listener) : other_photos(run, request, listener);
   if (request.other.empty()) photos.index = static_cast<int>(index);
   photos.options = options_of(run);
-  for (const std::string& warning : photos.measured.warnings) warn(warning);
+  for (const std::string& warning : photos.measured.warnings) listener.warn(warning);
   return photos;
 }
 

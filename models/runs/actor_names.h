@@ -36,7 +36,4 @@ Street& street_of(const RestoredRun& run);
 /// it.
 std::string short_id(const Scenes& scenes, const AssetName& name);
 
-/// Of a sheet of pictures that was to have captions.
-void warn_without_font();
-
 }  // namespace cloam

@@ -1,0 +1,106 @@
+// What an evaluation found, as tables for people.
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "cli/eval.h"
+#include "models/eval/image_sets.h"
+#include "models/street/lidar_rays.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+std::string row(const std::string& name, const std::vector<double>& values) {
+  std::string line = fmt::format("{:<38.38}", name);
+  for (const double value : values) {
+    if (std::isnan(value))
+      line += fmt::format("  {:>8}", "-");
+    else
+      line += std::abs(value) < 1 ? fmt::format("  {:>8.4f}", value) : fmt::format("  {:>8.2f}", value);
+  }
+  return line.substr(0, line.find_last_not_of(' ') + 1) + "\n";
+}
+
+std::vector<double> columns(const EvalResult& result, const std::vector<ImageScore>& images,
+                            const std::vector<double>& errors) {
+  std::vector<double> values = {mean_score(images, &ImageScore::psnr), mean_score(images, &ImageScore::ssim)};
+  if (result.is_log)
+    values.insert(values.end(), {mean_score(images, &ImageScore::masked_psnr),
+                                 mean_score(images, &ImageScore::masked_ssim), median_error(errors)});
+  return values;
+}
+
+std::string log_rows(const EvalResult& result) {
+  std::string out = fmt::format("{:<38}  {:>8}  {:>8}  {:>8}  {:>8}  {:>8}\n", "log (masked: over actors only)", "PSNR",
+                                "SSIM", "masked", "SSIM", "LiDAR m");
+  for (const SceneResult& scene : result.scenes)
+    out += row(scene.name, columns(result, scene.images, scene.lidar_errors));
+  return out;
+}
+
+std::string image_rows(const EvalResult& result) {
+  std::string out = fmt::format("{:<38}  {:>8}  {:>8}\n", "image", "PSNR", "SSIM");
+  for (const ImageScore& image : all_images(result)) out += row(image.name, {image.psnr, image.ssim});
+  return out;
+}
+
+/// Full-frame in the column of PSNR, over actors in that of masked PSNR.
+std::string guess_rows(const EvalResult& result, const std::vector<ImageScore>& images) {
+  const auto mean = [&](double GuessScores::*figure) {
+    return mean_score(images, [=](const ImageScore& image) { return image.guesses.*figure; });
+  };
+  std::string out = row("baseline: mean colour of training", {mean(&GuessScores::mean_colour)});
+  if (!result.is_log) return out + row("baseline: nearest training photo", {mean(&GuessScores::nearest_frame)});
+  return out +
+         row("baseline: blend of two neighbours",
+             {mean(&GuessScores::blend), kNoScore, mean(&GuessScores::blend_masked)}) +
+         row("baseline: copy of the nearest photo",
+             {mean(&GuessScores::copy), kNoScore, mean(&GuessScores::copy_masked)}) +
+         row("baseline: mean colour of each row", {mean(&GuessScores::row_mean)}) +
+         row("baseline: true mean colour of actors", {kNoScore, kNoScore, mean(&GuessScores::mean_masked)});
+}
+
+}  // namespace
+
+std::string table(const EvalResult& result) {
+  const std::vector<ImageScore> images = all_images(result);
+  std::string out = text("protocol ", result.protocol, ", ", images.size(), " images, step ", result.step, "\n");
+  out += result.is_log ? log_rows(result) : image_rows(result);
+  out += row("mean", columns(result, images, all_errors(result)));
+  if (result.has_masks) out += row("mean over all pixels, masked or not", {mean_score(images, &ImageScore::psnr_full)});
+  if (!result.features.empty()) {
+    const double whole = mean_score(images, &ImageScore::feature_distance);
+    const double actors = mean_score(images, &ImageScore::masked_feature_distance);
+    out += text("feature_distance (", result.features, "): ", whole, "\nmasked_feature_distance (", result.features,
+                "): ", actors, "\n");
+  }
+  if (result.sets) out += "renders against source images, actors only:\n" + set_lines(result.features, *result.sets);
+  return out + guess_rows(result, images);
+}
+
+std::string prior_table(const nlohmann::ordered_json& f) {
+  const auto row = [&](const char* what, const char* key) {
+    return f.contains(key) ? fmt::format("{:<38}{:.4f}\n", what, f.at(key).get<double>()) : "";
+  };
+  return fmt::format("{} codes held out, {} trained on, step {}\n", f.at("codes").get<int64_t>(),
+                     f.at("training_codes").get<int64_t>(), f.at("step").get<int64_t>()) +
+         row("v-loss", "v_loss") + row("v-loss of predicting zero", "baseline_zero_v_loss") +
+         row("least possible v-loss", "floor_v_loss") + row("v-loss on the training codes", "training_v_loss") +
+         row("relative distance to training codes", "copy_ratio") +
+         row("samples recognised as their class", "class_right") +
+         row("training assets recognised as theirs", "class_right_of_training") +
+         row("recognised by chance", "baseline_class_right") +
+         row("Frechet distance to training assets", "frechet_feature_distance") + row("FID to training", "fid") +
+         row("of random codes", "baseline_random_frechet_feature_distance") +
+         row("of random codes", "baseline_random_fid") +
+         row("of other training assets", "baseline_training_frechet_feature_distance") +
+         row("of other training assets", "baseline_training_fid") +
+         row("kernel distance to training assets", "kernel_feature_distance") + row("KID to training", "kid") +
+         row("of random codes", "baseline_random_kernel_feature_distance") +
+         row("of random codes", "baseline_random_kid") + row("nights darker than days", "night_darker");
+}
+
+}  // namespace cloam

@@ -1,0 +1,148 @@
+// See train_plan.h.
+#include "cli/train_plan.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "models/train/learns_from_run.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+uint64_t training_bytes(const Captures& captures, int downscale) {
+  uint64_t sum = 0;
+  for (const Capture& capture : captures) sum += image_bytes(capture.scene, Split::train, downscale);
+  return sum;
+}
+
+MemoryPlan memory_plan(const TrainJob& job, const Captures& captures) {
+  PhotoSizes photos;
+  for (const Capture& capture : captures)
+    for (const FramePixels& frame : capture.train.frames) {
+      photos.bytes += frame.rgba.size() + frame.mask.size();
+      photos.largest = std::max<uint64_t>(photos.largest, frame.rgba.size() / 4);
+    }
+  return job.method->memory(photos);
+}
+
+void check_memory(const MemoryPlan& plan, const TrainJob& job, const Captures& captures) {
+  if (plan.total() <= memory_budget()) return;
+  const uint64_t model = plan.total() - plan.images;
+  std::string fix = text("fix: the model alone needs ", words_for_bytes(model), "; ", plan.smaller);
+  for (int factor = job.record.reading.downscale + 1; factor <= 64 && model < memory_budget(); ++factor) {
+    const uint64_t images = training_bytes(captures, factor);
+    if (model + images > memory_budget()) continue;
+    fix = text("fix: --downscale ", factor, " fits (", words_for_bytes(model + images), ")");
+    break;
+  }
+  throw Error(Fault::memory, text("training needs ", words_for_bytes(plan.total()), ", the budget is ",
+                                  words_for_bytes(memory_budget()), "\n  ", fix, "\n  or: --max-memory ",
+                                  (plan.total() >> 20) + 1, "M, if the machine has that much"));
+}
+
+std::string schedule_text(const TrainJob& job) {
+  const RunRecord& r = job.record;
+  if (r.horizon > 0 && last_step(r) > r.horizon)
+    return text(last_step(r), " steps, those after ", r.horizon, " at the schedules' final values");
+  if (r.horizon > 0) return text(r.horizon, " steps");
+  if (r.steps) return text(*r.steps, " steps");
+  if (r.time_budget_seconds) return "as many steps as " + words_for_seconds(*r.time_budget_seconds) + " allow";
+  return text(job.default_steps, " steps");
+}
+
+std::string words_for_count(int64_t count) {
+  return count < 10000 ? text(count) : fmt::format("{:.2f} M", static_cast<double>(count) * 1e-6);
+}
+
+/// By the first two words of their names, all logs' together: "6.25 M: log.background 2.36 M, networks.decoder ...".
+std::string parameters_text(const Params& parameters) {
+  std::map<std::string, int64_t> counts;
+  int64_t sum = 0;
+  for (const auto& [name, p] : parameters) {
+    const std::size_t first = std::min(name.find('.'), name.size()), second = name.find('.', first + 1);
+    std::string group = name.substr(0, first);
+    while (!group.empty() && std::isdigit(static_cast<unsigned char>(group.back()))) group.pop_back();
+    counts[group + name.substr(first, second - first)] += p.numel();
+    sum += p.numel();
+  }
+  std::string out = words_for_count(sum);
+  for (const auto& [group, count] : counts)
+    out += text(out.find(':') == std::string::npos ? ": " : ", ", group, " ", words_for_count(count));
+  return out;
+}
+
+Event plan_event(const TrainJob& job, const Captures& captures, const MemoryPlan& plan) {
+  const Camera& camera = captures.front().train.cameras.front();
+  std::size_t train = 0, test = 0;
+  std::vector<std::string> data, warnings;
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    const Capture& capture = captures[i];
+    data.push_back(job.data[i].string());
+    train += capture.train.frames.size();
+    test += capture.test.frames.size();
+    warnings.insert(warnings.end(), capture.warnings.begin(), capture.warnings.end());
+  }
+  return {{"method", job.record.method},
+          {"preset", job.record.preset},
+          {"data", data},
+          {"images_train", train},
+          {"images_test", test},
+          {"width", camera.width},
+          {"height", camera.height},
+          {"downscale", job.record.reading.downscale},
+          {"memory_bytes", plan.total()},
+          {"memory_budget_bytes", memory_budget()},
+          {"device", device().name},
+          {"device_id", device().id},
+          {"warnings", warnings}};
+}
+
+/// The plan of a method that learns from a run.
+Event source_event(const TrainJob& job, const MemoryPlan& plan) {
+  const auto& learns = *as<LearnsFromRun>(*job.method);
+  return {{"method", job.record.method}, {"preset", job.record.preset},  {"data", {job.data.front().string()}},
+          {"assets", learns.describe()}, {"memory_bytes", plan.total()}, {"memory_budget_bytes", memory_budget()},
+          {"device", device().name},     {"device_id", device().id},     {"warnings", learns.warnings()}};
+}
+
+}  // namespace
+
+void tell_plan(const TrainJob& job, const Captures& captures, const Common& common, EventLog& log) {
+  const MemoryPlan plan = memory_plan(job, captures);
+  std::string label = "plan   ";
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    const std::string name = captures.size() > 1 ? name_of_data(job.data[i]) + ": " : "";
+    for (const std::string& warning : captures[i].warnings) warn(name + warning);
+    for (const std::string& line : describe(captures[i].scene, job.record.reading)) {
+      say(common, label + name + line);
+      label = "       ";
+    }
+  }
+  if (const auto* learns = as<LearnsFromRun>(*job.method)) {
+    for (const std::string& warning : learns->warnings()) warn(warning);
+    for (const std::string& line : learns->describe()) {
+      say(common, label + line);
+      label = "       ";
+    }
+  }
+  say(common, text("model  ", job.record.method, ", preset ", job.record.preset, ", seed ", job.record.seed, ", ",
+                   schedule_text(job)));
+  say(common, "       parameters " + parameters_text(job.method->parameters()));
+  say(common, "memory " + words_for_bytes(plan.total()) + " of " + words_for_bytes(memory_budget()) + " (images " +
+                  words_for_bytes(plan.images) + ", parameters " + words_for_bytes(plan.parameters) + ", optimiser " +
+                  words_for_bytes(plan.optimiser) + ", work " + words_for_bytes(plan.work) + ")");
+  say(common, text("device ", device().name, " (", device().platform, "); select it with ", device_spelling(device())));
+  for (const ConfigEntry& entry : job.config.entries()) {
+    if (common.verbose)
+      say(common, text("       ", entry.key, " = ", to_string(entry.value), "  (", entry.origin, ") ", entry.help));
+  }
+  log.write("plan", captures.empty() ? source_event(job, plan) : plan_event(job, captures, plan));
+  check_memory(plan, job, captures);
+}
+
+}  // namespace cloam

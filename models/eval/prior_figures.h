@@ -1,0 +1,15 @@
+// Evaluation of runs that learned from the assets of another run: how well noise is told from assets held out.
+#pragma once
+#include <nlohmann/json_fwd.hpp>
+
+#include "models/nn/feature_network.h"
+#include "models/runs/listener.h"
+#include "models/runs/restore_run.h"
+
+namespace cloam {
+
+/// Measures a run of diffusion and writes its eval/eval.json; returns what `eval --json` prints. With a network also
+/// how its samples look. Fault::data if the run that it learned from is gone or was changed.
+nlohmann::ordered_json measure_prior(const RestoredRun& run, const FeatureNetwork* network, const Listener& listener);
+
+}  // namespace cloam

@@ -1,0 +1,129 @@
+// See report.h. Keys are documented in docs/formats.md.
+#include "models/eval/report.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "models/eval/image_sets.h"
+#include "models/io/commit.h"
+#include "models/street/lidar_rays.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+using Report = nlohmann::ordered_json;
+
+struct Figure {
+  const char* key;
+  std::function<double(const ImageScore&)> of;
+};
+
+Figure guess(const char* key, double GuessScores::*figure) {
+  return {key, [=](const ImageScore& image) { return image.guesses.*figure; }};
+}
+
+std::vector<Figure> figures_of(const EvalResult& result) {
+  std::vector<Figure> figures = {{"psnr", &ImageScore::psnr}, {"ssim", &ImageScore::ssim}};
+  const auto add = [&](const std::vector<Figure>& more) { figures.insert(figures.end(), more.begin(), more.end()); };
+  if (result.has_masks) add({{"psnr_full", &ImageScore::psnr_full}});
+  if (result.is_log) add({{"masked_psnr", &ImageScore::masked_psnr}, {"masked_ssim", &ImageScore::masked_ssim}});
+  if (!result.features.empty())
+    add({{"feature_distance", &ImageScore::feature_distance},
+         {"masked_feature_distance", &ImageScore::masked_feature_distance}});
+  add({guess("baseline_mean_colour_psnr", &GuessScores::mean_colour)});
+  if (!result.is_log) add({guess("baseline_nearest_frame_psnr", &GuessScores::nearest_frame)});
+  if (result.is_log)
+    add({guess("baseline_blend_psnr", &GuessScores::blend),
+         guess("baseline_blend_masked_psnr", &GuessScores::blend_masked),
+         guess("baseline_mean_masked_psnr", &GuessScores::mean_masked), guess("baseline_copy_psnr", &GuessScores::copy),
+         guess("baseline_copy_masked_psnr", &GuessScores::copy_masked),
+         guess("baseline_row_mean_psnr", &GuessScores::row_mean)});
+  return figures;
+}
+
+/// JSON has no infinity (equal images) and no NaN.
+Report finite(double value) { return std::isfinite(value) ? Report(value) : Report(nullptr); }
+
+void add_figures(Report& json, const EvalResult& result, const std::vector<ImageScore>& images,
+                 const std::vector<double>& lidar_errors) {
+  json["images"] = images.size();
+  for (const Figure& figure : figures_of(result)) json[figure.key] = finite(mean_score(images, figure.of));
+  if (result.is_log) json["lidar_median_error_m"] = finite(median_error(lidar_errors));
+}
+
+const char* source_of_masks(const EvalResult& result) {
+  std::size_t images = 0, from_truth = 0;
+  for (const SceneResult& scene : result.scenes) {
+    images += scene.images.size();
+    from_truth += scene.truth_masks;
+  }
+  return from_truth == images ? "truth" : from_truth == 0 ? "boxes" : "truth and boxes";
+}
+
+std::string csv_word(const std::string& word) {
+  std::string out = "\"";
+  for (const char c : word) out += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return out + "\"";
+}
+
+}  // namespace
+
+std::vector<ImageScore> all_images(const EvalResult& result) {
+  std::vector<ImageScore> images;
+  for (const SceneResult& scene : result.scenes) images.insert(images.end(), scene.images.begin(), scene.images.end());
+  return images;
+}
+
+std::vector<double> all_errors(const EvalResult& result) {
+  std::vector<double> errors;
+  for (const SceneResult& scene : result.scenes)
+    errors.insert(errors.end(), scene.lidar_errors.begin(), scene.lidar_errors.end());
+  return errors;
+}
+
+nlohmann::ordered_json to_json(const EvalResult& result) {
+  Report json = {{"schema_version", 1}, {"protocol", result.protocol}};
+  if (!result.train_protocol.empty()) json["train_protocol"] = result.train_protocol;
+  add_figures(json, result, all_images(result), all_errors(result));
+  if (result.is_log) json["masks"] = source_of_masks(result);
+  if (!result.features.empty()) json["feature_network"] = result.features;
+  if (result.sets) add_sets(json, result.features, *result.sets);
+  json["method"] = result.method;
+  json["preset"] = result.preset;
+  json["step"] = result.step;
+  json["downscale"] = result.downscale;
+  json["seconds"] = result.seconds;
+  if (!result.is_log) return json;
+  json["logs"] = Report::array();
+  for (const SceneResult& scene : result.scenes) {
+    Report log = {{"name", scene.name}};
+    add_figures(log, result, scene.images, scene.lidar_errors);
+    json["logs"].push_back(log);
+  }
+  return json;
+}
+
+void write_reports(const std::filesystem::path& folder, const EvalResult& result) {
+  Report json = to_json(result);
+  const std::vector<Figure> figures = figures_of(result);
+  std::string csv = result.is_log ? "log,image" : "image";
+  for (const Figure& figure : figures) csv += std::string(",") + figure.key;
+  json["per_image"] = Report::array();
+  for (const SceneResult& scene : result.scenes) {
+    for (const ImageScore& image : scene.images) {
+      Report one = {{"image", image.name}};
+      if (result.is_log) one["log"] = scene.name;
+      csv += "\n" + (result.is_log ? csv_word(scene.name) + "," : "") + csv_word(image.name);
+      for (const Figure& figure : figures) {
+        one[figure.key] = finite(figure.of(image));
+        csv += text(",", figure.of(image));
+      }
+      json["per_image"].push_back(one);
+    }
+  }
+  commit_text(folder / "per_image.csv", csv + "\n");
+  commit_text(folder / "eval.json", json.dump(2, ' ', false, Report::error_handler_t::replace) + "\n");
+}
+
+}  // namespace cloam

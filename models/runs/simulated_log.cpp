@@ -1,0 +1,130 @@
+// See simulated_log.h.
+#include "models/runs/simulated_log.h"
+
+#include <algorithm>
+#include <map>
+
+#include "models/data/load_sweep.h"
+#include "models/data/pandaset.h"
+#include "models/data/write_pandaset.h"
+#include "models/io/words.h"
+#include "models/runs/actor_names.h"
+#include "models/scene/split.h"
+#include "models/street/simulate.h"
+#include "models/street/street_data.h"
+#include "models/train/renders_views.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+/// Cameras of other sources get names that PandaSet has: the one that looks ahead is front_camera.
+std::map<std::string, std::string> pandaset_names(const Scene& log) {
+  std::vector<std::string> sensors = {front_sensor(log)},
+                           free(std::begin(kPandasetCameras), std::end(kPandasetCameras));
+  for (const Frame& frame : log.frames) {
+    if (std::find(sensors.begin(), sensors.end(), frame.sensor) == sensors.end()) sensors.push_back(frame.sensor);
+  }
+  std::map<std::string, std::string> names;
+  for (const std::string& sensor : sensors) {
+    if (std::erase(free, sensor) > 0) names[sensor] = sensor;
+  }
+  for (const std::string& sensor : sensors) {
+    if (names.contains(sensor)) continue;
+    if (free.empty()) {
+      throw Error(Fault::usage,
+                  text("PandaSet's layout has six cameras, the log has ", sensors.size(), "; choose with --cameras"));
+    }
+    names[sensor] = free.front();
+    free.erase(free.begin());
+  }
+  return names;
+}
+
+void keep_cameras(Scene& log, std::vector<std::string> wanted) {
+  if (wanted.empty()) return;
+  std::vector<std::string> known;
+  for (const Frame& frame : log.frames) {
+    if (std::find(known.begin(), known.end(), frame.sensor) == known.end()) known.push_back(frame.sensor);
+  }
+  for (std::string& name : wanted) {
+    const auto is_known = [&](const std::string& word) {
+      return std::find(known.begin(), known.end(), word) != known.end();
+    };
+    if (!is_known(name) && is_known(name + "_camera")) name += "_camera";
+    if (is_known(name)) continue;
+    throw Error(Fault::usage, text("--cameras: the log has no camera '", name, "'; it has ", joined(known)));
+  }
+  std::erase_if(log.frames, [&](const Frame& frame) {
+    return std::find(wanted.begin(), wanted.end(), frame.sensor) == wanted.end();
+  });
+}
+
+/// The camera to render with: without a lens, which the layout cannot hold.
+Camera output_camera(const Camera& camera, const std::optional<ImageSize>& size, int downscale) {
+  const Camera out = size ? resized(camera, size->width, size->height) : scaled(camera, downscale);
+  return {out.width, out.height, out.fx, out.fy, out.cx, out.cy, CameraModel::pinhole, {}, 0, 0};
+}
+
+Image rendered(const RestoredRun& run, const Scene& out, const Frame& frame, int log) {
+  const Camera& camera = out.cameras[static_cast<std::size_t>(frame.camera)];
+  const Picture picture = as<RendersViews>(*run.method)->render(view_of(frame, camera, log));
+  return to_image(picture.rgb, picture.width, picture.height);
+}
+
+LidarPoints measured(const RestoredRun& run, const EditedLog& log, const Sweep& sweep, LogCount& count) {
+  const auto recorded = std::find_if(log.recorded.sweeps.begin(), log.recorded.sweeps.end(),
+                                     [&](const Sweep& s) { return s.step == sweep.step; });
+  if (recorded == log.recorded.sweeps.end()) {
+    throw Error(Fault::data, text(log.recorded.root.string(), ": the sweep of step ", sweep.step,
+                                  " is missing, but the run was trained with it; name the complete log with --data"));
+  }
+  SweepEdit edit = edited_sweep(street_of(run), log, sweep, load_sweep(log.recorded, *recorded));
+  ++count.sweeps;
+  count.returns += edit.points.size();
+  count.measured += edit.measured;
+  count.changed += edit.changed;
+  count.gone += edit.gone;
+  return std::move(edit.points);
+}
+
+}  // namespace
+
+Scene output_log(const RestoredRun& run, const SimulatedLog& wish, const Listener& listener) {
+  Scene log = run.scenes.at(static_cast<std::size_t>(wish.number));
+  for (Actor& actor : log.actors) actor.label = seen_label(run, {wish.number, actor.id});
+  keep_cameras(log, wish.cameras);
+  const auto names = pandaset_names(log);
+  const std::vector<Camera> cameras = log.cameras;
+  log.cameras.clear();
+  for (Frame& frame : log.frames) {
+    const Camera& camera = cameras[static_cast<std::size_t>(frame.camera)];
+    frame.camera = find_or_add(log.cameras, output_camera(camera, wish.size, run.record.reading.downscale));
+    frame.sensor = names.at(frame.sensor);
+  }
+  for (const auto& [sensor, name] : names) {
+    if (sensor != name) listener.say(text("the camera ", sensor, " is written as ", name));
+  }
+  return log;
+}
+
+LogCount write_simulated_log(const RestoredRun& run, const SimulatedLog& wish, const Scene& out,
+                             const std::filesystem::path& folder, const AroundWork& around) {
+  const EditedLog log{wish.recorded, run.scenes.at(static_cast<std::size_t>(wish.number)), wish.number};
+  LogCount count;
+  const auto image = [&](const Frame& frame) {
+    Image made;
+    around.image(text(frame.sensor, " ", frame.step), [&] { made = rendered(run, out, frame, wish.number); });
+    ++count.images;
+    return made;
+  };
+  const auto points = [&](const Sweep& sweep) {
+    LidarPoints made;
+    around.sweep(text("sweep ", sweep.step), [&] { made = measured(run, log, sweep, count); });
+    return made;
+  };
+  write_pandaset(folder, out, {image, points});
+  return count;
+}
+
+}  // namespace cloam
