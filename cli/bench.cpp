@@ -1,5 +1,4 @@
 // cloam bench: how fast the kernels and training steps are here, against the device's limits and other libraries.
-#include <CLI/CLI.hpp>
 
 #include "benchmarks/command.h"
 #include "benchmarks/tune.h"

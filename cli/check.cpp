@@ -1,7 +1,6 @@
 // cloam check: is this folder a capture that can be trained? Every image is read, none is kept.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
@@ -141,7 +140,7 @@ int run_command(const CheckRequest& request, const Common& common) {
 
 Command add_check(CLI::App& program) {
   return command<CheckRequest>(program, "check", kExamples, run_command, [](const Options& add, CheckRequest& r) {
-    add("DATA", r.data, "Folder of the capture")->required();
+    add("DATA", r.data, "Folder of the capture").required();
     add("--downscale", r.how.downscale, "As for train: shrink the images by this factor (1)", whole_number(1, 256));
     add("--holdout", r.how.holdout, "As for train: hold out every Nth image", whole_number(2, 1 << 20));
     add("--masks", r.masks, "As for train: ignore or transparent (ignore)", one_of({"ignore", "transparent"}));

@@ -4,7 +4,6 @@
 #include <fmt/chrono.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <cerrno>
 #include <charconv>
 #include <chrono>
@@ -52,21 +51,6 @@ double take_number(std::string_view& rest) {
 }
 
 }  // namespace
-
-void add_common(CLI::App& parser, Common& common) {
-  parser.option_defaults()->group("Device and output");
-  const Options add{parser};
-  add("--device", common.device, "auto, cpu, gpu, N, P:D or part of a name (cloam info lists them)");
-  add("--max-memory", common.max_memory, "Limit of device memory, such as 600M or 6G");
-  add("--json", common.json, "Machine-readable output on stdout");
-  add("-q,--quiet", common.quiet, "Print only errors and warnings");
-  add("-v,--verbose", common.verbose, "Print more detail");
-  add("--profile", common.profile, "At the end, print the cost of each kernel and each step");
-  add("--profile-trace", common.profile_trace, "Also write a timeline for Perfetto to this file", output_file());
-  // Of the commands' own -o alone that of export may be a file, and it knows more of it.
-  if (CLI::Option* out = parser.get_option_no_throw("--out"))
-    out->check(parser.get_name() == "export" ? output_path() : output_folder());
-}
 
 namespace {
 

@@ -1,7 +1,6 @@
 // cloam compare: the evaluations of runs side by side, and the means of those that differ by their seeds alone.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -177,7 +176,7 @@ int run_command(const CompareRequest& request, const Common& common) {
 
 Command add_compare(CLI::App& program) {
   return command<CompareRequest>(program, "compare", kExamples, run_command, [](const Options& add, CompareRequest& r) {
-    add("RUN", r.runs, "Run folders")->required();
+    add("RUN", r.runs, "Run folders").required();
     add("--protocol", r.protocol, "Compare sparse, novel or rotate360; runs without it are evaluated first",
         one_of(protocol_names()));
     add("--features", r.features, "Also compare feature distances; a file with network weights, or random");

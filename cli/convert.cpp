@@ -1,7 +1,6 @@
 // cloam convert: files of gaussians from one format to another, read again after writing.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -93,8 +92,8 @@ int run_command(const ConvertRequest& request, const Common& common) {
 
 Command add_convert(CLI::App& program) {
   return command<ConvertRequest>(program, "convert", kExamples, run_command, [](const Options& add, ConvertRequest& r) {
-    add("IN", r.in, "Input file: .ply, .splat, .spz or .glb")->required();
-    add("OUT", r.out, "Output file: .ply, .splat, .spz or .glb", output_file())->required();
+    add("IN", r.in, "Input file: .ply, .splat, .spz or .glb").required();
+    add("OUT", r.out, "Output file: .ply, .splat, .spz or .glb", output_file()).required();
     add("--up", r.up, "Axis of IN that points up: x, y, z, -x, -y or -z (default: as IN states, else -y)");
     add("--spz-version", r.spz_version, "Version of .spz to write: 3, or 2 for old readers (3)", whole_number(2, 3));
   });

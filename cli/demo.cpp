@@ -2,7 +2,6 @@
 // needed.
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
 #include <csignal>
@@ -291,9 +290,11 @@ int Demo::learn_assets() {
 
 int Demo::generate() {
   const std::string prior = made_.folders.prior().string();
+  // No finer than what was learned from: 128 pixels for streets of 160x90.
+  const int side = std::clamp(parse_size(request_.size).width * 4 / 5, 16, 128);
   const auto show = [&](const char* codes, const fs::path& folder, int count) {
     run_noted({"generate", prior, "-o", folder.string(), "-n", std::to_string(count), "--codes", codes, "--frames", "8",
-               "--size", "64", "--pictures", "--no-meshes"});
+               "--size", std::to_string(std::min(side, 64)), "--pictures", "--no-meshes"});
   };
   show("training", made_.folders.training(), kAllOfTraining);
   show("sampled", made_.folders.samples(), request_.assets);
@@ -313,7 +314,8 @@ int Demo::generate() {
   for (std::size_t i = 0; i < std::min(classes.size(), kClasses); ++i)
     for (const std::string& time : times)
       run_noted({"generate", prior, "-o", (made_.folders.assets() / folder_name(classes[i].second, time)).string(),
-                 "-n", kEach, "--class", classes[i].second, "--time", time, "--resolution", "48"});
+                 "-n", kEach, "--class", classes[i].second, "--time", time, "--size", std::to_string(side),
+                 "--resolution", "48"});
   return 0;
 }
 
@@ -396,8 +398,7 @@ Command add_demo(CLI::App& program) {
     add("--size", r.size, "Image size, WIDTHxHEIGHT (160x90)");
     add("--assets", r.assets, "Number of assets to generate for the comparison (48)", whole_number(2, 1000));
     add("--steps", r.steps, "Steps of each training run, instead of a time budget", whole_number(1));
-    add("--set", r.settings, "Setting key=value for the training on the streets; may be repeated")
-        ->allow_extra_args(false);
+    add("--set", r.settings, "Setting key=value for the training on the streets; may be repeated").one_word();
   });
 }
 

@@ -1,6 +1,5 @@
 // cloam distance: how alike two sets of pictures are as sets. FID and KID with the weights of Inception, the same
 // statistics under other names with other networks.
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
@@ -55,11 +54,11 @@ nlohmann::ordered_json measure_distance(const DistanceRequest& request, const Co
 }
 
 Command add_distance(CLI::App& program) {
-  return command<DistanceRequest>(
-      program, "distance", kExamples, run_command, [](const Options& add, DistanceRequest& r) {
-        add("FOLDER", r.folders, "Two folders of images")->required()->expected(2);
-        add("--features", r.features, "Weights of a feature network, or random")->required();
-      });
+  return command<DistanceRequest>(program, "distance", kExamples, run_command,
+                                  [](const Options& add, DistanceRequest& r) {
+                                    add("FOLDER", r.folders, "Two folders of images").required().expected(2);
+                                    add("--features", r.features, "Weights of a feature network, or random").required();
+                                  });
 }
 
 }  // namespace cloam

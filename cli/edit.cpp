@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -63,7 +62,7 @@ bool is_number_start(char c) { return std::isdigit(static_cast<unsigned char>(c)
 /// "shift=1,0,0,remove" -> "shift=1,0,0", "remove": a comma before a number continues the operation.
 std::vector<std::string> split_operations(const std::string& list) {
   std::vector<std::string> operations;
-  for (const std::string& piece : CLI::detail::split(list, ',')) {
+  for (const std::string& piece : comma_separated(list)) {
     if (!operations.empty() && !piece.empty() && is_number_start(piece[0]))
       operations.back() += "," + piece;
     else
@@ -76,7 +75,7 @@ std::vector<double> numbers_of(const std::string& list, std::size_t count, const
   std::string spaced = list;
   std::replace(spaced.begin(), spaced.end(), '/', ',');
   std::vector<double> values;
-  for (const std::string& word : CLI::detail::split(spaced, ',')) {
+  for (const std::string& word : comma_separated(spaced)) {
     std::size_t used = 0;
     try {
       values.push_back(std::stod(word, &used));
@@ -216,9 +215,9 @@ int run_command(const EditRequest& request, const Common& common) {
 
 Command add_edit(CLI::App& program) {
   return command<EditRequest>(program, "edit", kExamples, run_command, [](const Options& add, EditRequest& r) {
-    add("RUN", r.run, "Run folder")->required();
+    add("RUN", r.run, "Run folder").required();
     add("--list", r.list, "List the actors and draw a sheet of thumbnails");
-    add("--actor", r.actors, "Edit of one actor, [LOG:]ID:OPERATION,... (may be repeated)")->allow_extra_args(false);
+    add("--actor", r.actors, "Edit of one actor, [LOG:]ID:OPERATION,... (may be repeated)").one_word();
     add("--prior", r.prior, "Diffusion run, for replace=generated");
     add("--seed", r.wish.seed, "Random seed, for replace=generated (0)", whole_number(0));
     add("--guidance", r.wish.guidance, "Classifier-free guidance; above 1 follows class and time more closely (1)",

@@ -68,7 +68,7 @@ nlohmann::ordered_json measure_run(const EvalRequest& request, const Common& com
 
 Command add_eval(CLI::App& program) {
   return command<EvalRequest>(program, "eval", kExamples, run_eval, [](const Options& add, EvalRequest& r) {
-    add("RUN", r.run, "Run folder")->required();
+    add("RUN", r.run, "Run folder").required();
     add("--data", r.other, "Other photos in the same coordinate frame: their test split, or all");
     add_allow_outside(add, r.allow_outside);
     add("--protocol", r.protocol, "Driving logs: sparse, novel or rotate360 (default: the run's)",

@@ -133,7 +133,7 @@ void tell(const Scenes& scenes, const std::vector<Exported>& done, const Common&
 }
 
 void check_file(const ExportRequest& request) {
-  if (const std::string problem = output_file()(request.out); !problem.empty())
+  if (const std::string problem = problem_of(output_file(), request.out); !problem.empty())
     throw Error(Fault::usage, "--out: " + problem);
 }
 
@@ -150,7 +150,7 @@ void take_file(ExportRequest& request) {
 
 void check_folder(ExportRequest& request) {
   if (request.format.empty()) request.format = "glb";
-  if (const std::string problem = output_folder()(request.out); !problem.empty())
+  if (const std::string problem = problem_of(output_folder(), request.out); !problem.empty())
     throw Error(Fault::usage, text("--out: ", problem, request.actor.empty() ? "; or one actor: --actor ID" : ""));
 }
 
@@ -226,8 +226,8 @@ int run_command(const ExportRequest& request, const Common& common) {
 
 Command add_export(CLI::App& program) {
   return command<ExportRequest>(program, "export", kExamples, run_command, [](const Options& add, ExportRequest& r) {
-    add("RUN", r.run, "Run folder")->required();
-    add("-o,--out", r.out, "Output file; a folder for turntables and for all actors")->required();
+    add("RUN", r.run, "Run folder").required();
+    add("-o,--out", r.out, "Output file; a folder for turntables and for all actors").required();
     add("--format", r.format,
         "Actors: glb or ply (mesh), turntable (PNG and GIF); splats: ply, splat, spz, glb (default: by the file's "
         "name)",

@@ -69,8 +69,8 @@ int run_command(GenerateRequest request, const Common& common) {
 Command add_generate(CLI::App& program) {
   return command<GenerateRequest>(
       program, "generate", kExamples, run_command, [](const Options& add, GenerateRequest& r) {
-        add("RUN", r.run, "Folder of a diffusion run")->required();
-        add("-o,--out", r.out, "Folder for the files")->required();
+        add("RUN", r.run, "Folder of a diffusion run").required();
+        add("-o,--out", r.out, "Folder for the files").required();
         add("-n,--count", r.wish.count, "Number of assets (1)", whole_number(1, 1000));
         add("--class", r.asset_class, "Car, Truck, Bus, ... (default: as often as in training)");
         add("--time", r.time, "day or night (default: as often as in training)", one_of({"day", "night"}));

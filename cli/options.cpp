@@ -1,6 +1,7 @@
 // See options.h.
 #include "cli/options.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
 #include <sstream>
@@ -25,7 +26,9 @@ std::string range_words(int64_t least, int64_t most) {
 }
 
 /// A check without a description, which --help would show.
-CLI::Validator check(std::function<std::string(std::string&)> wrong) { return {std::move(wrong), ""}; }
+Check check(std::function<std::string(std::string&)> wrong) {
+  return std::make_shared<CLI::Validator>(std::move(wrong), "");
+}
 
 std::string either(const std::vector<std::string>& words) {
   std::string out;
@@ -127,12 +130,73 @@ std::string problem_of_file(const std::string& given) {
 
 }  // namespace
 
+Option Option::required() const { return Option(option_->required()); }
+Option Option::expected(int words) const { return Option(option_->expected(words)); }
+Option Option::one_word() const { return Option(option_->allow_extra_args(false)); }
+Option Option::shown_as(const char* word) const { return Option(option_->type_name(word)); }
+
+template <class Value>
+Option Options::operator()(const std::string& name, Value& value, const std::string& help, const Check& check) const {
+  CLI::Option* option = nullptr;
+  if constexpr (std::is_same_v<Value, bool>)
+    option = parser.add_flag(name, value, help);
+  else
+    option = parser.add_option(name, value, help);
+  if (check) option->transform(*check);  // before CLI11 reads the value: a duration becomes seconds
+  return Option(option);
+}
+
+using Words = std::vector<std::string>;
+template Option Options::operator()(const std::string&, bool&, const std::string&, const Check&) const;
+template Option Options::operator()(const std::string&, int&, const std::string&, const Check&) const;
+template Option Options::operator()(const std::string&, int64_t&, const std::string&, const Check&) const;
+template Option Options::operator()(const std::string&, uint64_t&, const std::string&, const Check&) const;
+template Option Options::operator()(const std::string&, float&, const std::string&, const Check&) const;
+template Option Options::operator()(const std::string&, double&, const std::string&, const Check&) const;
+template Option Options::operator()(const std::string&, std::string&, const std::string&, const Check&) const;
+template Option Options::operator()(const std::string&, Words&, const std::string&, const Check&) const;
+template Option Options::operator()(const std::string&, std::optional<int>&, const std::string&, const Check&) const;
+template Option Options::operator()(const std::string&, std::optional<int64_t>&, const std::string&,
+                                    const Check&) const;
+template Option Options::operator()(const std::string&, std::optional<double>&, const std::string&, const Check&) const;
+
+void Options::with_or_without(const std::string& name, const char* word, const std::string& help,
+                              const std::function<void(const std::string&)>& typed) const {
+  const CLI::Option* option = parser.add_option(name, help)->expected(0, 1)->option_text(word);
+  parser.callback([=] {
+    if (option->count() == 0) return;
+    const std::string given = option->results().empty() ? "" : option->results().front();
+    typed(given == "{}" || given == "true" ? "" : given);  // what CLI11 has for none
+  });
+}
+
+void Options::group(const char* heading) const { parser.option_defaults()->group(heading); }
+
+CLI::App* add_parser(CLI::App& program, const char* name, const char* examples) {
+  return program.add_subcommand(name, examples);
+}
+
+void add_common(CLI::App& parser, Common& common) {
+  const Options add{parser};
+  add.group("Device and output");
+  add("--device", common.device, "auto, cpu, gpu, N, P:D or part of a name (cloam info lists them)");
+  add("--max-memory", common.max_memory, "Limit of device memory, such as 600M or 6G");
+  add("--json", common.json, "Machine-readable output on stdout");
+  add("-q,--quiet", common.quiet, "Print only errors and warnings");
+  add("-v,--verbose", common.verbose, "Print more detail");
+  add("--profile", common.profile, "At the end, print the cost of each kernel and each step");
+  add("--profile-trace", common.profile_trace, "Also write a timeline for Perfetto to this file", output_file());
+  // Of the commands' own -o alone that of export may be a file, and it knows more of it.
+  if (CLI::Option* out = parser.get_option_no_throw("--out"))
+    out->check(*(parser.get_name() == "export" ? output_path() : output_folder()));
+}
+
 void add_allow_outside(const Options& add, bool& allowed) {
   add("--allow-outside", allowed,
       "Also read images and points outside the capture's folder, if the capture lists them");
 }
 
-CLI::Validator whole_number(int64_t least, int64_t most) {
+Check whole_number(int64_t least, int64_t most) {
   return check([=](std::string& word) {
     int64_t value = 0;
     if (read_whole(word, value) && value >= least && value <= most) return std::string();
@@ -140,7 +204,7 @@ CLI::Validator whole_number(int64_t least, int64_t most) {
   });
 }
 
-CLI::Validator number_from(double least, double most) {
+Check number_from(double least, double most) {
   return check([=](std::string& word) {
     double value = 0;
     if (read_whole(word, value) && value >= least && value <= most) return std::string();
@@ -148,7 +212,7 @@ CLI::Validator number_from(double least, double most) {
   });
 }
 
-CLI::Validator duration() {
+Check duration() {
   return check([](std::string& word) -> std::string {
     try {
       word = text(parse_duration(word));
@@ -157,18 +221,20 @@ CLI::Validator duration() {
   });
 }
 
-CLI::Validator one_of(const std::vector<std::string>& words) {
+Check one_of(const std::vector<std::string>& words) {
   return check([=](std::string& word) {
     if (std::find(words.begin(), words.end(), word) != words.end()) return std::string();
     return text(word, ": want ", either(words), did_you_mean(word, words));
   });
 }
 
-CLI::Validator output_folder() { return CLI::Validator(problem_of_folder, ""); }
-CLI::Validator output_file() { return CLI::Validator(problem_of_file, ""); }
-CLI::Validator output_path() {
-  return CLI::Validator([](const std::string& given) { return problem_of_place(given, "a file or folder"); }, "");
+Check output_folder() { return check(problem_of_folder); }
+Check output_file() { return check(problem_of_file); }
+Check output_path() {
+  return check([](const std::string& given) { return problem_of_place(given, "a file or folder"); });
 }
+
+std::string problem_of(const Check& check, std::string word) { return (*check)(word); }
 
 fs::path with_format(const fs::path& path, const std::string& format) {
   const std::string extension = "." + format;

@@ -1,43 +1,66 @@
 // What all options have in common: how their values are checked, how --help shows them, and what is said of words that
-// cannot be taken.
+// cannot be taken. CLI11 itself is included in three files alone: it costs each seconds of compiling.
 #pragma once
-#include <CLI/CLI.hpp>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <string>
-#include <type_traits>
 #include <vector>
 
 #include "cli/common.h"
 
+namespace CLI {
+class App;
+class Formatter;
+class Option;
+class ParseError;
+class Validator;
+}  // namespace CLI
+
 namespace cloam {
+
+/// What the word after an option must be, or what is made of it.
+using Check = std::shared_ptr<CLI::Validator>;
+
+/// An option that is declared, to say more of it.
+class Option {
+ public:
+  explicit Option(CLI::Option* option) : option_(option) {}
+  Option required() const;
+  Option expected(int words) const;
+  /// One word each time it is typed: arguments may follow.
+  Option one_word() const;
+  /// What --help shows for the word, where the value's type would say "N".
+  Option shown_as(const char* word) const;
+
+ private:
+  CLI::Option* option_;
+};
 
 /// The options of a command, in the order of --help: add("--name", value, "What it is (default)", whole_number(1)).
 struct Options {
   CLI::App& parser;
 
+  /// A flag, if it is a bool. options.cpp lists the types that a value may have.
   template <class Value>
-  CLI::Option* operator()(const std::string& name, Value& value, const std::string& help) const {
-    if constexpr (std::is_same_v<Value, bool>)
-      return parser.add_flag(name, value, help);
-    else
-      return parser.add_option(name, value, help);
-  }
-  template <class Value>
-  CLI::Option* operator()(const std::string& name, Value& value, const std::string& help, CLI::Validator check) const {
-    return (*this)(name, value, help)->check(std::move(check));
-  }
+  Option operator()(const std::string& name, Value& value, const std::string& help, const Check& check = nullptr) const;
+  /// One with or without a word, [NAME] in the help; typed(word) is called when it was typed, "" for none.
+  void with_or_without(const std::string& name, const char* word, const std::string& help,
+                       const std::function<void(const std::string&)>& typed) const;
   /// The heading of those that follow.
-  void group(const char* heading) const { parser.option_defaults()->group(heading); }
+  void group(const char* heading) const;
 };
+
+/// A command's parser; `examples` is how its help begins.
+CLI::App* add_parser(CLI::App& program, const char* name, const char* examples);
 
 /// A command: `examples` is how its help begins, `declare(options, request)` names the options that fill in a Request,
 /// `run(request, common)` gives the exit code.
 template <class Request, class Run, class Declare>
 Command command(CLI::App& program, const char* name, const char* examples, const Run& run, const Declare& declare) {
-  CLI::App* parser = program.add_subcommand(name, examples);
+  CLI::App* parser = add_parser(program, name, examples);
   const auto request = std::make_shared<Request>();
   const auto common = std::make_shared<Common>();
   declare(Options{*parser}, *request);
@@ -49,21 +72,24 @@ Command command(CLI::App& program, const char* name, const char* examples, const
 void add_allow_outside(const Options& add, bool& allowed);
 
 /// Whole numbers from `least` to `most`.
-CLI::Validator whole_number(int64_t least, int64_t most = std::numeric_limits<int64_t>::max());
+Check whole_number(int64_t least, int64_t most = std::numeric_limits<int64_t>::max());
 /// Numbers from `least` to `most`.
-CLI::Validator number_from(double least, double most);
+Check number_from(double least, double most);
 /// "5m" and the like, which become seconds.
-CLI::Validator duration();
+Check duration();
 /// One of these words; others are told the nearest.
-CLI::Validator one_of(const std::vector<std::string>& words);
+Check one_of(const std::vector<std::string>& words);
 
 /// For an option that names a folder: no "-" (nothing is written to stdout), no file, nothing below a file, and no name
 /// that is a file's ("orbit.gif") unless it is a folder's already.
-CLI::Validator output_folder();
+Check output_folder();
 /// For an option that names a file: no "-", no folder, nothing below a file.
-CLI::Validator output_file();
+Check output_file();
 /// For one that names either: no "-", nothing below a file.
-CLI::Validator output_path();
+Check output_path();
+
+/// What a check says of a word; "" for one that it takes.
+std::string problem_of(const Check& check, std::string word);
 
 /// The file that --format and its name give together: with the format's extension where it has none that is a file's.
 /// Fault::usage where they contradict each other. format: as "glb"; empty: what the name says.

@@ -1,7 +1,6 @@
 // cloam process: photos become a capture. COLMAP finds the poses; we choose, watch and lay out.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
@@ -327,8 +326,8 @@ int run_command(const ProcessRequest& request, const Common& common) {
 
 Command add_process(CLI::App& program) {
   return command<ProcessRequest>(program, "process", kExamples, run_command, [](const Options& add, ProcessRequest& r) {
-    add("IMAGES", r.images, "Folder of photos, including its subfolders")->required();
-    add("-o,--out", r.out, "Output folder for the capture")->required();
+    add("IMAGES", r.images, "Folder of photos, including its subfolders").required();
+    add("-o,--out", r.out, "Output folder for the capture").required();
     add("--matching", r.matching,
         "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos) (auto)",
         one_of({"auto", "exhaustive", "sequential"}));

@@ -1,5 +1,4 @@
 // cloam render: views of the capture, a path, or cameras from a file.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
@@ -218,8 +217,8 @@ int run_command(const RenderRequest& request, const Common& common) {
 
 Command add_render(CLI::App& program) {
   return command<RenderRequest>(program, "render", kExamples, run_command, [](const Options& add, RenderRequest& r) {
-    add("RUN", r.run, "Run folder")->required();
-    add("-o,--out", r.out, "Folder for the pictures")->required();
+    add("RUN", r.run, "Run folder").required();
+    add("-o,--out", r.out, "Folder for the pictures").required();
     add("--split", r.split, "test (held-out views), train or all (test)", one_of({"test", "train", "all"}));
     add("--path", r.path, "orbit: a circle around what the cameras look at; interpolated: from camera to camera",
         one_of({"orbit", "interpolated"}));

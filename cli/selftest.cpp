@@ -1,7 +1,6 @@
 // cloam selftest: does this device compute right? Every op and gradient against float64 on the host.
 #include "tests/op_cases/selftest.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <sstream>

@@ -177,7 +177,7 @@ int run_command(const SimulateRequest& request, const Common& common) {
                                              : fs::path(request.data);
   const Reading how = reading_for(record, !request.data.empty(), request.allow_outside);
   SimulatedLog wish{log, read_scene(data, {how.skip_bad, how.allow_outside}), {}, {}};
-  if (!request.cameras.empty()) wish.cameras = CLI::detail::split(request.cameras, ',');
+  if (!request.cameras.empty()) wish.cameras = comma_separated(request.cameras);
   if (!request.size.empty()) wish.size = parse_size(request.size);
   Simulation simulation(request, common, std::move(wish));
   if (logs.size() > 1) say(common, text("log ", log, " (", logs[static_cast<std::size_t>(log)], ") of ", logs.size()));
@@ -190,8 +190,8 @@ int run_command(const SimulateRequest& request, const Common& common) {
 Command add_simulate(CLI::App& program) {
   return command<SimulateRequest>(
       program, "simulate", kExamples, run_command, [](const Options& add, SimulateRequest& r) {
-        add("RUN", r.run, "Run folder, edited or not")->required();
-        add("-o,--out", r.out, "Folder for the log; with --augment, for the logs")->required();
+        add("RUN", r.run, "Run folder, edited or not").required();
+        add("-o,--out", r.out, "Folder for the log; with --augment, for the logs").required();
         add("--log", r.log, "Number or name of one of the run's logs (0)");
         add("--cameras", r.cameras, "Cameras, separated by commas (all)");
         add("--size", r.size, "Size of the images, WIDTHxHEIGHT (as trained)");

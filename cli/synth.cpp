@@ -1,5 +1,4 @@
 // cloam synth: streets that it makes itself, as driving logs with the truth beside them.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -38,7 +37,7 @@ struct SynthRequest {
 std::vector<std::string> camera_list(const std::string& list) {
   std::vector<std::string> cameras, known;
   for (const std::string name : kPandasetCameras) known.push_back(name.substr(0, name.size() - 7));
-  for (const std::string& given : CLI::detail::split(list, ',')) {
+  for (const std::string& given : comma_separated(list)) {
     const std::string ending = "_camera";
     const bool ends = given.size() > ending.size() && given.ends_with(ending);
     const std::string name = ends ? given.substr(0, given.size() - ending.size()) : given;
@@ -141,7 +140,7 @@ int run_command(SynthRequest request, const Common& common) {
 
 Command add_synth(CLI::App& program) {
   return command<SynthRequest>(program, "synth", kExamples, run_command, [](const Options& add, SynthRequest& r) {
-    add("-o,--out", r.out, "Folder for the logs 001, 002, ...")->required();
+    add("-o,--out", r.out, "Folder for the logs 001, 002, ...").required();
     add("--logs", r.logs, "Number of logs (2)", whole_number(1, 999));
     add("--frames", r.log.frames, "Time steps of each log (20)", whole_number(1, 200));
     add("--rate", r.log.rate, "Steps per second (10); at lower rates, more sides of the actors are seen",

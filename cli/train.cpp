@@ -266,14 +266,6 @@ int run_command(TrainRequest request, const Common& common) {
   return 0;
 }
 
-/// --resume takes a value or not, and the run folder may be told by it or by -o.
-void note_resume(TrainRequest& request, const CLI::Option& option) {
-  request.resume = option.count() > 0;
-  const std::string named = option.results().empty() ? "" : option.results().front();
-  const bool has_value = !named.empty() && named != "{}" && named != "true";
-  if (has_value && request.out.empty()) request.out = named;
-}
-
 void add_method_options(const Options& add, TrainRequest& r) {
   std::vector<std::string> names;
   for (const Preset& preset : presets()) names.push_back(preset.name);
@@ -285,26 +277,27 @@ void add_method_options(const Options& add, TrainRequest& r) {
   add("--prior", r.prior, "With --networks: a diffusion run trained on that run, as a prior for new actors");
   add("--config", r.config_file, "TOML file with settings");
   add("--set", r.settings, "Setting key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
-      ->allow_extra_args(false);
+      .one_word();
 }
 
 void add_run_options(const Options& add, TrainRequest& r) {
   add.group("Run");
   add("-o,--out", r.out, "Run folder (default runs/DATA-METHOD)");
   add("--steps", r.steps, "Number of steps, over which learning rates and other schedules run", whole_number(1));
-  add("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included")
-      ->transform(duration())
-      ->type_name("TEXT");
+  add("--time-budget", r.time_budget, "Stop within this time (90s, 5m, 1h30m), start-up included", duration())
+      .shown_as("TEXT");
   add("--stop-after", r.stop_after, "Save and stop after this step; --resume continues", whole_number(1));
   add("--save-every", r.save_every, "Save a checkpoint every N steps", whole_number(1));
   add("--seed", r.seed, "Random seed (42)", whole_number(0));
   add("--overwrite", r.overwrite, "Replace an existing run in the folder");
   add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
   add("--progress", r.progress, "auto, bar, plain, jsonl or none", one_of({"auto", "bar", "plain", "jsonl", "none"}));
-  const CLI::Option* resume = add.parser.add_option("--resume", "Continue a run that was interrupted or stopped")
-                                  ->expected(0, 1)
-                                  ->option_text("[RUN]");
-  add.parser.callback([&r, resume] { note_resume(r, *resume); });
+  // The run folder may be told by it or by -o.
+  add.with_or_without("--resume", "[RUN]", "Continue a run that was interrupted or stopped",
+                      [&r](const std::string& run) {
+                        r.resume = true;
+                        if (r.out.empty()) r.out = run;
+                      });
 }
 
 void add_data_options(const Options& add, TrainRequest& r) {
@@ -320,8 +313,7 @@ void add_data_options(const Options& add, TrainRequest& r) {
   add("--sparse-every", r.sparse_every, "With --protocol sparse: steps between training images",
       whole_number(2, 1 << 20));
   add("--image", r.image, "Driving log: train on one image, such as front_camera/05, and its LiDAR sweep");
-  add("--data", r.new_data, "With --resume: where the data is now; repeat for each folder of the run")
-      ->allow_extra_args(false);
+  add("--data", r.new_data, "With --resume: where the data is now; repeat for each folder of the run").one_word();
 }
 
 }  // namespace

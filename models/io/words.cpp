@@ -50,6 +50,16 @@ std::string did_you_mean(const std::string& wanted, const std::vector<std::strin
   return near.empty() ? "" : "; did you mean " + near + "?";
 }
 
+std::vector<std::string> comma_separated(const std::string& list) {
+  std::vector<std::string> words;
+  std::size_t begin = 0;
+  for (std::size_t end = 0; end != std::string::npos; begin = end + 1) {
+    end = list.find(',', begin);
+    words.push_back(list.substr(begin, end - begin));
+  }
+  return words;
+}
+
 std::string joined(const std::vector<std::string>& words, const std::string& between) {
   return fmt::format("{}", fmt::join(words, between));
 }

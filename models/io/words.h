@@ -40,6 +40,8 @@ std::string nearest_name(const std::string& wanted, const std::vector<std::strin
 /// "; did you mean NAME?", or "".
 std::string did_you_mean(const std::string& wanted, const std::vector<std::string>& names);
 
+/// "a,b" -> a and b; one empty word for "".
+std::vector<std::string> comma_separated(const std::string& list);
 /// "a, b, c".
 std::string joined(const std::vector<std::string>& words, const std::string& between = ", ");
 /// A word as a shell takes it.

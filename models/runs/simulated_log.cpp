@@ -11,7 +11,7 @@
 #include "models/runs/actor_names.h"
 #include "models/scene/split.h"
 #include "models/street/simulate.h"
-#include "models/street/street_data.h"
+#include "models/batches/log_source.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
 
