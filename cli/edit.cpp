@@ -47,7 +47,7 @@ ID is any unique part of an actor's id; LOG is the number or name of its log, if
 
 struct EditRequest {
   std::string run, out, prior;
-  MakerWish wish;
+  MakerRequest wish;
   std::vector<std::string> actors;
   bool list = false;
 };
@@ -155,10 +155,10 @@ void put_table(const Report& report) {
     const std::string size =
         fmt::format("{:.2f} {:.2f} {:.2f}", side[0].get<double>(), side[1].get<double>(), side[2].get<double>());
     const char* motion = a["boxes"] == 0 ? "removed" : a["stationary"].get<bool>() ? "stationary" : "moving";
-    const std::string looks = a["looks_of"].is_null() ? "" : ", appearance of " + a["looks_of"].get<std::string>();
+    const std::string appearance = a["looks_of"].is_null() ? "" : ", appearance of " + a["looks_of"].get<std::string>();
     out += fmt::format("{:>4}  {:<4} {:<38.38} {:<18.18} {:<18} {:>5} {:>6}  {}{}\n", a["number"].get<int>(),
                        a["log"].get<int>(), a["actor"].get<std::string>(), a["label"].get<std::string>(), size,
-                       a["boxes"].get<int>(), a["images"].get<int>(), motion, looks);
+                       a["boxes"].get<int>(), a["images"].get<int>(), motion, appearance);
   }
   put(out);
 }

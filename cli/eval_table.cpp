@@ -49,18 +49,18 @@ std::string image_rows(const EvalResult& result) {
 
 /// Full-frame in the column of PSNR, over actors in that of masked PSNR.
 std::string guess_rows(const EvalResult& result, const std::vector<ImageScore>& images) {
-  const auto mean = [&](double GuessScores::*figure) {
-    return mean_score(images, [=](const ImageScore& image) { return image.guesses.*figure; });
+  const auto mean = [&](double BaselineScores::*figure) {
+    return mean_score(images, [=](const ImageScore& image) { return image.baselines.*figure; });
   };
-  std::string out = row("baseline: mean colour of training", {mean(&GuessScores::mean_colour)});
-  if (!result.is_log) return out + row("baseline: nearest training photo", {mean(&GuessScores::nearest_frame)});
+  std::string out = row("baseline: mean colour of training", {mean(&BaselineScores::mean_colour)});
+  if (!result.is_log) return out + row("baseline: nearest training photo", {mean(&BaselineScores::nearest_frame)});
   return out +
          row("baseline: blend of two neighbours",
-             {mean(&GuessScores::blend), kNoScore, mean(&GuessScores::blend_masked)}) +
+             {mean(&BaselineScores::blend), kNoScore, mean(&BaselineScores::blend_masked)}) +
          row("baseline: copy of the nearest photo",
-             {mean(&GuessScores::copy), kNoScore, mean(&GuessScores::copy_masked)}) +
-         row("baseline: mean colour of each row", {mean(&GuessScores::row_mean)}) +
-         row("baseline: true mean colour of actors", {kNoScore, kNoScore, mean(&GuessScores::mean_masked)});
+             {mean(&BaselineScores::copy), kNoScore, mean(&BaselineScores::copy_masked)}) +
+         row("baseline: mean colour of each row", {mean(&BaselineScores::row_mean)}) +
+         row("baseline: true mean colour of actors", {kNoScore, kNoScore, mean(&BaselineScores::mean_masked)});
 }
 
 }  // namespace

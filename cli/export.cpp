@@ -66,7 +66,7 @@ MeshLabel label_of(const RestoredRun& run, const AssetName& name, int resolution
 Exported export_mesh(const RestoredRun& run, const ExportRequest& request, const AssetName& name,
                      const fs::path& path) {
   const Mesh mesh =
-      asset_mesh(street_of(run), looks_of(run.scenes, name), actor_of(run.scenes, name).size, request.resolution);
+      asset_mesh(street_of(run), appearance_of(run.scenes, name), actor_of(run.scenes, name).size, request.resolution);
   if (mesh.triangle_count() == 0) {
     throw Error(Fault::data, text("the actor ", spelled(run.scenes, name),
                                   " has no surface in its box; was it visible, and trained for long enough?"));
@@ -78,7 +78,7 @@ Exported export_mesh(const RestoredRun& run, const ExportRequest& request, const
 
 Exported export_turntable(const RestoredRun& run, const ExportRequest& request, const AssetName& name,
                           const fs::path& folder) {
-  const std::vector<Image> images = turntable(street_of(run), looks_of(run.scenes, name),
+  const std::vector<Image> images = turntable(street_of(run), appearance_of(run.scenes, name),
                                               actor_of(run.scenes, name).size, request.frames, request.size);
   for (std::size_t i = 0; i < images.size(); ++i) { write_png(folder / fmt::format("turn_{:04}.png", i), images[i]); }
   write_gif(folder / "turntable.gif", images, kFramesPerSecond);

@@ -31,7 +31,7 @@ takes the box of the training actor of its class with the nearest code.)";
 
 struct GenerateRequest {
   std::string run, asset_class, time, codes = "sampled";
-  AssetWish wish;
+  AssetRequest wish;
   AssetFiles files;
   std::string out;
   bool no_meshes = false;

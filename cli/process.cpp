@@ -33,7 +33,7 @@ Examples:
   cloam process frames -o data/walk --matching sequential      # video frames, in order of name
   cloam process photos -o data/walk --camera-model OPENCV --undistort)";
 
-constexpr std::size_t kMostExhaustive = 150;  // images: the pairs to match grow with the square
+constexpr std::size_t kMaxExhaustive = 150;  // images: the pairs to match grow with the square
 constexpr std::size_t kFewest = 3;
 
 struct ProcessRequest {
@@ -175,7 +175,7 @@ struct Colmap {
 };
 
 std::vector<Stage> stages_of(const ProcessRequest& request, const Layout& layout, std::size_t images, bool one_camera) {
-  const bool pairs = request.matching == "exhaustive" || (request.matching == "auto" && images <= kMostExhaustive);
+  const bool pairs = request.matching == "exhaustive" || (request.matching == "auto" && images <= kMaxExhaustive);
   const std::string database = layout.database().string();
   const std::string folder = fs::canonical(request.images).string();
   return {{"finding features",

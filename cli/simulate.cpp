@@ -41,7 +41,7 @@ struct SimulateRequest {
   std::string run, out, log, cameras, size, data, prior;
   int augment = 0;
   bool allow_outside = false;
-  MakerWish wish;
+  MakerRequest wish;
 };
 
 void check_log(const Scene& log, const std::string& run) {
@@ -137,8 +137,8 @@ int write_augmented(const SimulateRequest& request, const Common& common, int lo
   };
   Report report = {{"schema_version", 1}, {"folder", request.out}, {"logs", Report::array()}};
   for (int number = 1; number <= request.augment; ++number) {
-    const MakerWish wish{HostRandom(request.wish.seed, static_cast<uint64_t>(number)).next() >> 32,
-                         request.wish.guidance};
+    const MakerRequest wish{HostRandom(request.wish.seed, static_cast<uint64_t>(number)).next() >> 32,
+                            request.wish.guidance};
     StoredRun swapped = stored;
     const std::size_t vehicles = swap_vehicles(maker, wish, log, swapped, left_out);
     const fs::path folder = fs::path(request.out) / fmt::format("{:03}", number);

@@ -47,6 +47,7 @@ struct Inliner : Nodes {
   void find_users();
   void choose_inlined();
   bool joins_users(int i);
+  bool store_widest(int i);
   void limit_inputs();
   std::vector<int> leaves_of(int i);
   void count_scalars(int i);
@@ -109,31 +110,39 @@ void Inliner::count_scalars(int i) {
   }
 }
 
-/// Goes up the graph; where a kernel would read too much, the operand that brings most is stored after all.
-void Inliner::limit_inputs() {
-  for (int i = 0; i < size(); i++) {
-    if (!pointwise(i) && !reduction(i)) continue;
+/// Stores the operand that brings most after all, until a kernel reads no more than it can. Whether it had to.
+bool Inliner::store_widest(int i) {
+  bool stored = false;
+  while (at(i).leaves.size() > kMaxInputs || at(i).cost > kMaxCode || at(i).scalars > kMaxScalars) {
+    int widest = -1;
+    for (const Tensor& in : node(i)->in) {
+      const int operand = in.node()->index;
+      if (at(operand).inlined && (widest < 0 || at(operand).leaves.size() > at(widest).leaves.size())) widest = operand;
+    }
+    if (widest < 0) break;
+    at(widest).inlined = false;
+    stored = true;
     at(i).leaves = leaves_of(i);
     count_scalars(i);
-    while (at(i).leaves.size() > kMaxInputs || at(i).cost > kMaxCode || at(i).scalars > kMaxScalars) {
-      int widest = -1;
-      for (const Tensor& in : node(i)->in) {
-        const int operand = in.node()->index;
-        if (at(operand).inlined && (widest < 0 || at(operand).leaves.size() > at(widest).leaves.size()))
-          widest = operand;
-      }
-      if (widest < 0) break;
-      at(widest).inlined = false;
+    at(i).cost = 1;
+    for (const Tensor& in : node(i)->in)
+      if (at(in.node()->index).inlined) at(i).cost += at(in.node()->index).cost;
+  }
+  return stored;
+}
+
+/// Goes up the graph, again after each time that a value was stored: its other users read that too then, and can come
+/// to read too much.
+void Inliner::limit_inputs() {
+  for (bool stored = true; stored;) {
+    stored = false;
+    for (int i = 0; i < size(); i++) {
+      if (!pointwise(i) && !reduction(i)) continue;
       at(i).leaves = leaves_of(i);
       count_scalars(i);
-      at(i).cost = 1;
-      for (const Tensor& in : node(i)->in)
-        if (at(in.node()->index).inlined) at(i).cost += at(in.node()->index).cost;
+      stored |= store_widest(i);
     }
   }
-  // What was stored late changes what its other users read.
-  for (int i = 0; i < size(); i++)
-    if (pointwise(i) || reduction(i)) at(i).leaves = leaves_of(i);
 }
 
 // ---- Steps, and the groups of those that are generated kernels.

@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr uint64_t kLeastMegabytes = 32;  // the kernels of a training take about 10
+constexpr uint64_t kMinMegabytes = 32;  // the kernels of a training take about 10
 
 std::string variable(const char* name) {
   const char* value = std::getenv(name);
@@ -43,7 +43,7 @@ std::string problem_inside(const fs::path& folder) {
   struct statvfs disk {};
   if (::statvfs(folder.c_str(), &disk) != 0) return "";
   const uint64_t free = (uint64_t{disk.f_bavail} * disk.f_frsize) >> 20;
-  return free < kLeastMegabytes ? text("only ", free, " MB are free there, want ", kLeastMegabytes) : "";
+  return free < kMinMegabytes ? text("only ", free, " MB are free there, want ", kMinMegabytes) : "";
 }
 
 /// The same of a folder that is made if absent.
@@ -76,7 +76,7 @@ KernelCache decide() {
   const std::string other = problem_of_private(temporary);
   if (!other.empty()) {
     return {text("there is no folder for compiled kernels (", reason, "; ", temporary.string(), ": ", other,
-                 ")\n  fix: set POCL_CACHE_DIR to a folder that you may write to, with ", kLeastMegabytes, " MB free"),
+                 ")\n  fix: set POCL_CACHE_DIR to a folder that you may write to, with ", kMinMegabytes, " MB free"),
             false};
   }
   ::setenv("POCL_CACHE_DIR", temporary.c_str(), 1);

@@ -14,7 +14,7 @@ namespace cloam {
 namespace {
 
 constexpr int64_t kWarmSteps = 3;
-constexpr size_t kMostSpans = 2'000'000;  // of the timeline: 100 MB of text
+constexpr size_t kMaxSpans = 2'000'000;  // of the timeline: 100 MB of text
 
 double host_us() {
   return 1e-3 * static_cast<double>(std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1));
@@ -72,7 +72,7 @@ void account(Recorder& r, const Launched& launched) {
   cost.flops += launched.flops;
   cost.bytes += launched.bytes;
   if (launched.in_step) r.step_device_us += length;
-  if (r.timeline && r.spans.size() < kMostSpans)
+  if (r.timeline && r.spans.size() < kMaxSpans)
     r.spans.push_back({launched.name, begin + *r.device_to_host_us, length, true});
 }
 
@@ -171,7 +171,7 @@ std::string trace() {
 HostSpan::HostSpan(const char* name) : name_(name), begin_(profiling() && recorder()->timeline ? host_us() : 0) {}
 
 HostSpan::~HostSpan() {
-  if (begin_ == 0 || recorder()->spans.size() >= kMostSpans) return;
+  if (begin_ == 0 || recorder()->spans.size() >= kMaxSpans) return;
   recorder()->spans.push_back({name_, begin_, host_us() - begin_, false});
 }
 

@@ -16,8 +16,8 @@
 namespace cloam {
 namespace {
 
-constexpr std::size_t kMostCompared = 20;  // steps whose images are read
-constexpr int kReach = 4;                  // displacements to either side, so 9 x 9 of them
+constexpr std::size_t kMaxCompared = 20;  // steps whose images are read
+constexpr int kReach = 4;                 // displacements to either side, so 9 x 9 of them
 constexpr int kPlaces = 2 * kReach + 1;
 constexpr int kBins = 16;            // of brightness and of intensity
 constexpr double kNearest = 0.5;     // metres in front of a camera
@@ -190,7 +190,7 @@ LidarFit finish(const Comparison& comparison) {
 // At most so many of all steps, evenly.
 std::set<int> compared_steps(const Scene& scene) {
   std::set<int> steps;
-  const std::size_t count = scene.sweeps.size(), chosen = std::min(count, kMostCompared);
+  const std::size_t count = scene.sweeps.size(), chosen = std::min(count, kMaxCompared);
   for (std::size_t i = 0; i < chosen; ++i) steps.insert(scene.sweeps[i * count / chosen].step);
   return steps;
 }

@@ -19,11 +19,11 @@ namespace {
 
 using Kind = Pickle::Kind;
 
-constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
-constexpr std::int64_t kMostRows = std::int64_t{1} << 24;
-constexpr std::size_t kMostColumns = 1024;
-constexpr std::size_t kMostTextBytes = std::size_t{64} << 20;
-constexpr std::uint64_t kMostCells = std::uint64_t{1} << 24;  // 128 MB of numbers; a sweep of PandaSet has a million
+constexpr std::uint64_t kMaxBytes = std::uint64_t{256} << 20;
+constexpr std::int64_t kMaxRows = std::int64_t{1} << 24;
+constexpr std::size_t kMaxColumns = 1024;
+constexpr std::size_t kMaxTextBytes = std::size_t{64} << 20;
+constexpr std::uint64_t kMaxCells = std::uint64_t{1} << 24;  // 128 MB of numbers; a sweep of PandaSet has a million
 
 /// An array of numpy: of numbers as raw bytes, or of objects.
 struct Array {
@@ -112,14 +112,14 @@ class FrameBuilder {
     if (pickle_.find(made.arguments[1], "start", "an Index's content")) {  // a RangeIndex: columns have no names
       const PickleValue* stop = pickle_.find(made.arguments[1], "stop", "a RangeIndex");
       const std::int64_t count = stop ? pickle_.integer(*stop, "the end of a RangeIndex") : 0;
-      if (count < 0 || count > std::int64_t(kMostColumns)) fail(value, text(count, " columns"));
+      if (count < 0 || count > std::int64_t(kMaxColumns)) fail(value, text(count, " columns"));
       for (std::int64_t i = 0; i < count; ++i) names_.push_back(std::to_string(i));
     } else {
       const PickleValue* data = pickle_.find(made.arguments[1], "data", "an Index's content");
       if (!data) fail(value, "an Index without data");
       const Array array = read_array(*data);
-      if (array.shape.size() != 1 || array.length() > std::int64_t(kMostColumns)) {
-        fail(*data, text("looked for at most ", kMostColumns, " column names in a row"));
+      if (array.shape.size() != 1 || array.length() > std::int64_t(kMaxColumns)) {
+        fail(*data, text("looked for at most ", kMaxColumns, " column names in a row"));
       }
       names_ = as_texts(array, 0, 1, array.length());
     }
@@ -165,9 +165,9 @@ class FrameBuilder {
   void require_rows(const PickleValue& value, std::int64_t rows) {
     if (rows_ && *rows_ != rows) fail(value, text("columns of ", rows, " and of ", *rows_, " rows"));
     rows_ = rows;
-    if (std::uint64_t(rows) * names_.size() > kMostCells) {
+    if (std::uint64_t(rows) * names_.size() > kMaxCells) {
       fail(value,
-           text("a data frame of ", rows, " rows and ", names_.size(), " columns, the most is ", kMostCells, " cells"));
+           text("a data frame of ", rows, " rows and ", names_.size(), " columns, the most is ", kMaxCells, " cells"));
     }
   }
 
@@ -187,7 +187,7 @@ class FrameBuilder {
     if (!pickle_.is(value, PickleName::slice)) {
       const Array array = read_array(value);
       if (array.shape.size() != 1 || array.type != "i8") fail(value, "looked for the places of a block's columns");
-      if (array.length() > std::int64_t(kMostColumns)) fail(value, text(array.length(), " columns in a block"));
+      if (array.length() > std::int64_t(kMaxColumns)) fail(value, text(array.length(), " columns in a block"));
       return converted<std::int64_t, std::int64_t>(array.raw, 0, 1, array.length());
     }
     const PickleRecord& slice = pickle_.record(value, "a slice");
@@ -197,7 +197,7 @@ class FrameBuilder {
                        step = slice.arguments[2].kind == Kind::none
                                   ? 1
                                   : pickle_.integer(slice.arguments[2], "a slice's step");
-    const std::int64_t most = std::int64_t(kMostColumns);
+    const std::int64_t most = std::int64_t(kMaxColumns);
     const bool sound = step > 0 && step <= most && start >= 0 && start <= most && stop >= 0 && stop <= most;
     if (!sound) fail(value, text("a slice from ", start, " to ", stop, " by ", step, " for a block's columns"));
     for (std::int64_t i = start; i < stop; i += step) places.push_back(i);
@@ -242,8 +242,8 @@ class FrameBuilder {
     if (extents.empty() || extents.size() > 2) fail(shape, text("an array of ", extents.size(), " axes, want 1 or 2"));
     for (const PickleValue& extent : extents) {
       array.shape.push_back(pickle_.integer(extent, "an array's extent"));
-      if (array.shape.back() < 0 || array.shape.back() > kMostRows) {
-        fail(extent, text("an array's extent of ", array.shape.back(), ", the most is ", kMostRows));
+      if (array.shape.back() < 0 || array.shape.back() > kMaxRows) {
+        fail(extent, text("an array's extent of ", array.shape.back(), ", the most is ", kMaxRows));
       }
     }
     return array;
@@ -326,8 +326,8 @@ class FrameBuilder {
     if (const auto number = as_number(value)) return std::isnan(*number) ? "" : text(*number);
     const auto content = pickle_.text(value, "a string in a column of objects");
     // One long text that a million cells share would fill the memory.
-    if ((text_bytes_ += content.size()) > kMostTextBytes)
-      fail(value, text("more than ", kMostTextBytes, " bytes of strings"));
+    if ((text_bytes_ += content.size()) > kMaxTextBytes)
+      fail(value, text("more than ", kMaxTextBytes, " bytes of strings"));
     return std::string(content);
   }
 
@@ -409,10 +409,10 @@ DataFrame parse_data_frame(std::span<const std::uint8_t> bytes, const std::strin
 }
 
 DataFrame read_data_frame(const std::filesystem::path& path) {
-  const auto bytes = read_file(path, kMostBytes);
+  const auto bytes = read_file(path, kMaxBytes);
   return without_quotes(path, [&] {
     if (!is_gzip(bytes)) return parse_data_frame(bytes, path.string());
-    return parse_data_frame(gunzip(bytes, kMostBytes, path.string()), path.string());
+    return parse_data_frame(gunzip(bytes, kMaxBytes, path.string()), path.string());
   });
 }
 

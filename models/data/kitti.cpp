@@ -30,9 +30,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kCameras = 4;
-constexpr int kMostSteps = 100000;
-constexpr std::size_t kMostEntries = 10000;  // folders that are looked at in search of drives
-constexpr std::uint64_t kMostTextBytes = std::uint64_t{16} << 20, kMostXmlBytes = std::uint64_t{32} << 20;
+constexpr int kMaxSteps = 100000;
+constexpr std::size_t kMaxEntries = 10000;  // folders that are looked at in search of drives
+constexpr std::uint64_t kMaxTextBytes = std::uint64_t{16} << 20, kMaxXmlBytes = std::uint64_t{32} << 20;
 constexpr double kEarthRadius = 6378137;  // metres, at the equator
 constexpr double kFarthest = 1e5;         // metres that a drive leads away
 constexpr double kFrameRate = 10;         // Hz, where time stamps are missing
@@ -57,7 +57,7 @@ bool is_drive(const fs::path& folder) {
 std::vector<fs::path> folders_in(const fs::path& folder) {
   std::vector<fs::path> found = entries_of(folder);
   std::erase_if(found, [](const fs::path& entry) { return !is_folder(entry); });
-  found.resize(std::min(found.size(), kMostEntries));
+  found.resize(std::min(found.size(), kMaxEntries));
   return found;
 }
 
@@ -82,7 +82,7 @@ fs::path one_drive(const fs::path& root) {
 }
 
 std::string read_text(const fs::path& path) {
-  const auto bytes = read_file(path, kMostTextBytes);
+  const auto bytes = read_file(path, kMaxTextBytes);
   return {bytes.begin(), bytes.end()};
 }
 
@@ -136,7 +136,8 @@ class Calibration {
 
   /// Rotation R and translation T.
   Eigen::Matrix4d pose() const {
-    return rigid(pose_from(matrix3("R"), Eigen::Vector3d(numbers("T", 3).data())), where("R"));
+    const Eigen::Matrix3d rotation = matrix3("R");
+    return rigid(pose_from(rotation, Eigen::Vector3d(numbers("T", 3).data())), where("R"));
   }
 
  private:
@@ -188,7 +189,7 @@ std::set<int> numbers_in(const fs::path& folder, const char* extension) {
   for (const fs::path& entry : entries_of(folder)) {
     const std::string stem = entry.stem().string();
     const int number = number_in<int>(stem).value_or(-1);
-    const bool named = stem.size() == 10 && number >= 0 && number < kMostSteps;
+    const bool named = stem.size() == 10 && number >= 0 && number < kMaxSteps;
     if (named && entry.extension() == extension) numbers.insert(number);
   }
   return numbers;
@@ -369,7 +370,7 @@ class DriveReader {
   // The XML of a Boost archive: <tracklets> with an <item> each, whose <poses> have an <item> a frame.
   void read_tracklets() {
     const std::string file = "tracklet_labels.xml";
-    auto bytes = read_file(drive_ / file, kMostXmlBytes);
+    auto bytes = read_file(drive_ / file, kMaxXmlBytes);
     pugi::xml_document document;  // expands no entity that a file defines
     const auto parsed = document.load_buffer_inplace(bytes.data(), bytes.size());
     if (!parsed) bad_data(file, ": byte ", parsed.offset, ": ", parsed.description());
@@ -393,7 +394,7 @@ class DriveReader {
   void read_tracklet(const pugi::xml_node& tracklet, const std::string& id, const std::string& where) {
     const double height = value_of(tracklet, "h", where), first = value_of(tracklet, "first_frame", where);
     const Eigen::Vector3d size(value_of(tracklet, "w", where), value_of(tracklet, "l", where), height);
-    if (!(first >= 0 && first < kMostSteps)) bad_data(where, ": <first_frame> is ", first);
+    if (!(first >= 0 && first < kMaxSteps)) bad_data(where, ": <first_frame> is ", first);
     const std::string label = printable(tracklet.child("objectType").text().get());
     int step = int(first);
     for (const pugi::xml_node pose : tracklet.child("poses").children("item")) {

@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 
 constexpr double kFarthest = 1e6;
 constexpr double kFullIntensity = 255;
-constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
+constexpr std::uint64_t kMaxBytes = std::uint64_t{256} << 20;
 
 // Those that a file lacks are empty and count as 0.
 struct Columns {
@@ -44,7 +44,7 @@ Columns read_data_frame_points(const fs::path& path, const Sweep& sweep) {
 
 // KITTI: x y z and reflectance from 0 to 1, as float32 one after another.
 Columns read_kitti_points(const fs::path& path, const Sweep&) {
-  const auto bytes = read_file(path, kMostBytes);
+  const auto bytes = read_file(path, kMaxBytes);
   constexpr std::size_t size = 4 * sizeof(float);
   if (bytes.size() % size != 0)
     bad_data(path.string(), ": holds ", bytes.size(), " bytes, want a multiple of ", size,
@@ -67,7 +67,7 @@ void scale_intensity(std::vector<double>& values) {
 
 // [N, 3 or more]: x y z, intensity, seconds after the time stamp; what follows is left out.
 Columns read_npy_points(const fs::path& path, const Sweep&) {
-  const auto bytes = read_file(path, kMostBytes);
+  const auto bytes = read_file(path, kMaxBytes);
   const NpyArray array = parse_npy(bytes, path.string());
   if (array.shape.size() != 2 || array.shape[1] < 3)
     bad_data(path.string(), ": looked for an array of shape [N, 3] (x y z) or [N, 4] with ", "intensity, found ",

@@ -15,8 +15,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMostFiles = 50000;  // that are looked at
-constexpr int kDeepest = 4;                // folders in folders, and rings of links
+constexpr std::size_t kMaxFiles = 50000;  // that are looked at
+constexpr int kDeepest = 4;               // folders in folders, and rings of links
 
 /// Written on Windows, perhaps.
 fs::path with_slashes(std::string name) {
@@ -31,7 +31,7 @@ class Files {
     std::error_code error;
     fs::recursive_directory_iterator entry(
         root, fs::directory_options::follow_directory_symlink | fs::directory_options::skip_permission_denied, error);
-    for (const fs::recursive_directory_iterator end; !error && entry != end && count_ < kMostFiles;
+    for (const fs::recursive_directory_iterator end; !error && entry != end && count_ < kMaxFiles;
          entry.increment(error)) {
       const bool hidden = entry->path().filename().string().starts_with('.');
       if (hidden || entry.depth() >= kDeepest) entry.disable_recursion_pending();

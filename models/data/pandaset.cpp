@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMostSteps = 100000;
+constexpr std::size_t kMaxSteps = 100000;
 
 // The real car's static calibration (front camera from LiDAR), and the focal length that its front camera is known by.
 // NeuRAD found the published lidar/poses.json to be wrong and takes the LiDAR's pose from the front camera's in this
@@ -49,8 +49,8 @@ std::string find_file(const fs::path& root, const std::string& stem, std::initia
 Json read_json(const fs::path& root, const std::string& name) { return parse_json_file(root / name); }
 
 const Json& entries(const Json& json, const std::string& where) {
-  if (json.is_array() && json.size() <= kMostSteps) return json;
-  bad_data(where, ": looked for a list of at most ", kMostSteps, " entries, found ",
+  if (json.is_array() && json.size() <= kMaxSteps) return json;
+  bad_data(where, ": looked for a list of at most ", kMaxSteps, " entries, found ",
            json.is_array() ? text(json.size()) : std::string(json.type_name()));
 }
 

@@ -9,9 +9,9 @@
 namespace cloam {
 namespace {
 
-constexpr std::size_t kMostPairs = 400;  // codes, of which all pairs are measured
-constexpr std::size_t kPrototypes = 2;   // of a class
-constexpr int kRounds = 10;              // of finding them
+constexpr std::size_t kMaxPairs = 400;  // codes, of which all pairs are measured
+constexpr std::size_t kPrototypes = 2;  // of a class
+constexpr int kRounds = 10;             // of finding them
 
 double distance(const Code& a, const Code& b) {
   double sum = 0;
@@ -66,7 +66,7 @@ double copy_ratio(const LabelledCodes& samples, const LabelledCodes& training) {
     for (const Code& code : training.codes) least = std::min(least, distance(sample, code));
     nearest.push_back(least);
   }
-  const std::size_t step = 1 + training.count() / kMostPairs;
+  const std::size_t step = 1 + training.count() / kMaxPairs;
   for (std::size_t i = 0; i < training.count(); i += step)
     for (std::size_t j = i + step; j < training.count(); j += step)
       between.push_back(distance(training.codes[i], training.codes[j]));

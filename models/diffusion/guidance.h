@@ -9,7 +9,7 @@
 namespace cloam {
 
 /// x^ of noisy [N,...] at times [N].
-using CleanEstimate = std::function<Tensor(const Tensor& noisy, const std::vector<int32_t>& times)>;
+using CleanEstimate = std::function<Tensor(const Tensor& noisy, const std::vector<int32_t>& timesteps)>;
 
 enum class NetworkGradient { left_out, included };
 
@@ -17,7 +17,7 @@ enum class NetworkGradient { left_out, included };
 /// gradient by x [N,...] is sigma_t^2 (x - x^): x^ counts as a constant (DreamFusion, Poole et al. 2023, leave the
 /// network's Jacobian out). `included` goes through the network too (SSDNeRF, Chen et al. 2023).
 Tensor distillation(const NoiseSchedule& schedule, const CleanEstimate& clean, const Tensor& x,
-                    const std::vector<int32_t>& times, const Tensor& noise,
+                    const std::vector<int32_t>& timesteps, const Tensor& noise,
                     NetworkGradient network = NetworkGradient::left_out);
 
 /// Rendering-guided denoising (SSDNeRF with omega = 1/2): x^ - lambda sigma g, where g, of x^'s shape [N,...], is the

@@ -17,9 +17,9 @@ double squared_cosine(double along) {
   return std::pow(std::cos((along + kCosineOffset) / (1 + kCosineOffset) * M_PI / 2), 2);
 }
 
-double beta_of(Betas betas, int64_t t, int64_t times) {
-  const auto now = static_cast<double>(t), count = static_cast<double>(times);
-  const double along = times > 1 ? now / (count - 1) : 0;
+double beta_of(Betas betas, int64_t t, int64_t timesteps) {
+  const auto now = static_cast<double>(t), count = static_cast<double>(timesteps);
+  const double along = timesteps > 1 ? now / (count - 1) : 0;
   switch (betas) {
     case Betas::linear:
       return 1e-4 + (0.02 - 1e-4) * along;
@@ -47,18 +47,18 @@ Betas betas_named(const std::string& name) {
   throw Error(Fault::usage, text("there is no noise schedule ", name, ": want linear, cosine or scaled-linear"));
 }
 
-NoiseSchedule::NoiseSchedule(Betas betas, int64_t times) {
-  if (times < 1) throw Error(Fault::usage, text("a noise schedule of ", times, " timesteps, want 1 or more"));
+NoiseSchedule::NoiseSchedule(Betas betas, int64_t timesteps) {
+  if (timesteps < 1) throw Error(Fault::usage, text("a noise schedule of ", timesteps, " timesteps, want 1 or more"));
   double kept = 1;  // alpha^2
   std::vector<float> alpha, sigma;
-  for (int64_t t = 0; t < times; t++) {
-    kept *= 1 - beta_of(betas, t, times);
+  for (int64_t t = 0; t < timesteps; t++) {
+    kept *= 1 - beta_of(betas, t, timesteps);
     levels_.push_back({std::sqrt(kept), std::sqrt(1 - kept)});
     alpha.push_back(static_cast<float>(levels_.back().alpha));
     sigma.push_back(static_cast<float>(levels_.back().sigma));
   }
-  alpha_ = from_host(alpha, {times});
-  sigma_ = from_host(sigma, {times});
+  alpha_ = from_host(alpha, {timesteps});
+  sigma_ = from_host(sigma, {timesteps});
 }
 
 Tensor NoiseSchedule::noisy(const Tensor& x, const Tensor& noise, const Tensor& t) const {
@@ -79,7 +79,7 @@ Tensor NoiseSchedule::min_snr_weights(double gamma, const Tensor& t) const {
     const double ratio = level.alpha * level.alpha / (level.sigma * level.sigma);
     table.push_back(static_cast<float>(std::min(ratio, gamma) / (ratio + 1)));
   }
-  return gather_rows(from_host(table, {times()}), t);
+  return gather_rows(from_host(table, {timesteps()}), t);
 }
 
 }  // namespace cloam

@@ -24,8 +24,8 @@ struct Level {
 class NoiseSchedule {
  public:
   /// alpha_t^2 = product of (1 - beta) up to t, t = 0 to times - 1. Fault::usage for no time.
-  explicit NoiseSchedule(Betas betas = Betas::linear, int64_t times = 1000);
-  int64_t times() const { return static_cast<int64_t>(levels_.size()); }
+  explicit NoiseSchedule(Betas betas = Betas::linear, int64_t timesteps = 1000);
+  int64_t timesteps() const { return static_cast<int64_t>(levels_.size()); }
   /// t = -1 is the clean end: alpha 1, sigma 0.
   Level level(int64_t t) const { return t < 0 ? Level{} : levels_.at(static_cast<size_t>(t)); }
   /// t int32 [N], 0 to times - 1; x and noise: [N, ...] of one shape.

@@ -19,20 +19,22 @@ Denoiser guided(const Denoiser& with, const Denoiser& without, float scale) {
   };
 }
 
-std::vector<int64_t> sampling_times(int64_t times, int steps) {
-  if (steps < 1 || steps > times)
-    throw Error(Fault::usage, text(steps, " denoising steps: want 1 to ", times, ", the timesteps of the schedule"));
+std::vector<int64_t> sampling_timesteps(int64_t timesteps, int steps) {
+  if (steps < 1 || steps > timesteps)
+    throw Error(Fault::usage,
+                text(steps, " denoising steps: want 1 to ", timesteps, ", the timesteps of the schedule"));
   std::vector<int64_t> out;
-  for (int64_t i = steps; i > 0; i--) out.push_back(i * times / steps - 1);
+  for (int64_t i = steps; i > 0; i--) out.push_back(i * timesteps / steps - 1);
   return out;
 }
 
 Tensor sample(const NoiseSchedule& schedule, const Denoiser& denoiser, const Tensor& start, int steps) {
-  const std::vector<int64_t> times = sampling_times(schedule.times(), steps);
+  const std::vector<int64_t> timesteps = sampling_timesteps(schedule.timesteps(), steps);
   Tensor now = start;
-  for (size_t i = 0; i < times.size(); i++) {
-    const Level from = schedule.level(times[i]), to = schedule.level(i + 1 < times.size() ? times[i + 1] : -1);
-    const Tensor clean = now * from.alpha + denoiser(now, times[i]) * -from.sigma;
+  for (size_t i = 0; i < timesteps.size(); i++) {
+    const Level from = schedule.level(timesteps[i]),
+                to = schedule.level(i + 1 < timesteps.size() ? timesteps[i + 1] : -1);
+    const Tensor clean = now * from.alpha + denoiser(now, timesteps[i]) * -from.sigma;
     const DenoisingStep step = ddim_step(from, to);
     now = stop_gradient(now * step.noisy + clean * step.clean);
     eval({now});

@@ -24,7 +24,7 @@ Denoiser guided(const Denoiser& with, const Denoiser& without, float scale);
 
 /// Times of `steps` even steps, the last time of the schedule first: sampling begins where nothing but noise is left.
 /// Fault::usage unless steps is 1 to `times`.
-std::vector<int64_t> sampling_times(int64_t times, int steps);
+std::vector<int64_t> sampling_timesteps(int64_t timesteps, int steps);
 
 /// `start`: noise N(0, I), of the samples' shape -> samples. The denoiser is called once a step, with evaluated leaves.
 /// A method that corrects x^ on the way (by the gradient of a rendering, say) does so in its denoiser.

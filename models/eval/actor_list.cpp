@@ -31,9 +31,9 @@ std::size_t images_of(const Scene& scene, const Actor& actor) {
   return count;
 }
 
-std::string words_for_looks(const Scenes& scenes, const AssetName& looks) {
+std::string words_for_looks(const Scenes& scenes, const AssetName& appearance) {
   const auto logs = static_cast<int>(scenes.size());
-  return looks.scene < logs ? spelled(scenes, looks) : text("generated ", looks.scene - logs);
+  return appearance.scene < logs ? spelled(scenes, appearance) : text("generated ", appearance.scene - logs);
 }
 
 Report row_of(const Scenes& scenes, int log, const Actor& actor, std::size_t place) {
@@ -76,8 +76,8 @@ fs::path write_thumbnails(const RestoredRun& run, const Report& list, const fs::
   std::vector<Caption> captions;
   for (std::size_t log = 0; log < run.scenes.size(); ++log) {
     for (const Actor& actor : run.scenes[log].actors) {
-      const AssetName looks = actor.asset.value_or(AssetName{static_cast<int>(log), actor.id});
-      images.push_back(three_quarter_picture(street_of(run), looks, actor.size, kThumbnail));
+      const AssetName appearance = actor.asset.value_or(AssetName{static_cast<int>(log), actor.id});
+      images.push_back(three_quarter_picture(street_of(run), appearance, actor.size, kThumbnail));
     }
   }
   for (const Report& row : list["actors"])

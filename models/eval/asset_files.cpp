@@ -27,7 +27,7 @@ constexpr char kPictures[] = "pictures", kGrid[] = "grid.png", kRecord[] = "gene
 const char* time_of_day(bool night) { return night ? "night" : "day"; }
 
 /// Nothing of when, where and by whom: equal runs and seeds give equal bytes.
-Json how_made(const RestoredRun& prior, const StoredRun& source, const AssetWish& wish, const MadeBy& by) {
+Json how_made(const RestoredRun& prior, const StoredRun& source, const AssetRequest& wish, const MadeBy& by) {
   return {{"version", by.version},
           {"seed", wish.seed},
           {"guidance", wish.guidance},
@@ -122,7 +122,7 @@ Json write_each(const AssetFiles& files, const GeneratedAssets& made, const List
 
 fs::path AssetFiles::grid() const { return folder / kGrid; }
 
-GeneratedAssets generate_assets(const RestoredRun& prior, const AssetWish& wish, const MadeBy& by) {
+GeneratedAssets generate_assets(const RestoredRun& prior, const AssetRequest& wish, const MadeBy& by) {
   StoredRun source = read_source(prior);
   as<LearnsFromRun>(*prior.method)->load(source_of(source));
   auto& generates = *as<GeneratesAssets>(*prior.method);

@@ -27,7 +27,7 @@ struct MadeBy {
 };
 
 /// Fault::usage for a class or light that the prior never saw, Fault::data if the run that it learned from is gone.
-GeneratedAssets generate_assets(const RestoredRun& prior, const AssetWish& wish, const MadeBy& by);
+GeneratedAssets generate_assets(const RestoredRun& prior, const AssetRequest& wish, const MadeBy& by);
 
 struct AssetFiles {
   std::filesystem::path folder;

@@ -49,8 +49,8 @@ std::vector<double> row_colours_of(const Pixels& train, int rows) {
   return colours;
 }
 
-double over_actors(const std::vector<float>& guess, const MeasuredPhoto& photo) {
-  return photo.actors ? masked_psnr(guess, photo.rgb, photo.actors->any(), kChannels) : kNoScore;
+double over_actors(const std::vector<float>& baseline, const MeasuredPhoto& photo) {
+  return photo.actors ? masked_psnr(baseline, photo.rgb, photo.actors->any(), kChannels) : kNoScore;
 }
 
 double painted_mean(const MeasuredPhoto& photo) {
@@ -61,12 +61,12 @@ double painted_mean(const MeasuredPhoto& photo) {
     for (std::size_t c = 0; c < kChannels; ++c) sum[c] += static_cast<double>(photo.rgb[kChannels * i + c]);
     sum[kChannels] += 1;
   }
-  std::vector<float> guess(photo.rgb.size());
-  for (std::size_t i = 0; i < guess.size(); ++i) {
+  std::vector<float> baseline(photo.rgb.size());
+  for (std::size_t i = 0; i < baseline.size(); ++i) {
     const auto& sum = sums.at(actors[i / kChannels]);
-    guess[i] = static_cast<float>(sum[i % kChannels] / sum[kChannels]);
+    baseline[i] = static_cast<float>(sum[i % kChannels] / sum[kChannels]);
   }
-  const double score = over_actors(guess, photo);
+  const double score = over_actors(baseline, photo);
   return score < kExact ? score : kNoScore;  // masks of a pixel or two: nothing was guessed
 }
 
@@ -82,7 +82,7 @@ double psnr_of(const std::vector<float>& rgb, const std::vector<float>& truth, c
   return frame.mask.empty() ? psnr(rgb, truth) : masked_psnr(rgb, truth, frame.mask, kChannels);
 }
 
-Guesses::Guesses(const Scene& train_scene, const Pixels& train) : scene_(train_scene), train_(train) {
+Baselines::Baselines(const Scene& train_scene, const Pixels& train) : scene_(train_scene), train_(train) {
   if (train.frames.empty()) return;
   colour_ = colour_of(train);
   if (scene_.is_log) {
@@ -96,13 +96,13 @@ Guesses::Guesses(const Scene& train_scene, const Pixels& train) : scene_(train_s
   for (const FramePixels& frame : train.frames) extent_ += (place(scene_.frames[frame.frame]) - centre).norm() / count;
 }
 
-GuessScores Guesses::score(const MeasuredPhoto& photo) const {
-  GuessScores scores;
+BaselineScores Baselines::score(const MeasuredPhoto& photo) const {
+  BaselineScores scores;
   if (photo.actors) scores.mean_masked = painted_mean(photo);
   if (colour_.empty()) return scores;
-  std::vector<float> guess(photo.rgb.size());
-  for (std::size_t i = 0; i < guess.size(); ++i) guess[i] = static_cast<float>(colour_[i % kChannels]);
-  scores.mean_colour = psnr_of(guess, photo.rgb, photo.pixels);
+  std::vector<float> baseline(photo.rgb.size());
+  for (std::size_t i = 0; i < baseline.size(); ++i) baseline[i] = static_cast<float>(colour_[i % kChannels]);
+  scores.mean_colour = psnr_of(baseline, photo.rgb, photo.pixels);
   if (scene_.is_log) {
     score_log(photo, scores);
   } else if (const FramePixels* near = nearest_pose(photo)) {
@@ -111,13 +111,13 @@ GuessScores Guesses::score(const MeasuredPhoto& photo) const {
   return scores;
 }
 
-void Guesses::score_log(const MeasuredPhoto& photo, GuessScores& scores) const {
+void Baselines::score_log(const MeasuredPhoto& photo, BaselineScores& scores) const {
   if (photo.pixels.height == rows_) {
-    std::vector<float> guess(photo.rgb.size());
+    std::vector<float> baseline(photo.rgb.size());
     const std::size_t row_values = kChannels * static_cast<std::size_t>(photo.pixels.width);
-    for (std::size_t i = 0; i < guess.size(); ++i)
-      guess[i] = static_cast<float>(row_colours_[i / row_values * kChannels + i % kChannels]);
-    scores.row_mean = psnr_of(guess, photo.rgb, photo.pixels);
+    for (std::size_t i = 0; i < baseline.size(); ++i)
+      baseline[i] = static_cast<float>(row_colours_[i / row_values * kChannels + i % kChannels]);
+    scores.row_mean = psnr_of(baseline, photo.rgb, photo.pixels);
   }
   const auto [before, after] = neighbours(photo);
   if (!before && !after) return;
@@ -133,13 +133,13 @@ void Guesses::score_log(const MeasuredPhoto& photo, GuessScores& scores) const {
 }
 
 /// A photo is no guess for itself.
-bool Guesses::fits(const MeasuredPhoto& photo, const FramePixels& other) const {
+bool Baselines::fits(const MeasuredPhoto& photo, const FramePixels& other) const {
   const bool itself = photo.scene.root == scene_.root &&
                       photo.scene.frames[photo.pixels.frame].image == scene_.frames[other.frame].image;
   return !itself && photo.pixels.width == other.width && photo.pixels.height == other.height;
 }
 
-Guesses::Neighbours Guesses::neighbours(const MeasuredPhoto& photo) const {
+Baselines::Neighbours Baselines::neighbours(const MeasuredPhoto& photo) const {
   const Frame& frame = photo.scene.frames[photo.pixels.frame];
   const auto step = [&](const FramePixels* pixels) { return scene_.frames[pixels->frame].step; };
   Neighbours found;
@@ -153,7 +153,7 @@ Guesses::Neighbours Guesses::neighbours(const MeasuredPhoto& photo) const {
 }
 
 /// The angle in radians plus the way in units of the cameras' mean distance from their centre.
-const FramePixels* Guesses::nearest_pose(const MeasuredPhoto& photo) const {
+const FramePixels* Baselines::nearest_pose(const MeasuredPhoto& photo) const {
   const Frame& frame = photo.scene.frames[photo.pixels.frame];
   const FramePixels* best = nullptr;
   double least = std::numeric_limits<double>::infinity();

@@ -13,7 +13,7 @@ namespace cloam {
 constexpr double kNoScore = std::numeric_limits<double>::quiet_NaN();
 
 /// PSNR of each guess; NaN where it cannot be made.
-struct GuessScores {
+struct BaselineScores {
   double mean_colour = kNoScore;    // every pixel the mean colour of the training photos
   double nearest_frame = kNoScore;  // a copy of the training photo nearest in place and direction
   // Of logs. "masked": over the pixels of actors.
@@ -32,16 +32,16 @@ struct MeasuredPhoto {
 };
 
 /// The guesses of one scene.
-class Guesses {
+class Baselines {
  public:
-  Guesses(const Scene& train_scene, const Pixels& train);
-  GuessScores score(const MeasuredPhoto& photo) const;
+  Baselines(const Scene& train_scene, const Pixels& train);
+  BaselineScores score(const MeasuredPhoto& photo) const;
 
  private:
   struct Neighbours {
     const FramePixels *before = nullptr, *after = nullptr;
   };
-  void score_log(const MeasuredPhoto& photo, GuessScores& scores) const;
+  void score_log(const MeasuredPhoto& photo, BaselineScores& scores) const;
   Neighbours neighbours(const MeasuredPhoto& photo) const;
   const FramePixels* nearest_pose(const MeasuredPhoto& photo) const;
   bool fits(const MeasuredPhoto& photo, const FramePixels& other) const;

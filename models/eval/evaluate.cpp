@@ -32,10 +32,10 @@ void score_features(ImageScore& score, const FeatureNetwork& network, const Pict
   score.masked_feature_distance = distance(on_black(picture.rgb, mask), on_black(photo.rgb, mask));
 }
 
-ImageScore score_photo(const Picture& picture, const MeasuredPhoto& photo, const Guesses& guesses,
+ImageScore score_photo(const Picture& picture, const MeasuredPhoto& photo, const Baselines& baselines,
                        const FeatureNetwork* features) {
   ImageScore score = score_image(picture.rgb, photo.rgb, photo.pixels);
-  score.guesses = guesses.score(photo);
+  score.baselines = baselines.score(photo);
   if (photo.actors) score_actors(score, picture, photo);
   if (features) score_features(score, *features, picture, photo);
   return score;
@@ -67,7 +67,8 @@ std::vector<ImageScore> evaluate(RendersViews& method, const MeasuredScene& meas
     const std::vector<float> truth = on_white(pixels);
     const auto mask = measured.masks ? std::optional(measured.masks->of(frame, camera)) : std::nullopt;
     const MeasuredPhoto photo{measured.scene, pixels, truth, mask ? &*mask : nullptr};
-    scores.push_back(options.compare ? score_photo(picture, photo, measured.guesses, options.features) : ImageScore{});
+    scores.push_back(options.compare ? score_photo(picture, photo, measured.baselines, options.features)
+                                     : ImageScore{});
     scores.back().name = frame.image;
     options.seen({scores.back(), pixels, truth, picture, photo.actors});
   }

@@ -18,7 +18,7 @@ struct ImageScore {
   double psnr = kNoScore, ssim = kNoScore, psnr_full = kNoScore;
   double masked_psnr = kNoScore, masked_ssim = kNoScore;
   double feature_distance = kNoScore, masked_feature_distance = kNoScore;
-  GuessScores guesses = {};
+  BaselineScores baselines = {};
 };
 
 /// The photos of one scene that are measured.
@@ -26,7 +26,7 @@ struct MeasuredScene {
   int index = 0;       // in the run
   const Scene& scene;  // of the photos
   const Pixels& photos;
-  const Guesses& guesses;
+  const Baselines& baselines;
   const ActorMasks* masks = nullptr;  // of logs
 };
 

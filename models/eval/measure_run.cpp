@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kLeastPixels = 16;  // of an actor that an image shows
+constexpr int kMinPixels = 16;  // of an actor that an image shows
 
 struct Evaluator {
   const Listener& listener;
@@ -65,7 +65,7 @@ void note_kind(const Photos& photos, EvalResult& result) {
 void measure_scene(Method& method, const Photos& photos, bool several, Evaluator& evaluator, EvalResult& result) {
   note_kind(photos, result);
   SceneResult scene{photos.name, {}, {}, 0};
-  const Guesses guesses(photos.train_scene, photos.train);
+  const Baselines baselines(photos.train_scene, photos.train);
   std::optional<ActorMasks> masks;
   if (photos.scene.is_log) masks.emplace(photos.scene);
   const std::vector<std::string> names = names_of(photos, photos.scene, photos.measured, several);
@@ -77,7 +77,7 @@ void measure_scene(Method& method, const Photos& photos, bool several, Evaluator
     evaluator.show(image, names[next++]);
   };
   scene.images = evaluate(*as<RendersViews>(method),
-                          {photos.index, photos.scene, photos.measured, guesses, masks ? &*masks : nullptr}, options);
+                          {photos.index, photos.scene, photos.measured, baselines, masks ? &*masks : nullptr}, options);
   if (scene.truth_masks > 0 && scene.truth_masks < scene.images.size())
     evaluator.listener.warn(text(photos.name, ": ", scene.truth_masks, " of ", scene.images.size(),
                                  " images have actor masks in truth/; box outlines are used for the others"));
@@ -109,7 +109,7 @@ void keep_image(TurnedLog& turned, const Photos& photos) {
     if (i != shown) turned.scene.frames[i].split = Split::unused;
   const ActorMask mask = ActorMasks(photos.scene).of(frame, photos.train.cameras.front());
   for (std::size_t a = 0; a < turned.scene.actors.size(); ++a)
-    if (std::count(mask.actors.begin(), mask.actors.end(), static_cast<int>(a) + 1) < kLeastPixels)
+    if (std::count(mask.actors.begin(), mask.actors.end(), static_cast<int>(a) + 1) < kMinPixels)
       turned.scene.actors[a].boxes.clear();
 }
 
@@ -117,7 +117,7 @@ void keep_image(TurnedLog& turned, const Photos& photos) {
 void measure_turned(Method& method, const Photos& photos, const TurnedLog& turned, Evaluator& evaluator,
                     SceneResult& result) {
   const Pixels pixels = load_images(turned.scene, Split::test, photos.options);
-  const Guesses guesses(photos.train_scene, photos.train);
+  const Baselines baselines(photos.train_scene, photos.train);
   const ActorMasks masks(turned.scene, turned.has_truth);
   const std::vector<std::string> names = names_of(photos, turned.scene, pixels, true);
   std::size_t next = 0;
@@ -130,7 +130,7 @@ void measure_turned(Method& method, const Photos& photos, const TurnedLog& turne
     evaluator.show(image, text("rot", turned.degrees, "_", names[next++]));
   };
   const auto images =
-      evaluate(*as<RendersViews>(method), {photos.index, turned.scene, pixels, guesses, &masks}, options);
+      evaluate(*as<RendersViews>(method), {photos.index, turned.scene, pixels, baselines, &masks}, options);
   result.images.insert(result.images.end(), images.begin(), images.end());
 }
 

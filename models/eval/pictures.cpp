@@ -82,18 +82,18 @@ Image contact_sheet(const std::vector<Image>& images, int columns, const std::ve
   return sheet;
 }
 
-Image three_quarter_picture(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int pixels) {
+Image three_quarter_picture(Street& street, const AssetName& appearance, const Eigen::Vector3d& size, int pixels) {
   const Camera camera = turntable_camera(pixels, pixels);
-  const Picture picture = street.render_asset(looks, camera, three_quarter_pose(size, camera));
+  const Picture picture = street.render_asset(appearance, camera, three_quarter_pose(size, camera));
   return to_image(picture.rgb, picture.width, picture.height);
 }
 
-std::vector<Image> turntable(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int count,
+std::vector<Image> turntable(Street& street, const AssetName& appearance, const Eigen::Vector3d& size, int count,
                              int pixels) {
   const Camera camera = turntable_camera(pixels, pixels);
   std::vector<Image> images;
   for (const auto& pose : turntable_poses(size, camera, count)) {
-    const Picture picture = street.render_asset(looks, camera, pose);
+    const Picture picture = street.render_asset(appearance, camera, pose);
     images.push_back(to_image(picture.rgb, picture.width, picture.height));
   }
   return images;

@@ -25,11 +25,11 @@ struct Caption {
 Image contact_sheet(const std::vector<Image>& images, int columns, const std::vector<Caption>& captions = {});
 
 /// An asset of that size alone on white, from its front left and a little above.
-Image three_quarter_picture(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int pixels);
+Image three_quarter_picture(Street& street, const AssetName& appearance, const Eigen::Vector3d& size, int pixels);
 
 /// `count` pictures of pixels x pixels all around an asset of that size, alone on white, from its front
 /// counter-clockwise (orbit.h: turntable_poses).
-std::vector<Image> turntable(Street& street, const AssetName& looks, const Eigen::Vector3d& size, int count,
+std::vector<Image> turntable(Street& street, const AssetName& appearance, const Eigen::Vector3d& size, int count,
                              int pixels);
 
 /// A file name (no extension) for each frame, from its image path with "/" as "_"; all different.

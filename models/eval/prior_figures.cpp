@@ -24,7 +24,7 @@ namespace {
 
 constexpr int kAllCodes = 1000000;
 constexpr std::size_t kAssets = 320;  // of a set: four views of each are enough for the covariance of 512 features
-constexpr int kLeastTraining = 20, kPairs = 8;
+constexpr int kMinTraining = 20, kPairs = 8;
 constexpr int kOfAClass[] = {48, 16};  // at most: training assets, which prototypes are made of, and samples
 constexpr int kViews = 4, kPixels = 64;
 constexpr std::size_t kTold = 64;  // assets from one line of progress to the next
@@ -50,7 +50,7 @@ std::vector<int> common_classes(const LabelledCodes& training) {
   for (const int asset_class : training.classes) ++counts[asset_class];
   std::vector<int> classes;
   for (const auto& [asset_class, count] : counts)
-    if (count >= kLeastTraining) classes.push_back(asset_class);
+    if (count >= kMinTraining) classes.push_back(asset_class);
   return classes;
 }
 
@@ -139,15 +139,15 @@ double share_of_darker_nights(GeneratesAssets& prior, Showroom& showroom, const 
 }
 
 /// A row an asset: features of its pictures (the mean of all views), and the logarithms of its box's sides.
-std::array<Eigen::MatrixXd, 2> looks_of(Showroom& showroom, const std::vector<NewAsset>& assets) {
+std::array<Eigen::MatrixXd, 2> appearance_of(Showroom& showroom, const std::vector<NewAsset>& assets) {
   const Eigen::MatrixXd views = showroom.features_of(assets);
   const auto count = static_cast<Eigen::Index>(assets.size());
-  std::array<Eigen::MatrixXd, 2> looks = {Eigen::MatrixXd(count, views.cols()), Eigen::MatrixXd(count, 3)};
+  std::array<Eigen::MatrixXd, 2> appearance = {Eigen::MatrixXd(count, views.cols()), Eigen::MatrixXd(count, 3)};
   for (Eigen::Index i = 0; i < count; ++i) {
-    looks[0].row(i) = views.middleRows(i * kViews, kViews).colwise().mean();
-    looks[1].row(i) = assets[static_cast<std::size_t>(i)].size.array().log().transpose();
+    appearance[0].row(i) = views.middleRows(i * kViews, kViews).colwise().mean();
+    appearance[1].row(i) = assets[static_cast<std::size_t>(i)].size.array().log().transpose();
   }
-  return looks;
+  return appearance;
 }
 
 /// Assets of each class, [0] of training and [1] samples that were asked for, by looks and boxes: each of both
@@ -163,16 +163,16 @@ std::array<LabelledCodes, 2> looks_of_classes(GeneratesAssets& prior, Showroom& 
       for (const NewAsset& asset :
            prior.generate({.count = kOfAClass[sampled], .asset_class = asset_class, .codes = source}))
         assets.push_back(asset);
-    const auto looks = looks_of(showroom, assets);
-    for (std::size_t k = 0; k < looks.size() && !sampled; ++k)  // of length 1 in all over the training assets
-      units[k] = (looks[k].rowwise() - looks[k].colwise().mean()).colwise().norm().array() *
-                     std::sqrt(static_cast<double>(looks[k].cols())) +
+    const auto appearance = appearance_of(showroom, assets);
+    for (std::size_t k = 0; k < appearance.size() && !sampled; ++k)  // of length 1 in all over the training assets
+      units[k] = (appearance[k].rowwise() - appearance[k].colwise().mean()).colwise().norm().array() *
+                     std::sqrt(static_cast<double>(appearance[k].cols())) +
                  1e-9;
-    for (Eigen::Index i = 0; i < looks[0].rows(); ++i) {
+    for (Eigen::Index i = 0; i < appearance[0].rows(); ++i) {
       std::vector<float> numbers;
-      for (std::size_t k = 0; k < looks.size(); ++k)
-        for (Eigen::Index c = 0; c < looks[k].cols(); ++c)
-          numbers.push_back(static_cast<float>(looks[k](i, c) / units[k][c]));
+      for (std::size_t k = 0; k < appearance.size(); ++k)
+        for (Eigen::Index c = 0; c < appearance[k].cols(); ++c)
+          numbers.push_back(static_cast<float>(appearance[k](i, c) / units[k][c]));
       both[sampled].add(numbers, assets[static_cast<std::size_t>(i)].asset_class);
     }
   }
@@ -232,9 +232,9 @@ void add_picture_figures(GeneratesAssets& prior, const RestoredRun& decoder, con
   add_set_figures(prior, showroom, sets, figures);
   figures["feature_network"] = network.name;
   if (classes.size() > 1) {
-    const auto looks = looks_of_classes(prior, showroom, classes);
-    figures["class_right"] = share_of_right_classes(looks[1], looks[0]);
-    figures["class_right_of_training"] = share_of_right_classes(looks[0], looks[0]);
+    const auto appearance = looks_of_classes(prior, showroom, classes);
+    figures["class_right"] = share_of_right_classes(appearance[1], appearance[0]);
+    figures["class_right_of_training"] = share_of_right_classes(appearance[0], appearance[0]);
     figures["baseline_class_right"] = 1.0 / static_cast<double>(classes.size());
   }
   if (nights) figures["night_darker"] = share_of_darker_nights(prior, showroom, classes);

@@ -19,8 +19,8 @@ struct Figure {
   std::function<double(const ImageScore&)> of;
 };
 
-Figure guess(const char* key, double GuessScores::*figure) {
-  return {key, [=](const ImageScore& image) { return image.guesses.*figure; }};
+Figure baseline(const char* key, double BaselineScores::*figure) {
+  return {key, [=](const ImageScore& image) { return image.baselines.*figure; }};
 }
 
 std::vector<Figure> figures_of(const EvalResult& result) {
@@ -31,14 +31,15 @@ std::vector<Figure> figures_of(const EvalResult& result) {
   if (!result.features.empty())
     add({{"feature_distance", &ImageScore::feature_distance},
          {"masked_feature_distance", &ImageScore::masked_feature_distance}});
-  add({guess("baseline_mean_colour_psnr", &GuessScores::mean_colour)});
-  if (!result.is_log) add({guess("baseline_nearest_frame_psnr", &GuessScores::nearest_frame)});
+  add({baseline("baseline_mean_colour_psnr", &BaselineScores::mean_colour)});
+  if (!result.is_log) add({baseline("baseline_nearest_frame_psnr", &BaselineScores::nearest_frame)});
   if (result.is_log)
-    add({guess("baseline_blend_psnr", &GuessScores::blend),
-         guess("baseline_blend_masked_psnr", &GuessScores::blend_masked),
-         guess("baseline_mean_masked_psnr", &GuessScores::mean_masked), guess("baseline_copy_psnr", &GuessScores::copy),
-         guess("baseline_copy_masked_psnr", &GuessScores::copy_masked),
-         guess("baseline_row_mean_psnr", &GuessScores::row_mean)});
+    add({baseline("baseline_blend_psnr", &BaselineScores::blend),
+         baseline("baseline_blend_masked_psnr", &BaselineScores::blend_masked),
+         baseline("baseline_mean_masked_psnr", &BaselineScores::mean_masked),
+         baseline("baseline_copy_psnr", &BaselineScores::copy),
+         baseline("baseline_copy_masked_psnr", &BaselineScores::copy_masked),
+         baseline("baseline_row_mean_psnr", &BaselineScores::row_mean)});
   return figures;
 }
 

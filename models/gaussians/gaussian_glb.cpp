@@ -45,7 +45,7 @@ struct Component {
   int type;
   std::size_t bytes;
   double (*read)(const std::uint8_t*);
-  double most;  // what a normalised value is a part of
+  double max;  // what a normalised value is a part of
 };
 
 template <class Stored>
@@ -117,7 +117,7 @@ class Document {
     const bool fits = stride >= element && stride < 256 && offset <= size && count > 0 && count <= size &&
                       (count - 1) * stride + element <= size - offset;
     if (!fits) fail(text("accessors ", index, " reaches beyond its buffer view"));
-    const double unit = flag(accessor, "normalized", false, where) ? 1 / component.most : 1;
+    const double unit = flag(accessor, "normalized", false, where) ? 1 / component.max : 1;
     std::vector<float> values;
     values.reserve(count * shape.width);
     for (std::uint64_t i = 0; i < count; ++i) {

@@ -12,7 +12,7 @@
 namespace cloam {
 namespace {
 
-constexpr double kLeastSquaredDistance = 1e-7;
+constexpr double kMinSquaredDistance = 1e-7;
 constexpr double kFirstOpacity = 0.1;
 
 struct Point {
@@ -142,7 +142,7 @@ Gaussians gaussians_from_points(const PointCloud& cloud) {
   gaussians.sh_rest.resize(3 * kSphericalRest * count);
   const PointTree tree = tree_of(cloud);
   for (const Point& point : tree.points()) {  // neighbours one after the other
-    const double square = std::max(kLeastSquaredDistance, tree.nearest_to(point).mean());
+    const double square = std::max(kMinSquaredDistance, tree.nearest_to(point).mean());
     const float scale = static_cast<float>(0.5 * std::log(square));
     std::fill_n(&gaussians.scales[3 * point.index], 3, scale);
   }

@@ -21,8 +21,8 @@ using Bytes = std::vector<std::uint8_t>;
 using Section = std::span<const std::uint8_t>;
 using Eigen::Vector4d;
 
-constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 31;
-constexpr int kMostFractionBits = 16, kPositionBits = 24;
+constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 31;
+constexpr int kMaxFractionBits = 16, kPositionBits = 24;
 constexpr std::uint8_t kAntialiased = 1, kHasExtensions = 2;
 constexpr int kHighestDegree = 4;
 constexpr double kColourScale = 0.15 * 255, kColourZero = 0.5 * 255;  // bytes of a first coefficient
@@ -147,7 +147,7 @@ SplatFile unpack(const Bytes& bytes, const std::string& file) {
 int fraction_bits_for(const Gaussians& gaussians, const std::string& file) {
   double farthest = 0;
   for (const float value : gaussians.means) farthest = std::max(farthest, std::abs(double(value)));
-  for (int bits = kMostFractionBits; bits >= 0; --bits) {
+  for (int bits = kMaxFractionBits; bits >= 0; --bits) {
     if (std::ldexp(farthest, bits) < (1 << (kPositionBits - 1)) - 1) return bits;
   }
   fail(file, text("a Gaussian lies at ", farthest,
@@ -198,7 +198,7 @@ Bytes pack(const Gaussians& gaussians, int version, const std::string& file) {
   header.fraction_bits = static_cast<std::uint8_t>(fraction_bits_for(gaussians, file));
   const std::size_t coefficients = rest_of_degree(header.degree);
   const std::uint64_t size = sizeof header + count * (16 + rotation_bytes(header) + 3 * coefficients);
-  if (size >= kMostBytes) fail(file, text(count, " Gaussians are too many for an .spz: write a .ply"));
+  if (size >= kMaxBytes) fail(file, text(count, " Gaussians are too many for an .spz: write a .ply"));
   Bytes bytes(sizeof header);
   bytes.reserve(size);
   std::memcpy(bytes.data(), &header, sizeof header);
@@ -221,8 +221,8 @@ Bytes pack(const Gaussians& gaussians, int version, const std::string& file) {
 }  // namespace
 
 SplatFile read_spz(const std::filesystem::path& path) {
-  const Bytes bytes = read_file(path, kMostBytes - 1);
-  return unpack(is_gzip(bytes) ? gunzip(bytes, kMostBytes, path.string()) : bytes, path.string());
+  const Bytes bytes = read_file(path, kMaxBytes - 1);
+  return unpack(is_gzip(bytes) ? gunzip(bytes, kMaxBytes, path.string()) : bytes, path.string());
 }
 
 void write_spz(const std::filesystem::path& path, const Gaussians& gaussians, int version) {

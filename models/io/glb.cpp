@@ -19,7 +19,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr int kVertices = 34962, kIndices = 34963;
 constexpr std::uint32_t kMagic = 0x46546C67, kJsonChunk = 0x4E4F534A, kBinChunk = 0x004E4942;  // "glTF" "JSON" "BIN"
-constexpr std::uint64_t kMostBytes = std::numeric_limits<std::uint32_t>::max();
+constexpr std::uint64_t kMaxBytes = std::numeric_limits<std::uint32_t>::max();
 
 std::size_t components(const std::string& shape) {
   return shape == "SCALAR" ? 1 : static_cast<std::size_t>(shape.back() - '0');
@@ -80,7 +80,7 @@ void GlbBuffer::write(const std::filesystem::path& path, Json document) const {
   std::string json = document.dump(-1, ' ', false, Json::error_handler_t::replace);
   json.resize(padded(json.size()), ' ');
   const std::uint64_t size = 12 + 8 + json.size() + 8 + std::uint64_t{bytes_.size()} + 3;
-  if (size > kMostBytes) bad_data(path.string(), ": ", bytes_.size(), " bytes are more than a GLB can hold (4 GiB)");
+  if (size > kMaxBytes) bad_data(path.string(), ": ", bytes_.size(), " bytes are more than a GLB can hold (4 GiB)");
   const std::uint32_t bin_size = padded(bytes_.size()), json_size = padded(json.size());
   const std::array<std::uint32_t, 5> start{kMagic, 2, 12 + 8 + json_size + 8 + bin_size, json_size, kJsonChunk};
   const std::array<std::uint32_t, 2> bin{bin_size, kBinChunk};
@@ -96,7 +96,7 @@ float linear_colour(float srgb) {
 }
 
 GlbChunks read_glb_chunks(const std::filesystem::path& path) {
-  const auto bytes = read_file(path, kMostBytes);
+  const auto bytes = read_file(path, kMaxBytes);
   const auto fail = [&](const std::string& why) { bad_data(path.string() + ": " + why); };
   ByteReader reader(bytes, path.string());
   if (reader.little<std::uint32_t>("the GLB header") != kMagic) fail("is not a GLB file: it does not begin with glTF");

@@ -13,7 +13,7 @@ namespace {
 constexpr int kGzipWindow = 15 + 16;  // zlib's way to ask for gzip's header
 constexpr int kLevel = 6;
 constexpr std::uint64_t kAlwaysAllowed = std::uint64_t{16} << 20;
-constexpr std::uint64_t kMostRatio = 200;
+constexpr std::uint64_t kMaxRatio = 200;
 constexpr std::size_t kPiece = std::size_t{1} << 18;
 
 [[noreturn]] void damaged(const std::string& name, std::size_t offset, const std::string& why) {
@@ -56,7 +56,7 @@ bool is_gzip(std::span<const std::uint8_t> bytes) { return bytes.size() >= 2 && 
 
 std::vector<std::uint8_t> gunzip(std::span<const std::uint8_t> bytes, std::uint64_t largest, const std::string& name) {
   if (bytes.size() >> 31) bad_data(name, ": more than 2 GB");
-  const std::uint64_t most = std::min(largest, std::max(kAlwaysAllowed, kMostRatio * bytes.size()));
+  const std::uint64_t most = std::min(largest, std::max(kAlwaysAllowed, kMaxRatio * bytes.size()));
   Inflater inflater(bytes);
   std::vector<std::uint8_t> result, piece(kPiece);
   while (!inflater.ended()) {

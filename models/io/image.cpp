@@ -21,15 +21,15 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr std::uint64_t kMostValues = std::uint64_t{1} << 29;
-constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 31;
+constexpr std::uint64_t kMaxValues = std::uint64_t{1} << 29;
+constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 31;
 constexpr int kLongestSide = 1 << 17;
 // What a header may promise, measured by the bytes that follow. Deflate shrinks to 1/1032 at best, JPEG to about that;
 // of EXR's other compressions some write a block of equal pixels in a few bytes.
-constexpr std::uint64_t kMostShrunk = 1100, kMostShrunkExr = 10000;
+constexpr std::uint64_t kMaxShrunk = 1100, kMaxShrunkExr = 10000;
 constexpr std::uint64_t kSmall = 16 << 20;         // bytes of pixels that nobody needs to ask about
 constexpr std::uint64_t kMuch = 256 << 20;         // bytes as RGBA from which on a file must hold more than flat colour
-constexpr std::uint64_t kLeastShareOfMuch = 200;   // of these bytes to one of the file
+constexpr std::uint64_t kMinShareOfMuch = 200;     // of these bytes to one of the file
 constexpr std::uint64_t kLargestBlock = 64 << 20;  // bytes of one tile, or of the lines that are compressed together
 constexpr std::uint64_t kAtOnce = 8 << 20;         // bytes of lines that are decoded in one call, if blocks are small
 
@@ -191,9 +191,9 @@ void require_proportion(const Decoder& decoder) {
   const auto bits = static_cast<std::uint64_t>(
       spec.get_int_attribute("oiio:BitsPerSample", static_cast<int>(8 * spec.format.size())));
   const std::uint64_t raw = pixels * static_cast<std::uint64_t>(spec.nchannels) * bits / 8;
-  const std::uint64_t most = decoder.format == "openexr" ? kMostShrunkExr : kMostShrunk;
+  const std::uint64_t most = decoder.format == "openexr" ? kMaxShrunkExr : kMaxShrunk;
   const bool held = raw <= kSmall || raw / most <= file;
-  const bool flat = 4 * pixels > kMuch && 4 * pixels / kLeastShareOfMuch > file;
+  const bool flat = 4 * pixels > kMuch && 4 * pixels / kMinShareOfMuch > file;
   if (held && !flat) return;
   bad_data(decoder.path.string(), ": the header says ", spec.width, "x", spec.height, " pixels with ", spec.nchannels,
            " channels, but the file has only ", file, " bytes: it is damaged, or crafted to exhaust memory");
@@ -224,20 +224,20 @@ void require_exr_layout(const Decoder& decoder) {
            " pixels are too large to decode; save the image in smaller tiles, or with zip");
 }
 
-void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec, int most_channels) {
+void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec, int max_channels) {
   const bool sides =
       spec.width > 0 && spec.height > 0 && spec.depth <= 1 && spec.width <= kLongestSide && spec.height <= kLongestSide;
-  const bool channels = spec.nchannels >= 1 && spec.nchannels <= most_channels;
+  const bool channels = spec.nchannels >= 1 && spec.nchannels <= max_channels;
   const int deep = spec.format.is_floating_point() ? 4 : 1;  // such pixels pass through floats
-  if (sides && channels && spec.image_pixels() * spec.nchannels * deep <= kMostValues) return;
+  if (sides && channels && spec.image_pixels() * spec.nchannels * deep <= kMaxValues) return;
   bad_data(path.string(), ": the header says ", spec.width, "x", spec.height, " pixels with ", spec.nchannels,
-           " channels; the limit is ", kMostValues, " values and ", most_channels, " channels");
+           " channels; the limit is ", kMaxValues, " values and ", max_channels, " channels");
 }
 
-Decoder open(const std::filesystem::path& path, int most_channels) {
+Decoder open(const std::filesystem::path& path, int max_channels) {
   Decoder decoder;
   decoder.path = path;
-  decoder.bytes = read_file(path, kMostBytes);
+  decoder.bytes = read_file(path, kMaxBytes);
   decoder.format = format_of(decoder.bytes);
   require_format(path, decoder.format);
   if (decoder.format == "png") require_sound_png(path, decoder.bytes);
@@ -251,7 +251,7 @@ Decoder open(const std::filesystem::path& path, int most_channels) {
   options.attribute("oiio:UnassociatedAlpha", 1);  // straight alpha, as stored in PNG
   decoder.input->set_ioproxy(decoder.memory.get());
   if (!decoder.input->open(path.string(), decoder.spec, options)) damaged(path, decoder.input->geterror());
-  require_spec(path, decoder.spec, most_channels);
+  require_spec(path, decoder.spec, max_channels);
   require_proportion(decoder);
   if (decoder.format == "openexr") require_exr_layout(decoder);
   return decoder;

@@ -14,8 +14,8 @@
 namespace cloam {
 namespace {
 
-constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
-constexpr std::uint64_t kMostParsed = std::uint64_t{512} << 20;
+constexpr std::uint64_t kMaxBytes = std::uint64_t{256} << 20;
+constexpr std::uint64_t kMaxParsed = std::uint64_t{512} << 20;
 constexpr std::uint64_t kListed = 24, kKeyed = 112, kContainer = 56;  // bytes that values take, about
 constexpr std::size_t kDeepest = 64;
 constexpr int kOutOfRange = 406;  // the library's number of the error
@@ -125,8 +125,8 @@ class Builder : public nlohmann::json_sax<Json> {
     const bool listed = open_.empty() || open_.back()->is_array();
     bytes_ += (listed ? kListed : kKeyed + key_.size()) + (value.is_structured() ? kContainer : 0);
     bytes_ += words ? words->size() : 0;
-    if (bytes_ > kMostParsed)
-      fail(text("too many values: they would take more than ", kMostParsed >> 20, " MB of memory"));
+    if (bytes_ > kMaxParsed)
+      fail(text("too many values: they would take more than ", kMaxParsed >> 20, " MB of memory"));
     if (open_.empty()) return root_ = std::move(value);
     if (auto* list = open_.back()->get_ptr<Json::array_t*>()) return list->emplace_back(std::move(value));
     auto& object = open_.back()->get_ref<Json::object_t&>();
@@ -152,7 +152,7 @@ double finite(const Json& value, const std::string& key, const std::string& wher
 }  // namespace
 
 Json parse_json_file(const std::filesystem::path& path) {
-  const auto bytes = read_file(path, kMostBytes);
+  const auto bytes = read_file(path, kMaxBytes);
   const std::string_view content(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   return without_quotes(path, [&] { return parse_json(content, path.string()); });
 }

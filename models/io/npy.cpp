@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::string_view kMagic = "\x93NUMPY";
 constexpr std::uint64_t kLongestHeader = 10000;  // numpy's own limit
-constexpr std::size_t kMostAxes = 32;            // numpy's own limit
+constexpr std::size_t kMaxAxes = 32;             // numpy's own limit
 
 // 0 for types that are not read.
 std::size_t bytes_of(std::string_view type) {
@@ -40,7 +40,7 @@ std::string as_json(std::string_view header) {
 
 void read_shape(const Json& shape, const std::string& looked_for, NpyArray& array) {
   constexpr std::uint64_t most = std::uint64_t{1} << 56;
-  if (shape.size() > kMostAxes) bad_data(looked_for, "at most ", kMostAxes, " axes");
+  if (shape.size() > kMaxAxes) bad_data(looked_for, "at most ", kMaxAxes, " axes");
   for (const Json& extent : shape) {
     if (!extent.is_number() || extent < 0) bad_data(looked_for + "a whole number");
     if (!extent.is_number_unsigned() || extent > most) bad_data(looked_for, "an extent of at most ", most);

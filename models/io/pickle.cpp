@@ -14,9 +14,9 @@
 namespace cloam {
 namespace {
 
-constexpr std::size_t kMostValues = std::size_t{1} << 20;  // bounds memory: some 100 bytes each at worst
-constexpr std::size_t kMostMarks = 64;                     // data frames need about ten
-constexpr std::size_t kMostOffset = std::size_t{1} << 31;
+constexpr std::size_t kMaxValues = std::size_t{1} << 20;  // bounds memory: some 100 bytes each at worst
+constexpr std::size_t kMaxMarks = 64;                     // data frames need about ten
+constexpr std::size_t kMaxOffset = std::size_t{1} << 31;
 
 struct AllowedName {
   std::string_view spelling;  // module, space, name
@@ -92,7 +92,7 @@ class Stack {
 
   // Each value costs a byte of the file, or more, but far more of memory.
   void push(const PickleValue& value) {
-    if (++made_ > kMostValues) place_.fail(text("more than ", kMostValues, " values, too many for a data frame"));
+    if (++made_ > kMaxValues) place_.fail(text("more than ", kMaxValues, " values, too many for a data frame"));
     values_.push_back(value);
   }
 
@@ -108,7 +108,7 @@ class Stack {
   }
 
   void mark() {
-    if (marks_.size() == kMostMarks) place_.fail(text("nested deeper than ", kMostMarks));
+    if (marks_.size() == kMaxMarks) place_.fail(text("nested deeper than ", kMaxMarks));
     marks_.push_back(values_.size());
   }
 
@@ -129,7 +129,7 @@ class Stack {
   void memoize() { put(memo_.size()); }
 
   void put(std::uint64_t number) {
-    if (memo_.size() >= kMostValues) place_.fail("too many memos");
+    if (memo_.size() >= kMaxValues) place_.fail("too many memos");
     memo_[number] = top();
   }
 
@@ -287,7 +287,7 @@ class PickleMachine {
     const auto name = static_cast<PickleName>(callee.integer);
     const auto items = out_.list(arguments, "arguments");
     if (name == PickleName::encode || name == PickleName::bytes) return push_encoded(items);
-    if ((copied_ += items.size()) > kMostValues) place_.fail("too many arguments");
+    if ((copied_ += items.size()) > kMaxValues) place_.fail("too many arguments");
     push(Kind::record, static_cast<std::int64_t>(out_.records_.size()));
     out_.records_.push_back({name, {items.begin(), items.end()}, {}, false});
   }
@@ -371,7 +371,7 @@ const PickleMachine::Instruction PickleMachine::kInstructions[] = {
 };
 
 void PickleMachine::run() {
-  if (bytes_.size() > kMostOffset) place_.fail(text("holds ", bytes_.size(), " bytes, the most is ", kMostOffset));
+  if (bytes_.size() > kMaxOffset) place_.fail(text("holds ", bytes_.size(), " bytes, the most is ", kMaxOffset));
   require_protocol();
   std::array<Action, 256> actions{};
   for (const Instruction& known : kInstructions) actions[known.opcode] = known.action;

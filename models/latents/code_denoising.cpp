@@ -20,7 +20,7 @@ CodeDenoising::CodeDenoising(const CodeDenoiser& denoiser, const CodePriorOption
     : denoiser_(denoiser),
       options_(options),
       rows_(std::move(rows)),
-      times_(sampling_times(denoiser.schedule.times(), options.steps)) {
+      times_(sampling_timesteps(denoiser.schedule.timesteps(), options.steps)) {
   const auto channels = static_cast<int64_t>(denoiser_.mean.size());
   const Shape shape = {static_cast<int64_t>(rows_.rows.size()), channels, denoiser_.side, denoiser_.side};
   noisy_ = random_normal(shape, {seed, kStart, kPriorNoise}) * options.noise;

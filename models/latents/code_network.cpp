@@ -17,7 +17,7 @@ CodeNetwork::CodeNetwork(const UnetOptions& options, const NoiseSchedule& schedu
       ema_unet_(Scope{ema_, "unet", seed}, options) {}
 
 Tensor CodeNetwork::velocity(Weights weights, const Tensor& noisy, const Tensor& t, const Condition& condition) const {
-  const float scale = static_cast<float>(kNetworkTimes) / static_cast<float>(schedule_.times());
+  const float scale = static_cast<float>(kNetworkTimes) / static_cast<float>(schedule_.timesteps());
   const Unet& unet = weights == Weights::averaged ? ema_unet_ : unet_;
   return unet(noisy, cast(t, DType::f32) * scale, condition);
 }

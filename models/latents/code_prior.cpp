@@ -14,7 +14,7 @@
 namespace cloam {
 namespace {
 
-constexpr float kLeastTime = 0.02f, kMostTime = 0.98f;  // of all diffusion times: DreamFusion's
+constexpr float kMinTime = 0.02f, kMaxTime = 0.98f;  // of all diffusion times: DreamFusion's
 constexpr double kNormDecay = 0.99;
 constexpr int64_t kMeasuring = 16;  // steps: a term of early times is hundreds of times smaller than one of late times
 constexpr uint64_t kTimesSeed = 0x7072696f72;  // apart from the numbers that choose what a step sees
@@ -32,12 +32,12 @@ void CodePrior::denoise(CodeRows rows) {
 }
 
 /// Each actor at a time of its own.
-Tensor CodePrior::term(const MetCodes& met, const Progress& progress) const {
+Tensor CodePrior::term(const VisibleCodes& met, const Progress& progress) const {
   HostRandom random(seed_ ^ kTimesSeed, static_cast<uint64_t>(progress.step));
-  const auto all = static_cast<float>(denoiser_.schedule.times());
+  const auto all = static_cast<float>(denoiser_.schedule.timesteps());
   std::vector<int32_t> times;
   for (int64_t i = 0; i < met.codes.dim(0); ++i)
-    times.push_back(static_cast<int32_t>((kLeastTime + (kMostTime - kLeastTime) * random.uniform()) * all));
+    times.push_back(static_cast<int32_t>((kMinTime + (kMaxTime - kMinTime) * random.uniform()) * all));
   const Tensor noise = random_normal(met.codes.shape(), {seed_, static_cast<uint32_t>(progress.step), kPriorNoise});
   const auto clean = [&](const Tensor& noisy, const std::vector<int32_t>& at) {
     return denoiser_.clean(noisy, at, met.condition);
@@ -50,7 +50,7 @@ void CodePrior::begin_step(const Progress& progress) {
   if (denoising_ && denoising_->includes(progress.step)) denoising_->show(progress.step);
 }
 
-void CodePrior::add(Step& step, const Tensors& wanted, const MetCodes& met, const Progress& progress) {
+void CodePrior::add(Step& step, const Tensors& wanted, const VisibleCodes& met, const Progress& progress) {
   norms_ = Tensor();
   if (denoising_ && denoising_->includes(progress.step)) return denoising_->take(step, wanted);
   if (!met.codes || options_.weight == 0) return;

@@ -21,7 +21,7 @@ struct CodePriorOptions {
 enum PriorStream : uint32_t { kPriorNoise = 64 };
 
 /// Codes (means) [N,C,side,side] of the actors that a step meets, as gradients reach them; empty: none.
-struct MetCodes {
+struct VisibleCodes {
   Tensor codes;
   Condition condition;
 };
@@ -42,7 +42,7 @@ class CodePrior {
   void begin_step(const Progress& progress);
   /// Adds the term to loss and gradients of the rendering, which are of `wanted`; or takes the codes' out, to guide
   /// denoising.
-  void add(Step& step, const Tensors& wanted, const MetCodes& met, const Progress& progress);
+  void add(Step& step, const Tensors& wanted, const VisibleCodes& met, const Progress& progress);
   void end_step(const Progress& progress);
   /// What the term is multiplied by now; 0 until enough steps have measured.
   float weight() const;
@@ -50,7 +50,7 @@ class CodePrior {
   void restore(const TensorMap& state);
 
  private:
-  Tensor term(const MetCodes& met, const Progress& progress) const;
+  Tensor term(const VisibleCodes& met, const Progress& progress) const;
 
   CodeDenoiser denoiser_;
   CodePriorOptions options_;

@@ -10,7 +10,7 @@ std::vector<NewAsset> assets_like(GeneratesAssets& prior, CodeSource source, con
   for (const NewAsset& asset : like) ++counts[{asset.asset_class, asset.night}];
   std::vector<NewAsset> assets;
   for (const auto& [kind, count] : counts) {
-    AssetWish wish;
+    AssetRequest wish;
     wish.count = count;
     wish.asset_class = kind.first;
     wish.night = kind.second;

@@ -18,7 +18,7 @@ struct PriorScore {
 /// beat), or the codes that it was trained on, as they are.
 enum class CodeSource { sampled, random, training };
 
-struct AssetWish {
+struct AssetRequest {
   int count = 1;                        // of training codes: at most
   std::optional<int> asset_class = {};  // of kAssetClasses; none: as often as in training
   std::optional<bool> night = {};       // none: as often as in training, of that class
@@ -37,11 +37,11 @@ class GeneratesAssets {
   virtual CodeDenoiser denoiser() const = 0;
   virtual PriorScore score() = 0;
   /// The same wish gives the same assets. Fault::usage for a class or time of day that was not in training.
-  virtual std::vector<NewAsset> generate(const AssetWish& wish) = 0;
+  virtual std::vector<NewAsset> generate(const AssetRequest& wish) = 0;
 };
 
 /// As many assets of each class and time of day as there are in `like`, for sets that are to be compared: of a few
-/// hundred that are drawn freely, the share of buses or of nights moves their distance by more than their looks do.
+/// hundred that are drawn freely, the share of buses or of nights moves their distance by more than their appearance does.
 std::vector<NewAsset> assets_like(GeneratesAssets& prior, CodeSource source, const std::vector<NewAsset>& like);
 
 }  // namespace cloam

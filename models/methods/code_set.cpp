@@ -17,7 +17,7 @@
 namespace cloam {
 namespace {
 
-constexpr float kLeastDeviation = 1e-6f;
+constexpr float kMinDeviation = 1e-6f;
 
 Tensor numbers(const std::vector<int32_t>& values) { return from_host(values, {static_cast<int64_t>(values.size())}); }
 
@@ -41,7 +41,7 @@ int64_t extent(const SourceRun& source, const std::string& key, int otherwise) {
 }
 
 /// The actors of one log, added to `codes`. What all codes of a log share is part of each.
-void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variational, int64_t least_steps) {
+void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variational, int64_t min_steps) {
   const Scene& scene = source.scenes[log];
   const auto actors = static_cast<int64_t>(scene.actors.size()), numbers = codes.channels * codes.side * codes.side;
   if (actors == 0) return;
@@ -51,7 +51,7 @@ void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variat
   const auto common = values_from<float>(source.parameters, prefix + "common.code", {1, width});
   const auto steps = values_from<int32_t>(source.row_steps, name, {actors});
   for (size_t a = 0; a < scene.actors.size(); ++a) {
-    if (steps[a] < least_steps) {
+    if (steps[a] < min_steps) {
       codes.unseen++;
       continue;
     }
@@ -86,15 +86,15 @@ CodeShape code_shape(const SourceRun& source) {
           setting(source, "code.variational", "true") == "true"};
 }
 
-AssetCodes asset_codes(const SourceRun& source, int64_t least_steps) {
+AssetCodes asset_codes(const SourceRun& source, int64_t min_steps) {
   const CodeShape shape = code_shape(source);
   AssetCodes codes;
   codes.channels = shape.channels;
   codes.side = shape.side;
-  for (size_t log = 0; log < source.scenes.size(); ++log) add_log(codes, source, log, shape.variational, least_steps);
+  for (size_t log = 0; log < source.scenes.size(); ++log) add_log(codes, source, log, shape.variational, min_steps);
   if (codes.count() > 0) return codes;
   throw Error(Fault::data, text(source.folder.string(), " has no actor to learn from: of ", codes.unseen,
-                                " in its logs none was seen in ", least_steps, " steps of its training", kFix));
+                                " in its logs none was seen in ", min_steps, " steps of its training", kFix));
 }
 
 CodeSet::CodeSet(int64_t channels)
@@ -135,7 +135,7 @@ void CodeSet::standardise() {
       return std::pow(static_cast<double>(codes_.means[i]) - mean, 2) + own * own;
     });
     mean_[c] = static_cast<float>(mean);
-    deviation_[c] = std::max(kLeastDeviation, static_cast<float>(std::sqrt(variance)));
+    deviation_[c] = std::max(kMinDeviation, static_cast<float>(std::sqrt(variance)));
   }
   const Shape shape = {static_cast<int64_t>(codes_.count()), codes_.channels, codes_.side, codes_.side};
   means_ = (from_host(codes_.means, shape) - by_channel(mean_)) / by_channel(deviation_);
@@ -176,7 +176,7 @@ Tensor CodeSet::floor_of(const std::vector<int32_t>& rows, const Level& level) c
   return cloam::mean(variance / (variance * (level.alpha * level.alpha) + level.sigma * level.sigma));
 }
 
-int32_t CodeSet::drawn_actor(const AssetWish& wish, uint64_t index) const {
+int32_t CodeSet::drawn_actor(const AssetRequest& wish, uint64_t index) const {
   std::vector<int32_t> fitting, of_class;
   for (const int32_t row : training_) {
     const auto at = static_cast<size_t>(row);
@@ -218,7 +218,7 @@ NewAsset CodeSet::actor_at(int32_t row) const {
           {codes_.means.begin() + row * numbers, codes_.means.begin() + (row + 1) * numbers}};
 }
 
-std::vector<NewAsset> CodeSet::training_assets(const AssetWish& wish) const {
+std::vector<NewAsset> CodeSet::training_assets(const AssetRequest& wish) const {
   std::vector<NewAsset> assets;
   for (const int32_t row : training_) {
     const NewAsset asset = actor_at(row);

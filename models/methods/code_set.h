@@ -29,7 +29,7 @@ struct CodeShape {
 CodeShape code_shape(const SourceRun& source);
 
 /// Fault::data for what does not fit together, and for runs of no actor that was seen.
-AssetCodes asset_codes(const SourceRun& source, int64_t least_steps);
+AssetCodes asset_codes(const SourceRun& source, int64_t min_steps);
 
 class CodeSet {
  public:
@@ -53,11 +53,11 @@ class CodeSet {
 
   /// A training actor of the class and time of day that the wish names: those two, but the class where no actor is
   /// both. Fault::usage for a class that none is of.
-  int32_t drawn_actor(const AssetWish& wish, uint64_t index) const;
+  int32_t drawn_actor(const AssetRequest& wish, uint64_t index) const;
   /// The box of the training actor of a class whose code is nearest to another, by standardised numbers.
   Eigen::Vector3d nearest_size(const std::vector<float>& code, int asset_class) const;
   /// The first actors of training that the wish fits, as they are. Fault::usage if none does.
-  std::vector<NewAsset> training_assets(const AssetWish& wish) const;
+  std::vector<NewAsset> training_assets(const AssetRequest& wish) const;
   /// One line each.
   std::vector<std::string> describe() const;
   /// Tensors "mean" and "deviation".

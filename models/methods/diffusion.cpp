@@ -46,13 +46,13 @@ void Diffusion::configure(Config& c) {
   c.bind("unet.blocks", o.blocks, "residual blocks per level", {1, 64});
   c.bind("unet.groups", o.groups, "groups of the U-Net's group norms", {1, 4096});
   c.bind("schedule.betas", o.betas, "noise schedule: linear, cosine or scaled-linear");
-  c.bind("schedule.timesteps", o.times, "timesteps of the noise schedule", {2, 100000});
+  c.bind("schedule.timesteps", o.timesteps, "timesteps of the noise schedule", {2, 100000});
   c.bind("batch.codes", o.batch, "codes per step", {1, 1 << 20});
   c.bind("condition.drop", o.drop,
          "fraction of the codes trained without class and time of day (classifier-free guidance)", kShareBelowOne);
   c.bind("data.held_out", o.held_out, "fraction of the codes held out for evaluation", kShareBelowOne);
   c.bind("data.drawn", o.drawn, "sample each code from its own variance, if it has one; false: use the mean");
-  c.bind("data.min_steps", o.least_steps, "leave out actors seen in fewer training steps than this", kStepsOrNone);
+  c.bind("data.min_steps", o.min_steps, "leave out actors seen in fewer training steps than this", kStepsOrNone);
   c.bind("weight.min_snr", o.min_snr, "gamma of the min-SNR loss weights; 0: equal weights");
   c.bind("train.rate", o.rate, "learning rate");
   c.bind("train.final_rate", o.final_rate, "learning rate at the last step, as a fraction of train.rate");
@@ -69,7 +69,7 @@ void Diffusion::build(const Scenes&, uint64_t seed) {
   o.blocks = config_.blocks;
   o.groups = config_.groups;
   o.labels = asset_labels();
-  network_ = std::make_unique<CodeNetwork>(o, NoiseSchedule(betas_named(config_.betas), config_.times), seed);
+  network_ = std::make_unique<CodeNetwork>(o, NoiseSchedule(betas_named(config_.betas), config_.timesteps), seed);
   codes_ = std::make_unique<CodeSet>(config_.channels);
 }
 
@@ -79,7 +79,7 @@ std::map<std::string, std::string> Diffusion::settings_from(const SourceRun& sou
 }
 
 void Diffusion::load(const SourceRun& source) {
-  AssetCodes codes = asset_codes(source, config_.least_steps);
+  AssetCodes codes = asset_codes(source, config_.min_steps);
   if (!config_.drawn) codes.deviations.clear();
   if (codes.channels != config_.channels || codes.side != config_.side)
     throw Error(Fault::usage, text("the settings say codes of ", config_.channels, "x", config_.side, "x", config_.side,
@@ -94,7 +94,7 @@ void Diffusion::load(const SourceRun& source) {
 std::vector<std::string> Diffusion::warnings() const {
   const int64_t unseen = codes_->codes().unseen;
   if (unseen == 0) return {};
-  return {text(unseen, " actors are left out: the run saw them in fewer than ", config_.least_steps,
+  return {text(unseen, " actors are left out: the run saw them in fewer than ", config_.min_steps,
                " of its steps (data.min_steps)")};
 }
 
@@ -124,7 +124,7 @@ Step Diffusion::step(const Progress& progress, const Tensors& wanted) {
   const NoiseSchedule& schedule = network_->schedule();
   const Tensor x = codes_->draw(batch.rows, {seed_, number, kCodes});
   const Tensor noise = random_normal(x.shape(), {seed_, number, kNoise});
-  const Tensor t = random_below({x.dim(0)}, config_.times, {seed_, number, kTimes});
+  const Tensor t = random_below({x.dim(0)}, config_.timesteps, {seed_, number, kTimes});
   const Tensor v = network_->velocity(CodeNetwork::Weights::trained, schedule.noisy(x, noise, t), t,
                                       codes_->condition_of(batch.rows, dropped));
   const Tensor errors = mean(square(v - schedule.velocity(x, noise, t)), {{1, 2, 3}});
@@ -161,7 +161,7 @@ Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows) const {
       const RandomKey key = {seed_, static_cast<uint32_t>(begin) * kScoredTimes + static_cast<uint32_t>(i), 0};
       const Tensor x = codes_->draw(some, {key.seed, key.step, kScoredCodes});
       const Tensor noise = random_normal(x.shape(), {key.seed, key.step, kScoredNoise});
-      const int32_t time = config_.times * (2 * i + 1) / (2 * kScoredTimes);
+      const int32_t time = config_.timesteps * (2 * i + 1) / (2 * kScoredTimes);
       const Tensor t = numbers(std::vector<int32_t>(some.size(), time));
       const Tensor v = network_->velocity(CodeNetwork::Weights::averaged, schedule.noisy(x, noise, t), t,
                                           codes_->condition_of(some));
@@ -198,7 +198,7 @@ PriorScore Diffusion::score() {
           v_loss(codes_->training()).of_network};
 }
 
-Tensor Diffusion::sampled(const AssetWish& wish, const std::vector<NewAsset>& assets) const {
+Tensor Diffusion::sampled(const AssetRequest& wish, const std::vector<NewAsset>& assets) const {
   std::vector<int32_t> classes, nights;
   for (const NewAsset& asset : assets) {
     classes.push_back(asset.asset_class);
@@ -218,7 +218,7 @@ Tensor Diffusion::sampled(const AssetWish& wish, const std::vector<NewAsset>& as
                 random_normal(shape_of(config_, count), {wish.seed}), wish.steps);
 }
 
-std::vector<NewAsset> Diffusion::generate(const AssetWish& wish) {
+std::vector<NewAsset> Diffusion::generate(const AssetRequest& wish) {
   const AssetCodes& known = codes_->codes();
   const auto fits = [&](int32_t row) { return (known.nights[static_cast<size_t>(row)] == 1) == *wish.night; };
   if (wish.night && std::none_of(codes_->training().begin(), codes_->training().end(), fits))

@@ -15,11 +15,11 @@ struct DiffusionConfig {
   int base = 128, blocks = 2, groups = 32;
   std::string multipliers = "1,2,4";
   std::string betas = "linear";
-  int times = 1000;
+  int timesteps = 1000;
   int batch = 128;
   float drop = 0.1f;      // share of the codes whose conditions are dropped
   float held_out = 0.1f;  // share of the codes
-  int least_steps = 1;    // of an actor in the run's training
+  int min_steps = 1;      // of an actor in the run's training
   bool drawn = true;      // codes as mean and noise of their own deviation; false: the mean alone
   float min_snr = 0;      // gamma; 0: all times weigh the same
   float rate = 1e-4f, final_rate = 1, average = 0.9999f;
@@ -44,7 +44,7 @@ class Diffusion final : public Method, public LearnsFromRun, public GeneratesAss
   std::array<int64_t, 2> code_shape() const override { return {config_.channels, config_.side}; }
   CodeDenoiser denoiser() const override;
   PriorScore score() override;
-  std::vector<NewAsset> generate(const AssetWish& wish) override;
+  std::vector<NewAsset> generate(const AssetRequest& wish) override;
 
  private:
   struct Loss {
@@ -53,7 +53,7 @@ class Diffusion final : public Method, public LearnsFromRun, public GeneratesAss
   /// Mean over the rows, several times each, with the averaged network.
   Loss v_loss(const std::vector<int32_t>& rows) const;
   /// Standardised codes of assets of these classes and times of day.
-  Tensor sampled(const AssetWish& wish, const std::vector<NewAsset>& assets) const;
+  Tensor sampled(const AssetRequest& wish, const std::vector<NewAsset>& assets) const;
 
   DiffusionConfig config_;
   uint64_t seed_ = 0;

@@ -18,7 +18,7 @@ namespace {
 constexpr float kCodeDeviation = 0.05f;  // of codes' means at the start
 constexpr float kShadowSlack = 0.3f;     // metres behind the background at which ground still counts as seen
 constexpr float kBright = 4;             // shadows begin as sigmoid(kBright)
-constexpr float kLeastTransmittance = 1e-3f;
+constexpr float kMinTransmittance = 1e-3f;
 constexpr int64_t kHeights = 9;       // at which a log's texels have something in common
 constexpr float kNormalStep = 0.01f;  // metres
 
@@ -316,7 +316,7 @@ RenderedRays StreetModel::render(const RayScene& scene, const RayList& rays, con
     const Tensor texels = texels_of(scene.log, out.samples, out.assets);
     const Tensor all = stop_gradient(field_->opacity(field_->geometry(texels).distance));
     if (out.assets.planes) eval_for_gradient({out.assets.planes});
-    out.samples = street_lit(out.samples, all, kLeastTransmittance);
+    out.samples = street_lit(out.samples, all, kMinTransmittance);
   }
   const StreetSamples& s = out.samples;
   Tensor harmonics = gather_rows(spherical_harmonics(at.directions), s.ray);

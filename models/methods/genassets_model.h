@@ -78,7 +78,7 @@ struct DecodedAssets {
   Tensor planes;  // [3,N,side,side,channels]; empty: no asset is met
   Tensor kl;      // mean over the codes' numbers; empty without
   Tensor slots;   // int32: place in planes of each owner
-  MetCodes codes = {};
+  VisibleCodes codes = {};
 };
 
 struct RenderedRays {

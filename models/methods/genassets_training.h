@@ -26,7 +26,7 @@ struct GenAssetsConfig {
 /// A step, and the codes of the actors that it met.
 struct StreetStep {
   Step step;
-  MetCodes codes;
+  VisibleCodes codes;
 };
 
 class GenAssetsTraining {

@@ -13,7 +13,7 @@ namespace {
 // Streams of random numbers within a step; others are the renderer's.
 enum Stream : uint32_t { kPixels = 0, kBackground = 3 };
 
-constexpr int64_t kMostRays = int64_t{16} << 22;  // a step, of any batch.rays
+constexpr int64_t kMaxRays = int64_t{16} << 22;  // a step, of any batch.rays
 constexpr int64_t kAllLit = 1000;
 constexpr int kWarmUp = 30;  // steps
 
@@ -152,9 +152,9 @@ TensorMap Nerf::state() const {
 void Nerf::restore(const TensorMap& state) {
   renderer_->restore(state);
   const std::vector<int64_t> stored = integers_from(state, "rays", 2);
-  if (stored[0] < 1 || stored[0] > kMostRays || stored[1] < 0 || stored[1] > kAllLit)
+  if (stored[0] < 1 || stored[0] > kMaxRays || stored[1] < 0 || stored[1] > kAllLit)
     throw Error(Fault::data, text("the checkpoint's state.rays is ", stored[0], ", ", stored[1], ", want 1 to ",
-                                  kMostRays, " rays and 0 to ", kAllLit, " lit samples of ", kAllLit));
+                                  kMaxRays, " rays and 0 to ", kAllLit, " lit samples of ", kAllLit));
   rays_ = stored[0];
   lit_permille_ = stored[1];
 }

@@ -15,9 +15,9 @@ namespace {
 enum Stream : uint32_t { kJitter = 2, kPlace = 4, kFine = 5, kFinePlace = 6, kCells = 16 };
 
 constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, distortion
-constexpr float kLeastTransmittance = 1e-3f;
+constexpr float kMinTransmittance = 1e-3f;
 constexpr double kRenderSamples = 400000;  // samples in memory while rendering
-constexpr float kLeastStep = 1e-5f;        // normalised units: a ray takes 100,000 of them
+constexpr float kMinStep = 1e-5f;          // normalised units: a ray takes 100,000 of them
 
 RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
 
@@ -27,8 +27,8 @@ NerfRenderer::NerfRenderer(const NerfConfig& config, const Scene& scene, const S
     : config_(config), frame_(fit_scene(scene)) {
   if (config.sampling != "occupancy" && config.sampling != "importance")
     throw Error(Fault::usage, text("setting sampling: \"", config.sampling, "\", want occupancy or importance"));
-  if (config.min_step > 0 && config.min_step < kLeastStep)
-    throw Error(Fault::usage, text("setting march.min_step: ", config.min_step, ", want 0 or ", kLeastStep, " to 1"));
+  if (config.min_step > 0 && config.min_step < kMinStep)
+    throw Error(Fault::usage, text("setting march.min_step: ", config.min_step, ", want 0 or ", kMinStep, " to 1"));
   field_ = make_field(root / "field", config.field);
   if (marching())
     occupancy_ = std::make_unique<OccupancyGrid>(config.occupancy);
@@ -56,7 +56,7 @@ NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Sampl
   MarchOptions steps = march_options();
   steps.explore = how.jitter ? static_cast<int>(how.key.step) : 0;
   const RaySamples all = march(rays, shift, occupancy_->values(), steps);
-  const RaySamples s = how.skim ? visible(all, stop_gradient(field_->density(all.points)), kLeastTransmittance) : all;
+  const RaySamples s = how.skim ? visible(all, stop_gradient(field_->density(all.points)), kMinTransmittance) : all;
   const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
   return {composite({out.sigma, s.offsets, s.dt}, {out.rgb, s.t}), Tensor(), s.t.dim(0), all.t.dim(0)};
 }

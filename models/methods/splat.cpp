@@ -39,7 +39,7 @@ void Splat::configure(Config& c) {
   c.bind("growth.strategy", o.growth.strategy, "densify (the paper) or mcmc");
   c.bind("growth.start", o.growth.from, "step after which the number of Gaussians may change", kStepsOrNone);
   c.bind("growth.every", o.growth.every, "steps between changes of the number of Gaussians", kSteps);
-  c.bind("growth.max", o.growth.most, "largest number of Gaussians", {1, 1 << 28});
+  c.bind("growth.max", o.growth.max_count, "largest number of Gaussians", {1, 1 << 28});
   c.bind("growth.gradient", o.growth.gradient, "densify: mean gradient above which a Gaussian is cloned or split");
   c.bind("growth.absolute", o.growth.absolute, "densify: sum the absolute gradients of the pixels (AbsGS)");
   c.bind("growth.split_scale", o.growth.small,
@@ -108,7 +108,7 @@ void Splat::load_data(std::vector<TrainingData> data) {
 MemoryPlan Splat::memory(const PhotoSizes& photos) const {
   constexpr uint64_t kNumbers = 4 * 59;                         // bytes of a gaussian's parameters
   constexpr uint64_t kWork = 4 * 170 + 10 * 100, kPixel = 160;  // gradients, projections, ten pairs with tiles
-  const auto most = static_cast<uint64_t>(std::max<int64_t>(gaussian_count(params_), config_.growth.most));
+  const auto most = static_cast<uint64_t>(std::max<int64_t>(gaussian_count(params_), config_.growth.max_count));
   MemoryPlan plan;
   plan.parameters = most * kNumbers;
   plan.optimiser = 2 * plan.parameters;

@@ -12,7 +12,7 @@ namespace cloam {
 namespace {
 
 constexpr int64_t kStride = 1000003;  // prime, so it divides no side^3 and the sweep repeats no cell
-constexpr int64_t kMostUpdates = int64_t{1} << 32;
+constexpr int64_t kMaxUpdates = int64_t{1} << 32;
 constexpr float kAllOccupied = -1;  // a threshold below any density
 
 }  // namespace
@@ -63,8 +63,8 @@ TensorMap OccupancyGrid::state() const {
 void OccupancyGrid::restore(const TensorMap& state) {
   assign({{values_, tensor_from(state, "occupancy.values", values_.shape())}});
   updates_ = integers_from(state, "occupancy.updates", 1)[0];
-  if (updates_ < 0 || updates_ > kMostUpdates)
-    throw Error(Fault::data, text("the checkpoint's occupancy.updates is ", updates_, ", want 0 to ", kMostUpdates));
+  if (updates_ < 0 || updates_ > kMaxUpdates)
+    throw Error(Fault::data, text("the checkpoint's occupancy.updates is ", updates_, ", want 0 to ", kMaxUpdates));
   threshold_ = kAllOccupied;
   if (updates_ > 0) refresh_threshold();
 }

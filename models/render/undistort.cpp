@@ -10,9 +10,9 @@
 namespace cloam {
 namespace {
 
-constexpr double kMostPixels = 4;       // times those of the lens
-constexpr double kSamePlace = 0.01;     // pixels: a lens polynomial that folds back leads elsewhere
-constexpr double kLeastForward = 1e-6;  // of a direction of length 1
+constexpr double kMaxPixels = 4;      // times those of the lens
+constexpr double kSamePlace = 0.01;   // pixels: a lens polynomial that folds back leads elsewhere
+constexpr double kMinForward = 1e-6;  // of a direction of length 1
 
 /// Tangents of the angles that are seen, right and down.
 struct Extent {
@@ -31,7 +31,7 @@ struct Extent {
 
 bool looks_ahead(const Camera& camera, const Eigen::Vector3d& direction) {
   const bool any_side = camera.model == CameraModel::fisheye || camera.model == CameraModel::fov;
-  return any_side || direction.z() > kLeastForward * direction.norm();
+  return any_side || direction.z() > kMinForward * direction.norm();
 }
 
 /// Where a camera sees a direction; none outside its image, and where its lens has no inverse.
@@ -55,7 +55,7 @@ Extent extent_of(const Camera& lens) {
     const double side = towards.head<2>().norm();
     if (side == 0) return extent.add(0, 0);
     // Beyond a right angle there is no tangent: as far out as can be.
-    const double tangent = looks_ahead({}, towards) ? side / towards.z() : 1 / kLeastForward;
+    const double tangent = looks_ahead({}, towards) ? side / towards.z() : 1 / kMinForward;
     extent.add(towards.x() / side * tangent, towards.y() / side * tangent);
   };
   // The rim decides, and the inside where the lens has no inverse at the rim.
@@ -182,7 +182,7 @@ Camera pinhole_around(const Camera& lens) {
     return pinhole;
   }
   const double wanted = pinhole.fx * across * pinhole.fy * down;
-  const double shrink = std::min(1.0, std::sqrt(kMostPixels * lens.width * lens.height / wanted));
+  const double shrink = std::min(1.0, std::sqrt(kMaxPixels * lens.width * lens.height / wanted));
   pinhole.fx *= shrink;
   pinhole.fy *= shrink;
   pinhole.width = std::max(1, static_cast<int>(std::ceil(pinhole.fx * across - kSamePlace)));

@@ -12,7 +12,7 @@
 namespace cloam {
 namespace {
 
-constexpr std::size_t kMostShown = 6;
+constexpr std::size_t kMaxShown = 6;
 
 std::vector<AssetName> all_actors(const Scenes& scenes) {
   std::vector<AssetName> names;
@@ -25,8 +25,8 @@ std::vector<AssetName> all_actors(const Scenes& scenes) {
 std::string list(const Scenes& scenes, const std::vector<AssetName>& names) {
   std::vector<std::string> shown;
   for (const AssetName& name : names)
-    if (shown.size() < kMostShown) shown.push_back(spelled(scenes, name));
-  return joined(shown) + (names.size() > kMostShown ? ", ..." : "");
+    if (shown.size() < kMaxShown) shown.push_back(spelled(scenes, name));
+  return joined(shown) + (names.size() > kMaxShown ? ", ..." : "");
 }
 
 [[noreturn]] void no_actor(const Scenes& scenes, const std::vector<AssetName>& all, const std::string& word,
@@ -108,9 +108,9 @@ std::string short_id(const Scenes& scenes, const AssetName& name) {
 }
 
 std::string seen_label(const StoredRun& run, const AssetName& name) {
-  const AssetName looks = looks_of(run.scenes, name);
-  const auto scene = static_cast<std::size_t>(looks.scene);
-  if (scene < run.scenes.size()) return actor_of(run.scenes, looks).label;
+  const AssetName appearance = appearance_of(run.scenes, name);
+  const auto scene = static_cast<std::size_t>(appearance.scene);
+  if (scene < run.scenes.size()) return actor_of(run.scenes, appearance).label;
   const int worn = run.generated.assets.at(scene - run.scenes.size()).asset_class;
   const std::string& own = actor_of(run.scenes, name).label;
   return asset_class(own) == worn ? own : kAssetClasses[worn];

@@ -54,29 +54,29 @@ AssetMaker::AssetMaker(const std::filesystem::path& prior, const StoredRun& run)
   require<LearnsFromRun>(*prior_.method, prior_.record.method, "generating assets").load(source_of(source));
 }
 
-Replace AssetMaker::make(StoredRun& run, const AssetName& name, const MakerWish& wish) {
+Replace AssetMaker::make(StoredRun& run, const AssetName& name, const MakerRequest& wish) {
   const Actor& actor = actor_of(run.scenes, name);
   auto& prior = *as<GeneratesAssets>(*prior_.method);
-  const AssetWish wanted = {.count = kCandidates,
-                            .asset_class = asset_class(actor.label),
-                            .night = run.scenes[static_cast<std::size_t>(name.scene)].night,
-                            .seed = seed_of(run, name, wish.seed),
-                            .guidance = wish.guidance};
+  const AssetRequest wanted = {.count = kCandidates,
+                               .asset_class = asset_class(actor.label),
+                               .night = run.scenes[static_cast<std::size_t>(name.scene)].night,
+                               .seed = seed_of(run, name, wish.seed),
+                               .guidance = wish.guidance};
   const std::vector<NewAsset> candidates = prior.generate(wanted);
   const auto best = std::min_element(candidates.begin(), candidates.end(), [&](const NewAsset& a, const NewAsset& b) {
     return misfit(a.size, actor.size) < misfit(b.size, actor.size);
   });
-  const AssetName looks = added_asset(run.scenes.size(), run.generated.assets.size());
+  const AssetName appearance = added_asset(run.scenes.size(), run.generated.assets.size());
   const nlohmann::ordered_json how = {{"log", name.scene}, {"actor", name.actor_id},    {"prior", fingerprint(prior_)},
                                       {"seed", wish.seed}, {"guidance", wish.guidance}, {"steps", wanted.steps}};
   run.generated.shape = prior.code_shape();
   run.generated.made[text("asset.", run.generated.assets.size())] =
       how.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
   run.generated.assets.push_back(*best);
-  return {looks, best->size};
+  return {appearance, best->size};
 }
 
-std::size_t swap_vehicles(AssetMaker& maker, const MakerWish& wish, int log, StoredRun& run,
+std::size_t swap_vehicles(AssetMaker& maker, const MakerRequest& wish, int log, StoredRun& run,
                           const std::function<void(int, const std::string&)>& left_out) {
   std::size_t swapped = 0;
   for (const AssetName& name : vehicles_of(run.scenes, log)) {

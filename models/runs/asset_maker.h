@@ -9,7 +9,7 @@
 
 namespace cloam {
 
-struct MakerWish {
+struct MakerRequest {
   uint64_t seed = 0;
   float guidance = 1;
 };
@@ -23,7 +23,7 @@ class AssetMaker {
   /// A new asset of the actor's class and by the light of its log: of eight samples the one whose box is most like the
   /// actor's. It is added to run.generated; the edit that is returned makes the actor wear it. The same wish gives an
   /// actor the same asset, whoever else is replaced. Fault::usage for a class or light that the prior never saw.
-  Replace make(StoredRun& run, const AssetName& actor, const MakerWish& wish);
+  Replace make(StoredRun& run, const AssetName& actor, const MakerRequest& wish);
 
  private:
   RestoredRun prior_;
@@ -31,7 +31,7 @@ class AssetMaker {
 
 /// Gives every vehicle that is somewhere in the log a new asset; returns how many. Vehicles of a class that the prior
 /// never saw stay as they are, which left_out(class, why) hears of each. Fault::data if none can be replaced.
-std::size_t swap_vehicles(AssetMaker& maker, const MakerWish& wish, int log, StoredRun& run,
+std::size_t swap_vehicles(AssetMaker& maker, const MakerRequest& wish, int log, StoredRun& run,
                           const std::function<void(int asset_class, const std::string& why)>& left_out);
 
 }  // namespace cloam

@@ -87,7 +87,7 @@ int whole(const Json& json, const char* key, int least, int most, const std::str
   return static_cast<int>(value);
 }
 
-constexpr int kMostSteps = 1 << 24, kMostScenes = 1 << 16;
+constexpr int kMaxSteps = 1 << 24, kMaxScenes = 1 << 16;
 
 Split split_from(const Json& json, const std::string& where) {
   const std::string word = string(json, "split", where);
@@ -136,7 +136,7 @@ Frame frame_from(const Json& json, int cameras, const std::string& where) {
   f.world_from_camera = matrix4(json, "world_from_camera", where);
   f.timestamp = optional_number(json, "timestamp", where);
   f.sensor = optional_string(json, "sensor", where).value_or("");
-  if (!f.sensor.empty()) f.step = whole(json, "step", 0, kMostSteps, where);
+  if (!f.sensor.empty()) f.step = whole(json, "step", 0, kMaxSteps, where);
   return f;
 }
 
@@ -144,7 +144,7 @@ Sweep sweep_from(const Json& json, const std::string& where) {
   Sweep s;
   s.file = string(json, "file", where);
   s.timestamp = number(json, "timestamp", where);
-  s.step = whole(json, "step", 0, kMostSteps, where);
+  s.step = whole(json, "step", 0, kMaxSteps, where);
   s.split = split_from(json, where);
   s.world_from_lidar = matrix4(json, "world_from_lidar", where);
   return s;
@@ -152,7 +152,7 @@ Sweep sweep_from(const Json& json, const std::string& where) {
 
 ActorBox box_from(const Json& json, const std::string& where) {
   ActorBox box;
-  box.step = whole(json, "step", 0, kMostSteps, where);
+  box.step = whole(json, "step", 0, kMaxSteps, where);
   box.timestamp = number(json, "timestamp", where);
   box.world_from_box = matrix4(json, "world_from_box", where);
   return box;
@@ -174,7 +174,7 @@ Actor actor_from(const Json& json, const std::string& where) {
   for (const Json& box : array(json, "boxes", where)) a.boxes.push_back(box_from(box, where + ", actor " + a.id));
   if (json.contains("asset")) {
     const Json& asset = json["asset"];
-    a.asset = {whole(asset, "scene", 0, kMostScenes, where), string(asset, "actor_id", where)};
+    a.asset = {whole(asset, "scene", 0, kMaxScenes, where), string(asset, "actor_id", where)};
   }
   return a;
 }

@@ -19,6 +19,8 @@ Actor& actor_of(Scenes& scenes, const AssetName& name) {
   return const_cast<Actor&>(actor_of(std::as_const(scenes), name));
 }
 
-AssetName looks_of(const Scenes& scenes, const AssetName& name) { return actor_of(scenes, name).asset.value_or(name); }
+AssetName appearance_of(const Scenes& scenes, const AssetName& name) {
+  return actor_of(scenes, name).asset.value_or(name);
+}
 
 }  // namespace cloam

@@ -9,6 +9,6 @@ const Actor& actor_of(const Scenes& scenes, const AssetName& name);
 Actor& actor_of(Scenes& scenes, const AssetName& name);
 
 /// Whose looks the actor has: its own, or those that it was given.
-AssetName looks_of(const Scenes& scenes, const AssetName& name);
+AssetName appearance_of(const Scenes& scenes, const AssetName& name);
 
 }  // namespace cloam

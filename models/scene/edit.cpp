@@ -71,13 +71,13 @@ void replace(const Replace& other, const AssetName& name, Actor& actor) {
   const double rise = 0.5 * (other.size.z() - actor.size.z());
   for (ActorBox& box : actor.boxes) box.world_from_box = box.world_from_box * translation({0, 0, rise});
   actor.size = other.size;
-  actor.asset = other.looks == name ? std::nullopt : std::optional(other.looks);
+  actor.asset = other.appearance == name ? std::nullopt : std::optional(other.appearance);
 }
 
 }  // namespace
 
 Replace replace_by(const Scenes& scenes, const AssetName& other) {
-  return {looks_of(scenes, other), actor_of(scenes, other).size};
+  return {appearance_of(scenes, other), actor_of(scenes, other).size};
 }
 
 void apply(const ActorEdit& edit, Scenes& scenes, const AssetName& name) {

@@ -20,10 +20,10 @@ struct Turn {
 /// The actor stays in the list, without boxes: methods keep what they learnt for each actor by its place there.
 struct Remove {};
 
-/// The actor takes looks and the size that belongs to them, and stands on the same ground. Its label stays its own:
-/// what it looks like is labelled by whoever the looks belong to.
+/// The actor takes an appearance and the size that belongs to them, and stands on the same ground. Its label stays its own:
+/// what it looks like is labelled by whoever the appearance belongs to.
 struct Replace {
-  AssetName looks;
+  AssetName appearance;
   Eigen::Vector3d size = Eigen::Vector3d::Zero();
 };
 
@@ -58,7 +58,7 @@ struct Moment {
 /// One a step, in order: when its sweep is, else its first image.
 std::vector<Moment> moments_of(const Scene& scene);
 
-/// Whether the actor is anywhere else, or has other looks or another size, than in another version of its log.
+/// Whether the actor is anywhere else, or has another appearance or size, than in another version of its log.
 bool differs(const Actor& a, const Actor& b);
 
 }  // namespace cloam

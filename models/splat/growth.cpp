@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kSplitFactor = 1.6;  // of deviations, when one becomes two
 constexpr float kResetOpacity = 0.01f;
-constexpr int kMostShared = 51;       // copies of one gaussian: the binomials stay exact
+constexpr int kMaxShared = 51;        // copies of one gaussian: the binomials stay exact
 constexpr double kMcmcGrowth = 0.05;  // of the gaussians, a time
 // The papers' last steps, of 30,000, and their shares of shorter horizons.
 constexpr int64_t kDensifyUntil = 15000, kMcmcUntil = 25000;
@@ -104,7 +104,7 @@ class Densify final : public Growth {
 
   /// The gradient from which on there is room for one more each.
   float limit_for(const GrowthStatistics& statistics, size_t count) const {
-    const auto room = static_cast<size_t>(std::max<int64_t>(0, options_.most - static_cast<int64_t>(count)));
+    const auto room = static_cast<size_t>(std::max<int64_t>(0, options_.max_count - static_cast<int64_t>(count)));
     std::vector<float> over;
     for (const float x : statistics.gradients)
       if (x >= options_.gradient) over.push_back(x);
@@ -166,7 +166,7 @@ class Mcmc final : public Growth {
         sum += opacity;
       upto[i] = sum;
     }
-    const size_t wanted = std::min(static_cast<size_t>(options_.most),
+    const size_t wanted = std::min(static_cast<size_t>(options_.max_count),
                                    static_cast<size_t>(static_cast<double>(count) * (1 + kMcmcGrowth)));
     const size_t added = wanted > count ? wanted - count : 0, all = faint.size() + added;
     GrowthMoves moves;
@@ -180,7 +180,7 @@ class Mcmc final : public Growth {
     for (const float u : uniform) {
       const auto at = std::upper_bound(upto.begin(), upto.end(), double{u} * sum) - upto.begin();
       chosen.push_back(std::min(static_cast<size_t>(at), count - 1));
-      copies[chosen.back()] = std::min(copies[chosen.back()] + 1, kMostShared);
+      copies[chosen.back()] = std::min(copies[chosen.back()] + 1, kMaxShared);
     }
     moves.source.resize(count + added, -1);
     for (size_t i = 0; i < count; i++)

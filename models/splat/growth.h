@@ -15,7 +15,7 @@ namespace cloam {
 struct GrowthOptions {
   std::string strategy = "densify";  // densify | mcmc
   int from = 500, every = 100;       // steps: none changes before or at the first
-  int most = 1000000;                // gaussians
+  int max_count = 1000000;           // gaussians
   float gradient = 2e-4f;            // densify: |d loss / d mean| in units of half the picture that asks for more
   bool absolute = false;   // densify: absolute values pixel by pixel (Ye et al. 2024, AbsGS); 8e-4 is usual then
   float small = 0.01f;     // densify: of the cameras' radius; larger gaussians are split, others doubled

@@ -20,7 +20,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr uint8_t kGrey = 128, kOpaque = 128;
-constexpr std::size_t kMostCameras = 64;  // that are asked whether they see a point
+constexpr std::size_t kMaxCameras = 64;  // that are asked whether they see a point
 constexpr int kAttempts = 40;
 constexpr double kStill = 1, kBoxMargin = 0.1;          // metres
 constexpr double kLowestSky = -0.05, kSkyRadius = 1.5;  // sine of the elevation; of the furthest point's distance
@@ -32,7 +32,7 @@ Vector3d position(const Frame& frame) { return frame.world_from_camera.block<3, 
 std::vector<const Frame*> training_frames(const Scene& scene) {
   const std::vector<std::size_t> all = frames_of(scene, Split::train);
   std::vector<const Frame*> some;
-  const std::size_t every = (all.size() + kMostCameras - 1) / kMostCameras;
+  const std::size_t every = (all.size() + kMaxCameras - 1) / kMaxCameras;
   for (std::size_t i = 0; i < all.size(); i += std::max<std::size_t>(1, every)) some.push_back(&scene.frames[all[i]]);
   return some;
 }

@@ -8,7 +8,7 @@
 namespace cloam {
 namespace {
 
-constexpr std::size_t kMostRays = 20000;
+constexpr std::size_t kMaxRays = 20000;
 constexpr double kNearest = 1e-3;  // metres; a return in the LiDAR itself has no direction
 
 }  // namespace
@@ -54,7 +54,7 @@ std::vector<double> lidar_errors(Street& street, const Scene& scene, int index) 
   std::vector<double> errors;
   for (const Sweep& sweep : scene.sweeps) {
     if (sweep.split != Split::test) continue;
-    const SweepRays rays = thinned(sweep_rays(sweep, load_sweep(scene, sweep), index), kMostRays);
+    const SweepRays rays = thinned(sweep_rays(sweep, load_sweep(scene, sweep), index), kMaxRays);
     if (rays.depths.empty()) continue;
     const LidarReturns seen = street.measure(rays.rays);
     for (std::size_t i = 0; i < rays.depths.size(); ++i)

@@ -16,7 +16,7 @@ using Eigen::Vector3d;
 constexpr double kMargin = 0.2;    // metres: boxes are drawn tightly, and moving things smear
 constexpr double kSurface = 0.05;  // metres: how far an actor's surface may be outside its box
 constexpr double kBeyond = 1e-3;   // metres behind a box where a ray goes on
-constexpr int kMostBoxes = 4;      // that one ray goes through before it is given up
+constexpr int kMaxBoxes = 4;       // that one ray goes through before it is given up
 
 struct Span {
   double enter = 0, leave = 0;  // along the ray, of unit speed
@@ -120,7 +120,7 @@ class SweepEditor {
     result_.measured = beams.size();
     std::vector<Beam*> open;
     for (Beam& beam : beams) open.push_back(&beam);
-    for (int pass = 0; pass < kMostBoxes && !open.empty(); ++pass) open = ask(open);
+    for (int pass = 0; pass < kMaxBoxes && !open.empty(); ++pass) open = ask(open);
     for (Beam* beam : open) beam->depth = 0;
     write(beams);
     return std::move(result_);

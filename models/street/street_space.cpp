@@ -17,7 +17,7 @@ constexpr int kBlock = 8;            // voxels a side of StreetGrid::blocks
 constexpr double kUpperEdge = 0.02;  // share of a sweep's points that are its upper edge
 constexpr double kMiddle = 0.02;     // share of the points on either side that is not of the middle
 constexpr double kBlindRise = 3;     // metres that a wall goes on above LiDARs' sight where no camera looks: a storey
-constexpr int64_t kMostCells = 1 << 26;
+constexpr int64_t kMaxCells = 1 << 26;
 
 using Points = std::vector<Eigen::Vector3d>;
 
@@ -108,7 +108,7 @@ std::array<int, 3> StreetSpace::counts() const {
 void StreetSpace::lay(const Bounds& grid, const Bounds& middle) {
   double voxel = options_.voxel;
   const Eigen::Vector3d size = (grid.high - grid.low).cwiseMax(voxel);
-  while ((size / voxel).array().ceil().prod() > static_cast<double>(kMostCells)) voxel *= 1.25;
+  while ((size / voxel).array().ceil().prod() > static_cast<double>(kMaxCells)) voxel *= 1.25;
   numbers_ = {};
   for (int axis = 0; axis < 3; ++axis) {
     const auto at = static_cast<std::size_t>(axis);
@@ -270,7 +270,7 @@ void StreetSpace::restore(const TensorMap& state) {
   const std::vector<float> numbers = tensor_from(state, "numbers", {16}).to_host();
   double cells = 1;
   for (std::size_t k = 4; k < 7; ++k) cells *= numbers[k] >= 1 ? std::floor(numbers[k]) : std::nan("");
-  if (!(cells <= static_cast<double>(kMostCells)) || !(numbers[3] > 0))
+  if (!(cells <= static_cast<double>(kMaxCells)) || !(numbers[3] > 0))
     throw Error(Fault::data, text("the checkpoint's grid has ", cells, " voxels of ", numbers[3], " m"));
   std::copy(numbers.begin(), numbers.end(), numbers_.begin());
   const auto count = static_cast<int64_t>(cells);

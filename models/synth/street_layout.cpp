@@ -21,7 +21,7 @@ using Eigen::Vector3d;
 
 constexpr double kBehind = 22, kAhead = 52;  // metres around the ego car in which there is traffic
 constexpr double kClear = 8;                 // free road before and behind the ego car
-constexpr std::size_t kMostActors = 255;
+constexpr std::size_t kMaxActors = 255;
 
 struct Share {
   RoadUser kind;
@@ -99,9 +99,10 @@ class Layout {
     return {-kBehind - std::max(0.0, gains), kAhead + std::max(0.0, -gains)};
   }
 
-  void add_actor(RoadUserLooks looks, const Track& track, bool parked) {
-    if (made_.world.actors.size() >= kMostActors) return;
-    made_.world.actors.push_back({draw_id(actor_random_), looks.label, std::move(looks.thing), track, parked});
+  void add_actor(RoadUserAppearance appearance, const Track& track, bool parked) {
+    if (made_.world.actors.size() >= kMaxActors) return;
+    made_.world.actors.push_back(
+        {draw_id(actor_random_), appearance.label, std::move(appearance.thing), track, parked});
   }
 
   /// Vehicles one behind the other at one speed, with gaps.
@@ -110,8 +111,8 @@ class Layout {
     const Extent range = window(lane.speed);
     double along = range.low + actor_random_.between(0, gap.high);
     while (along < range.high) {
-      RoadUserLooks looks = make_road_user(draw(kinds, actor_random_), actor_random_);
-      const double half = 0.5 * looks.thing->bounds.sizes().y();
+      RoadUserAppearance appearance = make_road_user(draw(kinds, actor_random_), actor_random_);
+      const double half = 0.5 * appearance.thing->bounds.sizes().y();
       Track track = lane;
       track.along = along + half;
       along += 2 * half + actor_random_.between(gap.low, gap.high);
@@ -120,7 +121,7 @@ class Layout {
         track.turn += actor_random_.between(-0.03, 0.03);
       }
       const bool in_the_way = std::abs(lane.right - made_.ego.right) < 2 && std::abs(track.along) < half + kClear;
-      if (!in_the_way) add_actor(std::move(looks), track, parked);
+      if (!in_the_way) add_actor(std::move(appearance), track, parked);
     }
   }
 

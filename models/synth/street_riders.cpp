@@ -45,7 +45,7 @@ struct Outfit {
         hair(random.between(0.02, 0.2) * Vector3d(1, 0.75, 0.5)) {}
 };
 
-RoadUserLooks make_pedestrian(HostRandom& random) {
+RoadUserAppearance make_pedestrian(HostRandom& random) {
   ThingBuilder build;
   const Outfit outfit(random);
   const double height = random.between(1.55, 1.92), hip = 0.47 * height, neck = 0.84 * height;
@@ -82,7 +82,7 @@ void add_rider(ThingBuilder& build, const Seat& seat, const Outfit& outfit, cons
   add_head(build, {0, shoulder + 0.05, neck + 0.13}, outfit.skin, helmet);
 }
 
-RoadUserLooks make_bicycle(HostRandom& random) {
+RoadUserAppearance make_bicycle(HostRandom& random) {
   ThingBuilder build;
   const Vector3d frame = cloth(random);
   const double radius = 0.34, base = random.between(0.49, 0.54);
@@ -100,7 +100,7 @@ RoadUserLooks make_bicycle(HostRandom& random) {
   return {"Bicycle", build.finish()};
 }
 
-RoadUserLooks make_motorcycle(HostRandom& random, bool scooter) {
+RoadUserAppearance make_motorcycle(HostRandom& random, bool scooter) {
   ThingBuilder build;
   const Vector3d colour = cloth(random);
   const double base = scooter ? 0.62 : random.between(0.70, 0.78), radius = scooter ? 0.24 : 0.32;
@@ -126,7 +126,7 @@ RoadUserLooks make_motorcycle(HostRandom& random, bool scooter) {
 
 }  // namespace
 
-RoadUserLooks make_rider(RoadUser kind, HostRandom& random) {
+RoadUserAppearance make_rider(RoadUser kind, HostRandom& random) {
   if (kind == RoadUser::pedestrian) return make_pedestrian(random);
   if (kind == RoadUser::bicycle) return make_bicycle(random);
   return make_motorcycle(random, kind == RoadUser::scooter);

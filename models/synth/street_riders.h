@@ -5,6 +5,6 @@
 namespace cloam {
 
 /// kind: motorcycle, scooter, bicycle or pedestrian.
-RoadUserLooks make_rider(RoadUser kind, HostRandom& random);
+RoadUserAppearance make_rider(RoadUser kind, HostRandom& random);
 
 }  // namespace cloam

@@ -163,7 +163,7 @@ std::array<double, 3> door_gaps(const CarPlan& plan) {
 
 Vector3d rim_colour(HostRandom& random) { return random.chance(0.3) ? Vector3d(0.06, 0.06, 0.065) : kChrome; }
 
-RoadUserLooks make_car(HostRandom& random) {
+RoadUserAppearance make_car(HostRandom& random) {
   ThingBuilder build;
   const CarPlan plan = draw_car(random);
   const bool taxi = random.chance(0.1);
@@ -178,7 +178,7 @@ RoadUserLooks make_car(HostRandom& random) {
   return {"Car", build.finish()};
 }
 
-RoadUserLooks make_pickup(HostRandom& random) {
+RoadUserAppearance make_pickup(HostRandom& random) {
   ThingBuilder build;
   CarPlan plan{
       {random.between(1.92, 2.06), random.between(5.2, 5.9), random.between(1.78, 1.92)}, 1.45, 0, 1.08, 0.55, 0.12};
@@ -231,7 +231,7 @@ void add_rear_lights(ThingBuilder& build, const Size& size, double z) {
   build.block({-0.26, 0.26}, {rear + 0.01, rear + 0.1}, {0.60, 0.72}, plain(kWhite));
 }
 
-RoadUserLooks make_truck(HostRandom& random) {
+RoadUserAppearance make_truck(HostRandom& random) {
   ThingBuilder build;
   const Size size{random.between(2.15, 2.4), random.between(6.0, 8.2), random.between(2.7, 3.3)};
   const Vector3d colour = car_paint(random), box = random.chance(0.6) ? kWhite : car_paint(random);
@@ -248,7 +248,7 @@ RoadUserLooks make_truck(HostRandom& random) {
   return {"Medium-sized Truck", build.finish()};
 }
 
-RoadUserLooks make_semi(HostRandom& random) {
+RoadUserAppearance make_semi(HostRandom& random) {
   ThingBuilder build;
   const Size size{2.55, random.between(12.5, 15.5), random.between(3.6, 3.95)};
   const double half = size.half() - 0.03, front = size.front(), tractor = 3.2;
@@ -296,7 +296,7 @@ Material bus_coachwork(const Size& size, const Vector3d& colour, const Vector3d&
   };
 }
 
-RoadUserLooks make_bus(HostRandom& random) {
+RoadUserAppearance make_bus(HostRandom& random) {
   ThingBuilder build;
   const Size size{2.55, random.between(9.5, 12), random.between(3.0, 3.2)};
   const double half = size.half() - 0.03, front = size.front() - 0.04;
@@ -312,7 +312,7 @@ RoadUserLooks make_bus(HostRandom& random) {
 }
 
 /// A wheel loader: engine at the rear, cab in the middle, bucket in front; ladder and exhaust on one side each.
-RoadUserLooks make_loader(HostRandom& random) {
+RoadUserAppearance make_loader(HostRandom& random) {
   ThingBuilder build;
   const double scale = random.between(0.85, 1.1);
   const Vector3d colour = random.chance(0.7) ? Vector3d(0.72, 0.42, 0.02) : Vector3d(0.62, 0.16, 0.02);
@@ -371,7 +371,7 @@ void make_rescue_van(ThingBuilder& build, HostRandom& random) {
   for (const double y : {front - 1.15, -front + 1.3}) build.wheel_pair({half - 0.25, half}, y, 0.42, kChrome);
 }
 
-RoadUserLooks make_emergency(HostRandom& random) {
+RoadUserAppearance make_emergency(HostRandom& random) {
   ThingBuilder build;
   random.chance(0.5) ? make_police_car(build, random) : make_rescue_van(build, random);
   return {"Emergency Vehicle", build.finish()};
@@ -379,7 +379,7 @@ RoadUserLooks make_emergency(HostRandom& random) {
 
 }  // namespace
 
-RoadUserLooks make_road_user(RoadUser kind, HostRandom& random) {
+RoadUserAppearance make_road_user(RoadUser kind, HostRandom& random) {
   constexpr std::array vehicles{make_car, make_pickup, make_truck, make_semi, make_bus, make_loader, make_emergency};
   const auto index = static_cast<std::size_t>(kind);  // riders come after vehicles
   return index < vehicles.size() ? vehicles[index](random) : make_rider(kind, random);

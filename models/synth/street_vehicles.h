@@ -22,11 +22,11 @@ enum class RoadUser {
   pedestrian
 };
 
-struct RoadUserLooks {
+struct RoadUserAppearance {
   std::string label;  // PandaSet's word
   std::shared_ptr<const Thing> thing;
 };
 
-RoadUserLooks make_road_user(RoadUser kind, HostRandom& random);
+RoadUserAppearance make_road_user(RoadUser kind, HostRandom& random);
 
 }  // namespace cloam

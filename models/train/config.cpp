@@ -55,8 +55,8 @@ std::string in_digits(double value) {
 }
 
 std::string in_words(const Range& range) {
-  if (range.most < kNoLimit) return text(" from ", in_digits(range.least), " to ", in_digits(range.most));
-  return range.least > -kNoLimit ? text(" of ", in_digits(range.least), " or more") : "";
+  if (range.max < kNoLimit) return text(" from ", in_digits(range.min), " to ", in_digits(range.max));
+  return range.min > -kNoLimit ? text(" of ", in_digits(range.min), " or more") : "";
 }
 
 template <class T>
@@ -64,7 +64,7 @@ T number(const ConfigEntry& entry, const std::string& value) {
   T out{};
   const char* end = value.data() + value.size();
   const auto [at, error] = std::from_chars(value.data(), end, out);
-  const bool within = static_cast<double>(out) >= entry.range.least && static_cast<double>(out) <= entry.range.most;
+  const bool within = static_cast<double>(out) >= entry.range.min && static_cast<double>(out) <= entry.range.max;
   if (error != std::errc() || at != end || !within)
     throw Error(Fault::usage, text("setting ", entry.key, ": \"", value.substr(0, kShown), "\", want a ",
                                    std::is_integral_v<T> ? "whole number" : "number", in_words(entry.range)));

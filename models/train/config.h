@@ -14,7 +14,7 @@ using ConfigValue = std::variant<bool, int64_t, double, std::string>;
 
 /// The least and the largest value of a number.
 struct Range {
-  double least, most;
+  double min, max;
 };
 
 constexpr double kNoLimit = 1e30;  // numbers beyond are no settings but mistakes

@@ -7,7 +7,7 @@
 namespace cloam {
 namespace {
 
-constexpr int64_t kLeast = 5, kMostOfLevel = 200, kMostOfSlope = 500;
+constexpr int64_t kLeast = 5, kMaxOfLevel = 200, kMaxOfSlope = 500;
 
 }  // namespace
 
@@ -20,7 +20,7 @@ double StepPace::mean_of(int64_t last, int64_t before) const {
 std::optional<double> StepPace::seconds_for(int64_t steps, int64_t growing) const {
   const auto made = static_cast<int64_t>(seconds_.size());
   if (made < kLeast) return std::nullopt;
-  const int64_t few = std::clamp<int64_t>(made / 4, 1, kMostOfLevel), half = std::min(made / 2, kMostOfSlope);
+  const int64_t few = std::clamp<int64_t>(made / 4, 1, kMaxOfLevel), half = std::min(made / 2, kMaxOfSlope);
   const double level = mean_of(few, 0);
   const double rise = std::max(0.0, (mean_of(half, 0) - mean_of(half, half)) / static_cast<double>(half));
   const auto rising = static_cast<double>(std::clamp<int64_t>(growing, 0, steps)), all = static_cast<double>(steps);

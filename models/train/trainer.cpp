@@ -23,10 +23,10 @@ namespace {
 
 constexpr char kParameter[] = "param.", kOptimiser[] = "adam.", kState[] = "state.";
 constexpr double kTimingShare =
-    0.25;                         // of a budget passes before its horizon is chosen (schedules hold still till then)
-constexpr double kCaution = 0.9;  // of what is left then: a little early is better than a decay cut short
-constexpr int64_t kLeastPlanned = 8;   // steps between one choice and the next
-constexpr int64_t kFirstSteps = 3;     // compile kernels: they tell nothing of the others
+    0.25;                           // of a budget passes before its horizon is chosen (schedules hold still till then)
+constexpr double kCaution = 0.9;    // of what is left then: a little early is better than a decay cut short
+constexpr int64_t kMinPlanned = 8;  // steps between one choice and the next
+constexpr int64_t kFirstSteps = 3;  // compile kernels: they tell nothing of the others
 constexpr int64_t kFiniteEvery = 10;   // steps between looks at the parameters: a loss can hide that they are NaN
 constexpr double kSavingShare = 0.02;  // of the time, at most
 
@@ -112,7 +112,7 @@ void TimePlan::choose_horizon(Progress& progress, double saving_seconds) {
   while (fits(many)) few = many, many *= 2;
   while (many - few > 1) (fits((few + many) / 2) ? few : many) = (few + many) / 2;
   progress.horizon = progress.step + few;
-  next_plan_ = progress.step + std::max(few / 2, kLeastPlanned);
+  next_plan_ = progress.step + std::max(few / 2, kMinPlanned);
 }
 
 class Loop {

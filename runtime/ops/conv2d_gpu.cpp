@@ -93,8 +93,8 @@ void run_product(const char* name, const Product& p, const Operands& of, int64_t
   const Variant& v = choose("conv2d", "any");
   const int64_t tiles = ceil_div(p.n, v["TN"]) * ceil_div(p.m, v["TM"]);
   // Weight gradients have few tiles but a long sum: share it out. A sum with an epilogue stays whole.
-  constexpr int64_t kGroups = 128, kLeastDepth = 1024;
-  const int64_t wanted = of.epilogue ? 1 : std::min(ceil_div(kGroups, tiles * groups), ceil_div(p.depth, kLeastDepth));
+  constexpr int64_t kGroups = 128, kMinDepth = 1024;
+  const int64_t wanted = of.epilogue ? 1 : std::min(ceil_div(kGroups, tiles * groups), ceil_div(p.depth, kMinDepth));
   const int64_t k_each = round_up(ceil_div(p.depth, wanted), v["TK"]), splits = ceil_div(p.depth, k_each);
   const int64_t count = out.numel();
   const Tensor to = splits == 1 ? out : empty({splits, count});

@@ -14,10 +14,10 @@ namespace cloam {
 
 /// Size of the box that the looks fill, in metres: that of any actor who has them. (The actor who had them first may
 /// have another's by now.) Nothing if nobody has them.
-inline std::optional<Eigen::Vector3d> size_of_looks(const Scenes& scenes, const AssetName& looks) {
+inline std::optional<Eigen::Vector3d> size_of_appearance(const Scenes& scenes, const AssetName& appearance) {
   for (int scene = 0; scene < static_cast<int>(scenes.size()); ++scene) {
     for (const Actor& actor : scenes[static_cast<std::size_t>(scene)].actors) {
-      if (actor.asset.value_or(AssetName{scene, actor.id}) == looks) return actor.size;
+      if (actor.asset.value_or(AssetName{scene, actor.id}) == appearance) return actor.size;
     }
   }
   return std::nullopt;
@@ -55,7 +55,7 @@ class AnalyticStreet : public Street {
 
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override {
     Picture picture{camera.width, camera.height, {}, {}, {}, {}};
-    const Eigen::Vector3d size = size_of_looks(scenes_, asset).value();
+    const Eigen::Vector3d size = size_of_appearance(scenes_, asset).value();
     const std::vector<float> directions = pixel_directions(camera);
     for (std::size_t i = 0; i < directions.size(); i += 3) {
       const Eigen::Vector3d d(directions[i], directions[i + 1], directions[i + 2]);
@@ -72,7 +72,7 @@ class AnalyticStreet : public Street {
   /// The exact distance to the box; red to its right, green to its left.
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override {
     AssetSamples samples;
-    const Eigen::Vector3d half = 0.5 * size_of_looks(scenes_, asset).value();
+    const Eigen::Vector3d half = 0.5 * size_of_appearance(scenes_, asset).value();
     for (std::size_t i = 0; i < points.size(); i += 3) {
       const Eigen::Vector3d p(points[i], points[i + 1], points[i + 2]), q = p.cwiseAbs() - half;
       const double distance = q.cwiseMax(0.).norm() + std::min(q.maxCoeff(), 0.);

@@ -76,7 +76,7 @@ StoredRun made_run(const MadeRun& made) {
   return run;
 }
 
-AssetCodes codes_of(const StoredRun& run, int64_t least_steps) { return asset_codes(source_of(run), least_steps); }
+AssetCodes codes_of(const StoredRun& run, int64_t min_steps) { return asset_codes(source_of(run), min_steps); }
 
 /// The smallest network on a made run.
 void prepare(Diffusion& method, const StoredRun& run, uint64_t seed, const std::map<std::string, std::string>& more) {
@@ -204,7 +204,7 @@ TEST_CASE("held-out codes are told from noise, and samples have the class that w
   CHECK(score.v_loss < 0.7 * score.zero_v_loss);
   CHECK(score.v_loss > score.floor_v_loss);
   CHECK(score.training_v_loss < 0.7 * score.zero_v_loss);
-  AssetWish wish;
+  AssetRequest wish;
   wish.count = 8, wish.seed = 5, wish.steps = 20;
   for (const bool car : {true, false}) {
     wish.asset_class = car ? 0 : 7;
@@ -224,7 +224,7 @@ TEST_CASE("held-out codes are told from noise, and samples have the class that w
 
 TEST_CASE("the same wish gives the same assets; what is not wished for is as in training") {
   Prior prior(made_run({}));
-  AssetWish wish;
+  AssetRequest wish;
   wish.count = 40, wish.seed = 1, wish.steps = 2;
   const auto first = prior.method.generate(wish), again = prior.method.generate(wish);
   int cars = 0, nights = 0;
@@ -252,7 +252,7 @@ TEST_CASE("diffusion: a checkpoint of any step holds all that the next step and 
                                    return method;
                                  },
                                  [](Method& method) {
-                                   AssetWish wish;
+                                   AssetRequest wish;
                                    wish.count = 2;
                                    wish.steps = 2;
                                    std::vector<float> look;
@@ -282,7 +282,7 @@ TEST_CASE("assets like others are as many of each class and time of day, and no 
 
 TEST_CASE("an asset has the box of the training actor of its class whose code is nearest") {
   Prior prior(made_run({.variational = false, .people = false}));
-  AssetWish wish;
+  AssetRequest wish;
   wish.count = 20, wish.seed = 4, wish.steps = 3, wish.asset_class = 0;
   std::set<double> lengths;
   for (const NewAsset& asset : prior.method.generate(wish)) {

@@ -146,10 +146,10 @@ TEST_CASE("DDIM with the exact denoiser of a mixture reaches its modes, each as 
 }
 
 TEST_CASE("sampling begins at the last time") {
-  CHECK(sampling_times(1000, 4) == std::vector<int64_t>{999, 749, 499, 249});
-  CHECK(sampling_times(3, 3) == std::vector<int64_t>{2, 1, 0});
-  CHECK_THROWS_AS(sampling_times(10, 11), Error);
-  CHECK_THROWS_AS(sampling_times(10, 0), Error);
+  CHECK(sampling_timesteps(1000, 4) == std::vector<int64_t>{999, 749, 499, 249});
+  CHECK(sampling_timesteps(3, 3) == std::vector<int64_t>{2, 1, 0});
+  CHECK_THROWS_AS(sampling_timesteps(10, 11), Error);
+  CHECK_THROWS_AS(sampling_timesteps(10, 0), Error);
 }
 
 TEST_CASE("guidance goes on from what no condition says through what the condition says") {

@@ -168,12 +168,12 @@ TEST_CASE("replace takes looks and size, and stands on the same ground") {
   CHECK(car.asset == kTruck);
   CHECK(car.size == Vector3d(2.5, 7, 3));
   CHECK(centre(car, 0).z() == doctest::Approx(1.5));
-  CHECK_FALSE(size_of_looks(scenes, kCar).has_value());  // nobody looks like the car any more
-  apply(by_car, scenes, kTruck);                         // as the car was: a swap
+  CHECK_FALSE(size_of_appearance(scenes, kCar).has_value());  // nobody looks like the car any more
+  apply(by_car, scenes, kTruck);                              // as the car was: a swap
   CHECK(truck.asset == kCar);
   CHECK(truck.size == Vector3d(2, 4, 1.5));
   CHECK(centre(truck, 0).z() == doctest::Approx(0.75));
-  CHECK(size_of_looks(scenes, kCar).value() == Vector3d(2, 4, 1.5));
+  CHECK(size_of_appearance(scenes, kCar).value() == Vector3d(2, 4, 1.5));
   apply(replace_by(scenes, kCar), scenes, kVan);  // looks travel on: the car's are the truck's
   CHECK(scenes[0].actors[2].asset == kTruck);
   CHECK(centre(scenes[0].actors[2], 0).z() == doctest::Approx(1.5));

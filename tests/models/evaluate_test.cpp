@@ -58,9 +58,9 @@ struct GreyLog {
 /// Decibel of a difference of so many 255ths everywhere.
 double decibel(double levels) { return -20 * std::log10(levels / 255); }
 
-GuessScores guesses_of(const GreyLog& log, const ActorMask* mask = nullptr) {
+BaselineScores guesses_of(const GreyLog& log, const ActorMask* mask = nullptr) {
   const std::vector<float> rgb(24, static_cast<float>(log.test.frames[0].rgba[0]) / 255);
-  return Guesses(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, mask});
+  return Baselines(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, mask});
 }
 
 /// A wall at a distance, which every ray meets.
@@ -77,15 +77,15 @@ struct Wall final : Street {
 }  // namespace
 
 TEST_CASE("copies and blends are of the neighbouring training photos of the same camera") {
-  const GuessScores scores = guesses_of(GreyLog({10, 20, 40, 100}, {34}));
+  const BaselineScores scores = guesses_of(GreyLog({10, 20, 40, 100}, {34}));
   CHECK(scores.copy == doctest::Approx(decibel(6)));                         // 40 is nearer than 20
   CHECK(scores.blend == doctest::Approx(decibel(4)));                        // (20 + 40) / 2 = 30
   CHECK(scores.mean_colour == doctest::Approx(decibel(8.5)).epsilon(1e-3));  // 170 / 4 = 42.5
   CHECK(std::isnan(scores.nearest_frame));
-  const GuessScores tie = guesses_of(GreyLog({20, 40}, {30}));
+  const BaselineScores tie = guesses_of(GreyLog({20, 40}, {30}));
   CHECK(tie.copy == doctest::Approx(decibel(10)));  // the earlier, as far away as the later
   CHECK(tie.blend > 100);
-  const GuessScores first = guesses_of(GreyLog({20, 40}, {15}));
+  const BaselineScores first = guesses_of(GreyLog({20, 40}, {15}));
   CHECK(first.blend == doctest::Approx(decibel(5)));  // nothing before it: the one after
   GreyLog other({20, 40}, {30});
   other.scene.frames[2].sensor = "left_camera";
@@ -98,14 +98,14 @@ TEST_CASE("each actor is painted in its own true mean colour, and rows in their 
   std::vector<float> rgb(24, 0.f);
   const float values[] = {0.1f, 0.3f, 0.8f, 0.8f};  // actor 1 differs by 0.1 from its mean, actor 2 not at all
   for (std::size_t i = 0; i < 12; ++i) rgb[i] = values[i / 3];
-  const GuessScores scores = Guesses(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, &mask});
+  const BaselineScores scores = Baselines(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, &mask});
   CHECK(scores.mean_masked == doctest::Approx(-10 * std::log10(0.5 * 0.01)).epsilon(1e-4));
   mask.actors = {0, 0, 2, 2, 0, 0, 0, 0};  // of one colour: its own mean is no guess
-  CHECK(std::isnan(Guesses(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, &mask}).mean_masked));
+  CHECK(std::isnan(Baselines(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, &mask}).mean_masked));
   for (FramePixels& frame : log.train.frames)
     for (std::size_t i = 0; i < 32; ++i) frame.rgba[i] = i % 4 == 3 ? 255 : i < 16 ? 100 : 200;
   for (std::size_t i = 0; i < 24; ++i) rgb[i] = (i < 12 ? 110.f : 210.f) / 255;
-  const GuessScores rows = Guesses(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, nullptr});
+  const BaselineScores rows = Baselines(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, nullptr});
   CHECK(rows.row_mean == doctest::Approx(decibel(10)).epsilon(1e-4));
 }
 

@@ -23,7 +23,7 @@ std::vector<float> look(Method& method, const Worlds& worlds) {
   const Scene& scene = worlds.scene_of(method);
   if (as<RendersViews>(method)) return shown(method, view_of(scene.frames.front(), scene.cameras.front(), 0)).rgb;
   REQUIRE_MESSAGE(as<GeneratesAssets>(method), "a method shows views, or it generates assets");
-  AssetWish wish;
+  AssetRequest wish;
   wish.count = 2;
   wish.steps = 2;
   std::vector<float> all;
@@ -46,8 +46,8 @@ void check_evaluation(Method& method, const Worlds& worlds) {
   }
   const Scene& scene = worlds.scene_of(method);
   const Pixels& pixels = worlds.pixels_of(method);
-  const Guesses guesses(scene, pixels);
-  const std::vector<ImageScore> scores = evaluate(*renders, {0, scene, pixels, guesses});
+  const Baselines baselines(scene, pixels);
+  const std::vector<ImageScore> scores = evaluate(*renders, {0, scene, pixels, baselines});
   REQUIRE(scores.size() == pixels.frames.size());
   for (const ImageScore& score : scores) CHECK(std::isfinite(score.psnr));
 }

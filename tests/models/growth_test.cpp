@@ -61,7 +61,7 @@ TEST_CASE("growth: the paper's rules, gaussian by gaussian") {
 
 TEST_CASE("growth: no more gaussians than allowed, those with the largest gradients") {
   GrowthOptions options;
-  options.most = 5;
+  options.max_count = 5;
   Gaussians g = row_of({0.05, 0.05, 0.05, 0.05}, {0.5, 0.5, 0.5, 0.5});
   const GrowthMoves moves = make_growth(options, kCameras)->grow(g, {{1e-3f, 5e-3f, 2e-3f, 3e-3f}}, kGrowthStep);
   CHECK(g.count() == 5);
@@ -105,7 +105,7 @@ TEST_CASE("growth: several gaussians in one place look like the one that they we
 TEST_CASE("growth: Markov chain Monte Carlo moves the faint to the opaque") {
   GrowthOptions options;
   options.strategy = "mcmc";
-  options.most = 3;
+  options.max_count = 3;
   Gaussians g = row_of({0.1, 0.1, 0.1}, {0.9, 0.001, 0.0012});
   const GrowthMoves moves = make_growth(options, kCameras)->grow(g, {}, kGrowthStep);
   REQUIRE(g.count() == 3);
@@ -116,11 +116,11 @@ TEST_CASE("growth: Markov chain Monte Carlo moves the faint to the opaque") {
     CHECK(std::exp(double{g.scales[3 * i]}) == doctest::Approx(0.1 * shared.scale).epsilon(1e-4));
   }
   CHECK(moves.source == std::vector<int32_t>{-1, -1, -1});
-  options.most = 100;
+  options.max_count = 100;
   Gaussians grown = row_of(std::vector<double>(40, 0.1), std::vector<double>(40, 0.5));
   make_growth(options, kCameras)->grow(grown, {}, kGrowthStep);
   CHECK(grown.count() == 42);  // 5 % more
-  options.most = 40;
+  options.max_count = 40;
   Gaussians enough = row_of(std::vector<double>(40, 0.1), std::vector<double>(40, 0.5));
   CHECK(!make_growth(options, kCameras)->grow(enough, {}, kGrowthStep).any());
   CHECK_THROWS_AS(make_growth({.strategy = "mcm"}, kCameras), Error);

@@ -98,15 +98,15 @@ TEST_CASE("black in a mask takes no part, or is empty background") {
 TEST_CASE("an image is turned and mirrored as each EXIF orientation says") {
   // The standard's own figure: where the stored rows (0, 1) and columns (0 to 2) end up.
   const Image stored{3, 2, 1, {1, 2, 3, 4, 5, 6}};
-  const std::vector<std::uint8_t> looks[] = {{1, 2, 3, 4, 5, 6}, {3, 2, 1, 6, 5, 4}, {6, 5, 4, 3, 2, 1},
-                                             {4, 5, 6, 1, 2, 3}, {1, 4, 2, 5, 3, 6}, {4, 1, 5, 2, 6, 3},
-                                             {6, 3, 5, 2, 4, 1}, {3, 6, 2, 5, 1, 4}};
+  const std::vector<std::uint8_t> appearance[] = {{1, 2, 3, 4, 5, 6}, {3, 2, 1, 6, 5, 4}, {6, 5, 4, 3, 2, 1},
+                                                  {4, 5, 6, 1, 2, 3}, {1, 4, 2, 5, 3, 6}, {4, 1, 5, 2, 6, 3},
+                                                  {6, 3, 5, 2, 4, 1}, {3, 6, 2, 5, 1, 4}};
   for (int orientation = 1; orientation <= 8; ++orientation) {
     CAPTURE(orientation);
     const Image seen = upright(stored, orientation);
     CHECK(seen.width == (orientation < 5 ? 3 : 2));
     CHECK(seen.height == (orientation < 5 ? 2 : 3));
-    CHECK(seen.pixels == looks[orientation - 1]);
+    CHECK(seen.pixels == appearance[orientation - 1]);
   }
 }
 

@@ -9,11 +9,11 @@ namespace cloam {
 /// Mean PSNR of the test photos against the mean colour of the training photos.
 inline double mean_colour_figure(const Scene& scene) {
   const Pixels train = load_images(scene, Split::train), test = load_images(scene, Split::test);
-  const Guesses guesses(scene, train);
+  const Baselines baselines(scene, train);
   double sum = 0;
   for (const FramePixels& frame : test.frames) {
     const std::vector<float> rgb = on_white(frame);
-    sum += guesses.score({scene, frame, rgb}).mean_colour;
+    sum += baselines.score({scene, frame, rgb}).mean_colour;
   }
   return sum / static_cast<double>(test.frames.size());
 }

@@ -77,12 +77,12 @@ TEST_CASE("a number outside of a setting's range is refused by name, whatever th
       Config config;
       const auto method = configured(name, config);
       for (const std::string& value :
-           {digits(entry, entry.range.least - 1), std::string("nan"), std::string("inf"), std::string("-inf"),
+           {digits(entry, entry.range.min - 1), std::string("nan"), std::string("inf"), std::string("-inf"),
             std::string("1e400"), std::string("99999999999999999999"), std::string("9223372036854775807"),
             std::string("-9223372036854775808"), std::string("1e30x"), std::string("")}) {
         CAPTURE(value);
         const bool large_float = value == "99999999999999999999" || value == "9223372036854775807";
-        if (large_float && entry.range.most >= kNoLimit) continue;
+        if (large_float && entry.range.max >= kNoLimit) continue;
         const std::string error = error_of([&] { config.set(entry.key, value, "test"); }, Fault::usage);
         CHECK(holds(error, entry.key));
         CHECK(holds(error, "want a "));
@@ -96,7 +96,7 @@ TEST_CASE("at either end of a setting's range a method steps, or says what it ca
   const Worlds worlds;
   for (const std::string& name : method_names()) {
     for (const ConfigEntry& entry : numbers_of(name)) {
-      for (const double value : {entry.range.least, entry.range.most}) {
+      for (const double value : {entry.range.min, entry.range.max}) {
         CAPTURE(name);
         CAPTURE(entry.key);
         CAPTURE(value);

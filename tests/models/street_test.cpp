@@ -425,12 +425,12 @@ TEST_CASE("road users: white light in front, red behind, and wheels on the groun
   HostRandom random(3);
   for (const RoadUser kind : {RoadUser::car, RoadUser::pickup, RoadUser::truck, RoadUser::semi, RoadUser::bus,
                               RoadUser::emergency, RoadUser::motorcycle, RoadUser::scooter, RoadUser::bicycle}) {
-    const RoadUserLooks looks = make_road_user(kind, random);
-    CAPTURE(looks.label);
-    const Eigen::AlignedBox3d& box = looks.thing->bounds;
+    const RoadUserAppearance appearance = make_road_user(kind, random);
+    CAPTURE(appearance.label);
+    const Eigen::AlignedBox3d& box = appearance.thing->bounds;
     CHECK(std::abs(box.min().z()) < 1e-5);
     CHECK(box.sizes().y() > 1.3 * box.sizes().x());
-    const ThingSet things({{looks.thing, looks.thing->pivot(), {1, 0}}});
+    const ThingSet things({{appearance.thing, appearance.thing->pivot(), {1, 0}}});
     int white[2] = {0, 0}, red[2] = {0, 0};
     for (double x = box.min().x(); x < box.max().x(); x += 0.03) {
       for (double z = 0.3; z < 1.4; z += 0.03) {
