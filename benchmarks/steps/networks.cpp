@@ -58,7 +58,7 @@ Run prepare_unet(int64_t batch) {
   const Condition condition = {{numbers(batch, 8), numbers(batch, 2)}};
   network->loss = [=, schedule = NoiseSchedule()] {
     const Tensor v = (*unet)(schedule.noisy(x, noise, t), cast(t, DType::f32), condition);
-    return mean(square(v - schedule.velocity(x, noise, t)));
+    return mean(square(v - schedule.target(Prediction::velocity, x, noise, t)));
   };
   return stepping(network);
 }

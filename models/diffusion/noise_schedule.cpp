@@ -1,4 +1,4 @@
-// Schedules, weights.
+// Schedules, conversions, weights.
 #include "models/diffusion/noise_schedule.h"
 
 #include <algorithm>
@@ -38,6 +38,44 @@ Tensor at(const Tensor& table, const Tensor& t, const Tensor& like) {
   return reshape(gather_rows(table, t), shape);
 }
 
+/// x = noisy * x_t + predicted * p.
+Conversion to_clean(Prediction from, const Level& l) {
+  switch (from) {
+    case Prediction::noise:
+      return {1 / l.alpha, -l.sigma / l.alpha};
+    case Prediction::velocity:
+      return {l.alpha, -l.sigma};
+    case Prediction::clean:
+      break;
+  }
+  return {};
+}
+
+Conversion to_noise(Prediction from, const Level& l) {
+  switch (from) {
+    case Prediction::clean:
+      return {1 / l.sigma, -l.alpha / l.sigma};
+    case Prediction::velocity:
+      return {l.sigma, l.alpha};
+    case Prediction::noise:
+      break;
+  }
+  return {};
+}
+
+/// v = alpha e - sigma x, with e or x written with x_t and the other.
+Conversion to_velocity(Prediction from, const Level& l) {
+  switch (from) {
+    case Prediction::clean:
+      return {l.alpha / l.sigma, -1 / l.sigma};
+    case Prediction::noise:
+      return {-l.sigma / l.alpha, 1 / l.alpha};
+    case Prediction::velocity:
+      break;
+  }
+  return {};
+}
+
 }  // namespace
 
 Betas betas_named(const std::string& name) {
@@ -45,6 +83,24 @@ Betas betas_named(const std::string& name) {
   if (name == "cosine") return Betas::cosine;
   if (name == "scaled-linear") return Betas::scaled_linear;
   throw Error(Fault::usage, text("there is no noise schedule ", name, ": want linear, cosine or scaled-linear"));
+}
+
+Conversion conversion(Prediction from, Prediction to, const Level& level) {
+  switch (to) {
+    case Prediction::clean:
+      return to_clean(from, level);
+    case Prediction::noise:
+      return to_noise(from, level);
+    case Prediction::velocity:
+      break;
+  }
+  return to_velocity(from, level);
+}
+
+Tensor converted(const Tensor& noisy, const Tensor& predicted, Prediction from, Prediction to, const Level& level) {
+  if (from == to) return predicted;
+  const Conversion by = conversion(from, to, level);
+  return noisy * by.noisy + predicted * by.predicted;
 }
 
 NoiseSchedule::NoiseSchedule(Betas betas, int64_t timesteps) {
@@ -69,16 +125,21 @@ Tensor NoiseSchedule::clean(const Tensor& noisy, const Tensor& velocity, const T
   return at(alpha_, t, noisy) * noisy - at(sigma_, t, noisy) * velocity;
 }
 
-Tensor NoiseSchedule::velocity(const Tensor& x, const Tensor& noise, const Tensor& t) const {
+Tensor NoiseSchedule::target(Prediction kind, const Tensor& x, const Tensor& noise, const Tensor& t) const {
+  if (kind == Prediction::noise) return noise;
+  if (kind == Prediction::clean) return x;
   return at(alpha_, t, x) * noise - at(sigma_, t, x) * x;
 }
 
-Tensor NoiseSchedule::min_snr_weights(double gamma, const Tensor& t) const {
+double min_snr_weight(Prediction kind, double gamma, const Level& level) {
+  const double ratio = level.alpha * level.alpha / (level.sigma * level.sigma), least = std::min(ratio, gamma);
+  if (kind == Prediction::noise) return least / ratio;
+  return kind == Prediction::velocity ? least / (ratio + 1) : least;
+}
+
+Tensor NoiseSchedule::min_snr_weights(Prediction kind, double gamma, const Tensor& t) const {
   std::vector<float> table;
-  for (const Level& level : levels_) {
-    const double ratio = level.alpha * level.alpha / (level.sigma * level.sigma);
-    table.push_back(static_cast<float>(std::min(ratio, gamma) / (ratio + 1)));
-  }
+  for (const Level& level : levels_) table.push_back(static_cast<float>(min_snr_weight(kind, gamma, level)));
   return gather_rows(from_host(table, {timesteps()}), t);
 }
 

@@ -1,4 +1,4 @@
-// How much signal and how much noise there is at each diffusion time, and what networks predict of it.
+// How much signal and how much noise there is at each diffusion time, and what networks may predict of it.
 // Variance preserving: x_t = alpha_t x + sigma_t e with alpha^2 + sigma^2 = 1 (Ho et al. 2020); v = alpha e - sigma x
 // (Salimans and Ho 2022).
 #pragma once
@@ -17,9 +17,22 @@ enum class Betas { linear, cosine, scaled_linear };
 /// "linear", "cosine" or "scaled-linear". Fault::usage.
 Betas betas_named(const std::string& name);
 
+/// What a network predicts of x_t: the noise e, the clean x, or v.
+enum class Prediction { noise, clean, velocity };
+
 struct Level {
   double alpha = 1, sigma = 0;
 };
+
+/// How one prediction is made from another and x_t: noisy * x_t + predicted * p.
+struct Conversion {
+  double noisy = 0, predicted = 1;
+};
+/// e from x divides by sigma, x from e by alpha: at levels where those are 0 there is no conversion, and the numbers
+/// are not finite.
+Conversion conversion(Prediction from, Prediction to, const Level& level);
+/// The same applied; noisy and predicted: tensors of one shape, all of them at that level.
+Tensor converted(const Tensor& noisy, const Tensor& predicted, Prediction from, Prediction to, const Level& level);
 
 class NoiseSchedule {
  public:
@@ -32,15 +45,19 @@ class NoiseSchedule {
   Tensor noisy(const Tensor& x, const Tensor& noise, const Tensor& t) const;
   /// The x that velocities [N, ...] at times t [N] say of noisy: alpha_t noisy - sigma_t velocity.
   Tensor clean(const Tensor& noisy, const Tensor& velocity, const Tensor& t) const;
-  /// What a network is to say of noisy(x, noise, t): v = alpha_t noise - sigma_t x.
-  Tensor velocity(const Tensor& x, const Tensor& noise, const Tensor& t) const;
+  /// What a network that predicts `kind` is to say of noisy(x, noise, t).
+  Tensor target(Prediction kind, const Tensor& x, const Tensor& noise, const Tensor& t) const;
   /// Min-SNR-gamma (Hang et al. 2023) [N]: times of little noise count as if their signal-to-noise ratio alpha^2 /
-  /// sigma^2 were gamma at most. min(SNR, gamma) over SNR + 1, since errors of x are so much smaller than those of v.
-  Tensor min_snr_weights(double gamma, const Tensor& t) const;
+  /// sigma^2 were gamma at most. min(SNR, gamma), over SNR for noise, over SNR + 1 for velocity, in whose units errors
+  /// of x are so much smaller.
+  Tensor min_snr_weights(Prediction kind, double gamma, const Tensor& t) const;
 
  private:
   std::vector<Level> levels_;
   Tensor alpha_, sigma_;  // [times]
 };
+
+/// min_snr_weights of one level.
+double min_snr_weight(Prediction kind, double gamma, const Level& level);
 
 }  // namespace cloam

@@ -1,14 +1,23 @@
 // See sampler.h.
 #include "models/diffusion/sampler.h"
 
+#include <cmath>
+
 #include "runtime/error.h"
 
 namespace cloam {
 
-DenoisingStep ddim_step(const Level& from, const Level& to) {
+DenoisingStep ddpm_step(const Level& from, const Level& to) {
+  const double kept = from.alpha / to.alpha;  // of the signal, between the two levels
+  const double added = 1 - kept * kept, variance = from.sigma * from.sigma, left = to.sigma * to.sigma;
+  return {kept * left / variance, to.alpha * added / variance, std::sqrt(left / variance * added)};
+}
+
+DenoisingStep ddim_step(const Level& from, const Level& to, double eta) {
+  const double drawn = eta * ddpm_step(from, to).deviation;
   // The noise that x_t is thought to hold, (x_t - alpha_t x^) / sigma_t, stays in this part.
-  const double kept = to.sigma / from.sigma;
-  return {kept, to.alpha - kept * from.alpha};
+  const double kept = std::sqrt(std::max(0.0, to.sigma * to.sigma - drawn * drawn)) / from.sigma;
+  return {kept, to.alpha - kept * from.alpha, drawn};
 }
 
 Denoiser guided(const Denoiser& with, const Denoiser& without, float scale) {
@@ -28,15 +37,22 @@ std::vector<int64_t> sampling_timesteps(int64_t timesteps, int steps) {
   return out;
 }
 
-Tensor sample(const NoiseSchedule& schedule, const Denoiser& denoiser, const Tensor& start, int steps) {
-  const std::vector<int64_t> timesteps = sampling_timesteps(schedule.timesteps(), steps);
+Tensor sample(const NoiseSchedule& schedule, Prediction kind, const Denoiser& denoiser, const Tensor& start,
+              const SamplerOptions& options) {
+  const std::vector<int64_t> timesteps = sampling_timesteps(schedule.timesteps(), options.steps);
   Tensor now = start;
   for (size_t i = 0; i < timesteps.size(); i++) {
     const Level from = schedule.level(timesteps[i]),
                 to = schedule.level(i + 1 < timesteps.size() ? timesteps[i + 1] : -1);
-    const Tensor clean = now * from.alpha + denoiser(now, timesteps[i]) * -from.sigma;
-    const DenoisingStep step = ddim_step(from, to);
-    now = stop_gradient(now * step.noisy + clean * step.clean);
+    Tensor clean = converted(now, denoiser(now, timesteps[i]), kind, Prediction::clean, from);
+    if (options.clip > 0) clean = clamp(clean, -options.clip, options.clip);
+    const DenoisingStep step = ddim_step(from, to, options.eta);
+    Tensor next = now * step.noisy + clean * step.clean;
+    if (step.deviation > 0) {
+      const RandomKey key = {options.key.seed, options.key.step, static_cast<uint32_t>(i + 1)};
+      next = next + random_normal(start.shape(), key) * step.deviation;
+    }
+    now = stop_gradient(next);
     eval({now});
   }
   return now;

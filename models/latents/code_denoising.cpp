@@ -74,7 +74,7 @@ void CodeDenoising::advance(int64_t step) {
     const Tensor noisy = parameter(noisy_.to_host(), noisy_.shape());
     now = guided_clean(clean_, grad(clean(noisy, step), {noisy}, gradient_).front(), from, options_.guidance);
   }
-  const DenoisingStep by = ddim_step(from, to);
+  const DenoisingStep by = ddim_step(from, to, 0);
   noisy_ = stop_gradient(noisy_ * by.noisy + now * by.clean);
   eval({noisy_, now});
   write(now);

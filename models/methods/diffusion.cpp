@@ -127,10 +127,11 @@ Step Diffusion::step(const Progress& progress, const Tensors& wanted) {
   const Tensor t = random_below({x.dim(0)}, config_.timesteps, {seed_, number, kTimes});
   const Tensor v = network_->velocity(CodeNetwork::Weights::trained, schedule.noisy(x, noise, t), t,
                                       codes_->condition_of(batch.rows, dropped));
-  const Tensor errors = mean(square(v - schedule.velocity(x, noise, t)), {{1, 2, 3}});
+  const Tensor errors = mean(square(v - schedule.target(Prediction::velocity, x, noise, t)), {{1, 2, 3}});
   const Tensor error = mean(errors);  // all timesteps alike
   const auto gamma = static_cast<double>(config_.min_snr);
-  Step step = step_of(gamma > 0 ? mean(errors * schedule.min_snr_weights(gamma, t)) : error, wanted);
+  Step step =
+      step_of(gamma > 0 ? mean(errors * schedule.min_snr_weights(Prediction::velocity, gamma, t)) : error, wanted);
   step.figures = {{"v_loss", 0, error}};
   return step;
 }
@@ -165,7 +166,7 @@ Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows) const {
       const Tensor t = numbers(std::vector<int32_t>(some.size(), time));
       const Tensor v = network_->velocity(CodeNetwork::Weights::averaged, schedule.noisy(x, noise, t), t,
                                           codes_->condition_of(some));
-      const Tensor target = schedule.velocity(x, noise, t);
+      const Tensor target = schedule.target(Prediction::velocity, x, noise, t);
       const Tensor of_network = mean(square(v - target)), of_zero = mean(square(target));
       const Tensor floor = codes_->floor_of(some, schedule.level(time));
       eval({of_network, of_zero, floor});
@@ -214,8 +215,10 @@ Tensor Diffusion::sampled(const AssetRequest& wish, const std::vector<NewAsset>&
   const Denoiser with = network(asset_condition(classes, nights));
   const Denoiser without = network(asset_condition(std::vector<int32_t>(assets.size(), kAssetClassCount),
                                                    std::vector<int32_t>(assets.size(), kTimesOfDay)));
-  return sample(network_->schedule(), guided(with, without, wish.guidance),
-                random_normal(shape_of(config_, count), {wish.seed}), wish.steps);
+  SamplerOptions options;
+  options.steps = wish.steps;
+  return sample(network_->schedule(), Prediction::velocity, guided(with, without, wish.guidance),
+                random_normal(shape_of(config_, count), {wish.seed}), options);
 }
 
 std::vector<NewAsset> Diffusion::generate(const AssetRequest& wish) {

@@ -109,11 +109,12 @@ TEST_CASE("denoising that a measurement guides ends nearer to the truth than wit
       const Tensor clean = exact(schedule)(noisy, times);
       const Tensor seen = parameter(clean.to_host(), clean.shape());
       const Tensor loss = sum(square(slice(seen, 1, 0, 1) - truth[0]));
-      const Level level = schedule.level(t);
-      const Tensor corrected = guided_clean(clean, grad(loss, {seen}).front(), level, strength);
-      return (noisy * level.alpha - corrected) * (1 / level.sigma);  // as v
+      return guided_clean(clean, grad(loss, {seen}).front(), schedule.level(t), strength);
     };
-    const std::vector<float> samples = sample(schedule, denoiser, random_normal({kRows, 2}, {5}), 50).to_host();
+    SamplerOptions options;
+    options.steps = 50;
+    const std::vector<float> samples =
+        sample(schedule, Prediction::clean, denoiser, random_normal({kRows, 2}, {5}), options).to_host();
     std::array<double, 2> error = {0, 0};
     for (size_t i = 0; i < samples.size(); ++i)
       error[i % 2] += std::abs(at(samples, i) - static_cast<double>(truth[i % 2])) / static_cast<double>(kRows);

@@ -372,7 +372,7 @@ TEST_CASE("a small U-Net learns the velocities of two samples by heart") {
   const Shape shape = {2, 32, 8, 8};
   const Tensor x = noise(shape, 1), e = noise(shape, 2);
   const Tensor t = from_host(std::vector<int32_t>{300, 600}, {2});
-  const Tensor noisy = schedule.noisy(x, e, t), v = schedule.velocity(x, e, t);
+  const Tensor noisy = schedule.noisy(x, e, t), v = schedule.target(Prediction::velocity, x, e, t);
   const float baseline = mean(square(v - mean(v))).item();
   const ParameterGroups groups = {{"", 2e-3f}};
   Optimiser optimiser(params, groups);
