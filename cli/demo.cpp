@@ -196,7 +196,7 @@ class Demo {
   int write_page();
 
   /// Runs a command and notes it. Talkative ones are told to be quiet.
-  int run_noted(Words words, bool talks = false);
+  int run_noted(const Words& words, bool talks = false);
   Json evaluated(const fs::path& run);
   Json distance(const fs::path& set);
   void note(const Words& words, double seconds_before);
@@ -234,7 +234,7 @@ void Demo::note(const Words& words, double seconds_before) {
   made_.commands.push_back({typed(words), seconds() - seconds_before});
 }
 
-int Demo::run_noted(Words words, bool talks) {
+int Demo::run_noted(const Words& words, bool talks) {
   const double before = seconds();
   const int code = run_words(with_common(words, common_.quiet || !(talks || common_.verbose)));
   note(words, before);

@@ -74,6 +74,7 @@ void prefer_huge_pages(const cl::Buffer& mem, size_t bytes) {
   void* const at = queue.enqueueMapBuffer(mem, CL_TRUE, CL_MAP_WRITE_INVALIDATE_REGION, 0, bytes);
   const auto address = reinterpret_cast<uintptr_t>(at);
   const uintptr_t begin = (address + kHuge - 1) / kHuge * kHuge, end = (address + bytes) / kHuge * kHuge;
+  // NOLINTNEXTLINE(performance-no-int-to-ptr): the page that the address lies in
   madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
   queue.enqueueUnmapMemObject(mem, at);
 }

@@ -180,7 +180,7 @@ void launch_reduce(const Group& group, Step& step, const Walk& graph, const Layo
 }
 
 /// [chunks, kept] -> [kept]: the same generated reduction with nothing before it.
-void reduce_partials(const Group& group, Tensor partial, const Tensor& to) {
+void reduce_partials(const Group& group, const Tensor& partial, const Tensor& to) {
   static std::unordered_map<uint64_t, Step> steps;
   static const std::shared_ptr<const ReduceOp> over_rows[] = {std::make_shared<ReduceOp>(Reduction::sum, 1),
                                                               std::make_shared<ReduceOp>(Reduction::max, 1),

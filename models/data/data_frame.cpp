@@ -46,6 +46,7 @@ std::vector<Value> converted(std::span<const std::uint8_t> raw, std::int64_t sta
   std::vector<Value> result(static_cast<std::size_t>(count));
   for (std::int64_t i = 0; i < count; ++i) {
     const std::uint8_t* at = raw.data() + static_cast<std::size_t>(start + i * step) * sizeof(Stored);
+    // NOLINTNEXTLINE(bugprone-signed-char-misuse): a signed char is a number here
     result[static_cast<std::size_t>(i)] = static_cast<Value>(number_at<Stored>(at));
   }
   return result;

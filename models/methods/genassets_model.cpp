@@ -31,7 +31,7 @@ Tensor columns(const Tensor& x, int64_t begin, int64_t end) { return slice(x, 1,
 Tensor column(const Tensor& x, int64_t at) { return reshape(slice(x, 1, at, at + 1), {x.dim(0)}); }
 
 /// Fault::usage for widths that group norms cannot divide.
-void check_groups(std::vector<int64_t> widths, int64_t middle, int64_t groups) {
+void check_groups(const std::vector<int64_t>& widths, int64_t middle, int64_t groups) {
   for (const int64_t width : widths)
     if (width % groups != 0)
       throw Error(Fault::usage, text("setting decoder.groups: ", groups, " does not divide decoder.widths ", width));

@@ -25,7 +25,7 @@ struct Camera {
   std::array<double, 3> denominator = {0, 0, 0};  // d1, d2, d3; OpenCV and COLMAP call them k4, k5, k6
   std::array<double, 2> prism = {0, 0};           // s1, s2; COLMAP: sx1, sy1
 
-  auto operator<=>(const Camera&) const = default;
+  auto operator<=>(const Camera&) const = default;  // NOLINT(modernize-use-nullptr): no pointer is compared
 };
 
 /// The direction through each pixel centre in camera axes, lens undone: [height, width, 3]. z = 1 for pinhole and

@@ -56,7 +56,7 @@ class Row {
       const std::size_t pixel = std::size_t(y_) * camera_.width + x;
       const Vector3d colour = colour_of(x);
       for (int c = 0; c < 3; ++c) {
-        picture.image.pixels[3 * pixel + std::size_t(c)] = static_cast<std::uint8_t>(255 * colour[c] + 0.5);
+        picture.image.pixels[3 * pixel + std::size_t(c)] = static_cast<std::uint8_t>(std::lround(255 * colour[c]));
       }
       const Ray ray = pixel_ray(camera_, pose_, x + 0.5, y_ + 0.5);
       if (const auto seen = moment_.nearest(ray, across())) {

@@ -227,8 +227,8 @@ Image render(const std::vector<SceneObject>& objects, const Matrix4d& world_from
     for (int x = 0; x < size; ++x) {
       const Eigen::Vector4d sum = pixel_sum(objects, world_from_camera, Vector2d(x, y), size);
       const double hits = std::max(1.0, sum.w());
-      for (int c = 0; c < 3; ++c) image.pixels.push_back(static_cast<uint8_t>(255 * sum[c] / hits + 0.5));
-      image.pixels.push_back(static_cast<uint8_t>(255 * sum.w() / (kSamplesPerSide * kSamplesPerSide) + 0.5));
+      for (int c = 0; c < 3; ++c) image.pixels.push_back(static_cast<uint8_t>(std::lround(255 * sum[c] / hits)));
+      image.pixels.push_back(static_cast<uint8_t>(std::lround(255 * sum.w() / (kSamplesPerSide * kSamplesPerSide))));
     }
   }
   return image;
