@@ -153,8 +153,7 @@ Step Splat::step(const Progress& progress, const Tensors& wanted) {
 
 RowMoves Splat::grow(const Progress& progress) {
   const ParameterGroup means = group_of("means", groups());
-  const Tensor shift =
-      growth_->shift(splat_model(params_, 0).cloud, progress, means.rate * means.schedule.at(progress));
+  const Tensor shift = growth_->shift(splat_model(params_, 0).cloud, progress, means.rate_at(progress));
   if (shift) assign({{params_.at("means"), params_.at("means") + shift}});
   if (!growth_->due(progress)) return {};
   Gaussians all = gaussians();

@@ -76,8 +76,7 @@ void Optimiser::step_group(Flats& flats, const Tensors& parameters, const Tensor
 void Optimiser::step(Params& parameters, const Tensors& gradients, const ParameterGroups& groups,
                      const Progress& progress) {
   const auto with = [&](const ParameterGroup& group) {
-    return AdamStep{
-        group.rate * group.schedule.at(progress), group.beta1, group.beta2, group.epsilon, group.decay, progress.step};
+    return AdamStep{group.rate_at(progress), group.beta1, group.beta2, group.epsilon, group.decay, progress.step};
   };
   for (size_t i = 0; i < names_.size(); i++) {
     const std::string& name = names_[i];

@@ -200,7 +200,7 @@ TEST_CASE("prior: denoised codes are refined, and what they have in common stand
   CHECK(distance(method->parameters().at("log0.common.code").to_host(), common) == 0);
   const auto rate = [](const Method& of) {
     const ParameterGroup codes = group_of("log0.codes", of.groups());
-    return static_cast<double>(codes.rate * codes.schedule.at({300, 1000, 1}));
+    return static_cast<double>(codes.rate_at({300, 1000, 1}));
   };
   CHECK(rate(*method) == doctest::Approx(0.1 * rate(*street(scene, {{{"prior.steps", "0"}}}))));
 }
