@@ -30,8 +30,6 @@ struct LearningRateSchedule {
   int64_t decay_steps = 0;  // not 0: the decay takes so many steps from the first on, whatever the horizon, and goes on
   int warm_up = 0;          // steps
   int delay = 0;            // steps at a hundredth of the rate; it then rises linearly for as many
-  /// The learning rate at a step, where `rate` is that of the plateau.
-  float apply(float rate, const Progress& progress) const;
 };
 
 /// The parameters whose names begin with `prefix` (of several groups the one with the longest).
@@ -43,7 +41,8 @@ struct ParameterGroup {
   bool sparse = false;                                  // rows without a gradient stand still and count their own steps
   bool frozen = false;                                  // never changed: no gradient, no optimiser state
   float decay = 0;                                      // AdamW's weight decay
-  float rate_at(const Progress& progress) const { return schedule.apply(rate, progress); }
+  /// The learning rate at a step.
+  float rate_at(const Progress& progress) const;
 };
 using ParameterGroups = std::vector<ParameterGroup>;
 
