@@ -29,7 +29,7 @@ struct DemoFolders {
   std::filesystem::path after() const { return root / "after"; }
 };
 
-struct DemoRecord {
+struct DemoRecord {  // NOLINT(bugprone-exception-escape): what moving JSON throws ends the program
   DemoFolders folders;
   nlohmann::ordered_json street, prior;    // what eval found
   nlohmann::ordered_json samples, random;  // distances to the training assets
