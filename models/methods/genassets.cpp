@@ -62,7 +62,8 @@ void GenAssets::configure(Config& c) {
   c.bind("weight.lidar", o.weight_lidar, "weight of the LiDAR depth error (squared up to one metre, then linear)");
   c.bind("weight.line_of_sight", o.weight_line_of_sight,
          "weight of the line-of-sight loss: opacity along LiDAR rays away from their return");
-  c.bind("weight.kl", o.weight_kl, "weight of the codes' KL term (mean over their elements)");
+  c.bind("weight.kl", o.weight_kl,
+         "weight of the codes' KL term (summed over the elements of a code, mean over codes)");
   c.bind("weight.prior", o.prior.weight, "with --prior: norm of the prior's gradient, relative to the other losses");
   c.bind("prior.through_network", o.prior.through_network, "back-propagate the prior through the denoiser");
   c.bind("prior.steps", o.prior.steps, "with --prior and --image: denoising steps before training; 0: none",

@@ -230,7 +230,7 @@ DecodedAssets StreetAssets::decode(const HitAssets& hits, const Sampling& how) c
     if (how.random)
       code = mean_code + exp(log_variance * 0.5f) * random_normal({count, numbers}, stream(how.key, kCodes));
     const Tensor terms = square(mean_code) + exp(log_variance) - 1.f - log_variance;
-    out.kl = mean(terms) * 0.5f;
+    out.kl = sum(terms) * (0.5f / static_cast<float>(count));
   }
   const Shape shape = {count, options_.code_channels, options_.code_side, options_.code_side};
   const Condition condition = condition_of(hits.assets);

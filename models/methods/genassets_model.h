@@ -76,7 +76,7 @@ HitAssets hit_assets(const std::vector<AssetPlace>& appearance, const std::vecto
 
 struct DecodedAssets {
   Tensor planes;  // [3,N,side,side,channels]; empty: no asset is met
-  Tensor kl;      // mean over the codes' numbers; empty without
+  Tensor kl;      // from a standard normal: summed over a code's numbers, mean over codes; empty without
   Tensor slots;   // int32: place in planes of each owner
   VisibleCodes codes = {};
 };

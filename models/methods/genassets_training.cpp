@@ -66,8 +66,11 @@ ParameterGroups GenAssetsTraining::groups(bool denoised) const {
     ParameterGroup& background = add(log + ".background", c.rate_background * (frozen_ ? kTexels : 1.f));
     background.sparse = true;
     background.decay = c.decay_background * (frozen_ ? kKeeping : 1.f);
-    add(log + ".common.background", c.rate_background);
-    add(log + ".common.code", c.rate_codes).frozen = denoised;
+    // Rows of a log stand still in steps that see other logs (sparse): Adam's momentum would move them on.
+    add(log + ".common.background", c.rate_background).sparse = true;
+    ParameterGroup& common_code = add(log + ".common.code", c.rate_codes);
+    common_code.sparse = true;
+    common_code.frozen = denoised;
     // With networks that know actors already: first what all actors of the log share, then each its own. Denoised codes
     // fit already, and what they share would move all by what the largest wants.
     ParameterGroup& codes = add(log + ".codes", c.rate_codes * (denoised ? kRefining : 1.f));
