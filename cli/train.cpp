@@ -306,6 +306,8 @@ void add_data_options(const Options& add, TrainRequest& r) {
   add("--holdout", r.holdout, "Hold out every Nth image, ordered by name", whole_number(2, 1 << 20));
   add("--skip-bad", r.skip_bad, "Skip damaged images with a warning");
   add_allow_outside(add, r.allow_outside);
+  add("--actors", r.actors, "Boxes that become assets: road-users (the default: vehicles and pedestrians), or all",
+      one_of({"road-users", "all"}));
   add("--masks", r.masks, "What black mask pixels mean: ignore (the default), or transparent (empty space)",
       one_of({"ignore", "transparent"}));
   add("--protocol", r.protocol, "Driving logs: choose the training images by sparse, novel or rotate360",

@@ -4,16 +4,19 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "models/scene/actor_space.h"
 #include "models/scene/camera.h"
 #include "runtime/error.h"
+#include "runtime/ops.h"
 
 namespace cloam {
 namespace {
 
 constexpr size_t kSweepsAStep = 4;
-constexpr double kFarActor = 60;  // metres: patches look no further for actors
+constexpr int64_t kSmallestObject = 4;  // cells a side
+constexpr double kFarActor = 60;        // metres: patches look no further for actors
 
 Eigen::Vector3d rotate(const Eigen::Matrix4d& pose, const Eigen::Vector3d& v) { return pose.topLeftCorner<3, 3>() * v; }
 Eigen::Vector3d move(const Eigen::Matrix4d& pose, const Eigen::Vector3d& p) {
@@ -57,6 +60,26 @@ void add_cells(RayList& rays, const Camera& camera, const Eigen::Matrix4d& log_f
                                                                   (static_cast<double>(y) + 0.5) * scale})));
 }
 
+Tensor Photographed::kept(const Tensor& render) const { return used ? render * used : render; }
+
+/// What regions of photos of one size show.
+struct LogSource::HostPixels {
+  int64_t count, height, width;
+  std::vector<float> truth, used;
+
+  HostPixels(int64_t n, int64_t h, int64_t w, bool masked)
+      : count(n), height(h), width(w), truth(static_cast<size_t>(3 * n * h * w)) {
+    if (masked) used.assign(truth.size() / 3, 1.f);
+  }
+  Photographed tensors() const {
+    Photographed out{from_host(truth, {count, 3, height, width}), {}, 1};
+    if (used.empty()) return out;
+    out.used = from_host(used, {count, 1, height, width});
+    out.share = std::accumulate(used.begin(), used.end(), 0.f) / static_cast<float>(used.size());
+    return out;
+  }
+};
+
 LogSource::LogSource(const Scene& scene, Pixels pixels, std::vector<LoadedSweep> sweeps, const LogRays& axes)
     : scene_(scene),
       pixels_(std::move(pixels)),
@@ -65,6 +88,7 @@ LogSource::LogSource(const Scene& scene, Pixels pixels, std::vector<LoadedSweep>
       scale_(axes.scale) {
   if (pixels_.frames.empty())
     throw Error(Fault::data, text(scene.root.string(), ": no image of this log is in the training split"));
+  for (const FramePixels& photo : pixels_.frames) masked_ |= !photo.mask.empty();
   std::erase_if(sweeps_, [](const LoadedSweep& sweep) { return sweep.points.size() == 0; });
 }
 
@@ -104,72 +128,141 @@ LogSource::Corner LogSource::corner_near_actor(const FramePixels& photo, HostRan
   return {around(middle.x(), photo.width / scale_), around(middle.y(), photo.height / scale_)};
 }
 
+/// Bounds of the corners that lie in front of the camera, in cells.
+struct LogSource::Span {
+  Eigen::Vector2d low, high;
+  bool behind;  // some corner lies behind the camera
+};
+
+std::optional<LogSource::Span> LogSource::span_of(const Actor& actor, const FramePixels& photo,
+                                                  const Eigen::Vector3d& stretch) const {
+  const Frame& frame = scene_.frames[photo.frame];
+  const auto pose = world_from_box_at(actor, frame.timestamp.value_or(0));
+  if (!pose) return {};
+  const Eigen::Matrix4d camera_from_box = frame.world_from_camera.inverse() * *pose;
+  Span span{{1e9, 1e9}, {-1e9, -1e9}, false};
+  for (int k = 0; k < 8; ++k) {
+    const Eigen::Vector3d sign(k & 1 ? 0.5 : -0.5, k & 2 ? 0.5 : -0.5, k & 4 ? 0.5 : -0.5);
+    const Eigen::Vector3d p = move(camera_from_box, sign.cwiseProduct(stretch).cwiseProduct(actor.size));
+    span.behind = span.behind || p.z() < 0.1;
+    if (p.z() < 0.1) continue;
+    const Eigen::Vector2d at = project(camera_of(photo), p) / scale_;
+    span.low = span.low.cwiseMin(at);
+    span.high = span.high.cwiseMax(at);
+  }
+  if (span.low.x() > span.high.x()) return {};
+  return span;
+}
+
 /// Those whose boxes, twice as wide and long for their shadows, have a corner region that meets the patch.
 void LogSource::mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const {
-  const Frame& frame = scene_.frames[photo.frame];
-  const Camera& camera = camera_of(photo);
-  const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
   for (size_t a = 0; a < scene_.actors.size(); ++a) {
-    const auto pose = world_from_box_at(scene_.actors[a], frame.timestamp.value_or(0));
-    if (!pose || rays.actors[a]) continue;
-    Eigen::Vector2d low(1e9, 1e9), high(-1e9, -1e9);
-    bool behind = false;
-    for (int k = 0; k < 8; ++k) {
-      const Eigen::Vector3d sign(k & 1 ? 1 : -1, k & 2 ? 1 : -1, k & 4 ? 0.6 : -0.6);
-      const Eigen::Vector3d p = move(camera_from_world, move(*pose, sign.cwiseProduct(scene_.actors[a].size)));
-      behind = behind || p.z() < 0.1;
-      if (p.z() < 0.1) continue;
-      const Eigen::Vector2d at = project(camera, p) / scale_;
-      low = low.cwiseMin(at);
-      high = high.cwiseMax(at);
-    }
-    if (low.x() > high.x()) continue;  // all of it lies behind the camera
+    if (rays.actors[a]) continue;
+    const auto span = span_of(scene_.actors[a], photo, {2, 2, 1.2});
+    if (!span) continue;
     const auto meets = [&](int axis, int64_t begin, int64_t size) {
-      return low[axis] < static_cast<double>(begin + size) && high[axis] > static_cast<double>(begin);
+      return span->low[axis] < static_cast<double>(begin + size) && span->high[axis] > static_cast<double>(begin);
     };
-    rays.actors[a] = behind || (meets(0, region.x, region.columns) && meets(1, region.y, region.rows));
+    rays.actors[a] = span->behind || (meets(0, region.x, region.columns) && meets(1, region.y, region.rows));
   }
 }
 
-void LogSource::add_region(RayList& rays, const FramePixels& photo, const Region& region, float* truth) const {
+/// Of actors that are near and wholly in front of the camera, in the order drawn.
+std::vector<Region> LogSource::object_regions(const FramePixels& photo, HostRandom& random,
+                                              const ObjectPatches& objects) const {
+  std::vector<Region> all, drawn;
+  for (const Actor& actor : scene_.actors) {
+    const auto span = span_of(actor, photo, {1, 1, 1});
+    if (!span || span->behind) continue;
+    const auto begin = [&](int axis) {
+      return std::max<int64_t>(0, static_cast<int64_t>(std::floor(span->low[axis])));
+    };
+    const auto end = [&](int axis, int size) {
+      return std::min<int64_t>(size / scale_, static_cast<int64_t>(std::ceil(span->high[axis])));
+    };
+    const Region region = {begin(0), begin(1), end(0, photo.width) - begin(0), end(1, photo.height) - begin(1)};
+    if (region.columns >= kSmallestObject && region.rows >= kSmallestObject) all.push_back(region);
+  }
+  const auto shorten = [&](int64_t& from, int64_t& size) {
+    const int64_t kept = std::min(size, objects.longest);
+    from += static_cast<int64_t>(random.below(static_cast<size_t>(size - kept + 1)));
+    size = kept;
+  };
+  while (!all.empty() && static_cast<int>(drawn.size()) < objects.count) {
+    const auto at = all.begin() + static_cast<std::ptrdiff_t>(random.below(all.size()));
+    drawn.push_back(*at);
+    all.erase(at);
+    shorten(drawn.back().x, drawn.back().columns);
+    shorten(drawn.back().y, drawn.back().rows);
+  }
+  return drawn;
+}
+
+void LogSource::add_region(RayList& rays, const FramePixels& photo, const Region& region, HostPixels& pixels,
+                           int64_t place) const {
   const Frame& frame = scene_.frames[photo.frame];
   add_cells(rays, camera_of(photo), log_from_world_ * frame.world_from_camera, frame.timestamp.value_or(0), region,
             scale_);
-  const int64_t width = region.columns * scale_, height = region.rows * scale_;
-  for (int64_t y = 0; y < height; ++y)
-    for (int64_t x = 0; x < width; ++x) {
-      const auto from = static_cast<size_t>((region.y * scale_ + y) * photo.width + region.x * scale_ + x) * 4;
+  for (int64_t y = 0; y < pixels.height; ++y)
+    for (int64_t x = 0; x < pixels.width; ++x) {
+      const auto from = static_cast<size_t>((region.y * scale_ + y) * photo.width + region.x * scale_ + x);
+      if (!photo.mask.empty() && photo.mask[from] == 0) {
+        pixels.used[static_cast<size_t>((place * pixels.height + y) * pixels.width + x)] = 0;
+        continue;
+      }
       for (int64_t c = 0; c < 3; ++c)
-        truth[(c * height + y) * width + x] = static_cast<float>(photo.rgba[from + static_cast<size_t>(c)]) / 255.f;
+        pixels.truth[static_cast<size_t>(((3 * place + c) * pixels.height + y) * pixels.width + x)] =
+            static_cast<float>(photo.rgba[4 * from + static_cast<size_t>(c)]) / 255.f;
     }
 }
 
-Tensor LogSource::add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side,
-                              const Share& share) const {
-  const int64_t pixels = side * scale_, numbers = 3 * pixels * pixels;
-  std::vector<float> truth(static_cast<size_t>(share.size(count) * numbers));
+Photographed LogSource::add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side,
+                                    const Share& share) const {
+  HostPixels pixels(share.size(count), side * scale_, side * scale_, masked_);
   rays.actors.assign(scene_.actors.size(), false);
   for (int64_t n = 0; n < count; ++n) {
     const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
     const Corner corner = n % 2 == 1 ? corner_near_actor(photo, random, side) : random_corner(photo, random, side);
     const Region region = {corner.x, corner.y, side, side};
     mark_actors(rays, photo, region);
-    if (share.holds(n, count)) add_region(rays, photo, region, &truth[size_t((n - share.begin(count)) * numbers)]);
+    if (share.holds(n, count)) add_region(rays, photo, region, pixels, n - share.begin(count));
   }
-  return from_host(truth, {share.size(count), 3, pixels, pixels});
+  return pixels.tensors();
 }
 
-Tensor LogSource::add_image(RayList& rays, HostRandom& random, const Share& share) const {
+Photographed LogSource::add_object(RayList& rays, HostRandom& random, const ObjectPatches& objects,
+                                   const Share& share) const {
+  Photographed out;
+  for (int64_t rank = 0; rank < share.ranks; ++rank) {
+    const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
+    const std::vector<Region> regions = object_regions(photo, random, {1, objects.longest});
+    if (regions.empty() || objects.count == 0) continue;
+    const Region& region = regions.front();
+    mark_actors(rays, photo, region);
+    if (rank != share.rank) continue;
+    HostPixels pixels(1, region.rows * scale_, region.columns * scale_, masked_);
+    add_region(rays, photo, region, pixels, 0);
+    out = pixels.tensors();
+  }
+  return out;
+}
+
+Photographed LogSource::add_image(RayList& rays, HostRandom& random, const ObjectPatches& objects,
+                                  const Share& share) const {
   (void)patch_side(1);  // an image of no cell is an error
   std::vector<size_t> of_ranks;
   for (int64_t rank = 0; rank < share.ranks; ++rank) of_ranks.push_back(random.below(pixels_.frames.size()));
   const FramePixels& photo = pixels_.frames[of_ranks[static_cast<size_t>(share.rank)]];
   const Region region = {0, 0, photo.width / scale_, photo.height / scale_};
-  std::vector<float> truth(static_cast<size_t>(3 * region.columns * region.rows * scale_ * scale_));
+  HostPixels pixels(1, region.rows * scale_, region.columns * scale_, masked_);
   rays.actors.assign(scene_.actors.size(), false);
   mark_actors(rays, photo, region);
-  add_region(rays, photo, region, truth.data());
-  return from_host(truth, {1, 3, region.rows * scale_, region.columns * scale_});
+  add_region(rays, photo, region, pixels, 0);
+  Photographed out = pixels.tensors();
+  // Numbers of its own: how many are drawn depends on the image, and ranks see different ones.
+  HostRandom own(random.below(size_t{1} << 32), static_cast<uint64_t>(share.rank));
+  out.objects = object_regions(photo, own, objects);
+  return out;
 }
 
 void LogSource::add_returns(RayList& rays, HostRandom& random, int64_t count, const Share& share) const {

@@ -1,5 +1,7 @@
 // What a driving log gives a training step: patches of its images and returns of its LiDAR, as rays in axes of the log.
 #pragma once
+#include <optional>
+
 #include "models/io/host_random.h"
 #include "models/io/share.h"
 #include "models/scene/lidar_points.h"
@@ -46,6 +48,23 @@ struct LogRays {
   int scale;
 };
 
+/// Parts of photos that are boxes of actors, as projected: what of them is longer than `longest` cells is cut to a
+/// random part.
+struct ObjectPatches {
+  int count = 1;
+  int64_t longest = 48;
+};
+
+/// Pixels of photos that rays are compared with.
+struct Photographed {
+  Tensor truth;                      // [N,3,h,w] in [0,1]; black where pixels do not count
+  Tensor used;                       // [N,1,h,w], 0 where a mask says that the pixel does not count; empty: all count
+  float share = 1;                   // of the pixels, that count
+  std::vector<Region> objects = {};  // of a whole image, in cells
+  /// The render, black where pixels do not count: no loss sees a difference there, and none sends a gradient.
+  Tensor kept(const Tensor& render) const;
+};
+
 /// The images and sweeps of a log that train. Draws take their numbers from `random`, the same on all ranks.
 class LogSource {
  public:
@@ -55,12 +74,15 @@ class LogSource {
   /// The largest patch that fits every image, at most `wanted`; in rays.
   int64_t patch_side(int64_t wanted) const;
   /// The share of `count` patches of side^2 rays, every second one (if it can be) around an actor, each a moment of its
-  /// own. The images: [N,3,side scale,side scale] in [0,1]. Sets rays.actors to those that all of them or their
-  /// shadows may show.
-  Tensor add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side, const Share& share) const;
-  /// One whole image, for each rank another, as far as it fills cells of scale^2 pixels; a moment. The image:
-  /// [1,3,h scale,w scale]. Sets rays.actors as add_patches.
-  Tensor add_image(RayList& rays, HostRandom& random, const Share& share) const;
+  /// own. The images have side scale pixels a side. Sets rays.actors to those that all of them or their shadows may
+  /// show.
+  Photographed add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side, const Share& share) const;
+  /// A patch around the box of one actor in sight, for each rank another; a moment. Without truth if the photo that was
+  /// drawn shows none. Marks in rays.actors those that it or their shadows may show.
+  Photographed add_object(RayList& rays, HostRandom& random, const ObjectPatches& objects, const Share& share) const;
+  /// One whole image, for each rank another, as far as it fills cells of scale^2 pixels; a moment. Sets rays.actors as
+  /// add_patches.
+  Photographed add_image(RayList& rays, HostRandom& random, const ObjectPatches& objects, const Share& share) const;
   /// The share of `count` returns of some sweeps, none of actors that rays.actors leaves out: each actor costs a
   /// decoding.
   void add_returns(RayList& rays, HostRandom& random, int64_t count, const Share& share) const;
@@ -74,9 +96,15 @@ class LogSource {
   };
   Corner random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const;
   Corner corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const;
+  /// The cells that hold an actor's box, its sides `stretch` as long but for its height; none: it lies behind.
+  struct Span;
+  std::optional<Span> span_of(const Actor& actor, const FramePixels& photo, const Eigen::Vector3d& stretch) const;
+  std::vector<Region> object_regions(const FramePixels& photo, HostRandom& random, const ObjectPatches& objects) const;
   void mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const;
-  /// Rays and colours of a region of a photo; colours go to `truth` [3,rows scale,columns scale].
-  void add_region(RayList& rays, const FramePixels& photo, const Region& region, float* truth) const;
+  /// Rays and pixels of a region of a photo, as number `place` of the photographed.
+  struct HostPixels;
+  void add_region(RayList& rays, const FramePixels& photo, const Region& region, HostPixels& pixels,
+                  int64_t place) const;
   const Camera& camera_of(const FramePixels& photo) const { return pixels_.cameras[static_cast<size_t>(photo.camera)]; }
 
   const Scene& scene_;
@@ -84,6 +112,7 @@ class LogSource {
   std::vector<LoadedSweep> sweeps_;
   Eigen::Matrix4d log_from_world_;
   int scale_;
+  bool masked_ = false;  // some photo has a mask
 };
 
 }  // namespace cloam

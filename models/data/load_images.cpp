@@ -27,6 +27,13 @@ std::vector<std::uint8_t> as_mask(const Image& image, int factor) {
   return mask;
 }
 
+// The lowest rows are ignored, too: they show the recording car.
+void ignore_ego(FramePixels& pixels, double ego_rows, int full_height, int factor) {
+  const int first = static_cast<int>(std::floor((1 - ego_rows) * full_height)) / factor;
+  if (pixels.mask.empty()) pixels.mask.assign(std::size_t(pixels.width) * pixels.height, 255);
+  std::fill(pixels.mask.begin() + std::ptrdiff_t(first) * pixels.width, pixels.mask.end(), std::uint8_t{0});
+}
+
 Image without_background(const Image& image, const Image& mask) {
   Image result{image.width, image.height, 4, as_rgba(image)};
   for (std::size_t i = 0; i < result.pixels.size() / 4; ++i) {
@@ -72,9 +79,11 @@ class Loader {
       if (options_.masks == MaskMeaning::ignore) result.mask = as_mask(mask, options_.downscale);
       if (options_.masks == MaskMeaning::transparent) full = without_background(full, mask);
     }
+    const int full_height = full.height;
     Image image = options_.downscale == 1 ? std::move(full) : downscale(full, options_.downscale);
     result.width = image.width;
     result.height = image.height;
+    if (frame.ego_rows > 0) ignore_ego(result, frame.ego_rows, full_height, options_.downscale);
     result.rgba = image.channels == 4 ? std::move(image.pixels) : as_rgba(image);
     result.camera = find_or_add(pixels_.cameras, scaled(camera, options_.downscale));
     for (std::size_t i = 3; i < result.rgba.size() && !pixels_.has_alpha; i += 4)

@@ -16,6 +16,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kFarthest = 1e6;
+// The car that carries the LiDAR, metres around it: nothing else comes so near, and the ground there is hidden.
+constexpr double kEgoRadius = 2.5, kEgoAbove = 0.5;
 constexpr double kFullIntensity = 255;
 constexpr std::uint64_t kMaxBytes = std::uint64_t{256} << 20;
 
@@ -96,6 +98,11 @@ Columns read_ply_points(const fs::path& path, const Sweep&) {
   return columns;
 }
 
+bool is_of_ego(const Eigen::Vector3d& place, const Sweep& sweep) {
+  const Eigen::Vector3d from_lidar = place - sweep.world_from_lidar.block<3, 1>(0, 3);
+  return from_lidar.head<2>().norm() < kEgoRadius && from_lidar.z() < kEgoAbove;
+}
+
 struct PointReader {
   const char* extension;
   Columns (*read)(const fs::path& path, const Sweep& sweep);
@@ -128,6 +135,10 @@ LidarPoints load_sweep(const Scene& scene, const Sweep& sweep) {
     const bool sound = std::isfinite(intensity) && std::isfinite(time) && place.cwiseAbs().maxCoeff() < kFarthest;
     if (!sound || !place.allFinite()) {
       ++points.dropped;
+      continue;
+    }
+    if (is_of_ego(place, sweep)) {
+      ++points.of_ego;
       continue;
     }
     for (int axis = 0; axis < 3; ++axis) points.positions.push_back(static_cast<float>(place[axis]));

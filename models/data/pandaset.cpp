@@ -30,6 +30,7 @@ constexpr std::size_t kMaxSteps = 100000;
 // NeuRAD found the published lidar/poses.json to be wrong and takes the LiDAR's pose from the front camera's in this
 // way.
 constexpr double kRealFrontFocal = 1970.0131;
+constexpr double kEgoRows = 260.0 / 1080;  // of its back camera, which sees the car's own boot
 const Eigen::Quaterniond kFrontFromLidar(0.016213200031258722, 0.0030578899383849464, 0.7114721800418571,
                                          -0.7025205466606356);
 const Eigen::Vector3d kFrontFromLidarOrigin(0.0002585796504896516, -0.03907777167811011, -0.0440125762408362);
@@ -106,6 +107,7 @@ class LogReader {
         frame.timestamp = poses.time(step);
         if (camera < 0) camera = find_or_add(scene_.cameras, read_intrinsics(folder, image));
         frame.camera = camera;
+        if (name == "back_camera" && is_real_car()) frame.ego_rows = kEgoRows;
         scene_.frames.push_back(std::move(frame));
       });
     }
@@ -176,13 +178,19 @@ class LogReader {
     }
   }
 
+  bool is_of_real_car(const Frame& front) const {
+    return front.sensor == kPandasetCameras[0] &&
+           std::abs(scene_.cameras[std::size_t(front.camera)].fx - kRealFrontFocal) < 0.01;
+  }
+  bool is_real_car() const {
+    return std::any_of(scene_.frames.begin(), scene_.frames.end(),
+                       [&](const Frame& frame) { return is_of_real_car(frame); });
+  }
+
   Eigen::Matrix4d sensor_pose(const Poses& poses, int step) const {
-    const auto front = std::find_if(scene_.frames.begin(), scene_.frames.end(), [&](const Frame& frame) {
-      return frame.sensor == kPandasetCameras[0] && frame.step == step;
-    });
-    const bool real = front != scene_.frames.end() &&
-                      std::abs(scene_.cameras[std::size_t(front->camera)].fx - kRealFrontFocal) < 0.01;
-    if (!real) return poses.pose(step);
+    const auto front = std::find_if(scene_.frames.begin(), scene_.frames.end(),
+                                    [&](const Frame& frame) { return frame.step == step && is_of_real_car(frame); });
+    if (front == scene_.frames.end()) return poses.pose(step);
     return front->world_from_camera * pose_from(kFrontFromLidar.normalized().toRotationMatrix(), kFrontFromLidarOrigin);
   }
 

@@ -11,7 +11,8 @@ using Report = nlohmann::ordered_json;
 
 bool same_reading(const Reading& a, const Reading& b) {
   return a.downscale == b.downscale && a.holdout == b.holdout && a.protocol.name == b.protocol.name &&
-         a.protocol.sparse_every == b.protocol.sparse_every && a.image == b.image && a.masks == b.masks;
+         a.protocol.sparse_every == b.protocol.sparse_every && a.image == b.image && a.masks == b.masks &&
+         a.actors == b.actors;
 }
 
 bool same_data(const RunRecord& a, const RunRecord& b) {

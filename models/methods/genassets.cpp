@@ -55,6 +55,9 @@ void GenAssets::configure(Config& c) {
   c.bind("batch.patches", o.patches, "image patches per step", {1, 4096});
   c.bind("batch.patch_side", o.patch_side, "rays per side of a patch", {1, 4096});
   c.bind("batch.lidar_rays", o.lidar_rays, "LiDAR returns per step", {0, 1 << 24});
+  c.bind("batch.objects", o.objects,
+         "patches of actors' boxes in the perceptual loss: 0 or 1 a step; whole images: per image", {0, 64});
+  c.bind("batch.object_side", o.object_side, "pixels per side to which these patches are resized", {1, 4096});
   c.bind("weight.rgb", o.weight_rgb, "weight of the squared colour error");
   c.bind("weight.perceptual", o.weight_perceptual, "weight of the perceptual loss");
   c.bind("weight.adversarial", o.weight_adversarial, "weight of the adversarial loss; 0: no discriminator");
@@ -215,7 +218,7 @@ void GenAssets::denoise_image() {
   const StreetLog& log = model_->logs().front();
   RayList rays;
   HostRandom random(0, 0);
-  (void)log.data->add_image(rays, random, {});
+  (void)log.data->add_image(rays, random, {0, 1}, {});
   CodeRows codes = {log.assets, log.common_code, {}, {}};
   std::vector<AssetPlace> assets;
   for (size_t a = 0; a < rays.actors.size(); ++a)

@@ -104,6 +104,12 @@ Tensor GenAssetsTraining::image_loss(const Compared& of) const {
   return total;
 }
 
+Tensor GenAssetsTraining::object_loss(const Tensor& image, const Tensor& truth) const {
+  const int64_t side = config_.object_side;
+  return perceptual_loss(*perceptual_, resize_bilinear(image, side, side), resize_bilinear(truth, side, side)) *
+         config_.weight_perceptual;
+}
+
 Tensor GenAssetsTraining::lidar_terms(const Tensor& depth, const Tensor& ranges, const Tensor& line_of_sight) const {
   return lidar_loss(depth, ranges) * config_.weight_lidar + mean(line_of_sight) * config_.weight_line_of_sight;
 }
@@ -128,20 +134,30 @@ StreetStep GenAssetsTraining::on_patches(const StreetLog& log, HostRandom& rando
                                          const Tensors& wanted) {
   const int64_t side = log.data->patch_side(config_.patch_side);
   RayList rays;
-  const Tensor truth = log.data->add_patches(rays, random, config_.patches, side, progress.share);
+  const Photographed photos = log.data->add_patches(rays, random, config_.patches, side, progress.share);
+  const Tensor& truth = photos.truth;
+  const int64_t patch_rays = rays.count();
+  const Photographed object =
+      sees_objects() ? log.data->add_object(rays, random, {1, 2 * side}, progress.share) : Photographed();
   const int64_t camera_rays = rays.count();
   log.data->add_returns(rays, random, config_.lidar_rays, progress.share);
   const int64_t all = rays.count();
   // A pass through the distance alone finds what lies behind surfaces; it pays once a quarter of the samples are dark.
   const bool skip = progress.step <= 3 || lit_permille < 750 || progress.step % 16 == 0;
   const RenderedRays seen = model_.render(model_.street(log, rays), rays, sampling(log, progress, skip), true);
-  const auto map = [&](const Tensor& x) {
-    return permute(reshape(slice(x, 0, 0, camera_rays), {truth.dim(0), side, side, x.dim(1)}), {0, 3, 1, 2});
+  const auto image_of = [&](int64_t begin, int64_t end, const Photographed& photo) {
+    const int64_t rows = photo.truth.dim(2) / model_.scale(), columns = photo.truth.dim(3) / model_.scale();
+    const auto map = [&](const Tensor& x) {
+      return permute(reshape(slice(x, 0, begin, end), {photo.truth.dim(0), rows, columns, x.dim(1)}), {0, 3, 1, 2});
+    };
+    return photo.kept(model_.image_of(map(seen.features), seen.shadow ? map(seen.shadow) : Tensor()));
   };
-  const Tensor image = model_.image_of(map(seen.features), seen.shadow ? map(seen.shadow) : Tensor());
+  const Tensor image = image_of(0, patch_rays, photos);
   const Tensor squared = mean(square(image - truth));
   Tensor total = image_loss({image, truth, squared});
-  std::vector<Figure> figures = {psnr_figure(squared)};
+  if (object.truth) total = total + object_loss(image_of(patch_rays, camera_rays, object), object.truth);
+  std::vector<Figure> figures = {
+      psnr_figure(photos.share < 1 ? squared * (1 / std::max(photos.share, 1e-6f)) : squared)};
   if (all > camera_rays) {
     const Tensor depth = slice(seen.depth, 0, camera_rays, all);
     const Tensor ranges =
@@ -170,7 +186,7 @@ struct GenAssetsTraining::WholeImage {
   const StreetLog& log;
   Sampling how;
   RayList rays, returns;
-  Tensor truth;
+  Photographed photo;
   DecodedAssets decoded, given;       // of all actors that may be seen; given: with the planes as a leaf
   HostMap features = {}, slope = {};  // slope: the gradient by features
   int64_t samples = 0;
@@ -183,14 +199,21 @@ struct GenAssetsTraining::WholeImage {
     return model.render(model.street(log, rays), part_of(rays, begin, end_of(begin)), how, true, &given);
   }
   void look();
+  /// A part of the image, made of the cells around it.
+  struct Window {
+    Tile outer = {};
+    Tensor cells, image, truth;
+  };
+  Window decode(const Tile& inner) const;
   void decode_pixels(GradientSums& sums);
+  void decode_objects(GradientSums& sums);
   void render_again(GradientSums& sums);
 };
 
 /// Features of all rays, and how much light is left there.
 void GenAssetsTraining::WholeImage::look() {
   const int scale = training.model_.scale();
-  features = {truth.dim(2) / scale, truth.dim(3) / scale, channels() + 3};
+  features = {photo.truth.dim(2) / scale, photo.truth.dim(3) / scale, channels() + 3};
   for (int64_t begin = 0; begin < rays.count(); begin = end_of(begin)) {
     const RenderedRays seen = render(begin);
     const Tensor light = seen.shadow ? seen.shadow : ones({end_of(begin) - begin, 3});
@@ -201,23 +224,42 @@ void GenAssetsTraining::WholeImage::look() {
   slope = {features.rows, features.columns, features.channels, std::vector<float>(features.values.size(), 0.f)};
 }
 
+GenAssetsTraining::WholeImage::Window GenAssetsTraining::WholeImage::decode(const Tile& inner) const {
+  const int64_t wide = channels(), scale = training.model_.scale();
+  Window window;
+  window.outer = widened(inner, kHalo, features);
+  window.cells = cut(features, window.outer);
+  const Tensor map = permute(window.cells, {0, 3, 1, 2});
+  const Tensor whole = training.model_.image_of(slice(map, 1, 0, wide), slice(map, 1, wide, wide + 3));
+  const auto part = [&](const Tensor& x) { return x ? cropped(x, inner, scale) : x; };
+  window.truth = part(photo.truth);
+  window.image = Photographed{window.truth, part(photo.used)}.kept(
+      cropped(whole, {inner.x - window.outer.x, inner.y - window.outer.y, inner.columns, inner.rows}, scale));
+  return window;
+}
+
+/// Their perceptual loss, as a mean over them.
+void GenAssetsTraining::WholeImage::decode_objects(GradientSums& sums) {
+  for (const Region& object : photo.objects) {
+    const Window window = decode({object.x, object.y, object.columns, object.rows});
+    const Tensor loss =
+        training.object_loss(window.image, window.truth) * (1.f / static_cast<float>(photo.objects.size()));
+    add_to(slope, window.outer, sums.add(loss, {window.cells})[0].to_host());
+  }
+}
+
 void GenAssetsTraining::WholeImage::decode_pixels(GradientSums& sums) {
   constexpr int64_t kMultiple = 4;  // of cells a window: the discriminator halves pixels four times
-  const int scale = training.model_.scale();
-  const int64_t wide = channels(),
-                side = std::max(kMultiple, int64_t{training.config_.tile_side} / kMultiple * kMultiple);
+  const int64_t side = std::max(kMultiple, int64_t{training.config_.tile_side} / kMultiple * kMultiple);
   for (const Tile& inner : tiles_of(features, side)) {
-    const Tile outer = widened(inner, kHalo, features);
-    const Tensor cells = cut(features, outer), map = permute(cells, {0, 3, 1, 2});
-    const Tensor whole = training.model_.image_of(slice(map, 1, 0, wide), slice(map, 1, wide, wide + 3));
-    const Tensor image = cropped(whole, {inner.x - outer.x, inner.y - outer.y, inner.columns, inner.rows}, scale);
-    const Tensor photo = cropped(truth, inner, scale);
+    const Window window = decode(inner);
     const double share =
         static_cast<double>(inner.columns * inner.rows) / static_cast<double>(features.rows * features.columns);
-    const Tensor error = mean(square(image - photo));
-    const Tensors found = sums.add(training.image_loss({image, photo, error, static_cast<float>(share), true}), {cells},
-                                   {stop_gradient(error)});
-    add_to(slope, outer, found[0].to_host());
+    const Tensor error = mean(square(window.image - window.truth));
+    const Tensors found =
+        sums.add(training.image_loss({window.image, window.truth, error, static_cast<float>(share), true}),
+                 {window.cells}, {stop_gradient(error)});
+    add_to(slope, window.outer, found[0].to_host());
     squared += share * static_cast<double>(found[1].item());
   }
 }
@@ -239,7 +281,8 @@ void GenAssetsTraining::WholeImage::render_again(GradientSums& sums) {
 StreetStep GenAssetsTraining::in_tiles(const StreetLog& log, HostRandom& random, const Progress& progress,
                                        const Tensors& wanted) {
   WholeImage image{*this, log, sampling(log, progress, true), {}, {}, {}, {}, {}};
-  image.truth = log.data->add_image(image.rays, random, progress.share);
+  const ObjectPatches objects = {sees_objects() ? config_.objects : 0, config_.tile_side};
+  image.photo = log.data->add_image(image.rays, random, objects, progress.share);
   image.returns.actors = image.rays.actors;
   log.data->add_returns(image.returns, random, config_.lidar_rays, progress.share);
   image.decoded = image.given = model_.assets().decode(hit_assets(log.appearance, image.rays.actors), image.how);
@@ -250,6 +293,7 @@ StreetStep GenAssetsTraining::in_tiles(const StreetLog& log, HostRandom& random,
   GradientSums sums(reached);
   image.look();
   image.decode_pixels(sums);
+  image.decode_objects(sums);
   image.render_again(sums);
   Step step{full({}, config_.weight_rgb * static_cast<float>(image.squared)), {}};
   step.figures = {psnr_figure(full({}, static_cast<float>(image.squared))),

@@ -13,6 +13,7 @@ struct GenAssetsConfig {
   bool whole_images = false;
   int tile_rays = 16384, tile_side = 96;
   int patches = 4, patch_side = 32, lidar_rays = 1024;
+  int objects = 1, object_side = 256;  // patches of actors' boxes a step, and the pixels that they are resized to
   float weight_rgb = 1, weight_perceptual = 0.1f, weight_adversarial = 0.001f, weight_lidar = 0.01f,
         weight_line_of_sight = 0.01f, weight_kl = 1e-5f;
   std::string discriminator_widths = "64,128,256,512";
@@ -53,6 +54,9 @@ class GenAssetsTraining {
     bool window = false;  // terms that it is too small for are left out
   };
   Tensor image_loss(const Compared& of) const;
+  /// The perceptual loss of an actor's box: [1,3,h,w] both.
+  Tensor object_loss(const Tensor& image, const Tensor& truth) const;
+  bool sees_objects() const { return perceptual_ && config_.objects > 0; }
   Tensor adversarial_loss(const Tensor& image, const Tensor& truth) const;
   Tensor lidar_terms(const Tensor& depth, const Tensor& ranges, const Tensor& line_of_sight) const;
 

@@ -77,7 +77,7 @@ const std::vector<Preset>& presets() {
   const std::string street =
       "background.side=512 code.channels=16 decoder.widths=64,32,32,16 decoder.middle=64 decoder.groups=8 "
       "field.width=32 image.kernel=3 image.blocks=4 image.upsamplings=1 steps.actor=0.1 actors.symmetric=true "
-      "weight.adversarial=0 batch.lidar_rays=512 train.rate_decoder=1e-3 train.rate_field=5e-3 "
+      "weight.adversarial=0 batch.object_side=96 batch.lidar_rays=512 train.rate_decoder=1e-3 train.rate_field=5e-3 "
       "train.rate_image=4e-3 train.rate_background=0.05 ";
   static const std::vector<Preset> rows = {
       {"nerf", "nerf", "hash grid and occupancy grid: minutes on two cores", {}, 4000},

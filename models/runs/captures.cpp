@@ -6,6 +6,7 @@
 
 #include "models/data/read_scene.h"
 #include "models/io/words.h"
+#include "models/scene/assets.h"
 #include "models/street/street.h"
 #include "models/train/capability.h"
 #include "models/train/learns_from_captures.h"
@@ -119,6 +120,7 @@ Reading reading_for(const RunRecord& record, bool other, bool allow_outside) {
 Scene read_split_scene(const std::filesystem::path& data, const Reading& how) {
   Scene scene = read_scene(data, {how.skip_bad, how.allow_outside});
   if (how.masks == MaskMeaning::transparent) expect_masks(scene);
+  if (how.actors == ActorChoice::road_users) keep_road_users(scene);
   if (how.holdout > 0) apply_holdout(scene, how.holdout);
   if (!how.protocol.name.empty()) apply_protocol(scene, how.protocol);
   if (!how.image.empty()) apply_image(scene, how.image);
@@ -177,6 +179,9 @@ std::vector<std::string> describe(const Scene& scene, const Reading& how) {
     images +=
         text(", ", masks, " masks ", how.masks == MaskMeaning::ignore ? "(black is ignored)" : "(black is empty)");
   std::string format = text("format ", scene.format);
+  if (scene.other_actors > 0)
+    format += text(", ", scene.actors.size(), " actors; ", scene.other_actors,
+                   " boxes of other labels are background (--actors all makes them assets)");
   if (scene.cloud.count() > 0) format += text(", ", scene.cloud.count(), " points");
   return {images, split_text(scene, how), camera_text(scene), format};
 }

@@ -50,6 +50,7 @@ Json to_json(const Reading& reading) {
                {"protocol", reading.protocol.name},
                {"sparse_every", reading.protocol.sparse_every}};
   if (reading.masks != MaskMeaning::ignore) json["masks"] = to_string(reading.masks);
+  if (reading.actors != ActorChoice::all) json["actors"] = to_string(reading.actors);
   if (!reading.image.empty()) json["image"] = reading.image;
   if (reading.allow_outside) json["allow_outside"] = true;
   return json;
@@ -63,6 +64,7 @@ Reading reading_from(const Json& json, const std::string& where) {
   reading.protocol.name = string(json, "protocol", where);
   reading.protocol.sparse_every = static_cast<int>(std::clamp<int64_t>(whole(json, "sparse_every", where), 0, 1 << 30));
   reading.masks = mask_meaning(optional_string(json, "masks", where).value_or(""));
+  reading.actors = actor_choice(optional_string(json, "actors", where).value_or(""));
   reading.image = optional_string(json, "image", where).value_or("");
   reading.allow_outside = flag(json, "allow_outside", false, where);
   return reading;
@@ -117,6 +119,12 @@ MaskMeaning mask_meaning(const std::string& word) {
 }
 
 std::string to_string(MaskMeaning meaning) { return meaning == MaskMeaning::transparent ? "transparent" : "ignore"; }
+
+ActorChoice actor_choice(const std::string& word) {
+  return word == "road-users" ? ActorChoice::road_users : ActorChoice::all;
+}
+
+std::string to_string(ActorChoice choice) { return choice == ActorChoice::all ? "all" : "road-users"; }
 
 bool is_run(const fs::path& folder) {
   std::error_code error;

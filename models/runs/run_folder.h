@@ -35,12 +35,19 @@ struct RunData {
 MaskMeaning mask_meaning(const std::string& word);
 std::string to_string(MaskMeaning meaning);
 
+/// Which boxes are actors: those of vehicles and pedestrians (the classes of GenAssets' Table A1), or all.
+enum class ActorChoice { road_users, all };
+/// "road-users", "all"; anything else is all, as in records without it.
+ActorChoice actor_choice(const std::string& word);
+std::string to_string(ActorChoice choice);
+
 /// How all captures of a run are read and split.
 struct Reading {
   int downscale = 1;
   int holdout = 0;  // 0: the split of the source
   bool skip_bad = false;
   MaskMeaning masks = MaskMeaning::ignore;
+  ActorChoice actors = ActorChoice::all;
   Protocol protocol = {};      // no name: none
   std::string image = {};      // "front_camera/05": that one alone; empty: all that the split gives
   bool allow_outside = false;  // --allow-outside: files that a manifest names outside of its folder are read, too

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <map>
 
+#include "models/batches/log_source.h"
 #include "models/data/load_sweep.h"
 #include "models/data/pandaset.h"
 #include "models/data/write_pandaset.h"
@@ -11,7 +12,6 @@
 #include "models/runs/actor_names.h"
 #include "models/scene/split.h"
 #include "models/street/simulate.h"
-#include "models/batches/log_source.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
 

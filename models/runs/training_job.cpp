@@ -168,6 +168,7 @@ void check_source_options(const TrainRequest& request) {
                                                   {"--sparse-every", request.sparse_every.has_value()},
                                                   {"--image", !request.image.empty()},
                                                   {"--masks", !request.masks.empty()},
+                                                  {"--actors", !request.actors.empty()},
                                                   {"--networks", !request.networks.empty()},
                                                   {"--prior", !request.prior.empty()}};
   for (const auto& [option, given] : options)
@@ -204,6 +205,7 @@ void fill_record(const TrainRequest& request, TrainJob& job) {
   r.reading.protocol = protocol_of(request);
   r.reading.image = request.image;
   r.reading.masks = mask_meaning(request.masks);
+  r.reading.actors = actor_choice(request.actors.empty() ? to_string(ActorChoice::road_users) : request.actors);
   for (const ConfigEntry& entry : job.config.entries()) r.settings[entry.key] = to_string(entry.value);
 }
 
@@ -225,6 +227,7 @@ void check_same(const TrainRequest& request, const RunRecord& record) {
   same("--protocol", if_given(request.protocol), record.reading.protocol.name);
   same("--sparse-every", request.sparse_every, record.reading.protocol.sparse_every);
   same("--masks", if_given(request.masks), to_string(record.reading.masks));
+  same("--actors", if_given(request.actors), to_string(record.reading.actors));
   same("--networks", if_given(request.networks), record.networks ? record.networks->given : "none");
   same("--image", if_given(request.image), record.reading.image.empty() ? "none" : record.reading.image);
   if (!request.prior.empty() && !record.prior) same("--prior", if_given(request.prior), std::string("none"));

@@ -23,7 +23,7 @@ struct TrainRequest {
   std::optional<double> time_budget;  // seconds
   std::optional<int64_t> seed, save_every;
   std::optional<int> downscale, holdout, sparse_every;
-  std::string protocol, image, masks;
+  std::string protocol, image, masks, actors;
   int64_t stop_after = 0;
   bool skip_bad = false, allow_outside = false, resume = false, overwrite = false, dry_run = false;
   std::vector<std::string> settings;  // key=value

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "models/scene/asset_class.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -17,6 +18,11 @@ const Actor& actor_of(const Scenes& scenes, const AssetName& name) {
 
 Actor& actor_of(Scenes& scenes, const AssetName& name) {
   return const_cast<Actor&>(actor_of(std::as_const(scenes), name));
+}
+
+void keep_road_users(Scene& scene) {
+  scene.other_actors +=
+      std::erase_if(scene.actors, [](const Actor& actor) { return asset_class(actor.label) == kAssetClassCount - 1; });
 }
 
 AssetName appearance_of(const Scenes& scenes, const AssetName& name) {

@@ -8,6 +8,9 @@ namespace cloam {
 const Actor& actor_of(const Scenes& scenes, const AssetName& name);
 Actor& actor_of(Scenes& scenes, const AssetName& name);
 
+/// Actors of Table A1's classes stay; things of other labels (cones, signs) become part of the background.
+void keep_road_users(Scene& scene);
+
 /// Whose looks the actor has: its own, or those that it was given.
 AssetName appearance_of(const Scenes& scenes, const AssetName& name);
 

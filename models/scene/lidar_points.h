@@ -13,6 +13,7 @@ struct LidarPoints {
   std::vector<float> times;           // seconds after the sweep's time stamp
   std::vector<std::uint8_t> sensors;  // 0: the LiDAR that turns, 1: the one that looks ahead
   std::size_t dropped = 0;            // returns with values that are no numbers, or further than 10^6 m
+  std::size_t of_ego = 0;             // returns of the recording car, left out
 
   std::size_t size() const { return sensors.size(); }
 };

@@ -29,6 +29,7 @@ struct Frame {
   Split split = Split::train;
   std::string sensor;  // in logs the camera's name, "front_camera"
   int step = 0;
+  double ego_rows = 0;  // share of the image's height, at its bottom, that shows the recording car: ignored
 };
 
 /// What the LiDARs of a log saw about one moment.
@@ -85,6 +86,7 @@ struct Scene {
   std::size_t frames_listed = 0;      // including those that were skipped
   std::vector<Sweep> sweeps;          // by step
   std::vector<Actor> actors;          // by id
+  std::size_t other_actors = 0;       // that were left to the background (keep_road_users)
   PointCloud cloud;                   // empty where the source has none
   bool is_log = false;                // frames, sweeps and actors have steps
   bool night = false;                 // of a log

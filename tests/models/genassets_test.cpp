@@ -361,6 +361,44 @@ TEST_CASE("genassets: a step changes nothing of the logs that it does not see") 
   CHECK(seen.size() == 3);
 }
 
+// Independent truth: what lies below a mask may be anything.
+TEST_CASE("genassets: pixels that a mask leaves out change neither loss nor gradients") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path, 4);
+  for (const char* whole : {"false", "true"}) {
+    CAPTURE(whole);
+    const auto step_with = [&](bool masked, int below) {
+      const Settings settings = {{"batch.whole_images", whole},   {"weight.perceptual", "0.1"},
+                                 {"weight.adversarial", "0.001"}, {"perceptual.weights", ""},
+                                 {"batch.objects", "1"},          {"batch.object_side", "32"},
+                                 {"adversarial.widths", "8,8,8"}};
+      const auto method = built(scene, settings);
+      Pixels pixels = toy_pixels(scene);
+      for (FramePixels& photo : pixels.frames) {
+        if (masked) photo.mask.assign(photo.rgba.size() / 4, 255);
+        for (size_t i = 0; i < photo.rgba.size() / 4; ++i) {
+          if (i % static_cast<size_t>(photo.width) < 20) continue;
+          if (masked) photo.mask[i] = 0;
+          for (size_t c = 0; c < 3; ++c)
+            photo.rgba[4 * i + c] = static_cast<uint8_t>((photo.rgba[4 * i + c] + below) % 256);
+        }
+      }
+      load_data(*method, scene, std::move(pixels));
+      const Tensors wanted = {method->parameters().at("log0.codes"),
+                              method->parameters().at("networks.field.past.weight")};
+      const Step step = method->step({1, 100, 1}, wanted);
+      std::vector<std::vector<float>> out = {{step.loss.item()}};
+      for (const Tensor& gradient : step.gradients) out.push_back(gradient.to_host());
+      return out;
+    };
+    const auto one = step_with(true, 0);
+    CHECK(one == step_with(true, 90));
+    CHECK(one != step_with(false, 0));
+    for (size_t i = 1; i < one.size(); ++i)
+      CHECK(std::any_of(one[i].begin(), one[i].end(), [](float value) { return value != 0; }));
+  }
+}
+
 TEST_CASE("genassets: what a symmetric actor's left shows is its right, mirrored") {
   const Folder folder;
   Scene scene = toy_street(folder.path);

@@ -47,7 +47,7 @@ TEST_CASE("patches: rays look through the middle of the pixels that they stand f
     HostRandom random(1, 2);
     RayList rays;
     const int64_t count = 6, side = 5, pixels = side * scale;
-    const Tensor image = data.add_patches(rays, random, count, side, {});
+    const Tensor image = data.add_patches(rays, random, count, side, {}).truth;
     CHECK(image.shape() == Shape{count, 3, pixels, pixels});
     const std::vector<float> truth = image.to_host();
     REQUIRE(rays.count() == count * side * side);
@@ -107,6 +107,43 @@ TEST_CASE("patches: the actors that their rays meet are marked, and those out of
   }
   CHECK(met > 30);
   CHECK(marked < 60 * 3);
+}
+
+TEST_CASE("object patches hold the box of an actor that is wholly in front of the camera") {
+  const Folder folder;
+  Scene scene = toy_street(folder.path, {.frames = 1});
+  scene.actors = {toy_actor("ahead", {2, 4, 2}, 15, 2), toy_actor("behind", {2, 2, 2}, -9, 0),
+                  toy_actor("beside", {5, 2, 2}, 1, 2), toy_actor("far", {0.5, 0.5, 0.5}, 29, -4)};
+  // "ahead" reaches from x 14 to 16, y 0 to 4, z 0 to 2: its near side, of the camera at (0, 0, 1.5) with a focal
+  // length of 32 pixels, from column 16 - 32 * 4 / 14 to 16 and from row 12 - 32 * 0.5 / 14 to 12 + 32 * 1.5 / 14.
+  const Region whole = {6, 10, 10, 6};
+  const StreetSpace space(scene, {});
+  const LogSource data(scene, toy_pixels(scene), {}, {space.street_from_world(), 1});
+  for (const int64_t longest : {48, 5}) {
+    CAPTURE(longest);
+    HostRandom random(1, 2);
+    RayList rays;
+    rays.actors.assign(scene.actors.size(), false);
+    const Photographed patch = data.add_object(rays, random, {1, longest}, {});
+    REQUIRE(patch.truth);
+    const int64_t columns = patch.truth.dim(3), rows = patch.truth.dim(2);
+    CHECK(columns == std::min(longest, whole.columns));
+    CHECK(rows == std::min(longest, whole.rows));
+    CHECK(rays.count() == rows * columns);
+    CHECK(rays.actors[0]);
+    // The photo's red and green tell columns and rows.
+    const std::vector<float> truth = patch.truth.to_host();
+    const auto column = std::lround(255 * truth[0]) / 7,
+               row = std::lround(255 * truth[static_cast<std::size_t>(rows * columns)]) / 9;
+    CHECK((column >= whole.x && column + columns <= whole.x + whole.columns));
+    CHECK((row >= whole.y && row + rows <= whole.y + whole.rows));
+  }
+  HostRandom random(1, 2);
+  RayList rays;
+  const Photographed image = data.add_image(rays, random, {8, 48}, {});
+  REQUIRE(image.objects.size() == 1);
+  CHECK(image.objects[0].x == whole.x);
+  CHECK(image.objects[0].rows == whole.rows);
 }
 
 TEST_CASE("returns lie where the LiDAR saw them, and not on actors that are left out") {

@@ -95,6 +95,30 @@ TEST_CASE("black in a mask takes no part, or is empty background") {
   CHECK(empty.has_alpha);
 }
 
+TEST_CASE("the rows that show the recording car are ignored, with a mask and without") {
+  const Folder folder;
+  make_image(folder.path / "a.png", 4, 10, 90);
+  make_image(folder.path / "mask.png", 4, 10, 255);
+  Scene scene;
+  scene.root = folder.path;
+  scene.cameras = {{4, 10, 4, 4, 2, 5}};
+  scene.frames.resize(2);
+  for (Frame& frame : scene.frames) frame.name = frame.image = "a.png", frame.ego_rows = 0.25;
+  scene.frames[1].mask = "mask.png";
+  for (const int factor : {1, 2}) {
+    CAPTURE(factor);
+    const Pixels pixels = load_images(scene, Split::train, {.downscale = factor});
+    for (const FramePixels& frame : pixels.frames) {
+      REQUIRE(frame.mask.size() == std::size_t(frame.width * frame.height));
+      // From row 7.5 of 10 on, and every reduced row that holds a part of those.
+      const int first = factor == 1 ? 7 : 3;
+      for (int row = 0; row < frame.height; ++row)
+        for (int column = 0; column < frame.width; ++column)
+          CHECK(frame.mask[std::size_t(row * frame.width + column)] == (row < first ? 255 : 0));
+    }
+  }
+}
+
 TEST_CASE("an image is turned and mirrored as each EXIF orientation says") {
   // The standard's own figure: where the stored rows (0, 1) and columns (0 to 2) end up.
   const Image stored{3, 2, 1, {1, 2, 3, 4, 5, 6}};

@@ -250,13 +250,35 @@ TEST_CASE("points that are no numbers are counted and dropped") {
   for (const char* name : {"x", "y", "z", "i", "t"}) frame.add({name, std::vector<double>{1, 2, 3, 4}});
   DataFrame broken;
   for (Column column : frame.columns()) {
-    if (column.name == "y") column.values = std::vector<double>{1, std::nan(""), INFINITY, 1e9};
+    if (column.name == "y") column.values = std::vector<double>{11, std::nan(""), INFINITY, 1e9};
     broken.add(column);
   }
   write_data_frame(log.root / "lidar/00.pkl.gz", broken);
   const LidarPoints points = load_sweep(log, log.sweeps[0]);
   CHECK(points.size() == 1);
   CHECK(points.dropped == 3);
+}
+
+TEST_CASE("returns of the recording car are left out of sweeps") {
+  const Folder folder;
+  const Scene log = read_scene(written_log(folder.path));
+  const Eigen::Vector3d lidar = log.sweeps[0].world_from_lidar.block<3, 1>(0, 3);
+  // On the bonnet; on the road beyond it; on a sign above.
+  const std::vector<Eigen::Vector3d> places = {{0, 2.4, -1}, {0, 2.6, -1.8}, {0, 1, 3}};
+  DataFrame frame;
+  const char* const axes[] = {"x", "y", "z"};
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> column;
+    for (const Eigen::Vector3d& place : places) column.push_back(lidar[axis] + place[axis]);
+    frame.add({axes[axis], column});
+  }
+  for (const char* name : {"i", "t"}) frame.add({name, std::vector<double>{0, 0, 0}});
+  write_data_frame(log.root / "lidar/00.pkl.gz", frame);
+  const LidarPoints points = load_sweep(log, log.sweeps[0]);
+  CHECK(points.of_ego == 1);
+  REQUIRE(points.size() == 2);
+  CHECK(points.positions[1] == doctest::Approx(lidar.y() + 2.6));
+  CHECK(points.positions[5] == doctest::Approx(lidar.z() + 3));
 }
 
 TEST_CASE("check_log: time stamps, boxes without points") {

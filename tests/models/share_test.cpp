@@ -87,7 +87,7 @@ TEST_CASE("patches and returns of all ranks are the batch of one, and all know o
   const auto drawn = [&](const Share& share) {
     HostRandom random(2, 3);
     RayList rays;
-    std::vector<float> numbers = source.add_patches(rays, random, 4, 5, share).to_host();
+    std::vector<float> numbers = source.add_patches(rays, random, 4, 5, share).truth.to_host();
     const size_t patches = rays.origins.size();
     source.add_returns(rays, random, 60, share);
     return std::tuple(numbers, rays, patches);
@@ -116,8 +116,8 @@ TEST_CASE("whole images: each rank has its own, and the numbers drawn after them
   for (int64_t rank = 0; rank < kRanks; ++rank) {
     RayList expected, rays;
     HostRandom random(3, 1);
-    const std::vector<float> image = source.add_image(rays, random, {rank, kRanks}).to_host();
-    CHECK(image == source.add_image(expected, one, {}).to_host());
+    const std::vector<float> image = source.add_image(rays, random, {}, {rank, kRanks}).truth.to_host();
+    CHECK(image == source.add_image(expected, one, {}, {}).truth.to_host());
     CHECK(rays.directions == expected.directions);
     after.insert(random.next());
   }

@@ -8,6 +8,7 @@
 #include <cstring>
 
 #include "models/scene/asset_class.h"
+#include "models/scene/assets.h"
 #include "runtime/error.h"
 #include "runtime/ops/composite.h"
 #include "runtime/ops/street.h"
@@ -281,4 +282,19 @@ TEST_CASE("classes of assets are those of Table A1") {
     CAPTURE(std::string(label));
     CHECK(std::string(kAssetClasses[asset_class(label)]) == name);
   }
+}
+
+TEST_CASE("vehicles and pedestrians are actors, what Table A1 does not list is background") {
+  Scene scene;
+  for (const char* label : {"Car", "Cones", "Pedestrian with Object", "Construction Signs", "Bicycle"}) {
+    Actor actor;
+    actor.id = actor.label = label;
+    scene.actors.push_back(actor);
+  }
+  keep_road_users(scene);
+  REQUIRE(scene.actors.size() == 3);
+  CHECK(scene.actors[0].id == "Car");
+  CHECK(scene.actors[1].id == "Pedestrian with Object");
+  CHECK(scene.actors[2].id == "Bicycle");
+  CHECK(scene.other_actors == 2);
 }
