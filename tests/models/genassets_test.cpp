@@ -399,6 +399,27 @@ TEST_CASE("genassets: pixels that a mask leaves out change neither loss nor grad
   }
 }
 
+TEST_CASE("genassets: where all pixels are left out, images teach nothing") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path, 4);
+  for (const char* whole : {"false", "true"}) {
+    CAPTURE(whole);
+    const auto method = built(scene, {{"batch.whole_images", whole},
+                                      {"weight.perceptual", "0.1"},
+                                      {"batch.object_side", "32"},
+                                      {"weight.lidar", "0"},
+                                      {"weight.line_of_sight", "0"},
+                                      {"weight.kl", "0"}});
+    Pixels pixels = toy_pixels(scene);
+    for (FramePixels& photo : pixels.frames) photo.mask.assign(photo.rgba.size() / 4, 0);
+    load_data(*method, scene, std::move(pixels));
+    const Step step = method->step({1, 100, 1}, {method->parameters().at("networks.image.leave.weight")});
+    CHECK(step.loss.item() == 0);
+    const std::vector<float> gradient = step.gradients[0].to_host();
+    CHECK(std::all_of(gradient.begin(), gradient.end(), [](float value) { return value == 0; }));
+  }
+}
+
 TEST_CASE("genassets: what a symmetric actor's left shows is its right, mirrored") {
   const Folder folder;
   Scene scene = toy_street(folder.path);
