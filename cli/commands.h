@@ -8,6 +8,7 @@ Command add_train(CLI::App& program);
 Command add_eval(CLI::App& program);
 Command add_compare(CLI::App& program);
 Command add_distance(CLI::App& program);
+Command add_crops(CLI::App& program);
 Command add_render(CLI::App& program);
 Command add_export(CLI::App& program);
 Command add_convert(CLI::App& program);

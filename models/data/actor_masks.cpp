@@ -18,12 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const ActorBox* box_at_step(const Actor& actor, int step) {
-  const auto found =
-      std::find_if(actor.boxes.begin(), actor.boxes.end(), [&](const ActorBox& box) { return box.step == step; });
-  return found == actor.boxes.end() ? nullptr : &*found;
-}
-
 /// "camera/front_camera/07.jpg" -> "truth/front_camera/07_actor.png"; images of the truth itself have theirs beside.
 std::string mask_path(const Frame& frame) {
   fs::path path = frame.image;
@@ -88,10 +82,22 @@ std::vector<std::uint8_t> ActorMask::any() const {
 
 ActorMasks::ActorMasks(const Scene& scene, bool use_truth) : scene_(scene) {
   const fs::path path = scene.root / "truth" / "actors.json";
-  if (!use_truth || !has_file(path)) return;
+  if (use_truth && has_file(path)) read_numbers(path);
+}
+
+ActorMasks ActorMasks::from(const Scene& scene, const fs::path& folder) {
+  ActorMasks masks(scene, false);
+  masks.folder_ = folder;
+  const fs::path path = folder / "actors.json";
+  if (!has_file(path)) bad_data("no ", path.string(), ": want {\"NUMBER IN THE MASKS\": \"ID OF THE ACTOR\", ...}");
+  masks.read_numbers(path);
+  return masks;
+}
+
+void ActorMasks::read_numbers(const fs::path& path) {
   use_truth_ = true;
   std::map<std::string, int> places;
-  for (std::size_t i = 0; i < scene.actors.size(); ++i) places[scene.actors[i].id] = 1 + static_cast<int>(i);
+  for (std::size_t i = 0; i < scene_.actors.size(); ++i) places[scene_.actors[i].id] = 1 + static_cast<int>(i);
   const Json json = parse_json_file(path);
   if (!json.is_object()) bad_data(path.string() + ": want an object of instance numbers");
   for (const auto& [number, id] : json.items()) {
@@ -103,10 +109,16 @@ ActorMasks::ActorMasks(const Scene& scene, bool use_truth) : scene_(scene) {
   }
 }
 
-bool ActorMasks::has_truth(const Frame& frame) const { return use_truth_ && has_file(scene_.root / mask_path(frame)); }
+fs::path ActorMasks::mask_file(const Frame& frame) const {
+  if (folder_.empty()) return scene_.root / mask_path(frame);
+  const std::string name = fs::path(frame.image).stem().string() + "_actor.png";
+  return folder_ / path_named(folder_, frame.sensor + "/" + name, false);
+}
+
+bool ActorMasks::has_truth(const Frame& frame) const { return use_truth_ && has_file(mask_file(frame)); }
 
 ActorMask ActorMasks::read(const Frame& frame, const Camera& camera) const {
-  const fs::path path = scene_.root / mask_path(frame);
+  const fs::path path = mask_file(frame);
   const Labels labels = read_labels(path);
   const int factor = camera.width > 0 ? std::max(1, labels.width / camera.width) : 1;
   if (labels.width / factor != camera.width || labels.height / factor != camera.height)
@@ -127,10 +139,8 @@ ActorMask ActorMasks::of(const Frame& frame, const Camera& camera) const {
   std::vector<PlacedBox> boxes;
   for (std::size_t i = 0; i < scene_.actors.size(); ++i) {
     const Actor& actor = scene_.actors[i];
-    if (!box_at_step(actor, frame.step)) continue;
-    const auto pose = world_from_box_at(actor, frame.timestamp.value_or(0));
-    boxes.push_back(
-        {1 + static_cast<int>(i), actor.size, pose.value_or(box_at_step(actor, frame.step)->world_from_box)});
+    if (const auto pose = world_from_box_of_step(actor, frame.step, frame.timestamp))
+      boxes.push_back({1 + static_cast<int>(i), actor.size, *pose});
   }
   return outlines(boxes, camera, frame.world_from_camera);
 }

@@ -1,6 +1,7 @@
 // Which actor each pixel of a log's image shows.
 #pragma once
 #include <cstdint>
+#include <filesystem>
 #include <map>
 #include <vector>
 
@@ -25,17 +26,24 @@ class ActorMasks {
  public:
   /// Without use_truth the boxes are taken in any case. Fault::data for an actors.json that is damaged.
   explicit ActorMasks(const Scene& scene, bool use_truth = true);
+  /// Masks from elsewhere, such as a segmentation network: folder/actors.json as above, folder/CAMERA/NN_actor.png for
+  /// the image NN of that camera. Fault::data where there is no actors.json.
+  static ActorMasks from(const Scene& scene, const std::filesystem::path& folder);
+  /// Whether a file says what the frame shows; else the boxes do.
   bool has_truth(const Frame& frame) const;
   /// camera: of the image as loaded; masks of truth are reduced to its size, where a pixel counts if most of those it
   /// stands for do. Fault::data, naming the file, if its size does not fit.
   ActorMask of(const Frame& frame, const Camera& camera) const;
 
  private:
+  void read_numbers(const std::filesystem::path& path);
+  std::filesystem::path mask_file(const Frame& frame) const;
   ActorMask read(const Frame& frame, const Camera& camera) const;
 
   const Scene& scene_;
   bool use_truth_ = false;
-  std::map<int, int> numbers_;  // instance number -> 1 + place of the actor
+  std::filesystem::path folder_;  // of masks from elsewhere; empty: those of the truth
+  std::map<int, int> numbers_;    // instance number -> 1 + place of the actor
 };
 
 struct PlacedBox {

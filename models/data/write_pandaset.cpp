@@ -106,9 +106,8 @@ DataFrame cuboid_frame(const Scene& log, int step) {
   std::vector<double> positions[3], sizes[3];
   std::vector<std::uint8_t> stationary;
   for (const Actor& actor : log.actors) {
-    const auto box =
-        std::find_if(actor.boxes.begin(), actor.boxes.end(), [&](const ActorBox& b) { return b.step == step; });
-    if (box == actor.boxes.end()) continue;
+    const ActorBox* box = box_at_step(actor, step);
+    if (!box) continue;
     ids.push_back(actor.id);
     labels.push_back(actor.label);
     motions.push_back(actor.stationary ? "Parked" : "Moving");

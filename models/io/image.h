@@ -63,6 +63,12 @@ Image to_image(const std::vector<float>& values, int width, int height);
 /// floor(width / factor) columns. Colours are weighted by alpha. Fault::usage if nothing would be left.
 Image downscale(const Image& image, int factor);
 
+/// The whole image at another size, up to 2^14 pixels a side. Each pixel is a mean of those around its place, whose
+/// weights fall linearly to 0 within one pixel of the coarser of the two grids: bilinear where the image grows, without
+/// aliasing where it shrinks. Colours are weighted by alpha. The same size gives the same image, but for the colours of
+/// clear pixels, which become 0.
+Image resized(const Image& image, int width, int height);
+
 /// Replaces `path` in one step. Fault::write if that fails. description: kept in the file as text; empty: none.
 void write_png(const std::filesystem::path& path, const Image& image, const std::string& description = "");
 

@@ -25,7 +25,84 @@ void average_box(const Image& image, int left, int top, int factor, std::uint8_t
   if (colours != channels) result[colours] = (weights + count / 2) / count;
 }
 
+// The pixels of a line of `from` that one of a line of `to` is made of.
+struct Taps {
+  int first = 0;
+  std::vector<float> weights;  // of sum 1
+};
+
+std::vector<Taps> taps_of(int from, int to) {
+  std::vector<Taps> all(static_cast<std::size_t>(to));
+  const double scale = static_cast<double>(from) / to, reach = std::max(1.0, scale);
+  for (int i = 0; i < to; ++i) {
+    Taps& taps = all[static_cast<std::size_t>(i)];
+    const double centre = (i + 0.5) * scale - 0.5;
+    taps.first = std::max(0, static_cast<int>(std::ceil(centre - reach)));
+    const int last = std::min(from - 1, static_cast<int>(std::floor(centre + reach)));
+    double sum = 0;
+    for (int at = taps.first; at <= last; ++at) sum += 1 - std::abs(at - centre) / reach;
+    for (int at = taps.first; at <= last; ++at)
+      taps.weights.push_back(static_cast<float>((1 - std::abs(at - centre) / reach) / sum));
+  }
+  return all;
+}
+
+// Values of several channels; colours are multiplied by alpha, which is from 0 to 1.
+struct Plane {
+  int width = 0, height = 0, channels = 0;
+  std::vector<float> values;
+
+  float* at(int row, int column) { return &values[(std::size_t(row) * width + column) * channels]; }
+  const float* at(int row, int column) const { return &values[(std::size_t(row) * width + column) * channels]; }
+};
+
+Plane premultiplied(const Image& image) {
+  Plane plane{image.width, image.height, image.channels, {image.pixels.begin(), image.pixels.end()}};
+  if (image.channels % 2 != 0) return plane;
+  for (std::size_t i = 0; i < plane.values.size(); i += std::size_t(image.channels)) {
+    float& alpha = plane.values[i + std::size_t(image.channels) - 1];
+    alpha /= 255;
+    for (int c = 0; c < image.channels - 1; ++c) plane.values[i + std::size_t(c)] *= alpha;
+  }
+  return plane;
+}
+
+// Rows of another width, then turned: rows become columns.
+Plane resampled_and_turned(const Plane& plane, int width) {
+  const std::vector<Taps> all = taps_of(plane.width, width);
+  Plane result{plane.height, width, plane.channels, {}};
+  result.values.resize(std::size_t(width) * plane.height * plane.channels);
+  for (int row = 0; row < plane.height; ++row) {
+    for (int column = 0; column < width; ++column) {
+      const Taps& taps = all[static_cast<std::size_t>(column)];
+      float* sum = result.at(column, row);
+      for (std::size_t tap = 0; tap < taps.weights.size(); ++tap) {
+        const float* value = plane.at(row, taps.first + static_cast<int>(tap));
+        for (int c = 0; c < plane.channels; ++c) sum[c] += taps.weights[tap] * value[c];
+      }
+    }
+  }
+  return result;
+}
+
+std::uint8_t to_byte(float value) { return static_cast<std::uint8_t>(std::lround(std::clamp(value, 0.f, 255.f))); }
+
 }  // namespace
+
+Image resized(const Image& image, int width, int height) {
+  const Plane plane = resampled_and_turned(resampled_and_turned(premultiplied(image), width), height);
+  Image result{width, height, image.channels, {}};
+  const int alpha = image.channels % 2 == 0 ? image.channels - 1 : -1;
+  for (std::size_t i = 0; i < plane.values.size(); i += std::size_t(image.channels)) {
+    const float share = alpha < 0 ? 1 : plane.values[i + std::size_t(alpha)];
+    const bool clear = to_byte(255 * share) == 0;
+    for (int c = 0; c < image.channels; ++c) {
+      const float value = plane.values[i + std::size_t(c)];
+      result.pixels.push_back(c == alpha ? to_byte(255 * value) : clear ? 0 : to_byte(value / share));
+    }
+  }
+  return result;
+}
 
 Image to_image(const std::vector<float>& values, int width, int height) {
   Image image{width, height, 3, std::vector<std::uint8_t>(values.size())};

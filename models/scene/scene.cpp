@@ -48,6 +48,19 @@ std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time
   return between(before.world_from_box, next->world_from_box, share);
 }
 
+const ActorBox* box_at_step(const Actor& actor, int step) {
+  const auto found =
+      std::find_if(actor.boxes.begin(), actor.boxes.end(), [&](const ActorBox& box) { return box.step == step; });
+  return found == actor.boxes.end() ? nullptr : &*found;
+}
+
+std::optional<Eigen::Matrix4d> world_from_box_of_step(const Actor& actor, int step, std::optional<double> time) {
+  const ActorBox* box = box_at_step(actor, step);
+  if (!box) return std::nullopt;
+  const auto pose = time ? world_from_box_at(actor, *time) : std::nullopt;
+  return pose.value_or(box->world_from_box);
+}
+
 Eigen::Vector3d mean_up(const Scene& scene) {
   Eigen::Vector3d up = Eigen::Vector3d::Zero();
   for (const Frame& frame : scene.frames) up -= frame.world_from_camera.block<3, 1>(0, 1);

@@ -101,6 +101,13 @@ using Scenes = std::vector<Scene>;
 /// are missing for more than 1.5 of these distances.
 std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time);
 
+/// The actor's box at a step; null where it has none.
+const ActorBox* box_at_step(const Actor& actor, int step);
+
+/// Where an actor with a box at `step` is at `time`: as world_from_box_at has it, else (no time, or too far from its
+/// boxes) where the box of that step is. None for an actor without a box at that step.
+std::optional<Eigen::Matrix4d> world_from_box_of_step(const Actor& actor, int step, std::optional<double> time);
+
 /// The indices of the frames of one split, in order.
 std::vector<std::size_t> frames_of(const Scene& scene, Split split);
 
