@@ -253,6 +253,8 @@ int run_command(TrainRequest request, const Common& common) {
   ProgressView view(style, log);
   Captures captures;
   if (!job.source) captures = read_captures(job.data, job.record.reading, memory_budget());
+  for (const Capture& capture : captures)
+    job.default_steps += job.epochs * static_cast<int64_t>(capture.train.frames.size());
   const std::vector<DataNow> now = data_now(job, captures);
   check_data_unchanged(job, now);
   job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);

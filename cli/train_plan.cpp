@@ -52,6 +52,7 @@ std::string schedule_text(const TrainJob& job) {
   if (r.horizon > 0) return text(r.horizon, " steps");
   if (r.steps) return text(*r.steps, " steps");
   if (r.time_budget_seconds) return "as many steps as " + words_for_seconds(*r.time_budget_seconds) + " allow";
+  if (job.epochs > 0) return text(job.default_steps, " steps (", job.epochs, " epochs)");
   return text(job.default_steps, " steps");
 }
 

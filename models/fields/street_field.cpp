@@ -17,18 +17,20 @@ StreetField::StreetField(const Scope& scope, const StreetFieldOptions& o)
     : options_(o),
       distance_(scope / "distance", sizes(3 * int64_t{o.plane_channels}, o.distance_layers, o.width, o.features)),
       feature_(scope / "feature", sizes(int64_t{o.features} + 16, o.feature_layers, o.width, o.features)),
-      past_(scope / "past", 3 * int64_t{o.plane_channels}, o.features, 0.f),
-      offset_(scope.constant("offset", {1}, o.distance)),
-      sharpness_(scope.constant("sharpness", {1}, o.sharpness)) {}
+      sharpness_(scope.constant("sharpness", {1}, o.sharpness)) {
+  if (o.bypass) past_.emplace(scope / "past", 3 * int64_t{o.plane_channels}, o.features, 0.f);
+  if (o.offset) offset_ = scope.constant("offset", {1}, o.distance);
+}
 
 StreetField::Geometry StreetField::geometry(const Tensor& planes) const {
-  const Tensor both = distance_(planes) + past_(planes);
-  const int64_t samples = planes.dim(0);
-  return {reshape(slice(both, 1, 0, 1), {samples}) + offset_, both};
+  const Tensor both = past_ ? distance_(planes) + (*past_)(planes) : distance_(planes);
+  const Tensor distance = reshape(slice(both, 1, 0, 1), {planes.dim(0)});
+  return {offset_ ? distance + offset_ : distance, both};
 }
 
 Tensor StreetField::features(const Tensor& inner, const Tensor& harmonics) const {
-  return inner + feature_(concat({inner, harmonics}, 1));
+  const Tensor seen = feature_(concat({inner, harmonics}, 1));
+  return options_.residual ? inner + seen : seen;
 }
 
 Tensor StreetField::opacity(const Tensor& distance) const { return sigmoid(-maximum(sharpness_, 1e-4f) * distance); }

@@ -1,6 +1,8 @@
 // The field of streets (GenAssets, supplement A; UniSim, Yang et al. 2023): tri-plane features to a signed distance,
 // and with the view to a feature that an image decoder turns to colour. Shared by actors and background.
 #pragma once
+#include <optional>
+
 #include "models/nn/layers.h"
 
 namespace cloam {
@@ -11,6 +13,9 @@ struct StreetFieldOptions {
   int features = 32;       // and as many numbers, of which the distance is the first, between the two networks
   float sharpness = 20;    // beta at the start
   float distance = 0.15f;  // added to the first network's, so that space begins nearly empty
+  bool offset = true;      // learn that number, too; false: there is none
+  bool bypass = true;      // a linear map from texels past the first network
+  bool residual = true;    // the second network adds to the first one's output; false: it replaces it
 };
 
 class StreetField {
@@ -31,8 +36,9 @@ class StreetField {
  private:
   StreetFieldOptions options_;
   SmallMlp distance_, feature_;
-  Linear past_;  // texels to inner past the first network: a paint is learned by a line, long before units agree on it
-  Tensor offset_, sharpness_;
+  std::optional<Linear>
+      past_;  // texels to inner past the first network: a paint is learned by a line, long before units agree on it
+  Tensor offset_, sharpness_;  // offset_ empty: none
 };
 
 }  // namespace cloam

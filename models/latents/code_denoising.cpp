@@ -38,9 +38,11 @@ Tensor CodeDenoising::clean(const Tensor& noisy, int64_t step) const {
 }
 
 void CodeDenoising::write(const Tensor& standardised) {
-  const std::vector<float> codes = denoiser_.codes(standardised).to_host(), common = rows_.common.to_host();
+  const auto width = static_cast<size_t>(rows_.own.dim(1));
+  const std::vector<float> codes = denoiser_.codes(standardised).to_host(),
+                           common = rows_.common ? rows_.common.to_host() : std::vector<float>(width, 0.f);
   std::vector<float> all = rows_.own.to_host();
-  const size_t width = common.size(), numbers = codes.size() / rows_.rows.size();
+  const size_t numbers = codes.size() / rows_.rows.size();
   for (size_t row = 0; row < rows_.rows.size(); ++row)
     for (size_t i = 0; i < numbers; ++i)
       all[static_cast<size_t>(rows_.rows[row]) * width + i] = codes[row * numbers + i] - common[i];
@@ -62,7 +64,8 @@ void CodeDenoising::take(Step& rendering, const Tensors& wanted) {
       const Tensor of_rows = gather_rows(by, from_host(rows_.rows, {count}));
       gradient_ = denoiser_.gradient(reshape(slice(of_rows, 1, 0, numbers), clean_.shape()));
     }
-    if (wanted[i].node() == rows_.own.node() || wanted[i].node() == rows_.common.node()) by = Tensor();
+    if (wanted[i].node() == rows_.own.node() || (rows_.common && wanted[i].node() == rows_.common.node()))
+      by = Tensor();
   }
   if (gradient_) rendering.more.push_back(gradient_);
 }

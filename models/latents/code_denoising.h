@@ -9,7 +9,7 @@
 namespace cloam {
 
 /// Codes of actors as rows of a parameter. own: [A,W], the means in the first columns; common: [1,W], added to each
-/// row.
+/// row; empty: nothing is.
 struct CodeRows {
   Tensor own, common;
   std::vector<int32_t> rows;

@@ -48,7 +48,9 @@ void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variat
   const std::string prefix = text("log", log, "."), name = prefix + "codes";
   const int64_t width = numbers * (variational ? 2 : 1);
   const auto rows = values_from<float>(source.parameters, name, {actors, width});
-  const auto common = values_from<float>(source.parameters, prefix + "common.code", {1, width});
+  const bool shared = setting(source, "beyond.common_code", "true") == "true";
+  const auto common = shared ? values_from<float>(source.parameters, prefix + "common.code", {1, width})
+                             : std::vector<float>(static_cast<size_t>(width), 0.f);
   const auto steps = values_from<int32_t>(source.row_steps, name, {actors});
   for (size_t a = 0; a < scene.actors.size(); ++a) {
     if (steps[a] < min_steps) {

@@ -76,6 +76,18 @@ void GenAssets::configure(Config& c) {
          "standard deviation of the initial noise; 0: start at the mean, 1: a full sample", {0, 1});
   c.bind("perceptual.weights", o.perceptual_weights,
          "file with weights of a pretrained network; empty: random features");
+  // What the paper does not have, each with a switch (docs/methods/genassets.md, "Where we differ").
+  c.bind("beyond.common_code", street.common_code, "a code that is added to all codes of a log");
+  c.bind("beyond.common_background", street.common_background, "texels of a log by height, added to all of it");
+  c.bind("beyond.code_bypass", street.code_bypass, "a linear path from codes to planes past the asset decoder");
+  c.bind("beyond.class_places", street.class_places, "class embeddings have a part for each place of the code");
+  c.bind("beyond.field_bypass", street.field.bypass, "a linear path from texels past the field's first network");
+  c.bind("beyond.field_offset", street.field.offset, "a learned number is added to distances: space begins empty");
+  c.bind("beyond.field_residual", street.field.residual, "the field's second network adds to the first one's output");
+  c.bind("beyond.image_bypass", street.image.bypass, "three features go past the image decoder to the image");
+  c.bind("beyond.linear_lidar", o.linear_lidar, "LiDAR depth errors count linearly beyond a metre");
+  c.bind("beyond.careful_new_logs", o.careful_new_logs,
+         "with --networks, texels learn and decay slower, and codes of their own start later");
   c.bind("train.rate_codes", o.rate_codes, "learning rate of codes");
   c.bind("train.rate_decoder", o.rate_decoder, "learning rate of the asset decoder");
   c.bind("train.rate_field", o.rate_field, "learning rate of the field's networks");

@@ -49,6 +49,8 @@ std::unique_ptr<AssetDecoder> make_decoder(const Scope& scope, const StreetModel
   check_groups(o.widths, o.middle, options.decoder_groups);
   o.plane_channels = 3 * options.field.plane_channels;
   o.groups = options.decoder_groups;
+  o.class_places = options.class_places;
+  o.bypass = options.code_bypass;
   return std::make_unique<AssetDecoder>(scope, o);
 }
 
@@ -264,7 +266,8 @@ StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
   log.space = std::make_unique<StreetSpace>(scene, options_.space);
   const int64_t side = options_.background_side, channels = options_.field.plane_channels;
   log.background = scope.uniform("background", {3 * side * side, channels}, 0.1f);
-  log.common_background = scope.constant("common.background", {2 * kHeights, 3 * channels}, 0.f);
+  if (options_.common_background)
+    log.common_background = scope.constant("common.background", {2 * kHeights, 3 * channels}, 0.f);
   const auto actors = static_cast<int64_t>(scene.actors.size());
   if (actors > 0 && !options_.decoder) {
     const int64_t texels = planes_side(options_) * planes_side(options_);
@@ -272,7 +275,7 @@ StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
   } else if (actors > 0) {
     const int64_t numbers = code_numbers(options_) * (options_.variational ? 2 : 1);
     log.assets = scope.uniform("codes", {actors, numbers}, kCodeDeviation);
-    log.common_code = scope.constant("common.code", {1, numbers}, 0.f);
+    if (options_.common_code) log.common_code = scope.constant("common.code", {1, numbers}, 0.f);
   }
   for (const Actor& actor : scene.actors) log.classes.push_back(asset_class(actor.label));
   return log;
@@ -293,8 +296,8 @@ RayScene StreetModel::alone(const AssetPlace& place) const {
 /// What all samples read of planes, by row.
 Tensor StreetModel::texels_of(const StreetLog& log, const StreetSamples& s, const DecodedAssets& assets) const {
   const int64_t side = options_.background_side, channels = options_.field.plane_channels;
-  const Tensor background = sample_planes(reshape(log.background, {3, side, side, channels}), s.points) +
-                            matmul(height_features(s.points), log.common_background);
+  Tensor background = sample_planes(reshape(log.background, {3, side, side, channels}), s.points);
+  if (log.common_background) background = background + matmul(height_features(s.points), log.common_background);
   if (s.owners.dim(0) == 0) return background;
   const Tensor points = in_cube(s.actor_points, options_.symmetric);
   return concat({background, sample_planes(assets.planes, points, gather_rows(assets.slots, s.owners))}, 0);

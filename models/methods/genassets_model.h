@@ -27,8 +27,10 @@ struct StreetModelOptions {
   bool variational = true;  // codes as (mean, log variance) with the KL term
   bool symmetric = false;   // left and right, in their boxes' x
   bool shadows = true;
-  int background_side = 256;  // texels
-  float near = 0.1f;          // metres around a LiDAR's return where matter belongs
+  bool class_places = true, code_bypass = true;       // asset_decoder.h
+  bool common_code = true, common_background = true;  // see StreetLog
+  int background_side = 256;                          // texels
+  float near = 0.1f;                                  // metres around a LiDAR's return where matter belongs
 };
 
 /// An actor of a log; or, with the number of logs, a generated asset.

@@ -21,8 +21,9 @@ void hold(PatchDiscriminator::Block& block) {
 
 /// Mean squared error without the worst rays (UniSim), but linear beyond a metre (Huber): in the first steps rays are
 /// tens of metres wrong, and Adam's second moments of planes and networks would long be too large for colours to count.
-Tensor lidar_loss(const Tensor& depth, const Tensor& ranges) {
-  const Tensor metres = abs(depth - ranges), error = where(metres < 1.f, square(metres), 2.f * metres - 1.f);
+Tensor lidar_loss(const Tensor& depth, const Tensor& ranges, bool linear) {
+  const Tensor metres = abs(depth - ranges),
+               error = linear ? where(metres < 1.f, square(metres), 2.f * metres - 1.f) : square(metres);
   const int64_t count = error.dim(0),
                 kept = std::max<int64_t>(1, static_cast<int64_t>((1 - kWorst) * static_cast<double>(count)));
   const Tensor limit = slice(sort(stop_gradient(error)).keys, 0, kept - 1, kept);
@@ -49,6 +50,7 @@ GenAssetsTraining::GenAssetsTraining(const GenAssetsConfig& config, StreetModel&
 
 ParameterGroups GenAssetsTraining::groups(bool denoised) const {
   const GenAssetsConfig& c = config_;
+  const bool careful = frozen_ && c.careful_new_logs;
   const LearningRateSchedule schedule = {c.final_rate, c.decay_start, 0, kWarmUp};
   ParameterGroups groups;
   const auto add = [&](const std::string& prefix, float rate) -> ParameterGroup& {
@@ -63,9 +65,9 @@ ParameterGroups GenAssetsTraining::groups(bool denoised) const {
   for (size_t i = 0; i < model_.logs().size(); ++i) {
     const std::string log = "log" + std::to_string(i);
     // A log alone is seen by few cameras: what its texels leave to what they have in common holds where none looked.
-    ParameterGroup& background = add(log + ".background", c.rate_background * (frozen_ ? kTexels : 1.f));
+    ParameterGroup& background = add(log + ".background", c.rate_background * (careful ? kTexels : 1.f));
     background.sparse = true;
-    background.decay = c.decay_background * (frozen_ ? kKeeping : 1.f);
+    background.decay = c.decay_background * (careful ? kKeeping : 1.f);
     // Rows of a log stand still in steps that see other logs (sparse): Adam's momentum would move them on.
     add(log + ".common.background", c.rate_background).sparse = true;
     ParameterGroup& common_code = add(log + ".common.code", c.rate_codes);
@@ -75,7 +77,7 @@ ParameterGroups GenAssetsTraining::groups(bool denoised) const {
     // fit already, and what they share would move all by what the largest wants.
     ParameterGroup& codes = add(log + ".codes", c.rate_codes * (denoised ? kRefining : 1.f));
     codes.sparse = true;
-    if (frozen_ && !denoised) codes.schedule.delay = kCommonSteps;
+    if (careful && !denoised) codes.schedule.delay = kCommonSteps;
     add(log + ".planes", c.rate_background).sparse = true;
   }
   return groups;
@@ -111,7 +113,8 @@ Tensor GenAssetsTraining::object_loss(const Tensor& image, const Tensor& truth) 
 }
 
 Tensor GenAssetsTraining::lidar_terms(const Tensor& depth, const Tensor& ranges, const Tensor& line_of_sight) const {
-  return lidar_loss(depth, ranges) * config_.weight_lidar + mean(line_of_sight) * config_.weight_line_of_sight;
+  return lidar_loss(depth, ranges, config_.linear_lidar) * config_.weight_lidar +
+         mean(line_of_sight) * config_.weight_line_of_sight;
 }
 
 Sampling GenAssetsTraining::sampling(const StreetLog& log, const Progress& progress, bool skip_hidden) const {

@@ -20,6 +20,8 @@ struct GenAssetsConfig {
   std::string perceptual_weights;  // file; empty: fixed random features
   float rate_codes = 0.05f, rate_decoder = 1e-4f, rate_field = 1e-3f, rate_image = 1e-3f, rate_background = 0.02f,
         rate_discriminator = 1e-4f, decay_background = 0.2f;
+  bool linear_lidar = true;      // LiDAR depth errors count linearly beyond a metre
+  bool careful_new_logs = true;  // with frozen networks texels learn and decay slower, and codes of their own later
   float final_rate = 0.1f, decay_start = 0.3f;
   CodePriorOptions prior;
 };

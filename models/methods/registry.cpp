@@ -79,16 +79,28 @@ const std::vector<Preset>& presets() {
       "field.width=32 image.kernel=3 image.blocks=4 image.upsamplings=1 steps.actor=0.1 actors.symmetric=true "
       "weight.adversarial=0 batch.object_side=96 batch.lidar_rays=512 train.rate_decoder=1e-3 train.rate_field=5e-3 "
       "train.rate_image=4e-3 train.rate_background=0.05 ";
+  // Switches off all that the paper does not have.
+  const std::string faithful =
+      "actors.symmetric=false view.drop=0 weight.line_of_sight=0 train.decay_background=0 beyond.common_code=false "
+      "beyond.common_background=false beyond.code_bypass=false beyond.class_places=false beyond.field_bypass=false "
+      "beyond.field_offset=false beyond.field_residual=false beyond.image_bypass=false beyond.linear_lidar=false "
+      "beyond.careful_new_logs=false weight.adversarial=0.001 ";
+  const std::string whole = "batch.whole_images=true batch.lidar_rays=8192 ";
   static const std::vector<Preset> rows = {
       {"nerf", "nerf", "hash grid and occupancy grid: minutes on two cores", {}, 4000},
       {"nerf-paper", "nerf", "the paper's 8x256 network, 64 + 128 samples",
        settings_in("field.kind=frequency field.width=256 sampling=importance background=white batch.rays=1024 "
+                   "weight.distortion=0 "
                    "train.rate=5e-4 train.final_rate=0.1 train.decay_steps=250000"),
        200000},
       {"splat", "splat", "Gaussian splatting of posed photos", {}, 7000},
-      {"genassets", "genassets", "the paper's sizes: needs a cluster; one step on two cores",
-       settings_in("batch.whole_images=true batch.lidar_rays=8192"), 400000},
+      {"genassets", "genassets", "the paper's sizes: needs a cluster; one step on two cores", settings_in(whole), 0,
+       100},
+      {"genassets-faithful", "genassets", "the same without what the paper does not have",
+       settings_in(whole + faithful), 0, 100},
       {"genassets-small", "genassets", "streets and their actors: minutes on two cores", settings_in(street), 7000},
+      {"genassets-small-faithful", "genassets", "the same without what the paper does not have",
+       settings_in(street + faithful), 7000},
       {"diffusion", "diffusion", "the paper's sizes: assets of a genassets run", {}, 100000},
       {"diffusion-small", "diffusion", "assets of a genassets-small run: minutes on two cores",
        settings_in("unet.base=32 unet.multipliers=1,2 unet.groups=8 batch.codes=64 train.rate=1e-3 "

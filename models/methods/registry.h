@@ -19,8 +19,9 @@ struct Preset {
   const char* name;
   const char* method;
   const char* summary;
-  Settings settings;  // over the defaults
-  int64_t steps;      // when neither --steps nor --time-budget is given
+  Settings settings;   // over the defaults
+  int64_t steps;       // when neither --steps nor --time-budget is given
+  int64_t epochs = 0;  // instead of steps, of methods that see one image a step: how often it sees each
 };
 
 const std::vector<Preset>& presets();

@@ -22,8 +22,10 @@ Tensor ImageDecoder::operator()(const Tensor& features) const {
     if (i % 2 == 1 && i / 2 < options_.doublings) h = resize_nearest(h, 2 * h.dim(2), 2 * h.dim(3));
   }
   for (int i = options_.blocks / 2; i < options_.doublings; i++) h = resize_nearest(h, 2 * h.dim(2), 2 * h.dim(3));
+  const Tensor drawn = leave_(relu(h));
+  if (!options_.bypass) return sigmoid(drawn);
   const Tensor plain = resize_bilinear(slice(features, 1, 1, 4), h.dim(2), h.dim(3));
-  return sigmoid(leave_(relu(h)) + plain);
+  return sigmoid(drawn + plain);
 }
 
 }  // namespace cloam

@@ -8,9 +8,10 @@ namespace cloam {
 
 struct ImageDecoderOptions {
   int features = 32, width = 32;
-  int side = 5;       // of the kernels
-  int blocks = 6;     // residual blocks
-  int doublings = 2;  // one after every second block, first to last; those left over after the last
+  int side = 5;        // of the kernels
+  int blocks = 6;      // residual blocks
+  bool bypass = true;  // three features go past all of it to the image
+  int doublings = 2;   // one after every second block, first to last; those left over after the last
 };
 
 class ImageDecoder {

@@ -299,6 +299,7 @@ TrainJob new_job(const TrainRequest& request, const Listener& listener) {
   }
   job.record.method = request.method;
   job.default_steps = preset.steps;
+  job.epochs = preset.epochs;
   if (request.networks.empty())
     for (const auto& [key, value] : preset.settings) job.config.set(key, value, text("preset ", preset.name));
   take_source(request, job);
@@ -325,6 +326,7 @@ TrainJob resumed_job(const TrainRequest& request) {
   check_same(request, job.record);
   job.method = configured_method(job.record, job.config);
   job.default_steps = find_preset(job.record.preset).steps;
+  job.epochs = find_preset(job.record.preset).epochs;
   job.finished = job.record.state == "finished" && request.steps.value_or(0) <= job.record.step;
   if (request.allow_outside) job.record.reading.allow_outside = true;
   const std::vector<std::string>& given = request.new_data.empty() ? request.data : request.new_data;

@@ -37,9 +37,9 @@ struct TrainJob {
   Config config;
   std::unique_ptr<Method> prior;  // of --prior: what `method` calls
   std::unique_ptr<Method> method;
-  std::optional<StoredRun> source;  // of methods that learn from a run: that run, until it is loaded
-  int64_t default_steps = 0;
-  bool finished = false;  // a resumed run that has nothing left to do
+  std::optional<StoredRun> source;        // of methods that learn from a run: that run, until it is loaded
+  int64_t default_steps = 0, epochs = 0;  // of the preset
+  bool finished = false;                  // a resumed run that has nothing left to do
 };
 
 /// A new run. Reads no data but a run to learn from. Fault::usage for unknown names, settings that are wrong, and for a

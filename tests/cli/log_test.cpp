@@ -132,6 +132,19 @@ TEST_CASE("hostile pickles in a log: exit 3, the file named, nothing run") {
   CHECK(cloam_with({"check", log.string()}).code == 0);
 }
 
+TEST_CASE("the paper's preset is planned in epochs of the images that train") {
+  const fs::path log = small_log("epochs");
+  std::size_t images = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(log / "camera"))
+    images += entry.path().extension() == ".jpg";
+  const Outcome planned = cloam_with({"train", "genassets", log.string(), "--set", "weight.perceptual=0", "--dry-run",
+                                      "-o", (scratch() / "p").string()});
+  CHECK_MESSAGE(planned.code == 0, planned.err);
+  REQUIRE(images > 0);
+  CHECK_MESSAGE(planned.err.find(std::to_string(100 * images) + " steps (100 epochs)") != std::string::npos,
+                planned.err);
+}
+
 TEST_CASE("training says what a log or a method lacks") {
   const auto plan = [](const char* method, const fs::path& data) {
     const Outcome planned = cloam_with({"train", method, data.string(), "--dry-run", "-o", (scratch() / "p").string()});

@@ -127,19 +127,27 @@ bool all_finite(const std::vector<float>& values) {
 
 }  // namespace
 
-TEST_CASE("genassets: the networks have the paper's sizes") {
+TEST_CASE("genassets: the networks have the paper's sizes, and its faithful presets nothing else") {
   const Folder folder;
   Scene scene = toy_street(folder.path, {.lidar = false});
   scene.actors = {toy_actor("a", {2, 4, 1.5}, 12, 0)};
-  const auto method = built(scene, {{"weight.perceptual", "0"}, {"weight.adversarial", "0"}},
-                            {find_preset("genassets").settings.begin(), find_preset("genassets").settings.end()});
-  const int64_t not_the_papers =
-      count_below(*method, "networks.decoder.past.") + count_below(*method, "networks.decoder.class_places");
-  CHECK(static_cast<double>(count_below(*method, "networks.decoder.") - not_the_papers) ==
-        doctest::Approx(4.9e6).epsilon(0.01));
-  CHECK(static_cast<double>(count_below(*method, "networks.image.")) == doctest::Approx(0.33e6).epsilon(0.02));
-  CHECK(count_below(*method, "log0.codes") == 2 * 8 * 8 * 32);  // mean and variance
-  CHECK(count_below(*method, "log0.background") % (3 * 12) == 0);
+  for (const char* name : {"genassets", "genassets-faithful"}) {
+    CAPTURE(name);
+    const Preset& preset = find_preset(name);
+    const auto method = built(scene, {{"weight.perceptual", "0"}, {"weight.adversarial", "0"}},
+                              {preset.settings.begin(), preset.settings.end()});
+    const int64_t not_the_papers =
+        count_below(*method, "networks.decoder.past.") + count_below(*method, "networks.decoder.class_places");
+    CHECK(static_cast<double>(count_below(*method, "networks.decoder.") - not_the_papers) ==
+          doctest::Approx(4.9e6).epsilon(0.01));
+    CHECK(static_cast<double>(count_below(*method, "networks.image.")) == doctest::Approx(0.33e6).epsilon(0.02));
+    CHECK(count_below(*method, "log0.codes") == 2 * 8 * 8 * 32);  // mean and variance
+    CHECK(count_below(*method, "log0.background") % (3 * 12) == 0);
+    int64_t beyond = not_the_papers;
+    for (const char* prefix : {"log0.common.", "networks.field.past.", "networks.field.offset"})
+      beyond += count_below(*method, prefix);
+    CHECK((beyond == 0) == (std::string(name) == "genassets-faithful"));
+  }
 }
 
 TEST_CASE("genassets: no gradient reaches a hidden actor") {

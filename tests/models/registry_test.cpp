@@ -3,6 +3,8 @@
 
 #include <doctest/doctest.h>
 
+#include "runtime/error.h"
+
 using namespace cloam;
 
 namespace {
@@ -19,6 +21,20 @@ std::map<std::string, std::string> settings_of(const std::string& name) {
 }
 
 }  // namespace
+
+TEST_CASE("faithful presets leave out all that goes beyond the paper, and nothing else") {
+  for (const char* name : {"genassets", "genassets-small"}) {
+    const auto base = settings_of(name), faithful = settings_of(text(name, "-faithful"));
+    for (const auto& [key, value] : faithful) {
+      CAPTURE(key);
+      if (key.starts_with("beyond.")) CHECK((value == "false" && base.at(key) == "true"));
+      const bool switched = key.starts_with("beyond.") || key == "actors.symmetric" || key == "view.drop" ||
+                            key == "weight.line_of_sight" || key == "train.decay_background" ||
+                            key == "weight.adversarial";
+      if (!switched) CHECK(value == base.at(key));
+    }
+  }
+}
 
 TEST_CASE("ablations differ from genassets-small in what they leave out alone") {
   for (const Preset& preset : presets()) CHECK_NOTHROW(settings_of(preset.name));
