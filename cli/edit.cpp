@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "cli/commands.h"
+#include "cli/shipped.h"
 #include "models/data/path_file.h"
 #include "models/eval/actor_list.h"
 #include "models/io/words.h"
@@ -121,7 +122,7 @@ class Editor {
       bad_operation(given, name + (name == "remove" ? " takes no operand" : " needs an operand after ="));
     }
     if (name == "remove") return Remove{};
-    if (name == "replace" && operand == kGenerated) return generated(actor, given);
+    if (name == "replace" && operand == kGenerated) return generated(actor);
     if (name == "replace") return replace_by(before_, find_actor(before_, logs_, operand));
     if (name == "path") return Follow{read_path_file(operand)};
     const std::vector<double> v = numbers_of(operand, name == "shift" ? 3 : 1, given);
@@ -129,12 +130,10 @@ class Editor {
     return Turn{v[0] * std::numbers::pi / 180};
   }
 
-  Replace generated(const AssetName& actor, const std::string& given) {
-    if (request_.prior.empty())
-      bad_operation(given, "replace=generated needs a diffusion run to make the asset: --prior RUN2");
+  Replace generated(const AssetName& actor) {
     if (!maker_) {
       open_device(common_);
-      maker_.emplace(request_.prior, run_);
+      maker_.emplace(prior_named(request_.prior.empty() ? kShipped : request_.prior), run_);
     }
     return maker_->make(run_, actor, request_.wish);
   }
@@ -186,7 +185,8 @@ void check_prior(const EditRequest& request) {
     return given.find(std::string("replace=") + kGenerated) != std::string::npos;
   });
   if (!is_used) throw Error(Fault::usage, "--prior is for --actor ID:replace=generated, which is not given");
-  check_is_prior(read_record(request.prior), request.prior);
+  const std::string prior = prior_named(request.prior);
+  check_is_prior(read_record(prior), prior);
 }
 
 int edit_actors(const EditRequest& request, const Common& common) {
@@ -218,7 +218,7 @@ Command add_edit(CLI::App& program) {
     add("RUN", r.run, "Run folder").required();
     add("--list", r.list, "List the actors and draw a sheet of thumbnails");
     add("--actor", r.actors, "Edit of one actor, [LOG:]ID:OPERATION,... (may be repeated)").one_word();
-    add("--prior", r.prior, "Diffusion run, for replace=generated");
+    add("--prior", r.prior, "Diffusion run, for replace=generated (shipped)");
     add("--seed", r.wish.seed, "Random seed, for replace=generated (0)", whole_number(0));
     add("--guidance", r.wish.guidance, "Classifier-free guidance; above 1 follows class and time more closely (1)",
         number_from(0, 100));

@@ -16,6 +16,7 @@
 #include "models/metrics/psnr.h"
 #include "models/render/undistort.h"
 #include "models/runs/actor_names.h"
+#include "models/runs/pack_prior.h"
 #include "models/splat/draw.h"
 #include "models/street/asset_mesh.h"
 #include "runtime/error.h"
@@ -24,6 +25,7 @@ namespace cloam {
 namespace {
 
 constexpr int kFramesPerSecond = 12;
+constexpr char kPrior[] = "prior";
 constexpr char kExamples[] =
     R"(Write the actors of a street, or Gaussian splats, as files for other programs.
 
@@ -32,6 +34,7 @@ Examples:
   cloam export runs/street --format glb -o cars                           all actors, one file each
   cloam export runs/street --format turntable --actor 1:3f2a -o turn      pictures all around, and a GIF
   cloam export runs/street --format ply --actor 3f2a -o car.ply --resolution 256
+  cloam export runs/assets --format prior -o prior                        a diffusion and its networks, to hand on
   cloam export runs/garden -o garden.ply                                  Gaussian splats; also .splat, .spz and .glb
 
 An actor is [LOG:]ID, where ID is any unique part of its id and LOG the number or name of its log.)";
@@ -210,8 +213,26 @@ int export_splats(const RestoredRun& run, const Gaussians& gaussians, const Expo
   return 0;
 }
 
+/// The diffusion and the networks that it learned from, small enough to hand on.
+int export_prior(const ExportRequest& request, const Common& common) {
+  if (const std::string problem = problem_of(output_folder(), request.out); !problem.empty())
+    throw Error(Fault::usage, "--out: " + problem);
+  open_device(common);
+  pack_prior(read_run(request.run), request.out);
+  const std::string networks = (fs::path(request.out) / "networks").string(),
+                    assets = (fs::path(request.out) / "assets").string();
+  if (common.json) put_json({{"schema_version", 1}, {"networks", networks}, {"assets", assets}});
+  say(common, text("the prior is ", request.out, "\n  cloam generate ", quoted(assets), " -n 16 -o generated\n  ",
+                   "cloam train genassets LOG --networks ", quoted(networks), " --prior ", quoted(assets), " -o RUN"));
+  return 0;
+}
+
 int run_command(const ExportRequest& request, const Common& common) {
-  read_record(request.run);  // a wrong folder is told before a missing device
+  const RunRecord record = read_record(request.run);  // a wrong folder is told before a missing device
+  if (request.format == kPrior) return export_prior(request, common);
+  if (learned_from_run(record))
+    throw Error(Fault::usage, text(request.run, " is a run of ", record.method,
+                                   ": it has no actors and no Gaussians\n  fix: --format prior packs it for others"));
   const RestoredRun run = restored(request.run, common);
   const auto* exports = as<ExportsGaussians>(*run.method);
   if (!exports) return export_actors(run, request, common);
@@ -227,11 +248,11 @@ int run_command(const ExportRequest& request, const Common& common) {
 Command add_export(CLI::App& program) {
   return command<ExportRequest>(program, "export", kExamples, run_command, [](const Options& add, ExportRequest& r) {
     add("RUN", r.run, "Run folder").required();
-    add("-o,--out", r.out, "Output file; a folder for turntables and for all actors").required();
+    add("-o,--out", r.out, "Output file; a folder for turntables, for all actors and for a prior").required();
     add("--format", r.format,
-        "Actors: glb or ply (mesh), turntable (PNG and GIF); splats: ply, splat, spz, glb (default: by the file's "
-        "name)",
-        one_of({"glb", "ply", "turntable", "splat", "spz"}));
+        "Actors: glb or ply (mesh), turntable (PNG and GIF); splats: ply, splat, spz, glb; diffusion: prior (default: "
+        "by the file's name)",
+        one_of({"glb", "ply", "turntable", "splat", "spz", kPrior}));
     add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
     add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 512));
     add("--frames", r.frames, "Number of pictures of a turntable (36)", whole_number(1, 10000));

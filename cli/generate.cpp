@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/shipped.h"
 #include "cli/stop_signal.h"
 #include "models/eval/asset_files.h"
 #include "models/io/words.h"
@@ -20,6 +21,7 @@ const std::map<std::string, CodeSource> kCodeSources = {
 constexpr char kExamples[] = R"(Generate new assets with a diffusion run.
 
 Examples:
+  cloam generate -n 16 -o assets                               with the prior that comes with the program
   cloam generate runs/assets -n 16 -o assets
   cloam generate runs/assets -n 4 --class Car --time night --seed 7 --guidance 2 -o cars
   cloam generate runs/assets -n 60 --pictures --no-meshes --codes random -o random    a baseline to compare
@@ -30,7 +32,7 @@ gives the same files. Without --class and --time, both are drawn as often as the
 takes the box of the training actor of its class with the nearest code.)";
 
 struct GenerateRequest {
-  std::string run, asset_class, time, codes = "sampled";
+  std::string run = kShipped, asset_class, time, codes = "sampled";
   AssetRequest wish;
   AssetFiles files;
   std::string out;
@@ -50,6 +52,7 @@ int run_command(GenerateRequest request, const Common& common) {
   request.wish.codes = kCodeSources.at(request.codes);
   request.files.folder = request.out;
   request.files.meshes = !request.no_meshes;
+  request.run = prior_named(request.run);
   check_is_prior(read_record(request.run), request.run);
   const GeneratedAssets made = generate_assets(restored(request.run, common), request.wish, {kVersion, request.codes});
   const StopOnSignal signals("finishing this asset");
@@ -69,7 +72,7 @@ int run_command(GenerateRequest request, const Common& common) {
 Command add_generate(CLI::App& program) {
   return command<GenerateRequest>(
       program, "generate", kExamples, run_command, [](const Options& add, GenerateRequest& r) {
-        add("RUN", r.run, "Folder of a diffusion run").required();
+        add("RUN", r.run, "Folder of a diffusion run (shipped: the one that comes with the program)");
         add("-o,--out", r.out, "Folder for the files").required();
         add("-n,--count", r.wish.count, "Number of assets (1)", whole_number(1, 1000));
         add("--class", r.asset_class, "Car, Truck, Bus, ... (default: as often as in training)");

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "cli/commands.h"
+#include "cli/shipped.h"
 #include "cli/stop_signal.h"
 #include "models/data/read_scene.h"
 #include "models/io/host_random.h"
@@ -157,14 +158,15 @@ int write_augmented(const SimulateRequest& request, const Common& common, int lo
 /// Before work begins.
 void check_request(const SimulateRequest& request) {
   check_has_views(read_record(request.run));
-  if ((request.augment > 0) == request.prior.empty())
-    throw Error(Fault::usage, text("--augment N and --prior RUN2 go together: RUN2, a diffusion run, makes the ",
-                                   "vehicles\n  example: cloam simulate RUN --augment 20 --prior RUN2 -o DIR"));
-  if (!request.prior.empty()) check_is_prior(read_record(request.prior), request.prior);
+  if (request.augment == 0 && !request.prior.empty())
+    throw Error(Fault::usage, "--prior makes the vehicles of --augment N, which is not given");
+  if (request.augment > 0) check_is_prior(read_record(request.prior), request.prior);
   check_new_folder(request.out);
 }
 
-int run_command(const SimulateRequest& request, const Common& common) {
+int run_command(SimulateRequest request, const Common& common) {
+  if (request.augment > 0 && request.prior.empty()) request.prior = kShipped;
+  request.prior = prior_named(request.prior);
   check_request(request);  // a wrong folder is told before a missing device
   const RunRecord record = read_record(request.run);
   const std::vector<std::string> logs = log_names(record);
@@ -197,7 +199,7 @@ Command add_simulate(CLI::App& program) {
         add("--size", r.size, "Size of the images, WIDTHxHEIGHT (as trained)");
         add("--augment", r.augment, "Number of logs to write, each with other vehicles in the same places",
             whole_number(1, 100000));
-        add("--prior", r.prior, "With --augment: diffusion run that makes the vehicles");
+        add("--prior", r.prior, "With --augment: diffusion run that makes the vehicles (shipped)");
         add("--seed", r.wish.seed, "With --augment: random seed (0)", whole_number(0));
         add("--guidance", r.wish.guidance,
             "With --augment: classifier-free guidance; above 1 follows the class more closely (1)",

@@ -7,6 +7,7 @@
 
 #include "cli/commands.h"
 #include "cli/progress.h"
+#include "cli/shipped.h"
 #include "cli/stop_signal.h"
 #include "cli/train_plan.h"
 #include "models/eval/evaluate.h"
@@ -243,6 +244,8 @@ int end_finished(TrainJob& job, const Common& common) {
 
 int run_command(TrainRequest request, const Common& common) {
   resolve_alias(request, common);
+  request.networks = networks_named(request.networks);
+  request.prior = prior_named(request.prior);
   if (request.resume && request.out.empty())
     throw Error(Fault::usage, "--resume needs a run folder: cloam train --resume RUN");
   const ProgressStyle style = progress_style(request.progress, common);
@@ -275,8 +278,10 @@ void add_method_options(const Options& add, TrainRequest& r) {
   add("DATA", r.data, "Folder of the capture; several driving logs make one run; for diffusion, a genassets run");
   add.group("Method");
   add("--preset", r.preset, joined(names) + " (default: the method's name)");
-  add("--networks", r.networks, "Freeze the networks of this genassets run and learn only what is new in DATA");
-  add("--prior", r.prior, "With --networks: a diffusion run trained on that run, as a prior for new actors");
+  add("--networks", r.networks,
+      "Freeze the networks of this genassets run (or: shipped) and learn only what is new in DATA");
+  add("--prior", r.prior,
+      "With --networks: a diffusion run trained on that run (or: shipped), as a prior for new actors");
   add("--config", r.config_file, "TOML file with settings");
   add("--set", r.settings, "Setting key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
       .one_word();

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "models/io/commit.h"
+#include "models/io/packed_tensors.h"
 #include "models/io/paths.h"
 #include "models/io/words.h"
 #include "runtime/error.h"
@@ -92,7 +93,7 @@ LoadedCheckpoint load_latest_checkpoint(const fs::path& folder) {
   for (const int64_t step : steps) {
     const fs::path path = folder / checkpoint_name(step);
     try {
-      LoadedCheckpoint loaded{step, path, read_safetensors(path), ""};
+      LoadedCheckpoint loaded{step, path, unpack(read_safetensors(path)), ""};
       if (!damage.empty()) loaded.warning = text("skipped ", damage, "; continuing from step ", step);
       return loaded;
     } catch (const Error& problem) { damage += (damage.empty() ? "" : "; ") + std::string(problem.what()); }

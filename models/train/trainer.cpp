@@ -212,14 +212,8 @@ void Loop::require_finite() {
 void Loop::save() {
   require_finite();
   const double before = time_.seconds();
-  SafetensorsFile file;
-  for (const auto& [name, p] : run_.method.parameters()) file.tensors[kParameter + name] = named(p);
+  SafetensorsFile file = checkpoint_of(run_.method, progress_, run_.metadata);
   add_prefixed(file.tensors, optimiser_.state(), kOptimiser);
-  add_prefixed(file.tensors, run_.method.state(), kState);
-  file.metadata = run_.metadata;
-  file.metadata["step"] = std::to_string(progress_.step);
-  file.metadata["horizon"] = std::to_string(progress_.horizon);
-  file.metadata["seed"] = std::to_string(progress_.seed);
   result_.checkpoint = save_checkpoint(run_.checkpoints, progress_.step, file);
   saved_step_ = progress_.step;
   saving_.saved(before, time_.seconds());
@@ -294,8 +288,21 @@ TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainL
 
 TensorMap parameters_in(const SafetensorsFile& checkpoint) { return with_prefix(checkpoint.tensors, kParameter); }
 
+std::string row_steps_name(const std::string& parameter) { return text(kOptimiser, "steps.", parameter); }
+
 TensorMap row_steps_in(const SafetensorsFile& checkpoint) {
-  return with_prefix(checkpoint.tensors, std::string(kOptimiser) + "steps.");
+  return with_prefix(checkpoint.tensors, row_steps_name(""));
+}
+
+SafetensorsFile checkpoint_of(Method& method, const Progress& progress, std::map<std::string, std::string> metadata) {
+  SafetensorsFile file;
+  for (const auto& [name, p] : method.parameters()) file.tensors[kParameter + name] = named(p);
+  add_prefixed(file.tensors, method.state(), kState);
+  file.metadata = std::move(metadata);
+  file.metadata["step"] = std::to_string(progress.step);
+  file.metadata["horizon"] = std::to_string(progress.horizon);
+  file.metadata["seed"] = std::to_string(progress.seed);
+  return file;
 }
 
 Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {

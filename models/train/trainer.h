@@ -71,6 +71,10 @@ Step take_step(Method& method, Optimiser& optimiser, const Progress& progress);
 TensorMap parameters_in(const SafetensorsFile& checkpoint);
 /// Of sparse parameters, under the same names: the steps that trained each row.
 TensorMap row_steps_in(const SafetensorsFile& checkpoint);
+/// The tensor of a checkpoint that holds them.
+std::string row_steps_name(const std::string& parameter);
+/// Parameters, state and progress as a checkpoint holds them; of the optimiser nothing.
+SafetensorsFile checkpoint_of(Method& method, const Progress& progress, std::map<std::string, std::string> metadata);
 
 /// Parameters, state and progress of a checkpoint into a built method. Fault::data listing missing, extra and misshapen
 /// names in one message.

@@ -1,0 +1,28 @@
+// See shipped.h.
+#include "cli/shipped.h"
+
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// bin/cloam and share/cloam/shipped stand in one folder, in a build and installed alike.
+std::string shipped(const std::string& given, const char* kind) {
+  if (given != kShipped) return given;
+  std::error_code error;
+  const fs::path program = fs::read_symlink("/proc/self/exe", error);
+  const fs::path folder = program.parent_path().parent_path() / "share" / "cloam" / kShipped / kind;
+  if (fs::is_directory(folder, error)) return folder.string();
+  throw Error(Fault::usage, text("no shipped ", kind, " come with this program; looked for ", folder.string(),
+                                 "\n  fix: train your own: cloam train genassets LOG... -o RUN, then cloam train "
+                                 "diffusion RUN -o RUN2, and name RUN or RUN2"));
+}
+
+}  // namespace
+
+std::string networks_named(const std::string& given) { return shipped(given, "networks"); }
+std::string prior_named(const std::string& given) { return shipped(given, "assets"); }
+
+}  // namespace cloam
