@@ -20,13 +20,17 @@ const std::map<std::string, CodeSource> kCodeSources = {{"sampled", CodeSource::
                                                         {"random", CodeSource::random},
                                                         {"training", CodeSource::training}};
 
+constexpr char kCodesHelp[] =
+    "sampled; to compare: gaussian (of class and time of day), mean (of that), random (white noise) and training (the "
+    "codes trained on) (sampled)";
+
 constexpr char kExamples[] = R"(Generate new assets with a diffusion run.
 
 Examples:
   cloam generate runs/assets -n 16 -o assets
   cloam generate runs/assets -n 4 --class Car --time night --seed 7 --guidance 2 -o cars
-  cloam generate runs/assets -n 60 --pictures --no-meshes --codes gaussian -o gaussian   a baseline to compare
-  cloam distance gaussian/pictures training/pictures --features random                   samples with
+  cloam generate runs/assets -n 60 --pictures --no-meshes --codes gaussian -o gaussian    a baseline to compare
+  cloam distance gaussian/pictures training/pictures --features random                    samples with
 
 Writes latents.safetensors, grid.png, generate.json and, for each asset, a turntable (GIF) and a mesh (GLB). The same seed
 gives the same files. Without --class and --time, both are drawn as often as they occur in the training data. Each asset
@@ -70,27 +74,25 @@ int run_command(GenerateRequest request, const Common& common) {
 }  // namespace
 
 Command add_generate(CLI::App& program) {
-  return command<
-      GenerateRequest>(program, "generate", kExamples, run_command, [](const Options& add, GenerateRequest& r) {
-    add("RUN", r.run, "Folder of a diffusion run").required();
-    add("-o,--out", r.out, "Folder for the files").required();
-    add("-n,--count", r.wish.count, "Number of assets (1)", whole_number(1, 1000));
-    add("--class", r.asset_class, "Car, Truck, Bus, ... (default: as often as in training)");
-    add("--time", r.time, "day or night (default: as often as in training)", one_of({"day", "night"}));
-    add("--seed", r.wish.seed, "Random seed (0)", whole_number(0));
-    add("--guidance", r.wish.guidance, "Classifier-free guidance; above 1 follows class and time more closely (1)",
-        number_from(0, 100));
-    add("--steps", r.wish.steps, "DDIM denoising steps (50)", whole_number(1));
-    add("--codes", r.codes,
-        "sampled; baselines: gaussian (of class and time of day), mean (of that), random (white noise); or training "
-        "(the codes trained on) (sampled)",
-        one_of({"sampled", "gaussian", "mean", "random", "training"}));
-    add("--pictures", r.files.pictures, "Also write the turntables' pictures as PNG, to DIR/pictures");
-    add("--no-meshes", r.no_meshes, "Write no meshes (GLB)");
-    add("--frames", r.files.frames, "Number of pictures of a turntable (12)", whole_number(1, 10000));
-    add("--size", r.files.size, "Width and height of the pictures (128)", whole_number(16, 4096));
-    add("--resolution", r.files.resolution, "Grid cells along the longest side of a mesh (96)", whole_number(8, 512));
-  });
+  return command<GenerateRequest>(
+      program, "generate", kExamples, run_command, [](const Options& add, GenerateRequest& r) {
+        add("RUN", r.run, "Folder of a diffusion run").required();
+        add("-o,--out", r.out, "Folder for the files").required();
+        add("-n,--count", r.wish.count, "Number of assets (1)", whole_number(1, 1000));
+        add("--class", r.asset_class, "Car, Truck, Bus, ... (default: as often as in training)");
+        add("--time", r.time, "day or night (default: as often as in training)", one_of({"day", "night"}));
+        add("--seed", r.wish.seed, "Random seed (0)", whole_number(0));
+        add("--guidance", r.wish.guidance, "Classifier-free guidance; above 1 follows class and time more closely (1)",
+            number_from(0, 100));
+        add("--steps", r.wish.steps, "DDIM denoising steps (50)", whole_number(1));
+        add("--codes", r.codes, kCodesHelp, one_of({"sampled", "gaussian", "mean", "random", "training"}));
+        add("--pictures", r.files.pictures, "Also write the turntables' pictures as PNG, to DIR/pictures");
+        add("--no-meshes", r.no_meshes, "Write no meshes (GLB)");
+        add("--frames", r.files.frames, "Number of pictures of a turntable (12)", whole_number(1, 10000));
+        add("--size", r.files.size, "Width and height of the pictures (128)", whole_number(16, 4096));
+        add("--resolution", r.files.resolution, "Grid cells along the longest side of a mesh (96)",
+            whole_number(8, 512));
+      });
 }
 
 }  // namespace cloam

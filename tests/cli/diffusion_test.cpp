@@ -88,6 +88,7 @@ TEST_CASE("eval of a run of diffusion with features compares pictures of samples
   const auto json = nlohmann::json::parse(evaluated.out);
   CHECK(json.at("frechet_feature_distance") > 0);
   CHECK(json.at("baseline_random_frechet_feature_distance") > 0);
+  CHECK(json.at("baseline_gaussian_frechet_feature_distance") > 0);
   CHECK(json.at("frechet_feature_distance") != json.at("baseline_random_frechet_feature_distance"));
   CHECK(json.at("baseline_training_frechet_feature_distance") > 0);
   CHECK(json.at("baseline_training_frechet_feature_distance") != json.at("frechet_feature_distance"));
