@@ -47,7 +47,9 @@ std::optional<Report> kept_eval(const CompareRequest& request, const RunPaths& r
     const std::string protocol = string(json, "protocol", path.string());
     const bool asked = request.protocol.empty() || request.protocol == protocol;
     const bool same_network = network.empty() || optional_string(json, "feature_network", path.string()) == network;
-    if (!asked || !same_network || number(json, "step", path.string()) < static_cast<double>(step)) return {};
+    const bool same_keys = number(json, "schema_version", path.string()) == kEvalSchema;  // of this version
+    if (!asked || !same_network || !same_keys || number(json, "step", path.string()) < static_cast<double>(step))
+      return {};
     return Report(json);
   } catch (const Error& error) {
     warn(text(error.what(), "\n  the run will be evaluated again"));

@@ -22,7 +22,8 @@ Examples:
   cloam eval runs/fox --data data/fox-evening --images pictures
   cloam eval runs/street --protocol novel
   cloam eval runs/street --protocol rotate360 --features squeezenet.npz
-  cloam eval runs/assets                                    a diffusion run: its loss on held-out codes)";
+  cloam eval runs/assets                                    a diffusion run: its loss on held-out codes
+  cloam eval runs/assets --features squeezenet.npz --photos crops     its samples against photographs (cloam crops))";
 
 void check_options(const EvalRequest& request) {
   const std::pair<const char*, bool> options[] = {{"--data", !request.other.empty()},
@@ -30,6 +31,8 @@ void check_options(const EvalRequest& request) {
                                                   {"--images", !request.images.empty()}};
   for (const auto& [option, given] : options)
     if (given) throw Error(Fault::usage, text(option, " is for runs trained on images; ", request.run, " was not"));
+  if (!request.photos.empty() && request.features.empty())
+    throw Error(Fault::usage, "--photos also needs --features: pictures are compared by the features of a network");
 }
 
 nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& common) {
@@ -37,11 +40,15 @@ nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& c
   const StopOnSignal signals("finishing this asset");
   const RestoredRun run = restored(request.run, common);
   std::optional<FeatureNetwork> network;
+  std::optional<PhotoCrops> photos;
   if (!request.features.empty()) network = features_named(request.features);
-  return measure_prior(run, network ? &*network : nullptr, listener_of(common));
+  if (!request.photos.empty()) photos = read_photo_crops(request.photos);
+  return measure_prior(run, {network ? &*network : nullptr, photos ? &*photos : nullptr}, listener_of(common));
 }
 
 EvalResult measure_photos(const EvalRequest& request, const Common& common) {
+  if (!request.photos.empty())
+    throw Error(Fault::usage, text("--photos is for diffusion runs; ", request.run, " is none"));
   RestoredRun run = restored(request.run, common);
   const StopOnSignal signals("finishing this picture");
   return measure_run(request, run, listener_of(common));
@@ -74,6 +81,7 @@ Command add_eval(CLI::App& program) {
     add("--protocol", r.protocol, "Driving logs: sparse, novel or rotate360 (default: the run's)",
         one_of(protocol_names()));
     add("--features", r.features, "Also measure feature distances; a file with network weights, or random");
+    add("--photos", r.photos, "Diffusion runs: also measure samples against these crops of photographs (cloam crops)");
     add("--images", r.images, "Folder for the pictures (RUN/eval/images)", output_folder());
   });
 }

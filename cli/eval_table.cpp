@@ -82,25 +82,34 @@ std::string table(const EvalResult& result) {
 }
 
 std::string prior_table(const nlohmann::ordered_json& f) {
-  const auto row = [&](const char* what, const char* key) {
-    return f.contains(key) ? fmt::format("{:<38}{:.4f}\n", what, f.at(key).get<double>()) : "";
+  const auto row = [&](const std::string& what, const std::string& key) -> std::string {
+    return f.contains(key) && f.at(key).is_number() ? fmt::format("{:<38}{:.4f}\n", what, f.at(key).get<double>()) : "";
+  };
+  const auto both = [&](const std::string& what, const std::string& prefix) {
+    std::string rows;
+    for (const std::string key : {"frechet_feature_distance", "fid", "kernel_feature_distance", "kid"}) {
+      const bool frechet = key[0] == 'f';
+      rows += row(text(what, frechet ? ", Frechet" : ", kernel"), prefix + key);
+    }
+    return rows;
   };
   return fmt::format("{} codes held out, {} trained on, step {}\n", f.at("codes").get<int64_t>(),
                      f.at("training_codes").get<int64_t>(), f.at("step").get<int64_t>()) +
          row("v-loss", "v_loss") + row("v-loss of predicting zero", "baseline_zero_v_loss") +
-         row("least possible v-loss", "floor_v_loss") + row("v-loss on the training codes", "training_v_loss") +
-         row("relative distance to training codes", "copy_ratio") +
-         row("samples recognised as their class", "class_right") +
-         row("training assets recognised as theirs", "class_right_of_training") +
-         row("recognised by chance", "baseline_class_right") +
-         row("Frechet distance to training assets", "frechet_feature_distance") + row("FID to training", "fid") +
-         row("of random codes", "baseline_random_frechet_feature_distance") +
-         row("of random codes", "baseline_random_fid") +
-         row("of other training assets", "baseline_training_frechet_feature_distance") +
-         row("of other training assets", "baseline_training_fid") +
-         row("kernel distance to training assets", "kernel_feature_distance") + row("KID to training", "kid") +
-         row("of random codes", "baseline_random_kernel_feature_distance") +
-         row("of random codes", "baseline_random_kid") + row("nights darker than days", "night_darker");
+         row("v-loss of the Wiener denoiser", "wiener_v_loss") + row("least possible v-loss", "floor_v_loss") +
+         row("v-loss on the training codes", "training_v_loss") +
+         row("relative distance to training codes", "copy_ratio") + both("distance to training assets", "") +
+         both("  of Gaussian codes", "baseline_gaussian_") + both("  of random codes", "baseline_random_") +
+         both("  of other training assets", "baseline_training_") + both("distance to photos", "photos_") +
+         both("  of Gaussian codes", "photos_baseline_gaussian_") +
+         both("  of random codes", "photos_baseline_random_") +
+         both("  of training assets", "photos_baseline_training_") +
+         row("beyond training, over the Gaussians'", "photos_frechet_ratio") +
+         row("photos recognised as their class", "class_right_photos_held_out") +
+         row("samples, by pictures alone", "class_right_pictures") +
+         row("training assets, by pictures alone", "class_right_pictures_of_training") +
+         row("samples, by box sides alone", "class_right_box") + row("by chance", "baseline_class_right") +
+         row("nights darker than days", "night_darker");
 }
 
 }  // namespace cloam

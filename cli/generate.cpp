@@ -15,8 +15,15 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-const std::map<std::string, CodeSource> kCodeSources = {
-    {"sampled", CodeSource::sampled}, {"random", CodeSource::random}, {"training", CodeSource::training}};
+const std::map<std::string, CodeSource> kCodeSources = {{"sampled", CodeSource::sampled},
+                                                        {"gaussian", CodeSource::gaussian},
+                                                        {"mean", CodeSource::mean},
+                                                        {"random", CodeSource::random},
+                                                        {"training", CodeSource::training}};
+
+constexpr char kCodesHelp[] =
+    "sampled; to compare: gaussian (of class and time of day), mean (of that), random (white noise) and training (the "
+    "codes trained on) (sampled)";
 
 constexpr char kExamples[] = R"(Generate new assets with a diffusion run.
 
@@ -24,8 +31,8 @@ Examples:
   cloam generate -n 16 -o assets                               with the prior that comes with the program
   cloam generate runs/assets -n 16 -o assets
   cloam generate runs/assets -n 4 --class Car --time night --seed 7 --guidance 2 -o cars
-  cloam generate runs/assets -n 60 --pictures --no-meshes --codes random -o random    a baseline to compare
-  cloam distance random/pictures training/pictures --features random                  samples with
+  cloam generate runs/assets -n 60 --pictures --no-meshes --codes gaussian -o gaussian    a baseline to compare
+  cloam distance gaussian/pictures training/pictures --features random                    samples with
 
 Writes latents.safetensors, grid.png, generate.json and, for each asset, a turntable (GIF) and a mesh (GLB). The same seed
 gives the same files. Without --class and --time, both are drawn as often as they occur in the training data. Each asset
@@ -81,8 +88,7 @@ Command add_generate(CLI::App& program) {
         add("--guidance", r.wish.guidance, "Classifier-free guidance; above 1 follows class and time more closely (1)",
             number_from(0, 100));
         add("--steps", r.wish.steps, "DDIM denoising steps (50)", whole_number(1));
-        add("--codes", r.codes, "sampled, random (the baseline to beat) or training (the codes trained on) (sampled)",
-            one_of({"sampled", "random", "training"}));
+        add("--codes", r.codes, kCodesHelp, one_of({"sampled", "gaussian", "mean", "random", "training"}));
         add("--pictures", r.files.pictures, "Also write the turntables' pictures as PNG, to DIR/pictures");
         add("--no-meshes", r.no_meshes, "Write no meshes (GLB)");
         add("--frames", r.files.frames, "Number of pictures of a turntable (12)", whole_number(1, 10000));

@@ -17,9 +17,18 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// "truth/rot045/front_camera/07.jpg", relative to the root.
+/// "truth/rot045/front_camera/07.jpg", relative to the root; as recorded, the frame's own.
 std::string turned_image(const std::string& front, const Frame& frame, int degrees) {
+  if (degrees == 0) return frame.image;
   return fmt::format("truth/rot{:03}/{}/{}", degrees, front, fs::path(frame.image).filename().generic_string());
+}
+
+/// Of any angle but 0.
+bool has_turned_image(const Scene& log, const Frame& frame) {
+  const std::string front = front_sensor(log);
+  for (int degrees = kTurnStep; degrees < kFullTurn; degrees += kTurnStep)
+    if (frame.sensor == front && is_file(log.root / turned_image(front, frame, degrees))) return true;
+  return false;
 }
 
 }  // namespace
@@ -31,13 +40,8 @@ void turn_actors(Scene& scene, double degrees) {
 }
 
 bool has_turned_truth(const Scene& log) {
-  const std::string front = front_sensor(log);
-  return std::any_of(log.frames.begin(), log.frames.end(), [&](const Frame& frame) {
-    bool found = false;
-    for (int degrees = kTurnStep; degrees < kFullTurn && !found; degrees += kTurnStep)
-      found = frame.sensor == front && is_file(log.root / turned_image(front, frame, degrees));
-    return found;
-  });
+  return std::any_of(log.frames.begin(), log.frames.end(),
+                     [&](const Frame& frame) { return has_turned_image(log, frame); });
 }
 
 TurnedLog turned_log(const Scene& log, int degrees) {
@@ -49,8 +53,9 @@ TurnedLog turned_log(const Scene& log, int degrees) {
     const bool swallowed = ActorSpace(turned.scene, frame.timestamp.value_or(0)).holds(camera);
     const bool possible = frame.sensor == front && !swallowed;
     turned.possible += possible;
+    const bool known = !turned.has_truth || degrees != 0 || has_turned_image(log, frame);
     if (turned.has_truth) frame.image = turned_image(front, frame, degrees);
-    const bool measured = possible && (!turned.has_truth || has_file(log.root / frame.image));
+    const bool measured = possible && known && (!turned.has_truth || has_file(log.root / frame.image));
     frame.split = measured ? Split::test : Split::unused;
   }
   return turned;

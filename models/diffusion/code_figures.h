@@ -1,4 +1,4 @@
-// What samples of codes are worth, by the codes alone: whether they are copies, and whether they are of their class.
+// What samples of codes are worth, by the codes alone: whether they are copies.
 #pragma once
 #include <vector>
 
@@ -20,9 +20,5 @@ struct LabelledCodes {
 /// The median distance (root mean square of the numbers) of samples to the nearest training code, over the median
 /// distance between two training codes: near 0 for copies. Of at most 400 training codes, evenly taken, for the second.
 double copy_ratio(const LabelledCodes& samples, const LabelledCodes& training);
-
-/// The share of samples whose class is that of the nearest prototype. A class has two, the means of two clusters of its
-/// training codes (k-means): those of Table A1 mix kinds, such as pickups and semitrailers, whose mean is like neither.
-double share_of_right_classes(const LabelledCodes& samples, const LabelledCodes& training);
 
 }  // namespace cloam

@@ -1,6 +1,7 @@
 // How near renders come to photos, and what trivial guesses would score on the same photos.
 #pragma once
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,7 @@ struct ImageScore {
   double masked_psnr = kNoScore, masked_ssim = kNoScore;
   double feature_distance = kNoScore, masked_feature_distance = kNoScore;
   BaselineScores baselines = {};
+  std::optional<int> degrees = {};  // that rotate360 turned the actors by
 };
 
 /// The photos of one scene that are measured.

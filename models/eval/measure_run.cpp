@@ -27,6 +27,7 @@ struct Evaluator {
   std::optional<FeatureNetwork> network = {};
   Eigen::MatrixXd rendered = {}, source = {};  // features of rotate360, a row an image; actors alone
   std::size_t done = 0;
+  Eigen::Index as_recorded = 0;  // of `rendered`, the first rows: those at 0 degrees
 
   void show(const EvaluatedImage& image, const std::string& name) {
     listener.check_stop(
@@ -129,8 +130,8 @@ void measure_turned(Method& method, const Photos& photos, const TurnedLog& turne
     evaluator.add_features(evaluator.rendered, image.picture.rgb, *image.actors);
     evaluator.show(image, text("rot", turned.degrees, "_", names[next++]));
   };
-  const auto images =
-      evaluate(*as<RendersViews>(method), {photos.index, turned.scene, pixels, baselines, &masks}, options);
+  auto images = evaluate(*as<RendersViews>(method), {photos.index, turned.scene, pixels, baselines, &masks}, options);
+  for (ImageScore& image : images) image.degrees = turned.degrees;
   result.images.insert(result.images.end(), images.begin(), images.end());
 }
 
@@ -146,7 +147,7 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
   const std::vector<std::size_t> scenes = scenes_to_measure(trained, request);
   result.scenes.resize(scenes.size());
   std::vector<std::size_t> possible(scenes.size());  // images, if there were truth for all
-  for (int degrees = kTurnStep; degrees < kFullTurn; degrees += kTurnStep) {
+  for (int degrees = 0; degrees < kFullTurn; degrees += kTurnStep) {
     const RestoredRun run = restore_run(request.run, [&](Scenes& all) {
       for (Scene& scene : all) turn_actors(scene, degrees);
     });
@@ -154,16 +155,17 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
       const Photos photos = photos_of(trained, request, scenes[i], evaluator.listener);
       note_kind(photos, result);
       result.scenes[i].name = photos.name;
-      if (degrees == kTurnStep) add_source(photos, evaluator);
+      if (degrees == 0) add_source(photos, evaluator);
       TurnedLog turned = turned_log(photos.scene, degrees);
       if (turned.has_truth && photos.image.empty()) possible[i] += turned.possible;
       keep_image(turned, photos);
-      if (!turned.has_truth && degrees == kTurnStep)
+      if (!turned.has_truth && degrees == 0)
         evaluator.listener.warn(
             photos.name + ": truth/ has no images of turned actors: renders are shown beside the original images");
       if (frames_of(turned.scene, Split::test).empty()) continue;
       measure_turned(*run.method, photos, turned, evaluator, result.scenes[i]);
     }
+    if (degrees == 0) evaluator.as_recorded = evaluator.rendered.rows();
   }
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     const SceneResult& scene = result.scenes[i];
@@ -174,6 +176,8 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
   require_images(result, "a turned actor encloses the camera at every angle, or truth/ has no image of this time");
   if (evaluator.rendered.rows() < 2 || evaluator.source.rows() < 2) return;
   result.sets = set_distances(evaluator.rendered, evaluator.source);
+  const Eigen::Index turned = evaluator.rendered.rows() - evaluator.as_recorded;
+  if (turned >= 2) result.sets_without_0 = set_distances(evaluator.rendered.bottomRows(turned), evaluator.source);
   warn_of_few_images(*result.sets, evaluator.listener);
 }
 

@@ -53,6 +53,18 @@ void add_figures(Report& json, const EvalResult& result, const std::vector<Image
   if (result.is_log) json["lidar_median_error_m"] = finite(median_error(lidar_errors));
 }
 
+bool is_rotate360(const EvalResult& result) { return result.protocol == "rotate360"; }
+
+/// Runs train on the images that 0 degrees are measured on: what is turned alone.
+Report without_0(const EvalResult& result) {
+  std::vector<ImageScore> images = all_images(result);
+  std::erase_if(images, [](const ImageScore& image) { return image.degrees == 0; });
+  Report json = {{"images", images.size()}};
+  for (const Figure& figure : figures_of(result)) json[figure.key] = finite(mean_score(images, figure.of));
+  if (result.sets_without_0) add_sets(json, result.features, *result.sets_without_0);
+  return json;
+}
+
 const char* source_of_masks(const EvalResult& result) {
   std::size_t images = 0, from_truth = 0;
   for (const SceneResult& scene : result.scenes) {
@@ -84,12 +96,13 @@ std::vector<double> all_errors(const EvalResult& result) {
 }
 
 nlohmann::ordered_json to_json(const EvalResult& result) {
-  Report json = {{"schema_version", 1}, {"protocol", result.protocol}};
+  Report json = {{"schema_version", kEvalSchema}, {"protocol", result.protocol}};
   if (!result.train_protocol.empty()) json["train_protocol"] = result.train_protocol;
   add_figures(json, result, all_images(result), all_errors(result));
   if (result.is_log) json["masks"] = source_of_masks(result);
   if (!result.features.empty()) json["feature_network"] = result.features;
   if (result.sets) add_sets(json, result.features, *result.sets);
+  if (is_rotate360(result)) json["without_0"] = without_0(result);
   json["method"] = result.method;
   json["preset"] = result.preset;
   json["step"] = result.step;
@@ -109,13 +122,16 @@ void write_reports(const std::filesystem::path& folder, const EvalResult& result
   Report json = to_json(result);
   const std::vector<Figure> figures = figures_of(result);
   std::string csv = result.is_log ? "log,image" : "image";
+  if (is_rotate360(result)) csv += ",degrees";
   for (const Figure& figure : figures) csv += std::string(",") + figure.key;
   json["per_image"] = Report::array();
   for (const SceneResult& scene : result.scenes) {
     for (const ImageScore& image : scene.images) {
       Report one = {{"image", image.name}};
       if (result.is_log) one["log"] = scene.name;
+      if (image.degrees) one["degrees"] = *image.degrees;
       csv += "\n" + (result.is_log ? csv_word(scene.name) + "," : "") + csv_word(image.name);
+      if (is_rotate360(result)) csv += "," + (image.degrees ? std::to_string(*image.degrees) : "");
       for (const Figure& figure : figures) {
         one[figure.key] = finite(figure.of(image));
         csv += text(",", figure.of(image));

@@ -24,13 +24,17 @@ struct EvalResult {
   std::vector<SceneResult> scenes;
   bool has_masks = false;  // photos with pixels that do not count
   bool is_log = false;
-  std::string features;              // name of the feature network; empty: none
-  std::optional<SetDistances> sets;  // of rotate360: of renders and source images, their actors alone
+  std::string features;                        // name of the feature network; empty: none
+  std::optional<SetDistances> sets;            // of rotate360: of renders and source images, their actors alone
+  std::optional<SetDistances> sets_without_0;  // the same without the renders of actors as they were recorded
   std::string method, preset;
   int64_t step = 0;
   int downscale = 1;
   double seconds = 0;
 };
+
+/// schema_version of what evaluations of images write.
+constexpr int kEvalSchema = 2;
 
 nlohmann::ordered_json to_json(const EvalResult& result);
 /// eval.json (with each image) and per_image.csv.

@@ -1,5 +1,6 @@
 // Capability: makes assets that no log shows.
 #pragma once
+#include "models/diffusion/code_gaussians.h"
 #include "models/latents/code_denoiser.h"
 #include "models/latents/new_assets.h"
 #include "models/scene/asset_class.h"
@@ -11,12 +12,15 @@ struct PriorScore {
   int64_t codes = 0, training_codes = 0;
   double v_loss = 0, zero_v_loss = 0;  // on the codes held out; of predicting zero
   double floor_v_loss = 0;             // of knowing each of their means: the codes' own noise cannot be predicted
+  double wiener_v_loss = 0;            // of the best denoiser of Gaussians of the training codes (code_gaussians.h)
   double training_v_loss = 0;
+  Shrinkage shrinkage = {};  // of those Gaussians
 };
 
-/// Where codes come from: samples of the network, a standard normal distribution instead of it (what the network must
-/// beat), or the codes that it was trained on, as they are.
-enum class CodeSource { sampled, random, training };
+/// Where codes come from: samples of the network; what it must beat, which is samples of a Gaussian of each class and
+/// time of day with its full covariance, the mean of that, and white noise of each channel's mean and deviation, which
+/// knows of no class; or the codes that it was trained on, as they are.
+enum class CodeSource { sampled, gaussian, mean, random, training };
 
 struct AssetRequest {
   int count = 1;                        // of training codes: at most
@@ -41,7 +45,8 @@ class GeneratesAssets {
 };
 
 /// As many assets of each class and time of day as there are in `like`, for sets that are to be compared: of a few
-/// hundred that are drawn freely, the share of buses or of nights moves their distance by more than their appearance does.
+/// hundred that are drawn freely, the share of buses or of nights moves their distance by more than their appearance
+/// does.
 std::vector<NewAsset> assets_like(GeneratesAssets& prior, CodeSource source, const std::vector<NewAsset>& like);
 
 }  // namespace cloam

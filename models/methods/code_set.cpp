@@ -99,6 +99,12 @@ AssetCodes asset_codes(const SourceRun& source, int64_t min_steps) {
                                 " in its logs none was seen in ", min_steps, " steps of its training", kFix));
 }
 
+Eigen::MatrixXd as_rows(const Tensor& codes) {
+  const std::vector<float> values = codes.to_host();
+  using Rows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  return Eigen::Map<const Rows>(values.data(), codes.dim(0), codes.numel() / codes.dim(0)).cast<double>();
+}
+
 CodeSet::CodeSet(int64_t channels)
     : mean_(static_cast<size_t>(channels), 0.f), deviation_(static_cast<size_t>(channels), 1.f) {}
 
@@ -159,6 +165,17 @@ std::vector<std::string> CodeSet::describe() const {
 Tensor CodeSet::draw(const std::vector<int32_t>& rows, const RandomKey& key) const {
   const Tensor at = numbers(rows), mean = gather_rows(means_, at);
   return deviations_ ? mean + gather_rows(deviations_, at) * random_normal(mean.shape(), key) : mean;
+}
+
+CodeTable CodeSet::table(const std::vector<int32_t>& rows, const RandomKey& key) const {
+  const Tensor at = numbers(rows);
+  CodeTable table{as_rows(gather_rows(means_, at)), as_rows(draw(rows, key)), {}, {}, {}};
+  if (deviations_) table.variances = as_rows(square(gather_rows(deviations_, at)));
+  for (const int32_t row : rows) {
+    table.classes.push_back(codes_.classes[static_cast<size_t>(row)]);
+    table.nights.push_back(codes_.nights[static_cast<size_t>(row)]);
+  }
+  return table;
 }
 
 Condition CodeSet::condition_of(const std::vector<int32_t>& rows, const std::vector<bool>& dropped) const {

@@ -31,6 +31,9 @@ CodeShape code_shape(const SourceRun& source);
 /// Fault::data for what does not fit together, and for runs of no actor that was seen.
 AssetCodes asset_codes(const SourceRun& source, int64_t min_steps);
 
+/// Codes [N,C,H,W] as rows [N,C*H*W].
+Eigen::MatrixXd as_rows(const Tensor& codes);
+
 class CodeSet {
  public:
   /// Of no codes yet: mean 0 and deviation 1 until take() or restore().
@@ -45,6 +48,8 @@ class CodeSet {
   const std::vector<float>& deviation() const { return deviation_; }
   /// Standardised codes c = mu + sigma e [N,C,side,side] of some rows.
   Tensor draw(const std::vector<int32_t>& rows, const RandomKey& key) const;
+  /// Some rows, standardised.
+  CodeTable table(const std::vector<int32_t>& rows, const RandomKey& key) const;
   /// dropped: of each row; empty: none.
   Condition condition_of(const std::vector<int32_t>& rows, const std::vector<bool>& dropped = {}) const;
   /// The least v-loss at a level: v = (alpha x_t - x) / sigma, and of a code N(mean, s^2) a variance of s^2 sigma^2 /

@@ -12,7 +12,7 @@ namespace cloam {
 namespace {
 
 // Streams of random numbers within a step, and of a generation.
-enum Stream : uint32_t { kCodes = 0, kNoise = 1, kTimes = 2, kScoredCodes = 3, kScoredNoise = 4 };
+enum Stream : uint32_t { kCodes = 0, kNoise = 1, kTimes = 2, kScoredCodes = 3, kScoredNoise = 4, kFittedCodes = 5 };
 
 constexpr float kDecayStart = 0.3f;  // share of the steps before the rate falls
 constexpr int kWarmUp = 30;          // steps
@@ -34,6 +34,29 @@ void check(const DiffusionConfig& c) {
       throw Error(Fault::usage, text("setting unet.base is ", c.base, ", want a multiple of 4 that gives widths which ",
                                      c.groups, " groups (unet.groups) divide"));
 }
+
+/// What v-loss is measured on at one time, as Gaussians take it: those of all codes at once, which share the work.
+struct NoisyCodes {
+  Eigen::MatrixXd noisy = {}, target = {};
+  std::vector<int> classes = {}, nights = {};
+
+  void add(const Tensor& some_noisy, const Tensor& some_target, const AssetCodes& codes,
+           const std::vector<int32_t>& rows) {
+    const Eigen::Index count = noisy.rows(), more = some_noisy.dim(0), width = some_noisy.numel() / more;
+    noisy.conservativeResize(count + more, width);
+    target.conservativeResize(count + more, width);
+    noisy.bottomRows(more) = as_rows(some_noisy);
+    target.bottomRows(more) = as_rows(some_target);
+    for (const int32_t row : rows) {
+      classes.push_back(codes.classes[static_cast<size_t>(row)]);
+      nights.push_back(codes.nights[static_cast<size_t>(row)]);
+    }
+  }
+
+  double loss(const CodeGaussians& gaussians, const Level& level) const {
+    return (gaussians.velocity(noisy, classes, nights, level) - target).array().square().mean();
+  }
+};
 
 }  // namespace
 
@@ -89,6 +112,7 @@ void Diffusion::load(const SourceRun& source) {
     throw Error(Fault::data, text(source.folder.string(), " has one asset that was seen, want 2 or more: one of ",
                                   "them is held out\n  fix: learn from a run on more logs"));
   codes_->take(std::move(codes), config_.held_out, seed_);
+  gaussians_.reset();
 }
 
 std::vector<std::string> Diffusion::warnings() const {
@@ -151,22 +175,22 @@ void Diffusion::restore(const TensorMap& state) {
   codes_->restore(state);
 }
 
-Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows) const {
+Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows, const CodeGaussians* gaussians) const {
   const NoiseSchedule& schedule = network_->schedule();
   Loss sum;
-  for (size_t begin = 0; begin < rows.size(); begin += kScoredCodesAtOnce) {
-    const std::vector<int32_t> some(
-        rows.begin() + static_cast<std::ptrdiff_t>(begin),
-        rows.begin() + static_cast<std::ptrdiff_t>(std::min(rows.size(), begin + kScoredCodesAtOnce)));
-    for (int i = 0; i < kScoredTimes; ++i) {
+  for (int i = 0; i < kScoredTimes; ++i) {
+    const int32_t time = config_.timesteps * (2 * i + 1) / (2 * kScoredTimes);
+    NoisyCodes all;
+    for (size_t begin = 0; begin < rows.size(); begin += kScoredCodesAtOnce) {
+      const std::vector<int32_t> some(
+          rows.begin() + static_cast<std::ptrdiff_t>(begin),
+          rows.begin() + static_cast<std::ptrdiff_t>(std::min(rows.size(), begin + kScoredCodesAtOnce)));
       const RandomKey key = {seed_, static_cast<uint32_t>(begin) * kScoredTimes + static_cast<uint32_t>(i), 0};
       const Tensor x = codes_->draw(some, {key.seed, key.step, kScoredCodes});
       const Tensor noise = random_normal(x.shape(), {key.seed, key.step, kScoredNoise});
-      const int32_t time = config_.timesteps * (2 * i + 1) / (2 * kScoredTimes);
       const Tensor t = numbers(std::vector<int32_t>(some.size(), time));
-      const Tensor v = network_->velocity(CodeNetwork::Weights::averaged, schedule.noisy(x, noise, t), t,
-                                          codes_->condition_of(some));
-      const Tensor target = schedule.target(Prediction::velocity, x, noise, t);
+      const Tensor noisy = schedule.noisy(x, noise, t), target = schedule.target(Prediction::velocity, x, noise, t);
+      const Tensor v = network_->velocity(CodeNetwork::Weights::averaged, noisy, t, codes_->condition_of(some));
       const Tensor of_network = mean(square(v - target)), of_zero = mean(square(target));
       const Tensor floor = codes_->floor_of(some, schedule.level(time));
       eval({of_network, of_zero, floor});
@@ -174,9 +198,18 @@ Diffusion::Loss Diffusion::v_loss(const std::vector<int32_t>& rows) const {
       sum.of_network += weight * static_cast<double>(of_network.item());
       sum.of_zero += weight * static_cast<double>(of_zero.item());
       sum.floor += weight * static_cast<double>(floor.item());
+      if (gaussians) all.add(noisy, target, codes_->codes(), some);
     }
+    if (gaussians) sum.of_gaussians += all.loss(*gaussians, schedule.level(time)) / kScoredTimes;
   }
   return sum;
+}
+
+const CodeGaussians& Diffusion::gaussians() {
+  if (gaussians_) return *gaussians_;
+  const CodeTable table = codes_->table(codes_->training(), {seed_, 0, kFittedCodes});
+  gaussians_ = std::make_unique<CodeGaussians>(table, likeliest_shrinkage(table, seed_));
+  return *gaussians_;
 }
 
 CodeDenoiser Diffusion::denoiser() const {
@@ -190,13 +223,17 @@ CodeDenoiser Diffusion::denoiser() const {
 }
 
 PriorScore Diffusion::score() {
-  const Loss unseen = v_loss(codes_->held_out());
-  return {static_cast<int64_t>(codes_->held_out().size()),
-          static_cast<int64_t>(codes_->training().size()),
-          unseen.of_network,
-          unseen.of_zero,
-          unseen.floor,
-          v_loss(codes_->training()).of_network};
+  const Loss unseen = v_loss(codes_->held_out(), &gaussians());
+  PriorScore score;
+  score.codes = static_cast<int64_t>(codes_->held_out().size());
+  score.training_codes = static_cast<int64_t>(codes_->training().size());
+  score.v_loss = unseen.of_network;
+  score.zero_v_loss = unseen.of_zero;
+  score.floor_v_loss = unseen.floor;
+  score.wiener_v_loss = unseen.of_gaussians;
+  score.training_v_loss = v_loss(codes_->training(), nullptr).of_network;
+  score.shrinkage = gaussians().shrinkage();
+  return score;
 }
 
 Tensor Diffusion::sampled(const AssetRequest& wish, const std::vector<NewAsset>& assets) const {
@@ -221,6 +258,21 @@ Tensor Diffusion::sampled(const AssetRequest& wish, const std::vector<NewAsset>&
                 random_normal(shape_of(config_, count), {wish.seed}), options);
 }
 
+Tensor Diffusion::codes_for(const AssetRequest& wish, const std::vector<NewAsset>& assets) {
+  const Shape shape = shape_of(config_, static_cast<int64_t>(assets.size()));
+  if (wish.codes == CodeSource::sampled) return sampled(wish, assets);
+  if (wish.codes == CodeSource::random) return random_normal(shape, {wish.seed});
+  std::vector<float> values;
+  for (size_t i = 0; i < assets.size(); ++i) {
+    const auto [asset_class, night] = std::pair(assets[i].asset_class, assets[i].night);
+    const bool is_mean = wish.codes == CodeSource::mean;
+    const Eigen::VectorXd code =
+        is_mean ? gaussians().mean(asset_class, night) : gaussians().sample(asset_class, night, wish.seed, i);
+    for (const double value : code) values.push_back(static_cast<float>(value));
+  }
+  return from_host(values, shape);
+}
+
 std::vector<NewAsset> Diffusion::generate(const AssetRequest& wish) {
   const AssetCodes& known = codes_->codes();
   const auto fits = [&](int32_t row) { return (known.nights[static_cast<size_t>(row)] == 1) == *wish.night; };
@@ -235,9 +287,8 @@ std::vector<NewAsset> Diffusion::generate(const AssetRequest& wish) {
     asset.night = wish.night.value_or(known.nights[like] == 1);
     assets.push_back(asset);
   }
-  const Tensor codes = wish.codes == CodeSource::random ? random_normal(shape_of(config_, wish.count), {wish.seed})
-                                                        : sampled(wish, assets);
-  const std::vector<float> values = (codes * by_channel(codes_->deviation()) + by_channel(codes_->mean())).to_host();
+  const std::vector<float> values =
+      (codes_for(wish, assets) * by_channel(codes_->deviation()) + by_channel(codes_->mean())).to_host();
   const size_t numbers = values.size() / assets.size();
   for (size_t i = 0; i < assets.size(); ++i) {
     assets[i].code.assign(values.begin() + static_cast<std::ptrdiff_t>(i * numbers),

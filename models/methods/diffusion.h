@@ -48,10 +48,14 @@ class Diffusion final : public Method, public LearnsFromRun, public GeneratesAss
 
  private:
   struct Loss {
-    double of_network = 0, of_zero = 0, floor = 0;
+    double of_network = 0, of_zero = 0, of_gaussians = 0, floor = 0;
   };
-  /// Mean over the rows, several times each, with the averaged network.
-  Loss v_loss(const std::vector<int32_t>& rows) const;
+  /// Mean over the rows, several times each, with the averaged network; of Gaussians, if any are given.
+  Loss v_loss(const std::vector<int32_t>& rows, const CodeGaussians* gaussians) const;
+  /// Of the training codes; fitted when they are first asked for.
+  const CodeGaussians& gaussians();
+  /// Standardised codes of assets as the wish says where they come from.
+  Tensor codes_for(const AssetRequest& wish, const std::vector<NewAsset>& assets);
   /// Standardised codes of assets of these classes and times of day.
   Tensor sampled(const AssetRequest& wish, const std::vector<NewAsset>& assets) const;
 
@@ -59,6 +63,7 @@ class Diffusion final : public Method, public LearnsFromRun, public GeneratesAss
   uint64_t seed_ = 0;
   std::unique_ptr<CodeNetwork> network_;
   std::unique_ptr<CodeSet> codes_;
+  std::unique_ptr<CodeGaussians> gaussians_;
 };
 
 }  // namespace cloam

@@ -88,6 +88,7 @@ TEST_CASE("eval of a run of diffusion with features compares pictures of samples
   const auto json = nlohmann::json::parse(evaluated.out);
   CHECK(json.at("frechet_feature_distance") > 0);
   CHECK(json.at("baseline_random_frechet_feature_distance") > 0);
+  CHECK(json.at("baseline_gaussian_frechet_feature_distance") > 0);
   CHECK(json.at("frechet_feature_distance") != json.at("baseline_random_frechet_feature_distance"));
   CHECK(json.at("baseline_training_frechet_feature_distance") > 0);
   CHECK(json.at("baseline_training_frechet_feature_distance") != json.at("frechet_feature_distance"));
@@ -322,7 +323,7 @@ TEST_CASE("a fit of one image with a prior is recorded, repeats, resumes while d
   const Outcome measured = cloam_with({"eval", whole.string(), "--protocol", "rotate360", "--json"});
   REQUIRE_MESSAGE(measured.code == 0, measured.err);
   const auto json = nlohmann::json::parse(measured.out);
-  CHECK(json.at("images") == 7);  // one moment, seven angles
+  CHECK(json.at("images") == 8);  // one moment, eight angles
   CHECK(json.at("masked_psnr").is_number());
   CHECK(json.at("baseline_mean_masked_psnr").is_number());
 }

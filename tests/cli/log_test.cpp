@@ -2,6 +2,7 @@
 #include <doctest/doctest.h>
 
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "models/data/write_pandaset.h"
 #include "models/io/commit.h"
@@ -216,7 +217,7 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
     CHECK(json.contains(key));
     CHECK(json.at("logs").at(0).contains(key));
   }
-  CHECK(json.at("schema_version") == 1);
+  CHECK(json.at("schema_version") == 2);
   CHECK(json.at("protocol") == "sparse");
   CHECK(json.at("images") == 8);
   CHECK(json.at("masks") == "boxes");
@@ -229,22 +230,38 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
   REQUIRE_MESSAGE(turned.code == 0, turned.err);
   const auto rotated = nlohmann::json::parse(turned.out);
   // The camera drives off from the middle of the car, a metre a step: the turned car of 2 m x 4 m holds it (0.2 m of
-  // room included) below 1.70 m at the four odd angles, below 2.20 m at 90 and 270 degrees and below 1.20 m at 180.
-  const int measured = 7 * 12 - (4 * 2 + 2 * 3 + 2);
+  // room included) below 1.70 m at the four odd angles, below 2.20 m at 90 and 270 degrees, below 1.20 m at 0 and 180.
+  const int as_recorded = 12 - 2, measured = as_recorded + 7 * 12 - (4 * 2 + 2 * 3 + 2);
   CHECK(rotated.at("images") == measured);
   CHECK(rotated.at("psnr").is_null());  // the log has no images of turned actors
   CHECK(rotated.at("frechet_feature_distance").is_number());
   CHECK(rotated.at("kernel_feature_distance").is_number());
   CHECK(rotated.at("set_images") == std::vector<int>{measured, 4});
+  CHECK(rotated.at("without_0").at("images") == measured - as_recorded);
+  CHECK(rotated.at("without_0").at("set_images") == std::vector<int>{measured - as_recorded, 4});
+  CHECK(rotated.at("without_0").at("frechet_feature_distance") != rotated.at("frechet_feature_distance"));
   CHECK_FALSE(rotated.contains("fid"));
   // Truth of some moments at some angles: those are measured, and told.
   for (const char* file : {"rot045/front_camera/03", "rot045/front_camera/09", "rot180/front_camera/11"})
     write_jpeg(log / "truth" / (std::string(file) + ".jpg"), {16, 12, 3, std::vector<std::uint8_t>(3 * 16 * 12, 90)});
   const auto some = cloam_with({"eval", run.string(), "--protocol", "rotate360", "--json"});
   REQUIRE_MESSAGE(some.code == 0, some.err);
-  CHECK(some.err.find("truth/ has 3 of " + std::to_string(measured) + " images of turned actors") != std::string::npos);
-  CHECK(nlohmann::json::parse(some.out).at("images") == 3);
-  CHECK(nlohmann::json::parse(some.out).at("psnr").is_number());
+  // At 0 degrees the recorded images of the same three moments.
+  CHECK(some.err.find("truth/ has 6 of " + std::to_string(measured) + " images of turned actors") != std::string::npos);
+  const auto six = nlohmann::json::parse(some.out);
+  CHECK(six.at("images") == 6);
+  CHECK(six.at("psnr").is_number());
+  CHECK(six.at("without_0").at("images") == 3);
+  double turned_psnr = 0;  // the mean as it was before 0 degrees counted
+  std::multiset<int> angles;
+  const auto kept = json_of(run / "eval" / "eval.json");
+  for (const auto& image : kept.at("per_image")) {
+    angles.insert(image.at("degrees").get<int>());
+    if (image.at("degrees") != 0) turned_psnr += image.at("psnr").get<double>() / 3;
+  }
+  CHECK(angles == std::multiset<int>{0, 0, 0, 45, 45, 180});
+  CHECK(six.at("without_0").at("psnr").get<double>() == doctest::Approx(turned_psnr));
+  CHECK(content_of(run / "eval" / "per_image.csv").starts_with("log,image,degrees,psnr"));
   // Masks of one image alone: in the others boxes stand for actors.
   write_text(log / "truth" / "actors.json", R"({"1": "a"})");
   fs::create_directories(log / "truth" / "front_camera");

@@ -54,7 +54,7 @@ TEST_CASE("eval --json prints one object with figures and baselines, and writes 
   const Outcome outcome = cloam_with({"eval", trained().string(), "--json"});
   REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
   const auto json = nlohmann::json::parse(outcome.out);
-  CHECK(json.at("schema_version") == 1);
+  CHECK(json.at("schema_version") == 2);
   CHECK(json.at("protocol") == "test-split");
   CHECK(json.at("images") == 2);
   CHECK(json.at("step") == 400);

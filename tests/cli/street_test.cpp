@@ -47,7 +47,9 @@ std::string measured_run(const std::string& name, const RunRecord& record, const
   const RunPaths run{scratch() / name};
   write_record(run.root, record);
   fs::create_directories(run.eval());
-  write_text(run.eval() / "eval.json", eval.dump());
+  nlohmann::json whole = eval;
+  whole["schema_version"] = 2;
+  write_text(run.eval() / "eval.json", whole.dump());
   return run.root.string();
 }
 
@@ -204,6 +206,11 @@ TEST_CASE("compare evaluates what is not evaluated yet, by another protocol, or 
   CHECK(protocol_of({}) == "sparse");  // what is there
   CHECK(json_of(kept).at("psnr") == 99);
   eval["step"] = 0;
+  write_text(kept, eval.dump());
+  CHECK(protocol_of({"--protocol", "sparse"}) == "sparse");
+  CHECK(json_of(kept).at("psnr") == psnr);
+  eval = json_of(kept);
+  eval["psnr"] = 99, eval["schema_version"] = 1;  // of an earlier version, whose figures mean something else
   write_text(kept, eval.dump());
   CHECK(protocol_of({"--protocol", "sparse"}) == "sparse");
   CHECK(json_of(kept).at("psnr") == psnr);

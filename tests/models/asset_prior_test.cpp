@@ -181,6 +181,57 @@ TEST_CASE("the least v-loss is that of codes whose means are known") {
   CHECK(Prior(run, 3, {{"data.drawn", "false"}}).method.score().floor_v_loss == 0);
 }
 
+TEST_CASE("the Wiener denoiser's v-loss is what theory says of codes whose Gaussian is known") {
+  Prior prior(made_run({.actors = 200}));
+  const double own = std::exp(3 - 6), spread = 0.02;  // variances: of each number, of all that a car's first has
+  const auto standardised = [&](double variance, size_t channel) {
+    return variance / std::pow(static_cast<double>(state_of(prior.method, "deviation")[channel]), 2);
+  };
+  // A car's four numbers of the first channel move together, so one eigenvalue has all of their spread.
+  std::vector<double> eigenvalues(8, standardised(own, 0));
+  eigenvalues[0] = standardised(own + 4 * spread, 0);
+  for (size_t i = 4; i < 8; ++i) eigenvalues[i] = standardised(own, 1);
+  double want = 0;
+  const NoiseSchedule schedule;
+  for (int i = 0; i < 16; ++i)
+    for (const double value : eigenvalues) {
+      const Level level = schedule.level(1000 * (2 * i + 1) / 32);
+      want += value / (level.alpha * level.alpha * value + level.sigma * level.sigma) / 128;
+    }
+  const PriorScore score = prior.method.score();
+  CHECK(score.wiener_v_loss == doctest::Approx(want).epsilon(0.05));
+  CHECK(score.wiener_v_loss < 0.9 * score.zero_v_loss);
+  CHECK(score.shrinkage.diagonal > 0);
+  CHECK(score.shrinkage.own + score.shrinkage.pooled + score.shrinkage.diagonal == doctest::Approx(1));
+  CHECK(prior.method.score().wiener_v_loss == score.wiener_v_loss);
+}
+
+TEST_CASE("Gaussian codes have the mean and the full covariance of their class, mean codes the mean alone") {
+  Prior prior(made_run({.actors = 100}));
+  AssetRequest wish;
+  wish.count = 400, wish.seed = 5, wish.codes = CodeSource::gaussian;
+  for (const int asset_class : {0, 7}) {
+    wish.asset_class = asset_class;
+    const std::vector<NewAsset> assets = prior.method.generate(wish);
+    const double middle = asset_class == 0 ? 3 : -1, variance = std::exp(3 - 6) + 0.02;
+    double mean = 0, squares = 0, together = 0;
+    for (const NewAsset& asset : assets) {
+      const double a = static_cast<double>(asset.code[0]) - middle, b = static_cast<double>(asset.code[3]) - middle;
+      mean += a / 400, squares += a * a / 400, together += a * b / 400;
+      CHECK(asset.asset_class == asset_class);
+    }
+    CHECK(std::abs(mean) < 0.06);
+    CHECK(squares == doctest::Approx(variance).epsilon(0.25));
+    CHECK(together == doctest::Approx(0.02).epsilon(0.6));  // white noise has 0
+    CHECK(prior.method.generate(wish)[7].code == assets[7].code);
+  }
+  wish.codes = CodeSource::mean, wish.count = 2, wish.night = false;
+  const std::vector<NewAsset> means = prior.method.generate(wish);
+  CHECK(means[0].code == means[1].code);
+  CHECK(means[0].code[0] == doctest::Approx(-1).epsilon(0.05));
+  CHECK(means[0].size.z() == doctest::Approx(1.8));
+}
+
 TEST_CASE("the weighted loss is the v-loss by its weights; metrics show the v-loss") {
   Prior even(made_run({})), weighted(made_run({}), 3, {{"weight.min_snr", "5"}});
   const Progress progress{1, 10, 3};
@@ -267,7 +318,7 @@ TEST_CASE("assets like others are as many of each class and time of day, and no 
   std::vector<NewAsset> like;
   for (const auto& [asset_class, night] : {std::pair(7, true), {0, true}, {0, false}, {0, true}, {0, true}})
     like.push_back({asset_class, night, Eigen::Vector3d::Ones(), {}});
-  for (const CodeSource source : {CodeSource::sampled, CodeSource::random}) {
+  for (const CodeSource source : {CodeSource::sampled, CodeSource::gaussian, CodeSource::random}) {
     const std::vector<NewAsset> assets = assets_like(prior.method, source, like);
     std::map<std::pair<int, bool>, int> counts;
     std::set<std::vector<float>> codes;

@@ -187,7 +187,7 @@ TEST_CASE("of turned actors those images are measured that there are") {
   CHECK_FALSE(has_turned_truth(log));  // a folder alone
   commit_text(folder.path / "truth/rot090/front_camera" / fs::path(log.frames[1].image).filename(), "");
   CHECK(has_turned_truth(log));
-  const TurnedLog turned = turned_log(log, 90), other = turned_log(log, 135);
+  const TurnedLog turned = turned_log(log, 90), other = turned_log(log, 135), recorded = turned_log(log, 0);
   CHECK(turned.has_truth);
   CHECK(turned.possible == 3);
   CHECK(frames_of(turned.scene, Split::test) == std::vector<std::size_t>{1});
@@ -195,6 +195,14 @@ TEST_CASE("of turned actors those images are measured that there are") {
   CHECK(other.has_truth);
   CHECK(other.possible == 3);
   CHECK(frames_of(other.scene, Split::test).empty());
+  // As recorded: the camera's own image of the one moment that another angle has, once that is on the disk.
+  CHECK(frames_of(recorded.scene, Split::test).empty());
+  fs::create_directories((folder.path / log.frames[1].image).parent_path());
+  for (const Frame& frame : log.frames) commit_text(folder.path / frame.image, "");
+  const TurnedLog as_recorded = turned_log(log, 0);
+  CHECK(as_recorded.has_truth);
+  CHECK(frames_of(as_recorded.scene, Split::test) == std::vector<std::size_t>{1});
+  CHECK(as_recorded.scene.frames[1].image == log.frames[1].image);
 }
 
 TEST_CASE("what a camera would see from inside of a turned actor is not measured") {

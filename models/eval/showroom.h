@@ -1,0 +1,49 @@
+// Where assets are looked at, from all sides or as photographs look at theirs, with the time that is left for those
+// still to come.
+#pragma once
+#include <Eigen/Core>
+#include <chrono>
+#include <string>
+#include <vector>
+
+#include "models/eval/photo_crops.h"
+#include "models/latents/shows_assets.h"
+#include "models/nn/feature_network.h"
+#include "models/runs/listener.h"
+#include "models/street/street.h"
+#include "models/train/method.h"
+
+namespace cloam {
+
+class Showroom {
+ public:
+  static constexpr int kViews = 4;  // around an asset
+
+  /// expected: how many assets will be shown.
+  Showroom(Method& decoder, const FeatureNetwork& network, std::size_t expected, const Listener& listener);
+  /// Features of the views around each asset, kViews rows an asset.
+  Eigen::MatrixXd features_of(const std::vector<NewAsset>& assets);
+  /// The same, framed as crops of photographs are and of their size.
+  Eigen::MatrixXd features_as_crops(const std::vector<NewAsset>& assets, int pixels);
+  /// A row a photo: features of the asset that stands for it, seen by its camera. assets[shown[i]] is for photos[i];
+  /// each asset that is named counts as shown once.
+  Eigen::MatrixXd features_as_photographed(const std::vector<NewAsset>& assets, const std::vector<std::size_t>& shown,
+                                           const std::vector<PhotoCrop>& photos);
+  /// The mean grey of what an asset covers.
+  double brightness(const NewAsset& asset);
+  const FeatureNetwork& network() const { return network_; }
+
+ private:
+  AssetName show(const NewAsset& asset);
+  std::vector<Picture> views_of(const NewAsset& asset, int pixels, bool as_crops);
+  Eigen::MatrixXd features_around(const std::vector<NewAsset>& assets, int pixels, bool as_crops);
+
+  Street& street_;
+  ShowsAssets& shows_;
+  const FeatureNetwork& network_;
+  std::size_t shown_ = 0, expected_;
+  const Listener& listener_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+}  // namespace cloam
