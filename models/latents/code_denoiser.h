@@ -14,6 +14,9 @@ struct CodeDenoiser {
   std::vector<float> mean, deviation;  // these: x = (code - mean) / deviation
   /// The estimate x^ [N,C,side,side] of what noisy ones of that shape were, at times [N] of the schedule.
   std::function<Tensor(const Tensor& noisy, const std::vector<int32_t>& times, const Condition& condition)> clean;
+  /// Codes, as they are, that it learned from: of a class and time of day (1: night); of the class, or of all, where
+  /// there are none. Empty unless the run that it learned from is loaded.
+  std::function<std::vector<std::vector<float>>(int32_t asset_class, int32_t night)> examples = {};
 
   Tensor standardised(const Tensor& codes) const;
   Tensor codes(const Tensor& standardised) const;

@@ -37,17 +37,7 @@ Tensor CodeDenoising::clean(const Tensor& noisy, int64_t step) const {
   return denoiser_.clean(noisy, std::vector<int32_t>(rows_.rows.size(), time), rows_.condition);
 }
 
-void CodeDenoising::write(const Tensor& standardised) {
-  const auto width = static_cast<size_t>(rows_.own.dim(1));
-  const std::vector<float> codes = denoiser_.codes(standardised).to_host(),
-                           common = rows_.common ? rows_.common.to_host() : std::vector<float>(width, 0.f);
-  std::vector<float> all = rows_.own.to_host();
-  const size_t numbers = codes.size() / rows_.rows.size();
-  for (size_t row = 0; row < rows_.rows.size(); ++row)
-    for (size_t i = 0; i < numbers; ++i)
-      all[static_cast<size_t>(rows_.rows[row]) * width + i] = codes[row * numbers + i] - common[i];
-  assign({{rows_.own, from_host(all, rows_.own.shape())}});
-}
+void CodeDenoising::write(const Tensor& standardised) const { rows_.write(denoiser_.codes(standardised).to_host()); }
 
 void CodeDenoising::show(int64_t step) {
   clean_ = stop_gradient(clean(noisy_, step));
@@ -56,17 +46,8 @@ void CodeDenoising::show(int64_t step) {
 }
 
 void CodeDenoising::take(Step& rendering, const Tensors& wanted) {
-  gradient_ = Tensor();
-  for (size_t i = 0; i < wanted.size(); ++i) {
-    Tensor& by = rendering.gradients[i];
-    if (by && wanted[i].node() == rows_.own.node()) {
-      const auto count = static_cast<int64_t>(rows_.rows.size()), numbers = clean_.numel() / count;
-      const Tensor of_rows = gather_rows(by, from_host(rows_.rows, {count}));
-      gradient_ = denoiser_.gradient(reshape(slice(of_rows, 1, 0, numbers), clean_.shape()));
-    }
-    if (wanted[i].node() == rows_.own.node() || (rows_.common && wanted[i].node() == rows_.common.node()))
-      by = Tensor();
-  }
+  const Tensor by_codes = rows_.take_gradient(rendering, wanted, clean_.numel() / clean_.dim(0));
+  gradient_ = by_codes ? denoiser_.gradient(reshape(by_codes, clean_.shape())) : Tensor();
   if (gradient_) rendering.more.push_back(gradient_);
 }
 

@@ -7,6 +7,7 @@
 #include "models/io/host_random.h"
 #include "models/io/tensors.h"
 #include "models/latents/code_denoising.h"
+#include "models/latents/code_guess.h"
 #include "models/nn/ema.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -17,18 +18,29 @@ namespace {
 constexpr float kMinTime = 0.02f, kMaxTime = 0.98f;  // of all diffusion times: DreamFusion's
 constexpr double kNormDecay = 0.99;
 constexpr int64_t kMeasuring = 16;  // steps: a term of early times is hundreds of times smaller than one of late times
+constexpr char kDiffusion[] = "diffusion", kClassMean[] = "class-mean", kNearest[] = "nearest";
 constexpr uint64_t kTimesSeed = 0x7072696f72;  // apart from the numbers that choose what a step sees
 
 }  // namespace
 
 CodePrior::CodePrior(const CodeDenoiser& denoiser, const CodePriorOptions& options, uint64_t seed)
-    : denoiser_(denoiser), options_(options), seed_(seed) {}
+    : denoiser_(denoiser), options_(options), seed_(seed) {
+  if (options.start != kDiffusion && options.start != kClassMean && options.start != kNearest)
+    throw Error(Fault::usage, text("setting prior.start is ", options.start, ", want ", kDiffusion, ", ", kClassMean,
+                                   " or ", kNearest));
+  if (options.start != kDiffusion) options_.weight = 0;
+}
 
 CodePrior::~CodePrior() = default;
 
-void CodePrior::denoise(CodeRows rows) {
+void CodePrior::find(CodeRows rows, std::function<std::vector<double>()> errors) {
   if (rows.rows.empty() || options_.steps == 0) return;
-  denoising_ = std::make_unique<CodeDenoising>(denoiser_, options_, std::move(rows), seed_);
+  if (options_.start == kDiffusion) {
+    start_ = std::make_unique<CodeDenoising>(denoiser_, options_, std::move(rows), seed_);
+    return;
+  }
+  const CodeGuessKind kind = options_.start == kNearest ? CodeGuessKind::nearest : CodeGuessKind::class_mean;
+  start_ = std::make_unique<CodeGuess>(denoiser_, kind, options_.steps, std::move(rows), std::move(errors));
 }
 
 /// Each actor at a time of its own.
@@ -47,12 +59,12 @@ Tensor CodePrior::term(const VisibleCodes& met, const Progress& progress) const 
 }
 
 void CodePrior::begin_step(const Progress& progress) {
-  if (denoising_ && denoising_->includes(progress.step)) denoising_->show(progress.step);
+  if (start_ && start_->includes(progress.step)) start_->show(progress.step);
 }
 
 void CodePrior::add(Step& step, const Tensors& wanted, const VisibleCodes& met, const Progress& progress) {
   norms_ = Tensor();
-  if (denoising_ && denoising_->includes(progress.step)) return denoising_->take(step, wanted);
+  if (start_ && start_->includes(progress.step)) return start_->take(step, wanted);
   if (!met.codes || options_.weight == 0) return;
   const Tensor of_prior = term(met, progress);
   const Tensors by = grad_where_reached(of_prior, wanted);
@@ -71,7 +83,7 @@ void CodePrior::add(Step& step, const Tensors& wanted, const VisibleCodes& met, 
 }
 
 void CodePrior::end_step(const Progress& progress) {
-  if (denoising_ && denoising_->includes(progress.step)) denoising_->advance(progress.step);
+  if (start_ && start_->includes(progress.step)) start_->advance(progress.step);
   if (!norms_) return;
   const std::vector<float> now = norms_.to_host();
   const auto kept = static_cast<float>(warm_decay(kNormDecay, ++measured_));
@@ -85,7 +97,7 @@ float CodePrior::weight() const {
 }
 
 TensorMap CodePrior::state() const {
-  TensorMap out = denoising_ ? denoising_->state() : TensorMap{};
+  TensorMap out = start_ ? start_->state() : TensorMap{};
   out["norms"] = named(from_host(std::vector<float>{rendering_, term_}, {2}));
   out["measured"] = named_integers({measured_});
   return out;
@@ -96,7 +108,7 @@ void CodePrior::restore(const TensorMap& state) {
   rendering_ = norms[0];
   term_ = norms[1];
   measured_ = integers_from(state, "measured", 1).front();
-  if (denoising_) denoising_->restore(state);
+  if (start_) start_->restore(state);
 }
 
 }  // namespace cloam

@@ -250,6 +250,17 @@ std::vector<NewAsset> CodeSet::training_assets(const AssetRequest& wish) const {
   throw Error(Fault::usage, text("no such actor was in the training set; it had ", describe().back()));
 }
 
+std::vector<std::vector<float>> CodeSet::examples(int32_t asset_class, int32_t night) const {
+  std::vector<std::vector<float>> alike, of_class, all;
+  for (const int32_t row : training_) {
+    const NewAsset asset = actor_at(row);
+    all.push_back(asset.code);
+    if (asset.asset_class == asset_class) of_class.push_back(asset.code);
+    if (asset.asset_class == asset_class && asset.night == (night == 1)) alike.push_back(asset.code);
+  }
+  return !alike.empty() ? alike : !of_class.empty() ? of_class : all;
+}
+
 TensorMap CodeSet::state() const {
   const Shape shape = {static_cast<int64_t>(mean_.size())};
   return {{"mean", named(from_host(mean_, shape))}, {"deviation", named(from_host(deviation_, shape))}};

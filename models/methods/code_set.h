@@ -63,6 +63,8 @@ class CodeSet {
   Eigen::Vector3d nearest_size(const std::vector<float>& code, int asset_class) const;
   /// The first actors of training that the wish fits, as they are. Fault::usage if none does.
   std::vector<NewAsset> training_assets(const AssetRequest& wish) const;
+  /// Training codes of a class and time of day; of the class, or of all, where there are none.
+  std::vector<std::vector<float>> examples(int32_t asset_class, int32_t night) const;
   /// One line each.
   std::vector<std::string> describe() const;
   /// Tensors "mean" and "deviation".

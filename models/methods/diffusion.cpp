@@ -213,12 +213,13 @@ const CodeGaussians& Diffusion::gaussians() {
 }
 
 CodeDenoiser Diffusion::denoiser() const {
-  CodeDenoiser out{network_->schedule(), config_.side, codes_->mean(), codes_->deviation(), {}};
+  CodeDenoiser out{network_->schedule(), config_.side, codes_->mean(), codes_->deviation(), {}, {}};
   out.clean = [this](const Tensor& noisy, const std::vector<int32_t>& times, const Condition& condition) {
     const Tensor t = numbers(times);
     return network_->schedule().clean(noisy, network_->velocity(CodeNetwork::Weights::averaged, noisy, t, condition),
                                       t);
   };
+  out.examples = [this](int32_t asset_class, int32_t night) { return codes_->examples(asset_class, night); };
   return out;
 }
 

@@ -1,10 +1,15 @@
 // GenAssets, stage 1: settings, and what the street's model and its training are asked for.
 #include "models/methods/genassets.h"
 
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
 #include "models/data/load_sweep.h"
 #include "models/io/host_random.h"
 #include "models/io/tensors.h"
-#include "models/latents/code_denoising.h"
+#include "models/latents/code_rows.h"
+#include "models/scene/box_projection.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
 
@@ -13,6 +18,18 @@ namespace {
 
 constexpr float kQuiet = 0.1f;    // of the background's chance texels, if the networks are another run's
 constexpr int64_t kSamples = 40;  // of a street's ray, as a rule
+
+/// Mean over the pixels of a box that the photo has.
+double squared_error(const Picture& picture, const ShownImage& photo, const PixelBox& box) {
+  double sum = 0, count = 0;
+  for (int64_t y = box.top; y < std::min<int64_t>(box.bottom, photo.height); ++y)
+    for (int64_t x = box.left; x < std::min<int64_t>(box.right, photo.width); ++x)
+      for (int64_t c = 0; c < 3; ++c, ++count) {
+        const auto rendered = picture.rgb[static_cast<size_t>((y * picture.width + x) * 3 + c)];
+        sum += std::pow(double{rendered} - double{photo.rgb[static_cast<size_t>((y * photo.width + x) * 3 + c)]}, 2);
+      }
+  return count > 0 ? sum / count : 0;
+}
 
 }  // namespace
 
@@ -74,6 +91,8 @@ void GenAssets::configure(Config& c) {
   c.bind("prior.guidance", o.prior.guidance, "rendering guidance of each denoising step, in noise levels");
   c.bind("prior.noise", o.prior.noise,
          "standard deviation of the initial noise; 0: start at the mean, 1: a full sample", {0, 1});
+  c.bind("prior.start", o.prior.start,
+         "codes of one image: found by diffusion, or, to compare with, class-mean or nearest training codes");
   c.bind("perceptual.weights", o.perceptual_weights,
          "file with weights of a pretrained network; empty: random features");
   // What the paper does not have, each with a switch (docs/methods/genassets.md, "Where we differ").
@@ -115,7 +134,7 @@ void GenAssets::load_data(std::vector<TrainingData> data) {
                                            LogRays{log.space->street_from_world(), model_->scale()});
     log.space->look(log.scene, log.data->sweeps());
   }
-  denoise_image();
+  find_codes();
 }
 
 MemoryPlan GenAssets::memory(const PhotoSizes& photos) const {
@@ -225,12 +244,12 @@ void GenAssets::adopt_prior(const CodeDenoiser& denoiser) {
 }
 
 /// A street that one image alone tells of begins with the prior: it has seen the sides that the image does not show.
-void GenAssets::denoise_image() {
+void GenAssets::find_codes() {
   if (!prior_ || model_->logs().size() != 1 || model_->logs().front().data->images() != 1) return;
   const StreetLog& log = model_->logs().front();
   RayList rays;
   HostRandom random(0, 0);
-  (void)log.data->add_image(rays, random, {0, 1}, {});
+  const Photographed photo = log.data->add_image(rays, random, {0, 1}, {});
   CodeRows codes = {log.assets, log.common_code, {}, {}};
   std::vector<AssetPlace> assets;
   for (size_t a = 0; a < rays.actors.size(); ++a)
@@ -240,7 +259,29 @@ void GenAssets::denoise_image() {
     }
   if (assets.empty()) return;
   codes.condition = model_->assets().condition_of(assets);
-  prior_->denoise(std::move(codes));
+  const std::vector<int32_t> actors = codes.rows;
+  const auto height = photo.truth.dim(2), width = photo.truth.dim(3);
+  const std::vector<float> truth = permute(photo.truth, {0, 2, 3, 1}).to_host();
+  prior_->find(std::move(codes), [this, actors, truth, height, width] {
+    return errors_at(actors, {truth, height, width});
+  });
+}
+
+std::vector<double> GenAssets::errors_at(const std::vector<int32_t>& actors, const ShownImage& photo) {
+  const Scene& scene = model_->logs().front().scene;
+  const Frame& frame = *std::find_if(scene.frames.begin(), scene.frames.end(),
+                                     [](const Frame& one) { return one.split == Split::train; });
+  const Camera& camera = scene.cameras[static_cast<size_t>(frame.camera)];
+  const Picture picture = render(view_of(frame, camera, 0));
+  std::vector<double> errors;
+  for (const int32_t a : actors) {
+    const Actor& actor = scene.actors[static_cast<size_t>(a)];
+    const auto box = world_from_box_at(actor, frame.timestamp.value_or(0));
+    const auto seen =
+        box ? bounds_in_image(camera, frame.world_from_camera.inverse() * *box, actor.size) : std::nullopt;
+    errors.push_back(seen ? squared_error(picture, photo, *seen) : 0);
+  }
+  return errors;
 }
 
 }  // namespace cloam

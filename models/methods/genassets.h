@@ -12,6 +12,12 @@
 
 namespace cloam {
 
+/// A photo [height,width,3].
+struct ShownImage {
+  std::vector<float> rgb;
+  int64_t height, width;
+};
+
 class GenAssets final : public Method,
                         public LearnsFromCaptures,
                         public RendersViews,
@@ -25,7 +31,7 @@ class GenAssets final : public Method,
   void load_data(std::vector<TrainingData> data) override;
   MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }
-  ParameterGroups groups() const override { return training_->groups(prior_ && prior_->denoises()); }
+  ParameterGroups groups() const override { return training_->groups(prior_ && prior_->finds()); }
   Step step(const Progress& progress, const Tensors& wanted) override;
   void after_step(const Progress& progress) override;
   TensorMap state() const override;
@@ -40,7 +46,9 @@ class GenAssets final : public Method,
   std::vector<AssetName> show_assets(const std::vector<NewAsset>& assets) override;
 
  private:
-  void denoise_image();
+  void find_codes();
+  /// How badly the one image that trains is rendered where actors are: the mean squared error in each one's 2-D box.
+  std::vector<double> errors_at(const std::vector<int32_t>& actors, const ShownImage& photo);
 
   GenAssetsConfig config_;
   uint64_t seed_ = 0;

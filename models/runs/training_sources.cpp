@@ -101,7 +101,12 @@ void adopt_prior(TrainJob& job, const TrainRequest& request) {
   then = now;
   std::error_code error;
   job.record.prior->relative = relative_to_run(fs::weakly_canonical(folder, error), job.folder);
+  std::optional<StoredRun> source;
+  if (const auto start = job.record.settings.find("prior.start");
+      start != job.record.settings.end() && start->second != "diffusion")
+    source = read_source(stored);
   job.prior = restore_run(std::move(stored)).method;
+  if (source) as<LearnsFromRun>(*job.prior)->load(source_of(*source));
   require<TakesPrior>(*job.method, job.record.method, "--prior")
       .adopt_prior(as<GeneratesAssets>(*job.prior)->denoiser());
 }

@@ -220,6 +220,54 @@ TEST_CASE("prior: denoising is of runs on one image alone, and the optimiser lea
   CHECK_FALSE(street(scene, {{}, {0}, false})->state().contains("prior.noisy"));
 }
 
+TEST_CASE("prior: guesses begin a run on one image: the class's mean code, or the best of its training codes") {
+  const Folder folder;
+  const Scene scene = crossing(folder.path);
+  std::vector<std::vector<float>> examples;
+  for (int i = 0; i < 5; ++i)
+    examples.push_back(random_normal({kNumbers}, {uint64_t{7}, static_cast<uint32_t>(i), 0}).to_host());
+  CodeDenoiser denoiser = gaussian();
+  denoiser.examples = [&](int32_t asset_class, int32_t night) {
+    CHECK(asset_class == 0);
+    CHECK(night == 0);
+    return examples;
+  };
+  std::vector<float> mean(examples[0].size());
+  for (const auto& code : examples)
+    for (size_t i = 0; i < mean.size(); ++i) mean[i] += code[i] / 5;
+  const auto at = [&](const char* start, int64_t steps) {
+    const auto method = street(scene, {{{"prior.start", start}, {"prior.steps", "4"}}}, denoiser);
+    (void)train_to(*method, folder.path / text(start, steps), 6, steps);
+    return code_of(*method, 1);
+  };
+  for (const char* start : {"class-mean", "nearest"}) CHECK(distance(at(start, 3), mean) < 1e-6);
+  CHECK(distance(at("class-mean", 4), mean) < 1e-6);
+  CHECK(distance(at("class-mean", 6), mean) > 1e-5);  // refined
+  CHECK(figure(street(scene, {{{"prior.start", "class-mean"}}}, denoiser)->step({40, 100, 1}, {}), "prior") == 0);
+
+  // The photo shows the car with one of the codes: that is the one that is chosen.
+  const auto painter = street(scene, {{{"prior.start", "class-mean"}, {"prior.steps", "1"}}}, denoiser);
+  for (const size_t wanted : {1, 3}) {
+    std::vector<float> rows = painter->parameters().at("log0.codes").to_host();
+    const std::vector<float> common = painter->parameters().at("log0.common.code").to_host();
+    for (size_t i = 0; i < static_cast<size_t>(kNumbers); ++i)
+      rows[common.size() + i] = examples[wanted][i] - common[i];
+    const Tensor& codes = painter->parameters().at("log0.codes");
+    assign({{codes, from_host(rows, codes.shape())}});
+    const Picture picture = shown(*painter, {scene.cameras[0], toy_camera_pose(0), 0, 0});
+    Pixels photo = toy_pixels(scene);
+    photo.frames.resize(1);
+    FramePixels& frame = photo.frames[0];
+    for (size_t i = 0; i < picture.rgb.size() / 3; ++i)
+      for (size_t c = 0; c < 3; ++c)
+        frame.rgba[4 * i + c] = static_cast<uint8_t>(std::lround(255 * picture.rgb[3 * i + c]));
+    const auto method = street(scene, {{{"prior.start", "nearest"}, {"prior.steps", "1"}}}, denoiser);
+    load_data(*method, scene, std::move(photo));
+    (void)train_to(*method, folder.path / text("near", wanted), 2, 1);
+    CHECK(distance(code_of(*method, 1), examples[wanted]) < 1e-6);
+  }
+}
+
 TEST_CASE("prior: a checkpoint of any step holds all that the next one reads, while codes are denoised and later") {
   const Folder folder;
   const Scene scene = crossing(folder.path);
@@ -245,6 +293,8 @@ TEST_CASE("prior: what cannot be is an error that names it") {
   fails({{"weight.prior", "-1"}}, "weight.prior");
   fails({{"prior.guidance", "nan"}}, "prior.guidance");
   fails({{"prior.noise", "-1"}}, "prior.noise");
+  fails({{"prior.start", "mean"}}, "prior.start is mean, want diffusion, class-mean or nearest");
+  fails({{"prior.start", "nearest"}}, "the codes that the prior learned from are not loaded");
   fails({{"prior.steps", "1001"}}, "1001 denoising steps");
   CHECK_THROWS_WITH_AS(require<TakesPrior>(*make_method("nerf"), "nerf", "--prior"),
                        doctest::Contains("--prior does not work with nerf\n  methods that it works with: genassets"),
