@@ -38,7 +38,7 @@ FeatureConvolution read_normalised(const Weights& from, const std::string& modul
     bias[k] = static_cast<float>(double{bias[k]} - factor * double{mean[k]});
     for (size_t i = k * taps; i < (k + 1) * taps; i++) weight[i] = static_cast<float>(factor * double{weight[i]});
   }
-  return {from_host(weight, shape), from_host(bias, {kernel.out}), kernel.stride, kernel.padded};
+  return {from_host(weight, shape), from_host(bias, {kernel.out}), kernel.stride, kernel.padded ? kHalfKernel : 0};
 }
 
 /// Reads the convolutions of one module, "Mixed_5b.branch1x1" and so on.
