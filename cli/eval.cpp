@@ -22,11 +22,13 @@ Examples:
   cloam eval runs/fox --data data/fox-evening --images pictures
   cloam eval runs/street --protocol novel
   cloam eval runs/street --protocol rotate360 --features squeezenet.npz
+  cloam eval runs/street --lpips alexnet-owt-7be5be79.pth,alex.pth
   cloam eval runs/assets                                    a diffusion run: its loss on held-out codes)";
 
 void check_options(const EvalRequest& request) {
   const std::pair<const char*, bool> options[] = {{"--data", !request.other.empty()},
                                                   {"--protocol", !request.protocol.empty()},
+                                                  {"--lpips", !request.lpips.empty()},
                                                   {"--images", !request.images.empty()}};
   for (const auto& [option, given] : options)
     if (given) throw Error(Fault::usage, text(option, " is for runs trained on images; ", request.run, " was not"));
@@ -74,6 +76,7 @@ Command add_eval(CLI::App& program) {
     add("--protocol", r.protocol, "Driving logs: sparse, novel or rotate360 (default: the run's)",
         one_of(protocol_names()));
     add("--features", r.features, "Also measure feature distances; a file with network weights, or random");
+    add("--lpips", r.lpips, "Also measure LPIPS: weights of AlexNet or VGG-16, a comma, those of the linear layers");
     add("--images", r.images, "Folder for the pictures (RUN/eval/images)", output_folder());
   });
 }

@@ -15,6 +15,7 @@ struct EvalRequest {
   std::string images = {};                // folder for the pictures (default RUN/eval/images)
   std::string protocol = {};              // empty: the run's own
   std::string features = {};              // weights of a feature network, or "random"; empty: no feature distances
+  std::string lpips = {};                 // weights of LPIPS, "BACKBONE,LINEAR"; empty: no LPIPS
   std::optional<std::size_t> scene = {};  // of the run: that one alone
   bool allow_outside = false;             // as Reading has it, over what the run says
 };
