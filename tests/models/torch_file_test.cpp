@@ -120,12 +120,12 @@ TEST_CASE("torch files: a state dict in a zip file, whole tensors and parts of s
 
 TEST_CASE("torch files: a pickle by Python's own writer, for a state dict of two tensors in one storage") {
   static constexpr char kPickle[] =
-    "\200\002ccollections\nOrderedDict\nq\000)Rq\001(X\013\000\000\000lin0.weightq\002ctorch._utils\n_rebu"
-    "ild_tensor_v2\nq\003((X\007\000\000\000storageq\004ctorch\nFloatStorage\nq\005X\001\000\000\0000q\006"
-    "X\003\000\000\000cpuq\007K\006tq\010QK\000K\002K\003\206q\011K\003K\001\206q\n\211h\000)Rq\013tq\014R"
-    "q\015X\013\000\000\000lin1.weightq\016h\003((h\004h\005h\006h\007K\006tq\017QK\004K\002\205q\020K\001"
-    "\205q\021\211h\000)Rq\022tq\023Rq\024u}q\025X\011\000\000\000_metadataq\026h\000)Rq\027X\000\000\000\000"
-    "q\030}q\031X\007\000\000\000versionq\032K\001sssb.";
+      "\200\002ccollections\nOrderedDict\nq\000)Rq\001(X\013\000\000\000lin0.weightq\002ctorch._utils\n_rebu"
+      "ild_tensor_v2\nq\003((X\007\000\000\000storageq\004ctorch\nFloatStorage\nq\005X\001\000\000\0000q\006"
+      "X\003\000\000\000cpuq\007K\006tq\010QK\000K\002K\003\206q\011K\003K\001\206q\n\211h\000)Rq\013tq\014R"
+      "q\015X\013\000\000\000lin1.weightq\016h\003((h\004h\005h\006h\007K\006tq\017QK\004K\002\205q\020K\001"
+      "\205q\021\211h\000)Rq\022tq\023Rq\024u}q\025X\011\000\000\000_metadataq\026h\000)Rq\027X\000\000\000\000"
+      "q\030}q\031X\007\000\000\000versionq\032K\001sssb.";
   const std::string pickle(kPickle, sizeof kPickle - 1);
   for (const Weights& found : {read(pickle), read(old_file(pickle, word("0"), counted(6, raw(kSix))))}) {
     CHECK(found.tensors.size() == 2);
