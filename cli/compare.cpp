@@ -11,6 +11,7 @@
 #include "cli/eval.h"
 #include "models/eval/compared_runs.h"
 #include "models/io/json.h"
+#include "models/metrics/lpips.h"
 #include "models/nn/feature_network.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
@@ -33,23 +34,37 @@ Runs with the same data and settings but different seeds are also averaged (mean
 
 struct CompareRequest {
   std::vector<std::string> runs;
-  std::string protocol, features;  // as eval takes them; empty: what RUN/eval holds
-  bool across_data = false;        // averages runs of different data, too
+  std::string protocol, features, lpips;  // as eval takes them; empty: what RUN/eval holds
+  bool across_data = false;               // averages runs of different data, too
 };
+
+/// Names of the networks that are asked for; empty: none.
+struct Networks {
+  std::string features, perceptual;
+};
+
+Networks networks_of(const CompareRequest& request) {
+  Networks names;
+  if (!request.features.empty()) names.features = features_named(request.features).name;
+  if (!request.lpips.empty()) names.perceptual = lpips_named(request.lpips).name;
+  return names;
+}
 
 /// What RUN/eval holds, if it is what was asked for and the run has not gone on since.
 std::optional<Report> kept_eval(const CompareRequest& request, const RunPaths& run, int64_t step,
-                                const std::string& network) {
+                                const Networks& networks) {
   const fs::path path = run.eval() / "eval.json";
   if (!fs::exists(path)) return {};
   try {
     const Json json = parse_json_file(path);
     const std::string protocol = string(json, "protocol", path.string());
     const bool asked = request.protocol.empty() || request.protocol == protocol;
-    const bool same_network = network.empty() || optional_string(json, "feature_network", path.string()) == network;
+    const auto holds = [&](const char* key, const std::string& network) {
+      return network.empty() || optional_string(json, key, path.string()) == network;
+    };
+    const bool same = holds("feature_network", networks.features) && holds("perceptual_network", networks.perceptual);
     const bool same_keys = number(json, "schema_version", path.string()) == kEvalSchema;  // of this version
-    if (!asked || !same_network || !same_keys || number(json, "step", path.string()) < static_cast<double>(step))
-      return {};
+    if (!asked || !same || !same_keys || number(json, "step", path.string()) < static_cast<double>(step)) return {};
     return Report(json);
   } catch (const Error& error) {
     warn(text(error.what(), "\n  the run will be evaluated again"));
@@ -60,18 +75,16 @@ std::optional<Report> kept_eval(const CompareRequest& request, const RunPaths& r
 std::vector<ComparedRun> read_runs(const CompareRequest& request, const Common& common) {
   std::vector<ComparedRun> runs;
   for (const std::string& run : request.runs) runs.push_back({run, read_record(run), {}});
-  std::string network;
-  if (!request.features.empty()) {
-    open_device(common);
-    network = features_named(request.features).name;
-  }
+  if (!request.features.empty() || !request.lpips.empty()) open_device(common);
+  const Networks networks = networks_of(request);
   for (ComparedRun& one : runs) {
-    if (const auto kept = kept_eval(request, RunPaths{one.run}, one.record.step, network)) {
+    if (const auto kept = kept_eval(request, RunPaths{one.run}, one.record.step, networks)) {
       one.eval = *kept;
       continue;
     }
     say(common, "evaluating " + one.run);
-    one.eval = measure_run({.run = one.run, .protocol = request.protocol, .features = request.features}, common);
+    one.eval = measure_run(
+        {.run = one.run, .protocol = request.protocol, .features = request.features, .lpips = request.lpips}, common);
   }
   return runs;
 }
@@ -151,12 +164,12 @@ std::string table(const std::vector<ComparedRun>& runs, const std::vector<RunGro
 }
 
 void warn_of_differences(const std::vector<ComparedRun>& runs) {
-  for (const char* key : {"protocol", "feature_network"}) {
+  const std::pair<const char*, const char*> options[] = {
+      {"protocol", "--protocol"}, {"feature_network", "--features"}, {"perceptual_network", "--lpips"}};
+  for (const auto& [key, option] : options) {
     std::set<std::string> words;
     for (const ComparedRun& run : runs) words.insert(word(run.eval, key));
-    if (words.size() > 1)
-      warn(text("the runs were measured differently (", key, "): choose one with ",
-                key[0] == 'p' ? "--protocol" : "--features"));
+    if (words.size() > 1) warn(text("the runs were measured differently (", key, "): choose one with ", option));
   }
 }
 
@@ -182,6 +195,7 @@ Command add_compare(CLI::App& program) {
     add("--protocol", r.protocol, "Compare sparse, novel or rotate360; runs without it are evaluated first",
         one_of(protocol_names()));
     add("--features", r.features, "Also compare feature distances; a file with network weights, or random");
+    add("--lpips", r.lpips, "Also compare LPIPS; weights of AlexNet or VGG-16, a comma, those of the linear layers");
     add("--across-data", r.across_data, "Also average over runs on different data");
   });
 }

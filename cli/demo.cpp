@@ -41,7 +41,7 @@ them into a street. The result is a page of pictures and metrics: demo/index.htm
 Examples:
   cloam demo
   cloam demo -o showcase --time-budget 20m
-  cloam demo --features inception.safetensors      measures FID)";
+  cloam demo --features pt_inception-2015-12-05-6726825d.pth      measures FID)";
 
 struct DemoRequest {
   std::string out = "demo", time_budget = "9m", size = "160x90", features = "random";

@@ -1,5 +1,5 @@
-// cloam distance: how alike two sets of pictures are as sets. FID and KID with the weights of Inception, the same
-// statistics under other names with other networks.
+// cloam distance: how alike two sets of pictures are as sets. FID and KID with the published weights of
+// Inception, the same statistics under other names with others.
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
@@ -13,11 +13,11 @@ namespace {
 constexpr char kExamples[] = R"(Measure the distance between two sets of images, a folder each: FID and KID.
 
 Examples:
-  cloam distance samples photos --features inception.safetensors
+  cloam distance samples photos --features pt_inception-2015-12-05-6726825d.pth
   cloam distance samples photos --features squeezenet.npz      # the same statistics with another network
   cloam distance samples photos --features random --json
 
-docs/formats.md says how to get a file with Inception weights.)";
+The names FID and KID are for the published file of weights alone (docs/formats.md).)";
 
 struct Measured {
   std::string network;

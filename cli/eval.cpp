@@ -22,12 +22,14 @@ Examples:
   cloam eval runs/fox --data data/fox-evening --images pictures
   cloam eval runs/street --protocol novel
   cloam eval runs/street --protocol rotate360 --features squeezenet.npz
+  cloam eval runs/street --lpips alexnet-owt-7be5be79.pth,alex.pth
   cloam eval runs/assets                                    a diffusion run: its loss on held-out codes
   cloam eval runs/assets --features squeezenet.npz --photos crops     its samples against photographs (cloam crops))";
 
 void check_options(const EvalRequest& request) {
   const std::pair<const char*, bool> options[] = {{"--data", !request.other.empty()},
                                                   {"--protocol", !request.protocol.empty()},
+                                                  {"--lpips", !request.lpips.empty()},
                                                   {"--images", !request.images.empty()}};
   for (const auto& [option, given] : options)
     if (given) throw Error(Fault::usage, text(option, " is for runs trained on images; ", request.run, " was not"));
@@ -82,6 +84,7 @@ Command add_eval(CLI::App& program) {
         one_of(protocol_names()));
     add("--features", r.features, "Also measure feature distances; a file with network weights, or random");
     add("--photos", r.photos, "Diffusion runs: also measure samples against these crops of photographs (cloam crops)");
+    add("--lpips", r.lpips, "Also measure LPIPS: weights of AlexNet or VGG-16, a comma, those of the linear layers");
     add("--images", r.images, "Folder for the pictures (RUN/eval/images)", output_folder());
   });
 }

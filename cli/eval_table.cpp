@@ -7,7 +7,7 @@
 
 #include "cli/eval.h"
 #include "models/eval/image_sets.h"
-#include "models/street/lidar_rays.h"
+#include "models/metrics/lpips.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -24,20 +24,19 @@ std::string row(const std::string& name, const std::vector<double>& values) {
   return line.substr(0, line.find_last_not_of(' ') + 1) + "\n";
 }
 
-std::vector<double> columns(const EvalResult& result, const std::vector<ImageScore>& images,
-                            const std::vector<double>& errors) {
+std::vector<double> columns(const EvalResult& result, const std::vector<ImageScore>& images, const LidarScores& lidar) {
   std::vector<double> values = {mean_score(images, &ImageScore::psnr), mean_score(images, &ImageScore::ssim)};
   if (result.is_log)
-    values.insert(values.end(), {mean_score(images, &ImageScore::masked_psnr),
-                                 mean_score(images, &ImageScore::masked_ssim), median_error(errors)});
+    values.insert(values.end(),
+                  {mean_score(images, &ImageScore::masked_psnr), mean_score(images, &ImageScore::masked_ssim),
+                   lidar.median_error(), lidar.mean_chamfer()});
   return values;
 }
 
 std::string log_rows(const EvalResult& result) {
-  std::string out = fmt::format("{:<38}  {:>8}  {:>8}  {:>8}  {:>8}  {:>8}\n", "log (masked: over actors only)", "PSNR",
-                                "SSIM", "masked", "SSIM", "LiDAR m");
-  for (const SceneResult& scene : result.scenes)
-    out += row(scene.name, columns(result, scene.images, scene.lidar_errors));
+  std::string out = fmt::format("{:<38}  {:>8}  {:>8}  {:>8}  {:>8}  {:>8}  {:>10}\n", "log (masked: over actors only)",
+                                "PSNR", "SSIM", "masked", "SSIM", "LiDAR m", "Chamfer m2");
+  for (const SceneResult& scene : result.scenes) out += row(scene.name, columns(result, scene.images, scene.lidar));
   return out;
 }
 
@@ -69,14 +68,17 @@ std::string table(const EvalResult& result) {
   const std::vector<ImageScore> images = all_images(result);
   std::string out = text("protocol ", result.protocol, ", ", images.size(), " images, step ", result.step, "\n");
   out += result.is_log ? log_rows(result) : image_rows(result);
-  out += row("mean", columns(result, images, all_errors(result)));
+  out += row("mean", columns(result, images, all_lidar(result)));
   if (result.has_masks) out += row("mean over all pixels, masked or not", {mean_score(images, &ImageScore::psnr_full)});
-  if (!result.features.empty()) {
-    const double whole = mean_score(images, &ImageScore::feature_distance);
-    const double actors = mean_score(images, &ImageScore::masked_feature_distance);
-    out += text("feature_distance (", result.features, "): ", whole, "\nmasked_feature_distance (", result.features,
-                "): ", actors, "\n");
-  }
+  const auto distances = [&](const std::string& key, const std::string& network, double ImageScore::*whole,
+                             double ImageScore::*actors) {
+    out += text(key, " (", network, "): ", mean_score(images, whole), "\nmasked_", key, " (", network,
+                "): ", mean_score(images, actors), "\n");
+  };
+  if (!result.features.empty())
+    distances("feature_distance", result.features, &ImageScore::feature_distance, &ImageScore::masked_feature_distance);
+  if (!result.perceptual.empty())
+    distances(lpips_key(result.perceptual), result.perceptual, &ImageScore::lpips, &ImageScore::masked_lpips);
   if (result.sets) out += "renders against source images, actors only:\n" + set_lines(result.features, *result.sets);
   return out + guess_rows(result, images);
 }

@@ -25,7 +25,8 @@ bool same_method(const ComparedRun& a, const ComparedRun& b) {
   const RunRecord &r = a.record, &s = b.record;
   return r.method == s.method && r.preset == s.preset && r.settings == s.settings && r.steps == s.steps &&
          same_reading(r.reading, s.reading) && word(a.eval, "protocol") == word(b.eval, "protocol") &&
-         word(a.eval, "feature_network") == word(b.eval, "feature_network");
+         word(a.eval, "feature_network") == word(b.eval, "feature_network") &&
+         word(a.eval, "perceptual_network") == word(b.eval, "perceptual_network");
 }
 
 }  // namespace
@@ -71,7 +72,8 @@ nlohmann::ordered_json to_json(const std::vector<ComparedRun>& runs, const std::
   Report json = {{"schema_version", 1}, {"runs", Report::array()}, {"means", Report::array()}};
   const auto head = [](const ComparedRun& run) {
     Report row = {{"method", run.record.method}, {"preset", run.record.preset}, {"protocol", run.eval["protocol"]}};
-    if (run.eval.contains("feature_network")) row["feature_network"] = run.eval["feature_network"];
+    for (const char* network : {"feature_network", "perceptual_network"})
+      if (run.eval.contains(network)) row[network] = run.eval[network];
     return row;
   };
   for (const ComparedRun& run : runs) {

@@ -1,6 +1,7 @@
 // See evaluate.h. Photos and renders are compared as float [H,W,3] in [0,1]; nothing is rounded to 8 bits.
 #include "models/eval/evaluate.h"
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
 
@@ -19,25 +20,45 @@ void score_actors(ImageScore& score, const Picture& picture, const MeasuredPhoto
   score.masked_ssim = masked_ssim(picture.rgb, photo.rgb, mask, {photo.pixels.height, photo.pixels.width, 3});
 }
 
-void score_features(ImageScore& score, const FeatureNetwork& network, const Picture& picture,
-                    const MeasuredPhoto& photo) {
+/// A distance by a network, of photo and render and of both with all but the actors black.
+struct Distances {
+  double whole = kNoScore, actors = kNoScore;
+};
+
+template <class Distance>
+Distances distances_of(const Distance& by, int64_t smallest, const Picture& picture, const MeasuredPhoto& photo) {
   const int w = photo.pixels.width, h = photo.pixels.height;
-  if (std::min(w, h) < network.smallest) return;
+  if (std::min(w, h) < smallest) return {};
   const auto distance = [&](const std::vector<float>& a, const std::vector<float>& b) {
-    return static_cast<double>(feature_distance(network, as_batch(a, w, h), as_batch(b, w, h)).item());
+    return static_cast<double>(by(as_batch(a, w, h), as_batch(b, w, h)).item());
   };
-  score.feature_distance = distance(picture.rgb, photo.rgb);
-  if (!photo.actors || std::isnan(score.masked_psnr)) return;
+  Distances found{distance(picture.rgb, photo.rgb)};
+  if (!photo.actors) return found;
   const std::vector<std::uint8_t> mask = photo.actors->any();
-  score.masked_feature_distance = distance(on_black(picture.rgb, mask), on_black(photo.rgb, mask));
+  const bool seen = std::any_of(mask.begin(), mask.end(), [](std::uint8_t actor) { return actor != 0; });
+  if (seen) found.actors = distance(on_black(picture.rgb, mask), on_black(photo.rgb, mask));
+  return found;
+}
+
+void score_networks(ImageScore& score, const EvaluateOptions& options, const Picture& picture,
+                    const MeasuredPhoto& photo) {
+  if (options.features) {
+    const auto by = [&](const Tensor& a, const Tensor& b) { return feature_distance(*options.features, a, b); };
+    const Distances found = distances_of(by, options.features->smallest, picture, photo);
+    score.feature_distance = found.whole, score.masked_feature_distance = found.actors;
+  }
+  if (options.lpips) {
+    const Distances found = distances_of(*options.lpips, options.lpips->network.smallest, picture, photo);
+    score.lpips = found.whole, score.masked_lpips = found.actors;
+  }
 }
 
 ImageScore score_photo(const Picture& picture, const MeasuredPhoto& photo, const Baselines& baselines,
-                       const FeatureNetwork* features) {
+                       const EvaluateOptions& options) {
   ImageScore score = score_image(picture.rgb, photo.rgb, photo.pixels);
   score.baselines = baselines.score(photo);
   if (photo.actors) score_actors(score, picture, photo);
-  if (features) score_features(score, *features, picture, photo);
+  score_networks(score, options, picture, photo);
   return score;
 }
 
@@ -67,8 +88,7 @@ std::vector<ImageScore> evaluate(RendersViews& method, const MeasuredScene& meas
     const std::vector<float> truth = on_white(pixels);
     const auto mask = measured.masks ? std::optional(measured.masks->of(frame, camera)) : std::nullopt;
     const MeasuredPhoto photo{measured.scene, pixels, truth, mask ? &*mask : nullptr};
-    scores.push_back(options.compare ? score_photo(picture, photo, measured.baselines, options.features)
-                                     : ImageScore{});
+    scores.push_back(options.compare ? score_photo(picture, photo, measured.baselines, options) : ImageScore{});
     scores.back().name = frame.image;
     options.seen({scores.back(), pixels, truth, picture, photo.actors});
   }

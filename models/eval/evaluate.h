@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "models/eval/baselines.h"
-#include "models/nn/feature_network.h"
+#include "models/metrics/lpips.h"
 #include "models/train/renders_views.h"
 
 namespace cloam {
@@ -14,11 +14,13 @@ namespace cloam {
 /// psnr, ssim: over the pixels that the photo's mask keeps; psnr_full: over all. masked_…: over the actors that have a
 /// box at the photo's step, all together (ssim with both images black elsewhere); NaN where none is seen.
 /// feature_distance: of a network, if one is given; of photo and render, and of both with all but the actors black.
+/// lpips likewise, or its form with other weights than the published ones.
 struct ImageScore {
   std::string name;
   double psnr = kNoScore, ssim = kNoScore, psnr_full = kNoScore;
   double masked_psnr = kNoScore, masked_ssim = kNoScore;
   double feature_distance = kNoScore, masked_feature_distance = kNoScore;
+  double lpips = kNoScore, masked_lpips = kNoScore;
   BaselineScores baselines = {};
   std::optional<int> degrees = {};  // that rotate360 turned the actors by
 };
@@ -44,6 +46,7 @@ struct EvaluatedImage {
 struct EvaluateOptions {
   bool compare = true;  // false: the photos are no truth, and are only shown beside the renders
   const FeatureNetwork* features = nullptr;
+  const Lpips* lpips = nullptr;
   std::function<void(const EvaluatedImage&)> seen = [](const EvaluatedImage&) {};  // called after each
 };
 

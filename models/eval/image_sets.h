@@ -19,7 +19,7 @@ std::vector<std::filesystem::path> images_in(const std::filesystem::path& folder
 Eigen::MatrixXd features_of(const std::vector<std::filesystem::path>& files, const FeatureNetwork& network,
                             const Listener& listener);
 
-/// fid and kid of Inception's features, frechet_feature_distance and kernel_feature_distance of other networks'.
+/// fid and kid of the published Inception's features, frechet_feature_distance and kernel_feature_distance of others'.
 void add_sets(nlohmann::ordered_json& json, const std::string& network, const SetDistances& sets);
 /// A line each.
 std::string set_lines(const std::string& network, const SetDistances& sets);

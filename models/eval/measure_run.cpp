@@ -10,7 +10,6 @@
 #include "models/eval/pictures.h"
 #include "models/io/image.h"
 #include "models/metrics/feature_distance.h"
-#include "models/street/lidar_rays.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
 
@@ -25,6 +24,7 @@ struct Evaluator {
   const Listener& listener;
   fs::path pictures;
   std::optional<FeatureNetwork> network = {};
+  std::optional<Lpips> lpips = {};
   Eigen::MatrixXd rendered = {}, source = {};  // features of rotate360, a row an image; actors alone
   std::size_t done = 0;
   Eigen::Index as_recorded = 0;  // of `rendered`, the first rows: those at 0 degrees
@@ -73,6 +73,7 @@ void measure_scene(Method& method, const Photos& photos, bool several, Evaluator
   std::size_t next = 0;
   EvaluateOptions options;
   options.features = evaluator.network ? &*evaluator.network : nullptr;
+  options.lpips = evaluator.lpips ? &*evaluator.lpips : nullptr;
   options.seen = [&](const EvaluatedImage& image) {
     scene.truth_masks += masks && masks->has_truth(photos.scene.frames[image.frame.frame]);
     evaluator.show(image, names[next++]);
@@ -83,7 +84,8 @@ void measure_scene(Method& method, const Photos& photos, bool several, Evaluator
     evaluator.listener.warn(text(photos.name, ": ", scene.truth_masks, " of ", scene.images.size(),
                                  " images have actor masks in truth/; box outlines are used for the others"));
   // Always the run's own held-out sweeps: what it was trained on is no measure, whatever the protocol.
-  if (auto* street = as<Street>(method)) scene.lidar_errors = lidar_errors(*street, photos.train_scene, photos.index);
+  if (auto* street = as<Street>(method))
+    scene.lidar = lidar_scores(measured_sweeps(*street, photos.train_scene, photos.index));
   result.scenes.push_back(std::move(scene));
 }
 
@@ -125,6 +127,7 @@ void measure_turned(Method& method, const Photos& photos, const TurnedLog& turne
   EvaluateOptions options;
   options.compare = turned.has_truth;
   options.features = evaluator.network ? &*evaluator.network : nullptr;
+  options.lpips = evaluator.lpips ? &*evaluator.lpips : nullptr;
   options.seen = [&](const EvaluatedImage& image) {
     result.truth_masks += masks.has_truth(turned.scene.frames[image.frame.frame]);
     evaluator.add_features(evaluator.rendered, image.picture.rgb, *image.actors);
@@ -209,6 +212,10 @@ EvalResult measure_run(EvalRequest request, RestoredRun& run, const Listener& li
   if (!request.features.empty()) {
     evaluator.network = features_named(request.features);
     result.features = evaluator.network->name;
+  }
+  if (!request.lpips.empty()) {
+    evaluator.lpips = lpips_named(request.lpips);
+    result.perceptual = evaluator.lpips->name;
   }
   if (protocol_of(run, request) == "rotate360" && request.other.empty())
     measure_rotations(request, run, evaluator, result);

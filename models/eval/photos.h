@@ -16,6 +16,7 @@ struct EvalRequest {
   std::string protocol = {};              // empty: the run's own
   std::string features = {};              // weights of a feature network, or "random"; empty: no feature distances
   std::string photos = {};                // crops that a diffusion's samples are held against; empty: none
+  std::string lpips = {};                 // weights of LPIPS, "BACKBONE,LINEAR"; empty: no LPIPS
   std::optional<std::size_t> scene = {};  // of the run: that one alone
   bool allow_outside = false;             // as Reading has it, over what the run says
 };

@@ -6,7 +6,7 @@
 
 #include "models/eval/image_sets.h"
 #include "models/io/commit.h"
-#include "models/street/lidar_rays.h"
+#include "models/metrics/lpips.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -15,7 +15,7 @@ namespace {
 using Report = nlohmann::ordered_json;
 
 struct Figure {
-  const char* key;
+  std::string key;
   std::function<double(const ImageScore&)> of;
 };
 
@@ -31,6 +31,9 @@ std::vector<Figure> figures_of(const EvalResult& result) {
   if (!result.features.empty())
     add({{"feature_distance", &ImageScore::feature_distance},
          {"masked_feature_distance", &ImageScore::masked_feature_distance}});
+  if (!result.perceptual.empty())
+    add({{lpips_key(result.perceptual), &ImageScore::lpips},
+         {"masked_" + lpips_key(result.perceptual), &ImageScore::masked_lpips}});
   add({baseline("baseline_mean_colour_psnr", &BaselineScores::mean_colour)});
   if (!result.is_log) add({baseline("baseline_nearest_frame_psnr", &BaselineScores::nearest_frame)});
   if (result.is_log)
@@ -47,10 +50,12 @@ std::vector<Figure> figures_of(const EvalResult& result) {
 Report finite(double value) { return std::isfinite(value) ? Report(value) : Report(nullptr); }
 
 void add_figures(Report& json, const EvalResult& result, const std::vector<ImageScore>& images,
-                 const std::vector<double>& lidar_errors) {
+                 const LidarScores& lidar) {
   json["images"] = images.size();
   for (const Figure& figure : figures_of(result)) json[figure.key] = finite(mean_score(images, figure.of));
-  if (result.is_log) json["lidar_median_error_m"] = finite(median_error(lidar_errors));
+  if (!result.is_log) return;
+  json["lidar_median_error_m"] = finite(lidar.median_error());
+  json["lidar_chamfer_m2"] = finite(lidar.mean_chamfer());
 }
 
 bool is_rotate360(const EvalResult& result) { return result.protocol == "rotate360"; }
@@ -88,19 +93,19 @@ std::vector<ImageScore> all_images(const EvalResult& result) {
   return images;
 }
 
-std::vector<double> all_errors(const EvalResult& result) {
-  std::vector<double> errors;
-  for (const SceneResult& scene : result.scenes)
-    errors.insert(errors.end(), scene.lidar_errors.begin(), scene.lidar_errors.end());
-  return errors;
+LidarScores all_lidar(const EvalResult& result) {
+  LidarScores all;
+  for (const SceneResult& scene : result.scenes) all.add(scene.lidar);
+  return all;
 }
 
 nlohmann::ordered_json to_json(const EvalResult& result) {
   Report json = {{"schema_version", kEvalSchema}, {"protocol", result.protocol}};
   if (!result.train_protocol.empty()) json["train_protocol"] = result.train_protocol;
-  add_figures(json, result, all_images(result), all_errors(result));
+  add_figures(json, result, all_images(result), all_lidar(result));
   if (result.is_log) json["masks"] = source_of_masks(result);
   if (!result.features.empty()) json["feature_network"] = result.features;
+  if (!result.perceptual.empty()) json["perceptual_network"] = result.perceptual;
   if (result.sets) add_sets(json, result.features, *result.sets);
   if (is_rotate360(result)) json["without_0"] = without_0(result);
   json["method"] = result.method;
@@ -112,7 +117,7 @@ nlohmann::ordered_json to_json(const EvalResult& result) {
   json["logs"] = Report::array();
   for (const SceneResult& scene : result.scenes) {
     Report log = {{"name", scene.name}};
-    add_figures(log, result, scene.images, scene.lidar_errors);
+    add_figures(log, result, scene.images, scene.lidar);
     json["logs"].push_back(log);
   }
   return json;
@@ -123,7 +128,7 @@ void write_reports(const std::filesystem::path& folder, const EvalResult& result
   const std::vector<Figure> figures = figures_of(result);
   std::string csv = result.is_log ? "log,image" : "image";
   if (is_rotate360(result)) csv += ",degrees";
-  for (const Figure& figure : figures) csv += std::string(",") + figure.key;
+  for (const Figure& figure : figures) csv += "," + figure.key;
   json["per_image"] = Report::array();
   for (const SceneResult& scene : result.scenes) {
     for (const ImageScore& image : scene.images) {

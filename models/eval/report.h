@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "models/eval/evaluate.h"
+#include "models/eval/lidar_scores.h"
 #include "models/metrics/feature_distance.h"
 
 namespace cloam {
@@ -15,8 +16,8 @@ namespace cloam {
 struct SceneResult {
   std::string name;  // of its folder
   std::vector<ImageScore> images;
-  std::vector<double> lidar_errors;  // metres, a ray each
-  std::size_t truth_masks = 0;       // images whose masks of actors are exact; of the others boxes stand for them
+  LidarScores lidar;
+  std::size_t truth_masks = 0;  // images whose masks of actors are exact; of the others boxes stand for them
 };
 
 struct EvalResult {
@@ -25,6 +26,7 @@ struct EvalResult {
   bool has_masks = false;  // photos with pixels that do not count
   bool is_log = false;
   std::string features;                        // name of the feature network; empty: none
+  std::string perceptual;                      // name of the network of LPIPS or of its form; empty: none
   std::optional<SetDistances> sets;            // of rotate360: of renders and source images, their actors alone
   std::optional<SetDistances> sets_without_0;  // the same without the renders of actors as they were recorded
   std::string method, preset;
@@ -42,6 +44,6 @@ void write_reports(const std::filesystem::path& folder, const EvalResult& result
 
 /// Of all scenes, one after the other.
 std::vector<ImageScore> all_images(const EvalResult& result);
-std::vector<double> all_errors(const EvalResult& result);
+LidarScores all_lidar(const EvalResult& result);
 
 }  // namespace cloam

@@ -24,7 +24,7 @@ struct AllowedName {
 };
 
 // Whatever is not here is refused by name. Old and new spellings: numpy 2 moved numpy.core, pandas 0.20 and 2 indexes.
-constexpr AllowedName kAllowed[] = {
+constexpr AllowedName kOfDataFrames[] = {
     {"pandas.core.frame DataFrame", PickleName::data_frame},
     {"pandas.core.internals.managers BlockManager", PickleName::block_manager},
     {"pandas.core.internals BlockManager", PickleName::block_manager},
@@ -67,6 +67,33 @@ constexpr AllowedName kAllowed[] = {
     {"pandas.core.indexes.datetimes DatetimeIndex", PickleName::other},
 };
 
+// Tensors have been functions' results since PyTorch 0.2, and objects with a state before.
+constexpr AllowedName kOfTensors[] = {
+    {"collections OrderedDict", PickleName::ordered_dict},   {"torch._utils _rebuild_tensor", PickleName::tensor},
+    {"torch._utils _rebuild_tensor_v2", PickleName::tensor}, {"torch FloatTensor", PickleName::tensor},
+    {"torch.cuda FloatTensor", PickleName::tensor},          {"torch._utils _rebuild_parameter", PickleName::parameter},
+    {"torch.nn.parameter Parameter", PickleName::parameter}, {"torch Size", PickleName::size},
+    {"torch DoubleStorage", PickleName::storage_f64},        {"torch FloatStorage", PickleName::storage_f32},
+    {"torch.cuda FloatStorage", PickleName::storage_f32},    {"torch HalfStorage", PickleName::storage_f16},
+    {"torch.cuda HalfStorage", PickleName::storage_f16},     {"torch BFloat16Storage", PickleName::storage_bf16},
+    {"torch LongStorage", PickleName::storage_i64},          {"torch.cuda LongStorage", PickleName::storage_i64},
+    {"torch IntStorage", PickleName::storage_i32},           {"torch ShortStorage", PickleName::storage_i16},
+    {"torch CharStorage", PickleName::storage_i8},           {"torch ByteStorage", PickleName::storage_u8},
+    {"torch BoolStorage", PickleName::storage_bool},
+};
+
+struct Dialect {
+  std::span<const AllowedName> names;
+  const char *only, *what;  // for errors
+};
+
+const Dialect& dialect_of(PickleUse use) {
+  static const Dialect frames = {kOfDataFrames, "only pandas data frames of numpy arrays are read", "a data frame"};
+  static const Dialect tensors = {kOfTensors, "only a state_dict() of PyTorch, as torch.save writes it, is read",
+                                  "a file of tensors"};
+  return use == PickleUse::data_frame ? frames : tensors;
+}
+
 using Kind = PickleValue::Kind;
 
 const char* kind_name(Kind kind) {
@@ -92,7 +119,7 @@ class Stack {
 
   // Each value costs a byte of the file, or more, but far more of memory.
   void push(const PickleValue& value) {
-    if (++made_ > kMaxValues) place_.fail(text("more than ", kMaxValues, " values, too many for a data frame"));
+    if (++made_ > kMaxValues) place_.fail(text("more than ", kMaxValues, " values are too many"));
     values_.push_back(value);
   }
 
@@ -199,8 +226,14 @@ void check_frame(ByteReader& reader, const Place& place) {
 
 class PickleMachine {
  public:
-  PickleMachine(Pickle& out, std::span<const std::uint8_t> bytes)
-      : out_(out), bytes_(bytes), reader_(bytes, out.file_), place_{out.file_}, stack_(place_) {}
+  PickleMachine(Pickle& out, std::span<const std::uint8_t> bytes, PickleUse use)
+      : out_(out),
+        use_(use),
+        dialect_(dialect_of(use)),
+        bytes_(bytes),
+        reader_(bytes, out.file_),
+        place_{out.file_},
+        stack_(place_) {}
   void run();
 
  private:
@@ -269,11 +302,10 @@ class PickleMachine {
 
   void push_name(std::string_view module, std::string_view name) {
     const std::string spelling = text(module, " ", name);
-    const auto found = std::find_if(std::begin(kAllowed), std::end(kAllowed),
+    const auto found = std::find_if(dialect_.names.begin(), dialect_.names.end(),
                                     [&](const AllowedName& allowed) { return allowed.spelling == spelling; });
-    if (found == std::end(kAllowed)) {
-      place_.fail(text("the pickle asks for \"", printable(spelling), "\"; only pandas data frames of numpy arrays ",
-                       "are read"));
+    if (found == dialect_.names.end()) {
+      place_.fail(text("the pickle asks for \"", printable(spelling), "\"; ", dialect_.only));
     }
     push(Kind::name, static_cast<std::int64_t>(found->name));
   }
@@ -287,9 +319,48 @@ class PickleMachine {
     const auto name = static_cast<PickleName>(callee.integer);
     const auto items = out_.list(arguments, "arguments");
     if (name == PickleName::encode || name == PickleName::bytes) return push_encoded(items);
+    if (name == PickleName::ordered_dict) return push_ordered_dict(items);
+    if (name == PickleName::size && items.size() == 1) return stack_.push(items[0]);
+    push_record(name, items);
+  }
+
+  void push_record(PickleName name, std::span<const PickleValue> items) {
     if ((copied_ += items.size()) > kMaxValues) place_.fail("too many arguments");
     push(Kind::record, static_cast<std::int64_t>(out_.records_.size()));
     out_.records_.push_back({name, {items.begin(), items.end()}, {}, false});
+  }
+
+  // Python 2 makes it of a list of pairs; Python 3 makes it empty and sets its items.
+  void push_ordered_dict(std::span<const PickleValue> arguments) {
+    std::vector<PickleValue> content;
+    for (const PickleValue& list : arguments) {
+      for (const PickleValue& pair : out_.list(list, "a list of keys and values")) {
+        const auto both = out_.list(pair, "a key and a value");
+        if (both.size() != 2) place_.fail(text("a key and a value expected, found ", both.size(), " values"));
+        content.insert(content.end(), both.begin(), both.end());
+      }
+      if ((copied_ += content.size()) > kMaxValues) place_.fail("too many arguments");
+    }
+    push_list(Kind::dict, std::move(content));
+  }
+
+  void push_persistent() {
+    refuse_in_data_frames();
+    const PickleValue name = stack_.pop();
+    push_record(PickleName::persistent, {&name, 1});
+  }
+
+  void push_old_string(std::span<const std::uint8_t> content) {
+    refuse_in_data_frames();
+    push_string(Kind::text, content);
+  }
+
+  void refuse_in_data_frames() const {
+    if (use_ == PickleUse::data_frame) refuse_opcode();
+  }
+
+  [[noreturn]] void refuse_opcode() const {
+    place_.fail(text("opcode ", int(bytes_[place_.byte]), " is not allowed in ", dialect_.what, " (protocols 2 to 5)"));
   }
 
   // Before protocol 3, bytes are written as a text whose code points are the bytes.
@@ -307,6 +378,7 @@ class PickleMachine {
 
   void build() {
     const PickleValue state = stack_.pop(), target = stack_.top();
+    if (use_ == PickleUse::tensors && target.kind == Kind::dict) return;  // versions of modules, beside the items
     if (target.kind != Kind::record) {
       place_.fail(text("needs an object to set the state of, found ", kind_name(target.kind)));
     }
@@ -317,6 +389,8 @@ class PickleMachine {
   }
 
   Pickle& out_;
+  PickleUse use_;
+  const Dialect& dialect_;
   std::span<const std::uint8_t> bytes_;
   ByteReader reader_;
   Place place_;
@@ -366,7 +440,10 @@ const PickleMachine::Instruction PickleMachine::kInstructions[] = {
     {'c', [](Machine& m) { m.push_global(); }},
     {0x93, [](Machine& m) { m.push_stack_global(); }},
     {'R', [](Machine& m) { m.record(); }},
-    {0x81, [](Machine& m) { m.record(); }},  // NEWOBJ
+    {0x81, [](Machine& m) { m.record(); }},                                          // NEWOBJ
+    {'Q', [](Machine& m) { m.push_persistent(); }},                                  // BINPERSID
+    {'U', [](Machine& m) { m.push_old_string(m.sized<std::uint8_t>("a text")); }},   // SHORT_BINSTRING, Python 2
+    {'T', [](Machine& m) { m.push_old_string(m.sized<std::uint32_t>("a text")); }},  // BINSTRING
     {'b', [](Machine& m) { m.build(); }},
 };
 
@@ -378,17 +455,17 @@ void PickleMachine::run() {
   for (std::uint8_t opcode = 0; opcode != '.';) {
     place_.byte = reader_.offset();
     opcode = reader_.little<std::uint8_t>("the pickle (no STOP came)");
-    if (!actions[opcode]) {
-      place_.fail(text("opcode ", int(opcode), " is not allowed in a data frame (protocols 2 to 5)"));
-    }
+    if (!actions[opcode]) refuse_opcode();
     actions[opcode](*this);
   }
   out_.root_ = stack_.only();
-  if (reader_.remaining() > 0) place_.fail(text(reader_.remaining(), " bytes follow the pickle's end"));
+  out_.length_ = reader_.offset();
+  if (use_ == PickleUse::data_frame && reader_.remaining() > 0)
+    place_.fail(text(reader_.remaining(), " bytes follow the pickle's end"));
 }
 
-Pickle::Pickle(std::span<const std::uint8_t> bytes, std::string name) : file_(std::move(name)) {
-  PickleMachine(*this, bytes).run();
+Pickle::Pickle(std::span<const std::uint8_t> bytes, std::string name, PickleUse use) : file_(std::move(name)) {
+  PickleMachine(*this, bytes, use).run();
 }
 
 void Pickle::unlike(const PickleValue& value, const std::string& wanted) const {
@@ -427,13 +504,22 @@ const PickleRecord& Pickle::record(const PickleValue& value, PickleName name, co
   return found;
 }
 
+PickleName Pickle::name(const PickleValue& value, const char* what) const {
+  if (value.kind != Kind::name) unlike(value, what);
+  return static_cast<PickleName>(value.integer);
+}
+
+std::span<const PickleValue> Pickle::items(const PickleValue& dict, const char* what) const {
+  if (dict.kind != Kind::dict) unlike(dict, what);
+  return lists_[static_cast<std::size_t>(dict.integer)];
+}
+
 bool Pickle::is(const PickleValue& value, PickleName name) const {
   return value.kind == Kind::record && records_[static_cast<std::size_t>(value.integer)].name == name;
 }
 
 const PickleValue* Pickle::find(const PickleValue& dict, std::string_view key, const char* what) const {
-  if (dict.kind != Kind::dict) unlike(dict, what);
-  const auto& items = lists_[static_cast<std::size_t>(dict.integer)];
+  const auto items = this->items(dict, what);
   const PickleValue* found = nullptr;  // the last of equal keys counts, as in Python
   for (std::size_t i = 0; i + 1 < items.size(); i += 2) {
     if (items[i].kind == Kind::text && text(items[i], "a key") == key) found = &items[i + 1];

@@ -7,10 +7,13 @@
 #include <cstring>
 #include <fstream>
 
+#include "models/io/bytes.h"
 #include "models/io/npz.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable, shape_text
+#include "models/io/sha256.h"
 #include "models/io/tensors.h"
+#include "models/io/torch_file.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -18,20 +21,23 @@ namespace {
 
 namespace fs = std::filesystem;
 
-enum class Format { none, npz, safetensors };
+enum class Format { none, zip, old_torch, safetensors };
+
+constexpr std::uint64_t kLargestFile = std::uint64_t{2} << 30;
 
 /// safetensors begin with the length of a header, which begins with a brace.
 Format format_of(const fs::path& path) {
   std::error_code error;
   if (!fs::is_regular_file(path, error)) return Format::none;
-  std::array<std::uint8_t, 9> start{};
+  std::array<std::uint8_t, 16> start{};
   std::ifstream file(path, std::ios::binary);
   file.read(reinterpret_cast<char*>(start.data()), start.size());
   const auto count = static_cast<size_t>(file.gcount());
-  if (is_zip({start.data(), count})) return Format::npz;
+  if (is_zip({start.data(), count})) return Format::zip;
+  if (is_old_torch({start.data(), count})) return Format::old_torch;
   std::uint64_t header = 0;
   std::memcpy(&header, start.data(), sizeof header);
-  const bool braced = count == start.size() && start[8] == '{' && header < fs::file_size(path, error);
+  const bool braced = count > 8 && start[8] == '{' && header < fs::file_size(path, error);
   return braced && !error ? Format::safetensors : Format::none;
 }
 
@@ -43,8 +49,16 @@ fs::path the_file(const fs::path& path) {
   if (found.size() == 1) return found[0];
   std::string names;
   for (const fs::path& file : found) names += " " + file.filename().string();
-  bad_data(path.string(), ": want a folder with one file of weights (.npz or safetensors), found ",
+  bad_data(path.string(), ": want a folder with one file of weights (.npz, .pth or safetensors), found ",
            found.empty() ? "none" : "several:", names, "; name the file itself");
+}
+
+TensorMap tensors_of(const fs::path& file, Format format) {
+  if (format == Format::safetensors) return read_safetensors(file).tensors;
+  const std::vector<std::uint8_t> bytes = read_file(file, kLargestFile);
+  if (format == Format::old_torch) return old_torch_tensors(bytes, file.string());
+  const Zip zip(bytes, file.string());
+  return is_torch(zip) ? torch_tensors(zip) : npz_tensors(zip);
 }
 
 }  // namespace
@@ -75,15 +89,11 @@ std::string Weights::content() const {
 
 Weights read_weights(const fs::path& path) {
   const fs::path file = the_file(path);
-  switch (format_of(file)) {
-    case Format::npz:
-      return {file, read_npz(file)};
-    case Format::safetensors:
-      return {file, read_safetensors(file).tensors};
-    default:
-      bad_data(file.string(), ": want a file of weights (.npz or safetensors), found ",
-               fs::exists(file) ? "something else" : "no file");
-  }
+  const Format format = format_of(file);
+  if (format == Format::none)
+    bad_data(file.string(), ": want a file of weights (.npz, .pth or safetensors), found ",
+             fs::exists(file) ? "something else" : "no file");
+  return {file, tensors_of(file, format), sha256_of_file(file)};
 }
 
 }  // namespace cloam

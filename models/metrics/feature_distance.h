@@ -1,6 +1,6 @@
-// Distances by features of a frozen network, for reports. Those of Inception's features are FID and KID; others bear
-// the network's name, since values compare only among themselves, neither with FID and KID nor with LPIPS (whose
-// weights of channels were learned).
+// Distances by features of a frozen network, for reports. Those of the published Inception's features are FID and KID;
+// others bear the network's name, since values compare only among themselves, neither with FID and KID nor with LPIPS
+// (whose weights of channels were learned).
 #pragma once
 #include <Eigen/Core>
 #include <string>
@@ -10,7 +10,7 @@
 namespace cloam {
 
 /// Of a network by its name: "feature distance (squeezenet-1.0)"; likewise "Frechet feature distance (...)" and "kernel
-/// feature distance (...)", which are "FID" and "KID" of Inception.
+/// feature distance (...)", which are "FID" and "KID" of the published Inception.
 std::string feature_distance_name(const std::string& network, const std::string& kind = "");
 
 /// LPIPS's form (Zhang et al. 2018, eq. 1) with all channels' weights 1: features scaled to length 1 over the channels

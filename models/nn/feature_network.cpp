@@ -19,13 +19,14 @@ FeatureConvolution read(const Weights& from, const std::string& name, const Shap
 }
 
 constexpr const char* kSqueezeNetFirst = "conv1";
-constexpr const char* kVggFirst = "features.0";
+constexpr const char* kTorchvisionFirst = "features.0";
+constexpr const char* kOfVgg16Alone = "features.17";  // VGG-19 has a ReLU there
 
 /// It was trained on BGR: the filters of its first layer are turned round, not every image.
 FeatureConvolution first_of_squeezenet(const Weights& from) {
   const FeatureConvolution bgr = read(from, kSqueezeNetFirst, {96, 3, 7, 7});
   const Tensor planes = bgr.weight;
-  return {concat({slice(planes, 1, 2, 3), slice(planes, 1, 1, 2), slice(planes, 1, 0, 1)}, 1), bgr.bias, 2, false};
+  return {concat({slice(planes, 1, 2, 3), slice(planes, 1, 1, 2), slice(planes, 1, 0, 1)}, 1), bgr.bias, 2, 0};
 }
 
 /// SqueezeNet v1.0 up to its last fire module (Iandola et al. 2016): 1x1, then 1x1 and 3x3 side by side. Names as in
@@ -54,26 +55,66 @@ FeatureNetwork squeezenet(const Weights& from) {
   return net;
 }
 
-/// VGG-19 up to relu5_1, torchvision's names (the number is the layer's place among convolutions, ReLUs and poolings)
-/// and images.
-FeatureNetwork vgg19(const Weights& from) {
+/// torchvision's images: less the mean colour of ImageNet, by its deviation. LPIPS's shift and scale are the same for
+/// images from -1 to 1.
+FeatureNetwork of_torchvision(const std::string& name, int64_t smallest) {
   constexpr std::array<float, 3> kMean = {0.485f, 0.456f, 0.406f}, kDeviation = {0.229f, 0.224f, 0.225f};
   std::vector<float> scale, shift;
   for (size_t c = 0; c < 3; c++) scale.push_back(1 / kDeviation[c]), shift.push_back(-kMean[c] / kDeviation[c]);
-  FeatureNetwork net{"vgg-19", each_channel(scale), each_channel(shift), {}, {}, 16};
-  struct Block {
-    int64_t channels;
-    int convolutions;
-  };
+  return {name, each_channel(scale), each_channel(shift), {}, {}, smallest};
+}
+
+struct Block {
+  int64_t channels;
+  int convolutions, tap;  // of which this one's ReLU is looked at
+};
+
+/// torchvision's names: the number is the layer's place among convolutions, ReLUs and poolings.
+FeatureNetwork vgg(const Weights& from, const std::string& name, const std::vector<Block>& blocks) {
+  FeatureNetwork net = of_torchvision(name, 16);
   int64_t in = 3, place = 0, block_number = 0;
-  for (const Block block : {Block{64, 2}, Block{128, 2}, Block{256, 4}, Block{512, 4}, Block{512, 1}}) {
+  for (const Block& block : blocks) {
     if (block_number++ > 0) net.layers.push_back({}), place++;
     for (int i = 0; i < block.convolutions; i++, place += 2, in = block.channels)
-      net.layers.push_back({i == 0 ? text("relu", block_number, "_1") : "",
+      net.layers.push_back({i == block.tap ? text("relu", block_number, "_", i + 1) : "",
                             read(from, text("features.", place), {block.channels, in, 3, 3})});
   }
+  return net;
+}
+
+/// Up to relu5_1.
+FeatureNetwork vgg19(const Weights& from) {
+  FeatureNetwork net = vgg(from, "vgg-19", {{64, 2, 0}, {128, 2, 0}, {256, 4, 0}, {512, 4, 0}, {512, 1, 0}});
   net.loss_weights = {1 / 32.f, 1 / 16.f, 1 / 8.f, 1 / 4.f, 1};
   return net;
+}
+
+/// Up to relu5_3, as LPIPS looks at it.
+FeatureNetwork vgg16(const Weights& from) {
+  return vgg(from, kVgg16, {{64, 2, 1}, {128, 2, 1}, {256, 3, 2}, {512, 3, 2}, {512, 3, 2}});
+}
+
+/// AlexNet (Krizhevsky 2014, "one weird trick") up to its last convolution.
+FeatureNetwork alexnet(const Weights& from) {
+  constexpr Pooling kPool = {3, 2};
+  FeatureNetwork net = of_torchvision(kAlexNet, 31);
+  FeatureConvolution first = read(from, kTorchvisionFirst, {64, 3, 11, 11});
+  first.stride = 4, first.pad = 2;
+  net.layers = {{"relu1", first},
+                {"", kPool},
+                {"relu2", read(from, "features.3", {192, 64, 5, 5})},
+                {"", kPool},
+                {"relu3", read(from, "features.6", {384, 192, 3, 3})},
+                {"relu4", read(from, "features.8", {256, 384, 3, 3})},
+                {"relu5", read(from, "features.10", {256, 256, 3, 3})}};
+  return net;
+}
+
+/// Which of torchvision's networks, all of whose layers have the same names.
+FeatureNetwork torchvision_network(const Weights& from) {
+  const auto& first = from.tensors.at(std::string(kTorchvisionFirst) + ".weight").shape;
+  if (!first.empty() && first.back() == 11) return alexnet(from);
+  return from.has(std::string(kOfVgg16Alone) + ".weight") ? vgg16(from) : vgg19(from);
 }
 
 /// x plus its two neighbours along an axis, zero outside.
@@ -114,20 +155,21 @@ FeatureNetwork features_named(const std::string& features) {
 FeatureNetwork feature_network(const Weights& weights) {
   const auto begins = [&](const std::string& first) { return weights.has(first + ".weight"); };
   if (begins(kSqueezeNetFirst)) return squeezenet(weights);
-  if (begins(kVggFirst)) return vgg19(weights);
+  if (begins(kTorchvisionFirst)) return torchvision_network(weights);
   if (begins(kInceptionFirst)) return inception(weights);
   throw Error(Fault::data, text(weights.file.string(), ": looked for ", kSqueezeNetFirst,
-                                ".weight [96,3,7,7] (SqueezeNet v1.0, Caffe's names), ", kVggFirst,
-                                ".weight [64,3,3,3] (VGG-19, torchvision's names) or ", kInceptionFirst,
+                                ".weight [96,3,7,7] (SqueezeNet v1.0, Caffe's names), ", kTorchvisionFirst,
+                                ".weight (VGG-16, VGG-19 or AlexNet, torchvision's names) or ", kInceptionFirst,
                                 ".weight [32,3,3,3] (Inception, torch-fidelity's names), found ", weights.content()));
 }
 
 // conv2d pads all sides alike: for kernels that are not square, the images are.
 Tensor FeatureConvolution::operator()(const Tensor& x) const {
-  const int64_t rows = padded ? weight.dim(2) / 2 : 0, columns = padded ? weight.dim(3) / 2 : 0;
+  const int64_t rows = pad == kHalfKernel ? weight.dim(2) / 2 : pad,
+                columns = pad == kHalfKernel ? weight.dim(3) / 2 : pad;
   const Epilogue end = {.bias = bias, .activation = Activation::relu};
   if (rows == columns) return conv2d(x, weight, {stride, static_cast<int>(rows)}, end);
-  return conv2d(pad(pad(x, 2, rows, rows), 3, columns, columns), weight, {stride}, end);
+  return conv2d(cloam::pad(cloam::pad(x, 2, rows, rows), 3, columns, columns), weight, {stride}, end);
 }
 
 Tensor NeighbourMean::operator()(const Tensor& x) const {

@@ -11,11 +11,13 @@
 
 namespace cloam {
 
+constexpr int64_t kHalfKernel = -1;
+
 /// ReLU(convolution + bias).
 struct FeatureConvolution {
   Tensor weight, bias;  // [K,C,R,S], [K]
   int stride = 1;
-  bool padded = true;  // zeros around the image, half a kernel on each side: stride 1 keeps the size
+  int64_t pad = kHalfKernel;  // zeros on each side of the image; half a kernel keeps the size at stride 1
   Tensor operator()(const Tensor& x) const;
 };
 
@@ -38,7 +40,7 @@ struct FeatureLayer {
 };
 
 struct FeatureNetwork {
-  std::string name;     // for reports: "squeezenet-1.0", "vgg-19", "random features", kInception
+  std::string name;     // for reports: "squeezenet-1.0", "vgg-19", "random features", those of known_weights.h
   Tensor scale, shift;  // [1,3,1,1]: the layers see images * scale + shift
   std::vector<FeatureLayer> layers;
   std::vector<float> loss_weights;  // a tap (perceptual_loss); empty: no loss looks through it

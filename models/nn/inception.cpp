@@ -38,7 +38,7 @@ FeatureConvolution read_normalised(const Weights& from, const std::string& modul
     bias[k] = static_cast<float>(double{bias[k]} - factor * double{mean[k]});
     for (size_t i = k * taps; i < (k + 1) * taps; i++) weight[i] = static_cast<float>(factor * double{weight[i]});
   }
-  return {from_host(weight, shape), from_host(bias, {kernel.out}), kernel.stride, kernel.padded};
+  return {from_host(weight, shape), from_host(bias, {kernel.out}), kernel.stride, kernel.padded ? kHalfKernel : 0};
 }
 
 /// Reads the convolutions of one module, "Mixed_5b.branch1x1" and so on.
@@ -153,7 +153,8 @@ Tensor resize_tensorflow1(const Tensor& x, int64_t side) {
 FeatureNetwork inception(const Weights& from) {
   need_classifier(from);
   constexpr float kScale = 255.f / 128;  // (bytes - 128) / 128
-  FeatureNetwork net{kInception, full({1, 3, 1, 1}, kScale), full({1, 3, 1, 1}, -1), {}, {}, 1, 299};
+  const std::string reported = name_by_weights(kInception, is_published(kInception, from.sha256));
+  FeatureNetwork net{reported, full({1, 3, 1, 1}, kScale), full({1, 3, 1, 1}, -1), {}, {}, 1, 299};
   const auto conv = [&](int64_t in, const Kernel& kernel) {
     return FeatureLayer{"", read_normalised(from, kernel.name, in, kernel)};
   };

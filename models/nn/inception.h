@@ -2,10 +2,10 @@
 // it out of TensorFlow's graph.
 #pragma once
 #include "models/nn/feature_network.h"
+#include "models/nn/known_weights.h"
 
 namespace cloam {
 
-constexpr char kInception[] = "inception-v3-2015-12-05";
 constexpr char kInceptionFirst[] = "Conv2d_1a_3x3.conv";
 
 /// Taps: the two poolings (64, 192 channels), Mixed_6e (768) and Mixed_7c, whose mean over places is the 2048 features.

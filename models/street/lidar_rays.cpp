@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace cloam {
 namespace {
@@ -50,25 +49,16 @@ SweepRays thinned(const SweepRays& rays, std::size_t most) {
   return out;
 }
 
-std::vector<double> lidar_errors(Street& street, const Scene& scene, int index) {
-  std::vector<double> errors;
+std::vector<MeasuredSweep> measured_sweeps(Street& street, const Scene& scene, int index) {
+  std::vector<MeasuredSweep> sweeps;
   for (const Sweep& sweep : scene.sweeps) {
     if (sweep.split != Split::test) continue;
-    const SweepRays rays = thinned(sweep_rays(sweep, load_sweep(scene, sweep), index), kMaxRays);
+    SweepRays rays = thinned(sweep_rays(sweep, load_sweep(scene, sweep), index), kMaxRays);
     if (rays.depths.empty()) continue;
-    const LidarReturns seen = street.measure(rays.rays);
-    for (std::size_t i = 0; i < rays.depths.size(); ++i)
-      errors.push_back(std::abs(static_cast<double>(seen.depths[i]) - static_cast<double>(rays.depths[i])));
+    std::vector<float> depths = street.measure(rays.rays).depths;
+    sweeps.push_back({std::move(rays), std::move(depths)});
   }
-  return errors;
-}
-
-double median_error(std::vector<double> values) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  if (values.size() % 2 == 1) return *middle;
-  return 0.5 * (*middle + *std::max_element(values.begin(), middle));
+  return sweeps;
 }
 
 }  // namespace cloam

@@ -16,11 +16,12 @@ SweepRays sweep_rays(const Sweep& sweep, const LidarPoints& points, int scene);
 /// Every n-th ray, n the least that leaves at most this many.
 SweepRays thinned(const SweepRays& rays, std::size_t most);
 
-/// |measured - recorded| in metres of the returns of the scene's test sweeps, at most 20,000 a sweep. A ray on which
-/// the street has nothing counts with its whole depth. Fault::data for damaged sweeps.
-std::vector<double> lidar_errors(Street& street, const Scene& scene, int index);
-
-/// NaN of none.
-double median_error(std::vector<double> values);
+/// A sweep as it was recorded, and the depths that a street gives its rays.
+struct MeasuredSweep {
+  SweepRays recorded;
+  std::vector<float> depths;  // 0: the street has nothing there
+};
+/// The scene's test sweeps that have a return, at most 20,000 of each. Fault::data for damaged sweeps.
+std::vector<MeasuredSweep> measured_sweeps(Street& street, const Scene& scene, int index);
 
 }  // namespace cloam

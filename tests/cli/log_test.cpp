@@ -8,6 +8,7 @@
 #include "models/io/commit.h"
 #include "models/io/gzip.h"
 #include "models/io/image.h"
+#include "models/io/safetensors.h"
 #include "tests/cli/process.h"
 #include "tests/hostile_pickles.h"
 
@@ -47,6 +48,27 @@ const SparseRun& sparse_run() {
   static const SparseRun made;
   REQUIRE_MESSAGE(made.trained.code == 0, made.trained.err);
   return made;
+}
+
+/// AlexNet and LPIPS's linear layers, all zeros.
+fs::path lpips_weights() {
+  const fs::path path = scratch() / "lpips.safetensors";
+  SafetensorsFile file;
+  const auto put = [&](const std::string& name, const std::vector<int64_t>& shape) {
+    std::size_t bytes = 4;
+    for (const int64_t extent : shape) bytes *= static_cast<std::size_t>(extent);
+    file.tensors[name] = {"F32", shape, std::vector<std::byte>(bytes)};
+  };
+  const std::vector<std::vector<int64_t>> shapes = {
+      {64, 3, 11, 11}, {192, 64, 5, 5}, {384, 192, 3, 3}, {256, 384, 3, 3}, {256, 256, 3, 3}};
+  const int numbers[] = {0, 3, 6, 8, 10};
+  for (std::size_t i = 0; i < shapes.size(); ++i) {
+    put("features." + std::to_string(numbers[i]) + ".weight", shapes[i]);
+    put("features." + std::to_string(numbers[i]) + ".bias", {shapes[i][0]});
+    put("lin" + std::to_string(i) + ".model.1.weight", {1, shapes[i][0], 1, 1});
+  }
+  write_safetensors(path, file);
+  return path;
 }
 
 }  // namespace
@@ -207,12 +229,25 @@ TEST_CASE("methods for one capture refuse several, and networks of others") {
 
 TEST_CASE("eval of a log prints the figures over actors and the guesses to clear, by log too") {
   const fs::path log = sparse_run().log, run = sparse_run().run;
+  const std::string weights = lpips_weights().string();
+  const Outcome perceptual = cloam_with({"eval", run.string(), "--lpips", weights, "--json"});
+  REQUIRE_MESSAGE(perceptual.code == 0, perceptual.err);
+  const auto distances = nlohmann::json::parse(perceptual.out);
+  CHECK(distances.at("perceptual_network") == "lpips-alex-v0.1, unverified weights");
+  CHECK(distances.at("masked_perceptual_distance").is_null());  // pictures of 16x12: too small for AlexNet
+  CHECK_FALSE(distances.contains("lpips"));
+  CHECK(cloam_with({"eval", run.string(), "--lpips", weights + ",none.pth"}).code == 3);
+  const Outcome compared = cloam_with({"compare", run.string(), "--lpips", weights, "--json"});
+  REQUIRE_MESSAGE(compared.code == 0, compared.err);
+  CHECK_FALSE(contains(compared.err, "evaluating"));  // what is there was measured by this network
+  CHECK(nlohmann::json::parse(compared.out).at("runs").at(0).at("perceptual_network") ==
+        "lpips-alex-v0.1, unverified weights");
   const Outcome evaluated = cloam_with({"eval", run.string(), "--json"});
   REQUIRE_MESSAGE(evaluated.code == 0, evaluated.err);
   const auto json = nlohmann::json::parse(evaluated.out);
-  for (const char* key : {"psnr", "ssim", "masked_psnr", "masked_ssim", "lidar_median_error_m", "baseline_blend_psnr",
-                          "baseline_blend_masked_psnr", "baseline_mean_masked_psnr", "baseline_copy_psnr",
-                          "baseline_copy_masked_psnr", "baseline_row_mean_psnr"}) {
+  for (const char* key : {"psnr", "ssim", "masked_psnr", "masked_ssim", "lidar_median_error_m", "lidar_chamfer_m2",
+                          "baseline_blend_psnr", "baseline_blend_masked_psnr", "baseline_mean_masked_psnr",
+                          "baseline_copy_psnr", "baseline_copy_masked_psnr", "baseline_row_mean_psnr"}) {
     CAPTURE(key);
     CHECK(json.contains(key));
     CHECK(json.at("logs").at(0).contains(key));

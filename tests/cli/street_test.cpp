@@ -74,6 +74,7 @@ TEST_CASE("eval of a street gives a figure over actors by true masks, and an err
   CHECK(json.at("masks") == "truth");
   CHECK(json.at("preset") == "genassets-small");
   CHECK(json.at("lidar_median_error_m") > 0);
+  CHECK(json.at("lidar_chamfer_m2") > 0);
   for (const char* key :
        {"psnr", "masked_psnr", "baseline_blend_psnr", "baseline_blend_masked_psnr", "baseline_mean_masked_psnr"}) {
     CAPTURE(key);

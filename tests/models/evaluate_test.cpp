@@ -6,16 +6,19 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 
 #include "models/data/camera_file.h"
 #include "models/data/pandaset.h"
 #include "models/data/turned_log.h"
 #include "models/data/write_pandaset.h"
+#include "models/eval/lidar_scores.h"
+#include "models/eval/report.h"
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"
 #include "models/io/ply.h"
-#include "models/street/lidar_rays.h"
+#include "models/metrics/feature_distance.h"
 #include "runtime/error.h"
 #include "tests/models/folder.h"
 
@@ -72,6 +75,16 @@ struct Wall final : Street {
   }
   Picture render_asset(const AssetName&, const Camera&, const Eigen::Matrix4d&) override { return {}; }
   AssetSamples sample_asset(const AssetName&, const std::vector<float>&) override { return {}; }
+};
+
+/// Every view is of stripes.
+struct Stripes final : RendersViews {
+  Picture render(const View& view) override {
+    const int w = view.camera.width, h = view.camera.height;
+    Picture picture{w, h, {}, {}, {}, {}};
+    for (int i = 0; i < 3 * w * h; ++i) picture.rgb.push_back(i / 3 % w % 4 < 2 ? 0.2f : 0.7f);
+    return picture;
+  }
 };
 
 }  // namespace
@@ -222,7 +235,61 @@ TEST_CASE("what a camera would see from inside of a turned actor is not measured
   CHECK(turned_log(log, 90).scene.frames[0].split == Split::unused);
 }
 
-TEST_CASE("LiDAR errors are of the test sweeps, along rays from the LiDAR") {
+TEST_CASE("distances by networks are of the whole picture, and of the actors with all else black") {
+  GreyLog log({0}, {90});
+  log.scene.cameras = {{16, 12, 10, 10, 8, 6, CameraModel::pinhole, {}, 0, 0}};
+  log.test.cameras = log.scene.cameras;
+  FramePixels& photo = log.test.frames[0];
+  photo.width = 16, photo.height = 12;
+  photo.rgba.assign(4 * 16 * 12, 255);
+  for (std::size_t i = 0; i < photo.rgba.size(); i += 4) photo.rgba[i] = static_cast<std::uint8_t>(i % 251);
+  log.scene.actors = {{"a", "Car", {2, 2, 2}, false, {{90, 9.0, at(0, 0, 6)}}}};
+  const ActorMasks masks(log.scene);
+  const ActorMask mask = masks.of(log.scene.frames[1], log.scene.cameras[0]);
+  const auto seen = std::count(mask.actors.begin(), mask.actors.end(), 1);
+  REQUIRE((seen > 4 && seen < 100));
+
+  const FeatureNetwork network = random_features();
+  Tensors weights;
+  for (const int64_t channels : {16, 32, 64, 64}) weights.push_back(random_uniform({1, channels, 1, 1}, {5}));
+  const Lpips metric{"lpips-alex-v0.1", network, weights};
+  Stripes method;
+  EvaluateOptions options;
+  options.features = &network, options.lpips = &metric;
+  std::vector<float> truth, rendered;
+  options.seen = [&](const EvaluatedImage& image) { truth = image.truth, rendered = image.picture.rgb; };
+  const Baselines baselines(log.scene, log.train);
+  const ImageScore score = evaluate(method, {0, log.scene, log.test, baselines, &masks}, options).at(0);
+  const auto black = [&](const std::vector<float>& rgb) { return as_batch(on_black(rgb, mask.any()), 16, 12); };
+  const Tensor ours = as_batch(rendered, 16, 12), photos = as_batch(truth, 16, 12);
+  CHECK(score.lpips == double{metric(ours, photos).item()});
+  CHECK(score.masked_lpips == double{metric(black(rendered), black(truth)).item()});
+  CHECK(score.feature_distance == double{feature_distance(network, ours, photos).item()});
+  CHECK(score.masked_feature_distance == double{feature_distance(network, black(rendered), black(truth)).item()});
+  CHECK(score.masked_lpips < score.lpips);
+  CHECK(score.lpips > 1.01 * score.masked_lpips);
+
+  EvalResult result;
+  result.is_log = true;
+  result.scenes = {{"log", {score}, {{1, 2}, {3, 5}}, 0}};
+  result.perceptual = "lpips-alex-v0.1";
+  const auto known = to_json(result);
+  CHECK(known.at("lpips") == score.lpips);
+  CHECK(known.at("masked_lpips") == score.masked_lpips);
+  CHECK(known.at("perceptual_network") == "lpips-alex-v0.1");
+  CHECK(known.at("logs").at(0).at("masked_ssim") == score.masked_ssim);
+  CHECK(known.at("lidar_median_error_m") == 1.5);
+  CHECK(known.at("lidar_chamfer_m2") == 4);
+  CHECK(known.at("logs").at(0).at("lidar_chamfer_m2") == 4);
+  result.perceptual = "lpips-alex-v0.1, unverified weights";
+  const auto unknown = to_json(result);
+  CHECK_FALSE(unknown.contains("lpips"));
+  CHECK_FALSE(unknown.contains("masked_lpips"));
+  CHECK(unknown.at("perceptual_distance") == score.lpips);
+  CHECK(unknown.at("masked_perceptual_distance") == score.masked_lpips);
+}
+
+TEST_CASE("LiDAR errors and Chamfer distances are of the test sweeps, along rays from the LiDAR") {
   const Folder folder;
   Scene log;
   log.root = folder.path;
@@ -238,12 +305,21 @@ TEST_CASE("LiDAR errors are of the test sweeps, along rays from the LiDAR") {
   for (Sweep& sweep : log.sweeps) sweep.file = "lidar/" + pandaset_number(sweep.step) + ".pkl.gz";
   log.sweeps[1].split = Split::test;
   Wall wall(7);
-  const std::vector<double> errors = lidar_errors(wall, log, 0);
-  REQUIRE(errors.size() == 3);
-  CHECK(errors[0] == doctest::Approx(3));
-  CHECK(errors[1] == doctest::Approx(1));
-  CHECK(median_error(errors) == doctest::Approx(3));
-  CHECK(median_error({4, 1, 2, 3}) == doctest::Approx(2.5));
+  const LidarScores scores = lidar_scores(measured_sweeps(wall, log, 0));
+  REQUIRE(scores.errors.size() == 3);
+  CHECK(scores.errors[0] == doctest::Approx(3));
+  CHECK(scores.errors[1] == doctest::Approx(1));
+  CHECK(scores.median_error() == doctest::Approx(3));
+  CHECK(LidarScores{{4, 1, 2, 3}, {}}.median_error() == doctest::Approx(2.5));
+  // The wall is 7 m away: each point's nearest is that of its own ray, 3, 1 and 3 m away, from either side.
+  REQUIRE(scores.chamfer.size() == 1);
+  CHECK(scores.chamfer[0] == doctest::Approx(2 * (9 + 1 + 9) / 3.0));
+  LidarScores two = scores;
+  two.add({{}, {1}});
+  CHECK(two.mean_chamfer() == doctest::Approx((38 / 3.0 + 1) / 2));
+  CHECK(std::isnan(LidarScores{}.mean_chamfer()));
+  Wall nothing(0);
+  CHECK(std::isinf(lidar_scores(measured_sweeps(nothing, log, 0)).mean_chamfer()));
   SweepRays many;
   for (int i = 0; i < 10; ++i) many.depths.push_back(static_cast<float>(i));
   many.rays.origins.assign(30, 0), many.rays.directions.assign(30, 0);

@@ -110,9 +110,11 @@ TEST_CASE("kernel distance of subsets: their mean is the whole sets' distance, a
   CHECK(kernel_distance(turned, b) == doctest::Approx(kernel_distance(a, b)).epsilon(1e-9));
 }
 
-TEST_CASE("FID and KID are the names of Inception's features alone") {
+TEST_CASE("FID and KID are the names of the published Inception's features alone") {
   CHECK(feature_distance_name("inception-v3-2015-12-05", "Frechet") == "FID");
   CHECK(feature_distance_name("inception-v3-2015-12-05", "kernel") == "KID");
+  CHECK(feature_distance_name("inception-v3-2015-12-05, unverified weights", "Frechet") ==
+        "Frechet feature distance (inception-v3-2015-12-05, unverified weights)");
   CHECK(feature_distance_name("inception-v3-2015-12-05") == "feature distance (inception-v3-2015-12-05)");
   const SetDistances found = set_distances(normals(12, 4, 1), normals(9, 4, 2));
   CHECK(found.frechet == frechet_distance(normals(12, 4, 1), normals(9, 4, 2)));

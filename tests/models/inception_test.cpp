@@ -278,7 +278,9 @@ TEST_CASE(
   CHECK(channels == 17216);
 
   FeatureNetwork net = feature_network(host.weights);
-  CHECK(net.name == "inception-v3-2015-12-05");
+  CHECK(net.name == "inception-v3-2015-12-05, unverified weights");  // which are not FID's: drawn
+  host.weights.sha256 = "6726825d0af5f729cebd5821db510b11b1cfad8faad88a03f1befd49fb9129b2";
+  CHECK(feature_network(host.weights).name == "inception-v3-2015-12-05");
   CHECK(net.side == 299);
   net.side = 0;
   const Tensors taps = net(tensor_of(image));

@@ -122,6 +122,23 @@ TEST_CASE("ssim: outside the mask nothing matters") {
   CHECK(masked_ssim(a, b, std::vector<uint8_t>(256, 1), shape) == doctest::Approx(ssim(a, b, shape)));
 }
 
+TEST_CASE("ssim: the mean over the mask, of both images painted black elsewhere, by the direct sum") {
+  const ImageShape shape{14, 19, 3};
+  const Values a = noise(14 * 19 * 3, 7), b = noise(14 * 19 * 3, 8);
+  std::vector<uint8_t> mask(14 * 19);
+  for (size_t i = 0; i < mask.size(); ++i) mask[i] = i % 19 > 4 && i % 5 != 0 && i < 200 ? 255 : 0;
+  Values black_a = a, black_b = b;
+  for (size_t i = 0; i < a.size(); ++i)
+    if (mask[i / 3] == 0) black_a[i] = black_b[i] = 0;
+  double sum = 0;
+  int count = 0;
+  for (int y = 0; y < 14; ++y)
+    for (int x = 0; x < 19; ++x)
+      for (int c = 0; c < 3 && mask[static_cast<size_t>(y * 19 + x)] != 0; ++c, ++count)
+        sum += direct_ssim(black_a, black_b, shape, {y, x, c});
+  CHECK(masked_ssim(a, b, mask, shape) == doctest::Approx(sum / count).epsilon(1e-9));
+}
+
 /// [H,W,C] as the op takes pictures.
 Tensor planes(const Values& image, const ImageShape& shape) {
   const Shape interleaved{shape.height, shape.width, shape.channels};

@@ -3,33 +3,17 @@
 
 #include <doctest/doctest.h>
 
-#include <cstring>
-#include <fstream>
-
-#include "models/io/gzip.h"
 #include "models/io/npz.h"
 #include "runtime/error.h"
 #include "tests/models/errors.h"
 #include "tests/models/folder.h"
+#include "tests/models/zip_bytes.h"
 
 using namespace cloam;
 
 namespace {
 
 namespace fs = std::filesystem;
-using Bytes = std::vector<std::uint8_t>;
-
-void put(const fs::path& path, const Bytes& bytes) {
-  std::ofstream(path, std::ios::binary)
-      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-}
-
-void add(Bytes& to, std::uint64_t value, int size) {
-  for (int i = 0; i < size; i++) to.push_back(static_cast<std::uint8_t>(value >> 8 * i));
-}
-void add(Bytes& to, const Bytes& more) { to.insert(to.end(), more.begin(), more.end()); }
-void add(Bytes& to, const std::string& more) { to.insert(to.end(), more.begin(), more.end()); }
-
 Bytes npy(const std::string& shape, const std::vector<float>& values) {
   std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (" + shape + "), }";
   header.resize(117, ' ');
@@ -43,42 +27,9 @@ Bytes npy(const std::string& shape, const std::vector<float>& values) {
   return all;
 }
 
-struct Member {
-  std::string name;
-  Bytes content;
-  bool deflated = false;
-  std::uint32_t claimed = 0;  // another size than the true one, in the directory
-};
-
-/// A zip as numpy makes it: sizes of local headers are those of zip64, so that only the directory can be believed.
-Bytes zip(const std::vector<Member>& members) {
-  Bytes all, directory;
-  for (const Member& m : members) {
-    const Bytes packed = gzip(m.content);  // 10 bytes of header, deflate, checksum and size
-    const Bytes raw = m.deflated ? Bytes(packed.begin() + 10, packed.end() - 8) : m.content;
-    std::uint32_t checksum = 0;
-    std::memcpy(&checksum, packed.data() + packed.size() - 8, 4);
-    const auto offset = all.size();
-    Bytes common;
-    add(common, 20, 2), add(common, 0, 2), add(common, m.deflated ? 8 : 0, 2), add(common, 0, 4),
-        add(common, checksum, 4);
-    add(all, 0x04034b50, 4), add(all, common), add(all, 0xffffffffffffffff, 8), add(all, m.name.size(), 2);
-    add(all, 4, 2), add(all, m.name), add(all, 1, 4), add(all, raw);
-    add(directory, 0x02014b50, 4), add(directory, 20, 2), add(directory, common), add(directory, raw.size(), 4);
-    add(directory, m.claimed ? m.claimed : m.content.size(), 4), add(directory, m.name.size(), 2),
-        add(directory, 0, 12);
-    add(directory, offset, 4), add(directory, m.name);
-  }
-  const auto offset = all.size();
-  add(all, directory), add(all, 0x06054b50, 4), add(all, 0, 4);
-  add(all, members.size(), 2), add(all, members.size(), 2), add(all, directory.size(), 4), add(all, offset, 4),
-      add(all, 0, 2);
-  return all;
-}
-
 const std::vector<float> kValues = {1, 2, 3, 4, 5, 6};
 
-Bytes sound() { return zip({{"a.weight.npy", npy("2, 3", kValues), true}, {"b/bias.npy", npy("1,", {7})}}); }
+Bytes sound() { return zip_bytes({{"a.weight.npy", npy("2, 3", kValues), true}, {"b/bias.npy", npy("1,", {7})}}); }
 
 }  // namespace
 
@@ -125,13 +76,13 @@ TEST_CASE("npz: every cut and every changed byte is an error or changes nothing"
 TEST_CASE("npz: sizes are checked before memory is asked for") {
   const Folder folder;
   const fs::path path = folder.path / "x.npz";
-  put(path, zip({{"a.npy", npy("6,", kValues), true, 4000000000u}}));
+  put(path, zip_bytes({{"a.npy", npy("6,", kValues), true, 4000000000u}}));
   CHECK(holds(error_of([&] { read_npz(path); }), "unpack to 4000000000"));
-  put(path, zip({{"a.npy", npy("6,", kValues), true, 10000000u}}));
+  put(path, zip_bytes({{"a.npy", npy("6,", kValues), true, 10000000u}}));
   CHECK(holds(error_of([&] { read_npz(path); }), "does not unpack to 10000000"));
-  put(path, zip({{"a.npy", npy("6,", kValues)}, {"a.npy", npy("6,", kValues)}}));
+  put(path, zip_bytes({{"a.npy", npy("6,", kValues)}, {"a.npy", npy("6,", kValues)}}));
   CHECK(holds(error_of([&] { read_npz(path); }), "twice"));
-  put(path, zip({{"a.txt", npy("6,", kValues)}}));
+  put(path, zip_bytes({{"a.txt", npy("6,", kValues)}}));
   CHECK(holds(error_of([&] { read_npz(path); }), "want only .npy"));
 }
 
