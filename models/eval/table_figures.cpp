@@ -23,6 +23,14 @@ struct Measured {
 };
 using Evaluations = std::vector<Measured>;  // of one row and protocol
 
+/// "without_0.masked_psnr" is a key of an object within.
+std::optional<double> figure_at(const Report& eval, const std::string& key) {
+  const std::size_t dot = key.find('.');
+  if (dot == std::string::npos) return figure(eval, key.c_str());
+  const auto within = eval.find(key.substr(0, dot));
+  return within == eval.end() || !within->is_object() ? std::nullopt : figure_at(*within, key.substr(dot + 1));
+}
+
 double mean(const std::vector<double>& values) {
   double sum = 0;
   for (const double value : values) sum += value;
@@ -48,7 +56,7 @@ std::vector<double> means_of(const std::map<Key, std::vector<double>>& groups) {
 std::optional<double> mean_over_seeds(const Evaluations& evaluations, const char* key) {
   std::map<int64_t, std::vector<double>> by_seed;
   for (const Measured& one : evaluations)
-    if (const auto value = figure(one.eval, key)) by_seed[one.seed].push_back(*value);
+    if (const auto value = figure_at(one.eval, key)) by_seed[one.seed].push_back(*value);
   return by_seed.empty() ? std::nullopt : std::optional(mean(means_of(by_seed)));
 }
 
@@ -69,7 +77,7 @@ std::optional<TableCell> cell_of(const Evaluations& evaluations, const TableRow&
   std::map<std::string, std::vector<double>> by_log;
   TableCell cell;
   for (const Measured& one : evaluations) {
-    const auto value = figure(one.eval, column.key);
+    const auto value = figure_at(one.eval, column.key);
     if (!value) continue;
     by_seed[one.seed].push_back(*value);
     by_log[one.log].push_back(*value);

@@ -120,6 +120,13 @@ const std::vector<TableColumn>& table_columns() {
       all.push_back({protocol, "psnr", "PSNR", true, 2, whole});
       all.push_back({protocol, "lidar_median_error_m", "LiDAR error, m", false, 3, {}});
     }
+    all.push_back({"rotate360",
+                   "without_0.masked_psnr",
+                   "PSNR of actors, without 0 degrees",
+                   true,
+                   2,
+                   {"without_0.baseline_blend_masked_psnr", "without_0.baseline_copy_masked_psnr",
+                    "without_0.baseline_mean_masked_psnr"}});
     all.push_back({"rotate360", "fid", "FID", false, 2, {}});
     all.push_back({"rotate360", "kid", "KID", false, 4, {}});
     all.push_back({"rotate360", "frechet_feature_distance", "Frechet feature distance (paper: FID)", false, 2, {}});

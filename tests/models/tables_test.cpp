@@ -316,6 +316,21 @@ TEST_CASE("table: means and spreads over seeds and logs, the best guess, and the
   CHECK(json["measured_logs"] == Report({"b", "c"}));
 }
 
+TEST_CASE("table: a figure within an object of eval.json has its guess there, too") {
+  TableRequest request = little_plan().request;
+  request.protocols = {"rotate360"};
+  const TablePlan plan = table_plan(request);
+  const TableFigures figures = table_figures(plan, [](const TableNode&) {
+    return std::optional(
+        Report{{"baseline_mean_masked_psnr", 30.0},
+               {"without_0", {{"masked_psnr", 19.5}, {"baseline_mean_masked_psnr", 17.25}, {"images", 7}}}});
+  });
+  const ProtocolTable& table = figures.tables.front();
+  REQUIRE(table.columns.size() == 1);
+  CHECK(table.lines[0].cells[0]->mean == doctest::Approx(19.5));
+  CHECK(*table.lines[0].cells[0]->guess == doctest::Approx(17.25));
+}
+
 TEST_CASE("table: where less is better, the least guess is the best one") {
   TableRequest request = little_plan().request;
   request.protocols = {kGeneration};
