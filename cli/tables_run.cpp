@@ -36,6 +36,12 @@ Fault fault_of(int code) {
   return code >= 2 && code <= 8 ? static_cast<Fault>(code) : Fault::internal;
 }
 
+void remove_folder(const fs::path& folder) {
+  std::error_code error;
+  fs::remove_all(folder, error);
+  if (error) throw Error(Fault::write, text(folder.string(), ": cannot be removed: ", error.message()));
+}
+
 /// After a kill the command that ran dies with the table, but not in the same instant.
 void wait_until_free(const fs::path& run) {
   constexpr int kLooks = 100;
@@ -123,7 +129,7 @@ TableRun::State TableRun::run_command(const TableNode& node) {
   if (begun && is_training(node)) wait_until_free(folder_.of(node));
   const bool resumes =
       begun && is_training(node) && fs::exists(RunPaths{folder_.of(node)}.checkpoints() / "latest.txt");
-  if (!resumes) fs::remove_all(folder_.of(node));
+  if (!resumes) remove_folder(folder_.of(node));
   write_node(folder_, node, record);
   const Clock::time_point start = Clock::now();
   const ChildEnd end = run_child_of(node, words_of(node, resumes));

@@ -5,6 +5,7 @@
 
 #include "models/methods/registry.h"
 #include "models/street/street.h"
+#include "models/train/shares_networks.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -41,8 +42,8 @@ constexpr UsualSteps kUsualSteps[] = {{"train", 0, 2000}, {"fit", 0, 300}, {"ass
 struct Pace {
   double begin, paper, small;
 };
-constexpr Pace kTrainPace = {10, 85, 0.15}, kMethodPace = {10, 0.1, 0.1}, kAssetsPace = {10, 8, 0.06},
-               kPicturePace = {10, 25, 0.15}, kGenerationPace = {20, 3600, 180};
+constexpr Pace kTrainPace = {10, 85, 0.15}, kAssetsPace = {10, 8, 0.06}, kPicturePace = {10, 25, 0.2},
+               kGenerationPace = {20, 3600, 180}, kOtherStepPace = {10, 1, 0.1}, kOtherPicturePace = {10, 10, 0.15};
 
 double seconds_of(const Pace& pace, bool small, int64_t count) {
   return pace.begin + static_cast<double>(count) * (small ? pace.small : pace.paper);
@@ -129,15 +130,17 @@ class Planner {
   }
 
   void add_row(const TableRow& row, int64_t seed) {
-    const bool shares = row.method == "genassets";
-    const std::string stage1 = "train/" + row.key + "/" + seed_word(seed);
-    if (shares) add_stage1(row, seed, stage1);
+    const std::string stage1 = "train/" + row.key + "/" + seed_word(seed), networks = shares(row) ? stage1 : "";
+    if (shares(row)) add_stage1(row, seed, stage1);
     for (const TableLog& log : request_.logs.measured) {
-      if (wants("sparse")) add_fit(row, seed, log, "sparse", shares ? stage1 : "");
-      if (wants("novel") || wants_turned(row)) add_fit(row, seed, log, "novel", shares ? stage1 : "");
+      if (wants("sparse")) add_fit(row, seed, log, "sparse", networks);
+      if (wants("novel") || wants_turned(row)) add_fit(row, seed, log, "novel", networks);
     }
     if (row.generates && wants(kGeneration)) add_generation(row, seed, stage1);
   }
+
+  /// Whether stage 1 comes first: networks that all logs share.
+  static bool shares(const TableRow& row) { return has<SharesNetworks>(row.method); }
 
   /// What knows no actors cannot turn them.
   bool wants_turned(const TableRow& row) const { return wants("rotate360") && has<Street>(row.method); }
@@ -182,7 +185,7 @@ class Planner {
     const Preset& preset = find_preset(stage1.empty() ? row.method : preset_of(row));
     const int64_t images = protocol == "sparse" ? sparse_images(log.front_images) : log.front_images;
     end_words(node, seed, steps_for(stage1.empty() ? "methods" : "fit"), steps_of(preset, images), more);
-    node.seconds = seconds_of(stage1.empty() ? kMethodPace : kTrainPace, request_.small, node.steps);
+    node.seconds = seconds_of(stage1.empty() ? kOtherStepPace : kTrainPace, request_.small, node.steps);
     plan_.nodes.push_back(node);
     if (wants(protocol)) {
       const int64_t pictures = protocol == "sparse" ? log.front_images - images : log.front_images;
@@ -199,7 +202,7 @@ class Planner {
                   "--features", request_.features, "--images",   "@/" + node.id + "/images"};
     node.needs = {run};
     node.steps = pictures;
-    node.seconds = seconds_of(kPicturePace, request_.small || row.method != "genassets", pictures);
+    node.seconds = seconds_of(shares(row) ? kPicturePace : kOtherPicturePace, request_.small, pictures);
     node.row = row.key, node.log = log.name, node.protocol = protocol, node.seed = seed;
     plan_.nodes.push_back(node);
   }
