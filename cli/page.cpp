@@ -16,8 +16,10 @@ namespace fs = std::filesystem;
 constexpr uint64_t kLargestPicture = 64 << 20;
 constexpr char kStyle[] = R"(
 body { font: 16px/1.5 sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
-table { border-collapse: collapse; margin: 1rem 0 } td, th { padding: .3rem .8rem; border-bottom: 1px solid #ccc; text-align: left }
-td.number { text-align: right; white-space: nowrap } .row { display: flex; flex-wrap: wrap; gap: .6rem; align-items: flex-end }
+table { border-collapse: collapse; margin: 1rem 0 }
+td, th { padding: .3rem .8rem; border-bottom: 1px solid #ccc; text-align: left }
+td.number { text-align: right; white-space: nowrap }
+.row { display: flex; flex-wrap: wrap; gap: .6rem; align-items: flex-end }
 figure { margin: 0 } figcaption { color: #666; font-size: .85rem } img { max-width: 100%; display: block }
 pre { background: #f4f4f4; padding: 1rem; white-space: pre-wrap; overflow-wrap: anywhere }
 )";
