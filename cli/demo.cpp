@@ -14,6 +14,7 @@
 #include "cli/commands.h"
 #include "cli/demo_page.h"
 #include "cli/eval.h"
+#include "cli/page.h"
 #include "cli/stop_signal.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/common.h"
-#include "models/io/bytes.h"
+#include "cli/page.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"
 #include "runtime/error.h"
@@ -18,45 +18,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr uint64_t kLargestPicture = 64 << 20;
 constexpr std::size_t kFramesShown = 4;
-constexpr char kStyle[] = R"(
-body { font: 16px/1.5 sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
-table { border-collapse: collapse; margin: 1rem 0 } td, th { padding: .3rem .8rem; border-bottom: 1px solid #ccc; text-align: left }
-td.number { text-align: right; white-space: nowrap } .row { display: flex; flex-wrap: wrap; gap: .6rem; align-items: flex-end }
-figure { margin: 0 } figcaption { color: #666; font-size: .85rem } img { max-width: 100%; display: block }
-pre { background: #f4f4f4; padding: 1rem; white-space: pre-wrap; overflow-wrap: anywhere }
-)";
-
-std::string escaped(const std::string& words) {
-  std::string out;
-  for (const char c : words)
-    out += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '>' ? "&gt;" : c == '"' ? "&quot;" : std::string(1, c);
-  return out;
-}
-
-/// RFC 4648.
-std::string base64(const std::vector<std::uint8_t>& bytes) {
-  constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t count = std::min<std::size_t>(3, bytes.size() - i);
-    uint32_t bits = 0;
-    for (std::size_t k = 0; k < 3; ++k) bits = bits << 8 | (k < count ? bytes[i + k] : 0u);
-    for (std::size_t k = 0; k < 4; ++k) out += k <= count ? kDigits[bits >> (18 - 6 * k) & 63] : '=';
-  }
-  return out;
-}
-
-std::string figure(const fs::path& file, const std::string& caption, int width) {
-  const std::string type = file.extension() == ".jpg" ? "jpeg" : file.extension().string().substr(1);
-  return fmt::format(
-      "<figure><img width=\"{}\" alt=\"{}\" src=\"data:image/{};base64,{}\"><figcaption>{}</figcaption></figure>\n",
-      width, escaped(caption), type, base64(read_file(file, kLargestPicture)), escaped(caption));
-}
-
-std::string row_of(const std::string& figures) { return "<div class=\"row\">\n" + figures + "</div>\n"; }
-
 /// Near is bright; black where there is nothing. Returns the picture's file, beside the render's EXR and PNG.
 fs::path depth_picture(const fs::path& exr) {
   constexpr float kHalf = 10;  // metres at which half the brightness is left
@@ -167,22 +129,10 @@ double frechet_of(const Json& distance) {
   return distance.at(distance.contains("fid") ? "fid" : "frechet_feature_distance").get<double>();
 }
 
-std::vector<fs::path> files_in(const fs::path& folder, const std::string& beginning, const std::string& ending) {
-  std::vector<fs::path> found;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-    const std::string name = entry.path().filename().string();
-    if (name.starts_with(beginning) && name.ends_with(ending)) found.push_back(entry.path());
-  }
-  std::sort(found.begin(), found.end());
-  return found;
-}
-
 void write_demo_page(const DemoRecord& r) {
   const std::string title = "cloam: streets, reconstructed and with new vehicles";
-  commit_text(r.folders.page(), "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + title +
-                                    "</title><style>" + kStyle + "</style></head><body>\n<h1>" + title + "</h1>\n" +
-                                    table(figures_of(r)) + streets(r) + sets(r) + assets(r) + swap(r) + commands(r) +
-                                    "</body></html>\n");
+  const std::string body = table(figures_of(r)) + streets(r) + sets(r) + assets(r) + swap(r) + commands(r);
+  commit_text(r.folders.page(), html_page(title, body));
 }
 
 }  // namespace cloam

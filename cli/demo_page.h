@@ -44,8 +44,4 @@ void write_demo_page(const DemoRecord& record);
 /// The Frechet distance in what `distance --json` prints, whatever the network.
 double frechet_of(const nlohmann::ordered_json& distance);
 
-/// Files in a folder whose names begin and end so, sorted.
-std::vector<std::filesystem::path> files_in(const std::filesystem::path& folder, const std::string& beginning,
-                                            const std::string& ending);
-
 }  // namespace cloam

@@ -37,6 +37,7 @@ Driving logs:
   cloam generate runs/new -n 8 -o cars            ... and make new ones: pictures and meshes
 Measure:
   cloam compare runs/my runs/other                metrics of several runs side by side
+  cloam tables --size small -o tables             the GenAssets paper's tables: all rows, beside the paper's
   cloam distance samples photos --features FILE   FID and KID between two folders of images
   cloam crops logs/001 -o crops                   the actors of driving logs as images, filtered as in GenAssets
   cloam info                                      the devices, and which one is used

@@ -7,6 +7,7 @@
 
 #include "models/io/draw_text.h"
 #include "models/scene/orbit.h"
+#include "runtime/error.h"
 
 namespace cloam {
 namespace {
@@ -80,6 +81,22 @@ Image contact_sheet(const std::vector<Image>& images, int columns, const std::ve
     if (has_captions) write_caption(sheet, captions.at(static_cast<std::size_t>(i)), left, top + height, width);
   }
   return sheet;
+}
+
+std::vector<Image> images_of_sheet(const Image& sheet, int columns) {
+  const int width = (sheet.width + kGap) / columns - kGap;
+  if (width < 1 || columns * (width + kGap) - kGap != sheet.width || sheet.channels != 3)
+    throw Error(Fault::data, text("a picture of ", sheet.width, "x", sheet.height, " is no sheet of ", columns));
+  std::vector<Image> images;
+  for (int column = 0; column < columns; ++column) {
+    Image image{width, sheet.height, 3, {}};
+    for (int y = 0; y < sheet.height; ++y) {
+      const auto row = sheet.pixels.begin() + (std::ptrdiff_t{y} * sheet.width + column * (width + kGap)) * 3;
+      image.pixels.insert(image.pixels.end(), row, row + std::ptrdiff_t{width} * 3);
+    }
+    images.push_back(std::move(image));
+  }
+  return images;
 }
 
 Image three_quarter_picture(Street& street, const AssetName& appearance, const Eigen::Vector3d& size, int pixels) {

@@ -24,6 +24,9 @@ struct Caption {
 /// none; they are left out where there is no font (draw_text.h).
 Image contact_sheet(const std::vector<Image>& images, int columns, const std::vector<Caption>& captions = {});
 
+/// The images of a sheet of one row without captions, so many of equal size. Fault::data for another picture.
+std::vector<Image> images_of_sheet(const Image& sheet, int columns);
+
 /// An asset of that size alone on white, from its front left and a little above.
 Image three_quarter_picture(Street& street, const AssetName& appearance, const Eigen::Vector3d& size, int pixels);
 

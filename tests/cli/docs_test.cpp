@@ -53,6 +53,10 @@ const Rule kRules[] = {
      " --set decoder.widths=16,8,8 --set decoder.groups=4 --set weight.perceptual=0 --set prior.steps=2 "},
     {"^cloam train genassets (?=.*--networks)", "cloam train genassets --set prior.steps=2 "},
     {"^cloam train diffusion", "cloam train diffusion --set unet.base=8 --set unet.groups=4 --set batch.codes=8"},
+    {"^cloam tables",
+     "cloam tables --size small --train @/logs/001 --measure @/logs/003 --rows full --protocols sparse"
+     " --steps train=2,fit=2 --set background.side=32 --set batch.patches=1 --set batch.patch_side=8"
+     " --set batch.lidar_rays=32 --set code.side=4 --set weight.perceptual=0"},
     // Places: what the reader has and the test makes.
     {"\\bDATA\\b", "@/photos"},
     {"\\bLOG\\.\\.\\.", "@/logs/001 @/logs/002"},

@@ -33,9 +33,9 @@ std::vector<std::string> matches(const std::string& text, const std::string& pat
   return found;
 }
 
-const Words kCommands = {"train",   "eval",     "compare",  "distance", "crops",   "render", "export",
-                         "convert", "generate", "edit",     "simulate", "process", "check",  "demo",
-                         "synth",   "info",     "selftest", "bench",    "tune"};
+const Words kCommands = {"train",  "eval",    "compare",  "tables",   "distance", "crops",   "render",
+                         "export", "convert", "generate", "edit",     "simulate", "process", "check",
+                         "demo",   "synth",   "info",     "selftest", "bench",    "tune"};
 
 /// What --help prints, for each command.
 const std::map<std::string, std::string>& helps() {

@@ -5,6 +5,7 @@
 
 #include "models/eval/pictures.h"
 #include "models/io/draw_text.h"
+#include "tests/models/errors.h"
 
 using namespace cloam;
 
@@ -56,4 +57,18 @@ TEST_CASE("each picture's caption stands below it, in its cell alone") {
   CHECK_FALSE(is_white(part(sheet, 0, kSide + strip / 2, kSide, strip / 2)));  // the label
   CHECK(is_white(part(sheet, kSide, 0, kGap, sheet.height)));                  // what is too long is cut
   CHECK_FALSE(is_white(part(sheet, 0, cell + kGap + kSide, kSide, strip)));
+}
+
+TEST_CASE("the pictures of a sheet are those that it was made of; no other picture is taken for a sheet") {
+  std::vector<Image> images = {grey(), grey(), grey()};
+  for (std::size_t i = 0; i < images.size(); ++i)
+    for (std::size_t k = 0; k < images[i].pixels.size(); ++k)
+      images[i].pixels[k] = static_cast<std::uint8_t>((k * (i + 3)) % 251);
+  const std::vector<Image> found = images_of_sheet(contact_sheet(images, 3), 3);
+  REQUIRE(found.size() == 3);
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    CHECK(found[i].width == kSide);
+    CHECK(found[i].pixels == images[i].pixels);
+  }
+  CHECK(holds(error_of([] { images_of_sheet(grey(), 3); }), "60x60 is no sheet of 3"));
 }

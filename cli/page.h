@@ -1,0 +1,24 @@
+// Parts of the pages that commands write: one HTML file without scripts that holds its pictures.
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace cloam {
+
+/// Words as HTML shows them.
+std::string escaped(const std::string& words);
+
+/// A picture with a line below it, that wide on the page. Fault::data if the file is missing.
+std::string figure(const std::filesystem::path& file, const std::string& caption, int width);
+
+/// Figures side by side.
+std::string row_of(const std::string& figures);
+
+std::string html_page(const std::string& title, const std::string& body);
+
+/// Files in a folder whose names begin and end so, sorted.
+std::vector<std::filesystem::path> files_in(const std::filesystem::path& folder, const std::string& beginning,
+                                            const std::string& ending);
+
+}  // namespace cloam
