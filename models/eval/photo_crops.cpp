@@ -114,9 +114,9 @@ PhotoCrops read_photo_crops(const fs::path& folder) {
       ++photos.left_out;
   }
   if (photos.crops.size() >= 2) return photos;
-  bad_data(
-      path.string(), ": ", photos.crops.size(), " of ", photos.crops.size() + photos.left_out,
-      " crops show all of an actor (cut by a mask, less than a tenth covered, all in the image), want two or more");
+  bad_data(path.string(), ": ", photos.crops.size(), " of ", photos.crops.size() + photos.left_out,
+           " crops show all of an actor (cut by a mask, less than a tenth covered, all in the image), want two or more",
+           "\n  fix: crops of more logs, or, where these have no masks, cloam crops LOG... --masks MASKS -o DIR");
 }
 
 std::vector<bool> held_out_crops(const PhotoCrops& photos, uint64_t seed) {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numeric>
-#include <set>
+#include <span>
 
 #include "models/eval/image_sets.h"
 #include "models/io/crc32c.h"
@@ -41,13 +41,28 @@ std::vector<std::size_t> drawn(std::size_t all, std::size_t most) {
   return places;
 }
 
-MatrixXd log_sides(const Eigen::Vector3d& size) { return size.array().log().matrix().transpose(); }
-
-MatrixXd log_sides(const std::vector<NewAsset>& assets) {
-  MatrixXd rows(static_cast<Index>(assets.size()), 3);
-  for (std::size_t i = 0; i < assets.size(); ++i) rows.row(static_cast<Index>(i)) = log_sides(assets[i].size);
+MatrixXd log_sides(const std::vector<Eigen::Vector3d>& sizes) {
+  MatrixXd rows(static_cast<Index>(sizes.size()), 3);
+  for (std::size_t i = 0; i < sizes.size(); ++i) rows.row(static_cast<Index>(i)) = sizes[i].array().log().transpose();
   return rows;
 }
+
+std::vector<Eigen::Vector3d> sizes_of(const std::vector<NewAsset>& assets) {
+  std::vector<Eigen::Vector3d> sizes;
+  for (const NewAsset& asset : assets) sizes.push_back(asset.size);
+  return sizes;
+}
+
+/// Tells classes apart as rows of photos do.
+struct Judge {
+  explicit Judge(const LabelledRows& photos) : strength(likeliest_strength(photos)), by(photos, strength) {}
+  MatrixXd log_p(const MatrixXd& rows) const { return by.log_probabilities(rows); }
+  Accuracy right(const MatrixXd& log_probabilities, const std::vector<int>& classes) const {
+    return accuracy(log_probabilities, by.classes(), classes);
+  }
+  double strength;
+  ClassRegression by;
+};
 
 /// Rows of several views an asset: the mean of their log-probabilities.
 MatrixXd by_asset(const MatrixXd& views) {
@@ -165,58 +180,59 @@ void PhotoFigures::add_distances(Showroom& showroom, const MatrixXd& features, J
   figures["photos_kernel_ratio"] = ratio_of(samples.kernel.mean, gaussians.kernel.mean, training.kernel.mean);
 }
 
-void PhotoFigures::add_classes(Showroom& showroom, const MatrixXd& features, Json& figures) const {
-  std::map<std::string, int> logs;
-  LabelledRows pictures[2], boxes[2];  // [1]: of logs that are held out
-  std::vector<Index> places[2];
-  std::set<std::string> held_out_logs;
+PhotoFigures::ClassPhotos PhotoFigures::class_photos(const MatrixXd& features, bool held_out) const {
+  ClassPhotos photos;
+  std::map<std::string, int> numbers;
+  std::vector<Index> places;
+  std::vector<Eigen::Vector3d> sizes;
   for (std::size_t i = 0; i < photos_.size(); ++i) {
-    if (!classes_.contains(photos_[i].asset_class)) continue;
-    if (held_out_[i]) held_out_logs.insert(photos_[i].log);
-    const int log = logs.emplace(photos_[i].log, static_cast<int>(logs.size())).first->second;
-    places[held_out_[i]].push_back(static_cast<Index>(i));
-    pictures[held_out_[i]].classes.push_back(photos_[i].asset_class);
-    pictures[held_out_[i]].groups.push_back(log);
+    const PhotoCrop& photo = photos_[i];
+    if (held_out_[i] != held_out || !classes_.contains(photo.asset_class)) continue;
+    places.push_back(static_cast<Index>(i));
+    sizes.push_back(photo.size);
+    photos.logs.insert(photo.log);
+    photos.pictures.classes.push_back(photo.asset_class);
+    photos.pictures.groups.push_back(numbers.emplace(photo.log, static_cast<int>(numbers.size())).first->second);
   }
-  for (const int part : {0, 1}) {
-    boxes[part] = pictures[part];
-    pictures[part].rows = features(places[part], Eigen::all);
-    boxes[part].rows.resize(pictures[part].rows.rows(), 3);
-    for (Index i = 0; i < boxes[part].rows.rows(); ++i)
-      boxes[part].rows.row(i) =
-          log_sides(photos_[static_cast<std::size_t>(places[part][static_cast<std::size_t>(i)])].size);
-  }
-  const double strength = likeliest_strength(pictures[0]), box_strength = likeliest_strength(boxes[0]);
-  const ClassRegression by_pictures(pictures[0], strength), by_box(boxes[0], box_strength);
-  const auto right = [](const ClassRegression& by, const MatrixXd& log_p, const std::vector<int>& classes) {
-    return accuracy(log_p, by.classes(), classes);
-  };
-  Json names = Json::array();
-  for (const auto& [asset_class, count] : classes_) names.push_back(kAssetClasses[asset_class]);
-  figures["classes"] = names;
-  figures["class_crops"] = {places[0].size(), places[1].size()};
-  figures["class_logs_held_out"] = held_out_logs;
-  figures["class_strength"] = strength;
-  figures["class_strength_box"] = box_strength;
-  const auto of_photos = right(by_pictures, by_pictures.log_probabilities(pictures[1].rows), pictures[1].classes);
+  photos.boxes = photos.pictures;
+  photos.pictures.rows = features(places, Eigen::all);
+  photos.boxes.rows = log_sides(sizes);
+  return photos;
+}
+
+void PhotoFigures::add_classes(Showroom& showroom, const MatrixXd& features, Json& figures) const {
+  const ClassPhotos training = class_photos(features, false), held_out = class_photos(features, true);
+  const Judge by_pictures(training.pictures), by_box(training.boxes);
+  figures["classes"] = Json::array();
+  for (const auto& [asset_class, count] : classes_) figures["classes"].push_back(kAssetClasses[asset_class]);
+  figures["class_crops"] = {training.pictures.classes.size(), held_out.pictures.classes.size()};
+  figures["class_logs_held_out"] = held_out.logs;
+  figures["class_strength"] = by_pictures.strength;
+  figures["class_strength_box"] = by_box.strength;
+  const Accuracy of_photos = by_pictures.right(by_pictures.log_p(held_out.pictures.rows), held_out.pictures.classes);
   figures["class_right_photos_held_out"] = of_photos.balanced;
   figures["class_right_photos_held_out_plain"] = of_photos.plain;
   figures["class_right_box_photos_held_out"] =
-      right(by_box, by_box.log_probabilities(boxes[1].rows), boxes[1].classes).balanced;
-  for (const bool sampled : {true, false}) {
-    std::vector<NewAsset> assets;
-    for (const auto& [asset_class, training] : classes_)
-      for (const NewAsset& asset : prior_.generate({.count = sampled ? kSamplesOfAClass : training,
-                                   .asset_class = asset_class,
-                                   .codes = sampled ? CodeSource::sampled : CodeSource::training}))
-        assets.push_back(asset);
-    const std::string suffix = sampled ? "" : "_of_training";
-    const MatrixXd views = by_pictures.log_probabilities(showroom.features_as_crops(assets, pixels_));
-    figures["class_right_pictures" + suffix] = right(by_pictures, by_asset(views), classes_of(assets)).balanced;
+      by_box.right(by_box.log_p(held_out.boxes.rows), held_out.boxes.classes).balanced;
+  for (const CodeSource source : {CodeSource::sampled, CodeSource::training}) {
+    const std::vector<NewAsset> assets = assets_of_classes(source);
+    const std::string suffix = source == CodeSource::sampled ? "" : "_of_training";
+    const MatrixXd views = by_pictures.log_p(showroom.features_as_crops(assets, pixels_));
+    figures["class_right_pictures" + suffix] = by_pictures.right(by_asset(views), classes_of(assets)).balanced;
     figures["class_right_box" + suffix] =
-        right(by_box, by_box.log_probabilities(log_sides(assets)), classes_of(assets)).balanced;
+        by_box.right(by_box.log_p(log_sides(sizes_of(assets))), classes_of(assets)).balanced;
   }
   figures["baseline_class_right"] = 1.0 / static_cast<double>(classes_.size());
+}
+
+std::vector<NewAsset> PhotoFigures::assets_of_classes(CodeSource source) const {
+  std::vector<NewAsset> assets;
+  for (const auto& [asset_class, training] : classes_) {
+    const int count = source == CodeSource::training ? training : kSamplesOfAClass;
+    for (NewAsset& asset : prior_.generate({.count = count, .asset_class = asset_class, .codes = source}))
+      assets.push_back(std::move(asset));
+  }
+  return assets;
 }
 
 }  // namespace cloam

@@ -2,11 +2,14 @@
 #pragma once
 #include <map>
 #include <nlohmann/json_fwd.hpp>
+#include <set>
+#include <string>
 #include <vector>
 
 #include "models/eval/photo_crops.h"
 #include "models/eval/showroom.h"
 #include "models/latents/generates_assets.h"
+#include "models/metrics/class_regression.h"
 
 namespace cloam {
 
@@ -26,6 +29,13 @@ class PhotoFigures {
   void match(const std::vector<NewAsset>& training);
   void choose_classes(const std::vector<NewAsset>& training);
   void add_distances(Showroom& showroom, const Eigen::MatrixXd& features, nlohmann::ordered_json& figures) const;
+  /// Photos of the classes that are told apart, by features of their pictures and by the sides of their boxes.
+  struct ClassPhotos {
+    LabelledRows pictures, boxes;
+    std::set<std::string> logs;
+  };
+  ClassPhotos class_photos(const Eigen::MatrixXd& features, bool held_out) const;
+  std::vector<NewAsset> assets_of_classes(CodeSource source) const;
   void add_classes(Showroom& showroom, const Eigen::MatrixXd& features, nlohmann::ordered_json& figures) const;
 
   GeneratesAssets& prior_;

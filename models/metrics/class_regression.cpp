@@ -18,7 +18,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double kLeastDeviation = 1e-9;
-constexpr double kStrengths[] = {10, 1, 0.1, 0.01, 1e-3, 1e-4};
+constexpr double kStrengths[] = {100, 10, 1, 0.1, 0.01, 1e-3, 1e-4};
 constexpr std::size_t kFolds = 4;
 constexpr std::size_t kHistory = 10;  // steps that the curvature is known from
 constexpr int kMostSteps = 300;

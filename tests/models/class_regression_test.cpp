@@ -75,7 +75,7 @@ TEST_CASE("class regression: the loss is least: its gradient, by differences of 
 
 TEST_CASE("class regression: the strength fits what there is to learn") {
   CHECK(likeliest_strength(two_classes(4000, 4, 2, 4)) <= 0.01);
-  CHECK(likeliest_strength(two_classes(40, 200, 0, 5)) == 10);  // nothing to learn
+  CHECK(likeliest_strength(two_classes(40, 200, 0, 5)) >= 10);  // nothing to learn
 }
 
 TEST_CASE("class regression: the strength is chosen by groups left out, not by rows") {
