@@ -11,6 +11,7 @@
 #include "models/eval/table_figures.h"
 #include "models/io/words.h"
 #include "models/methods/registry.h"
+#include "models/metrics/lpips.h"
 #include "models/nn/feature_network.h"
 #include "runtime/error.h"
 
@@ -33,7 +34,7 @@ The result is tables.json, tables.md and a page with pictures, index.html.)";
 
 struct TablesRequest {
   TableLogWish logs;
-  std::string out, size = "paper", rows, methods, protocols, seeds = "1", features = "random", perceptual, steps;
+  std::string out, size = "paper", rows, methods, protocols, seeds = "1", features = "random", perceptual, lpips, steps;
   Names settings;
   bool dry_run = false;
 };
@@ -121,6 +122,9 @@ TablePlan plan_of(const TablesRequest& request) {
   wish.features = absolute_file(request.features);
   if (!request.perceptual.empty()) features_named(request.perceptual);
   wish.perceptual = absolute_file(request.perceptual);
+  for (const std::string& file : comma_separated(request.lpips))
+    wish.lpips += (wish.lpips.empty() ? "" : ",") + absolute_file(file);
+  if (!wish.lpips.empty()) lpips_named(wish.lpips);
   wish.steps = steps_of(request.steps);
   wish.settings = request.settings;
   return table_plan(wish);
@@ -130,6 +134,7 @@ std::string hours(double seconds) { return fmt::format("{:.2f}", seconds / 3600)
 
 std::string what(const TableNode& node) {
   if (node.work == TableWork::logs) return "logs";
+  if (node.work == TableWork::crops) return "photos";
   if (node.work == TableWork::measure) return node.log.empty() ? "sets" : "pictures";
   return "steps";
 }
@@ -197,6 +202,7 @@ Command add_tables(CLI::App& program) {
     add("--seeds", r.seeds, "List of random seeds (1)");
     add("--steps", r.steps, "List such as train=2000,fit=300; also assets=N and methods=N");
     add("--features", r.features, "To measure by: weights of a feature network, or random (the default)");
+    add("--lpips", r.lpips, "Also measure LPIPS: weights of AlexNet or VGG-16, a comma, those of the linear layers");
     add("--perceptual", r.perceptual, "To train by: weights for the perceptual loss (default: random features)");
     add("--set", r.settings, "Setting key=value for the trainings of stage 1; may be repeated").one_word();
     add("--dry-run", r.dry_run, "List the commands with their hours; write nothing");

@@ -28,7 +28,9 @@ constexpr char kOurselves[] = "/proc/self/exe";  // also after the file was repl
 constexpr uint64_t kLargestFigures = 256 << 20;
 constexpr std::size_t kLineWidth = 100;
 
-bool is_training(const TableNode& node) { return node.work != TableWork::logs && node.work != TableWork::measure; }
+bool is_training(const TableNode& node) {
+  return node.work == TableWork::train || node.work == TableWork::fit || node.work == TableWork::assets;
+}
 
 /// The fault of a command that ended so. A kill from outside is most often that of a system without memory.
 Fault fault_of(int code) {

@@ -110,6 +110,7 @@ TableLogs find_table_logs(const TableLogWish& wish) {
       if (log.path == other.path)
         throw Error(Fault::usage, text(log.path, " is to train and to be measured; name it in one list alone"));
   tell_apart(logs.measured);
+  logs.photographs = logs.measured;
   return logs;
 }
 

@@ -15,6 +15,8 @@ struct TableLog {
 
 struct TableLogs {
   std::vector<TableLog> train, measured;
+  std::vector<TableLog> photographs =
+      {};  // whose actors generated ones are held against: with masks, as far as there are
 };
 
 /// What the user says: a folder of logs, and lists of folders or of names in it.

@@ -14,20 +14,25 @@ namespace {
 using Words = std::vector<std::string>;
 
 /// Logs that the small table makes. Half of those that train lie under a sun, a quarter of these at night; the measured
-/// ones are by day, as the paper's are.
+/// ones are by day, as the paper's are. Generated actors are held against photographs of logs that nothing else sees.
+enum class MadeFor { training, measuring, photographs };
 struct MadeLogs {
   const char* folder;
   int count, seed;
   const char *clouds, *night, *cameras;
-  bool train;
+  MadeFor purpose;
   double seconds;  // of one log
 };
 constexpr int kMadeFrames = 40;
 constexpr char kAllCameras[] = "front,front_left,front_right,left,right,back", kTwoCameras[] = "front,front_left";
-constexpr MadeLogs kMadeLogs[] = {{"sun", 8, 1, "0", "0.25", kAllCameras, true, 15},
-                                  {"clouds", 8, 2, "1", "0", kAllCameras, true, 15},
-                                  {"measured-sun", 1, 3, "0", "0", kTwoCameras, false, 30},
-                                  {"measured-clouds", 1, 4, "1", "0", kTwoCameras, false, 30}};
+constexpr MadeLogs kMadeLogs[] = {{"sun", 8, 1, "0", "0.25", kAllCameras, MadeFor::training, 15},
+                                  {"clouds", 8, 2, "1", "0", kAllCameras, MadeFor::training, 15},
+                                  {"measured-sun", 1, 3, "0", "0", kTwoCameras, MadeFor::measuring, 30},
+                                  {"measured-clouds", 1, 4, "1", "0", kTwoCameras, MadeFor::measuring, 30},
+                                  {"photographs-sun", 3, 5, "0", "0.34", kTwoCameras, MadeFor::photographs, 30},
+                                  {"photographs-clouds", 3, 6, "1", "0", kTwoCameras, MadeFor::photographs, 30}};
+constexpr std::size_t kLeastPhotographed = 3;  // logs: classes are told by what was learned from others
+constexpr char kCrops[] = "crops";
 /// For pictures of 160x90: more and smaller patches, and planes that they can fill.
 const Words kMadeSettings = {"batch.patches=8", "batch.patch_side=24", "background.side=256"};
 
@@ -43,7 +48,8 @@ struct Pace {
   double begin, paper, small;
 };
 constexpr Pace kTrainPace = {10, 85, 0.15}, kAssetsPace = {10, 8, 0.06}, kPicturePace = {10, 25, 0.2},
-               kGenerationPace = {20, 3600, 180}, kOtherStepPace = {10, 1, 0.1}, kOtherPicturePace = {10, 10, 0.15};
+               kGenerationPace = {20, 3600, 180}, kCropPace = {5, 0.5, 0.1}, kOtherStepPace = {10, 1, 0.1},
+               kOtherPicturePace = {10, 10, 0.15};
 
 double seconds_of(const Pace& pace, bool small, int64_t count) {
   return pace.begin + static_cast<double>(count) * (small ? pace.small : pace.paper);
@@ -57,6 +63,7 @@ class Planner {
 
   TablePlan plan() {
     if (request_.logs.measured.empty()) make_logs();
+    add_crops();
     for (const int64_t seed : request_.seeds)
       for (const TableRow& row : request_.rows) add_row(row, seed);
     if (std::none_of(plan_.nodes.begin(), plan_.nodes.end(),
@@ -106,16 +113,38 @@ class Planner {
                     "--night",
                     made.night,
                     "--overwrite"};
-      if (made.train) node.words.push_back("--no-truth");
+      if (made.purpose == MadeFor::training) node.words.push_back("--no-truth");
       node.seconds = made.seconds * made.count;
       for (int log = 1; log <= made.count; ++log) {
         const int64_t cameras = 1 + std::count(made.cameras, made.cameras + std::string(made.cameras).size(), ',');
         const TableLog one{"@/" + node.id + "/00" + std::to_string(log), made.folder, cameras * kMadeFrames,
                            kMadeFrames};
-        (made.train ? request_.logs.train : request_.logs.measured).push_back(one);
+        logs_for(made.purpose).push_back(one);
       }
       plan_.nodes.push_back(node);
     }
+  }
+
+  std::vector<TableLog>& logs_for(MadeFor purpose) {
+    if (purpose == MadeFor::training) return request_.logs.train;
+    return purpose == MadeFor::measuring ? request_.logs.measured : request_.logs.photographs;
+  }
+
+  /// The photographs of all rows' generated actors.
+  void add_crops() {
+    const std::vector<TableLog>& logs = request_.logs.photographs;
+    const bool generates =
+        std::any_of(request_.rows.begin(), request_.rows.end(), [](const TableRow& row) { return row.generates; });
+    if (!wants(kGeneration) || !generates || logs.size() < kLeastPhotographed) return;
+    TableNode node{kCrops, TableWork::crops, {"crops"}, needs_of(logs)};
+    for (const TableLog& log : logs) {
+      node.words.push_back(log.path);
+      node.steps += log.images;
+    }
+    node.words.insert(node.words.end(), {"-o", text("@/", kCrops)});
+    node.seconds = seconds_of(kCropPace, request_.small, node.steps);
+    plan_.nodes.push_back(node);
+    cropped_ = true;
   }
 
   /// The ids of the logs that are made for training, or of the folder of that log.
@@ -192,7 +221,7 @@ class Planner {
       add_measurement(row, seed, log, protocol, node.id, pictures);
     }
     if (protocol == "novel" && wants_turned(row))
-      add_measurement(row, seed, log, "rotate360", node.id, 7 * log.front_images);
+      add_measurement(row, seed, log, "rotate360", node.id, 8 * log.front_images);
   }
 
   void add_measurement(const TableRow& row, int64_t seed, const TableLog& log, const std::string& protocol,
@@ -200,6 +229,7 @@ class Planner {
     TableNode node{"measure/" + row.key + "/" + seed_word(seed) + "/" + log.name + "/" + protocol, TableWork::measure};
     node.words = {"eval",       "@/" + run,        "--protocol", protocol,
                   "--features", request_.features, "--images",   "@/" + node.id + "/images"};
+    if (!request_.lpips.empty()) node.words.insert(node.words.end(), {"--lpips", request_.lpips});
     node.needs = {run};
     node.steps = pictures;
     node.seconds = seconds_of(shares(row) ? kPicturePace : kOtherPicturePace, request_.small, pictures);
@@ -218,6 +248,10 @@ class Planner {
     TableNode node{"measure/" + place + "/" + kGeneration, TableWork::measure};
     node.words = {"eval", "@/" + assets.id, "--features", request_.features};
     node.needs = {assets.id, stage1};
+    if (cropped_) {
+      node.words.insert(node.words.end(), {"--photos", text("@/", kCrops)});
+      node.needs.push_back(kCrops);
+    }
     node.steps = 1;
     node.seconds = seconds_of(kGenerationPace, request_.small, 1);
     node.row = row.key, node.protocol = kGeneration, node.seed = seed;
@@ -226,7 +260,7 @@ class Planner {
 
   TablePlan plan_;
   TableRequest& request_;
-  bool made_ = false;
+  bool made_ = false, cropped_ = false;
 };
 
 }  // namespace

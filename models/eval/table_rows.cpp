@@ -16,6 +16,8 @@ std::vector<PaperFigure> paper_line(const double (&sparse)[3], const double (&no
   std::vector<PaperFigure> line = {{"sparse", "masked_psnr", sparse[0]},
                                    {"sparse", "masked_ssim", sparse[1]},
                                    {"sparse", "masked_feature_distance", sparse[2]},
+                                   {"sparse", "masked_lpips", sparse[2]},
+                                   {"novel", "masked_lpips", novel[2]},
                                    {"novel", "masked_psnr", novel[0]},
                                    {"novel", "masked_ssim", novel[1]},
                                    {"novel", "masked_feature_distance", novel[2]},
@@ -26,7 +28,9 @@ std::vector<PaperFigure> paper_line(const double (&sparse)[3], const double (&no
 }
 
 std::vector<PaperFigure> paper_generation(double fid, double kid) {
-  return {{kGeneration, "fid", fid},
+  return {{kGeneration, "photos_fid", fid},
+          {kGeneration, "photos_frechet_feature_distance", fid},
+          {kGeneration, "fid", fid},
           {kGeneration, "kid", kid / 1000},
           {kGeneration, "frechet_feature_distance", fid},
           {kGeneration, "kernel_feature_distance", kid / 1000}};
@@ -114,6 +118,7 @@ const std::vector<TableColumn>& table_columns() {
     for (const char* protocol : {"sparse", "novel", "rotate360"}) {
       all.push_back({protocol, "masked_psnr", "PSNR of actors", true, 2, masked});
       all.push_back({protocol, "masked_ssim", "SSIM of actors", true, 3, {}});
+      all.push_back({protocol, "masked_lpips", "LPIPS of actors", false, 3, {}});
       all.push_back({protocol, "masked_feature_distance", "feature distance of actors (paper: LPIPS)", false, 3, {}});
     }
     for (const char* protocol : {"sparse", "novel"}) {
@@ -131,22 +136,61 @@ const std::vector<TableColumn>& table_columns() {
     all.push_back({"rotate360", "kid", "KID", false, 4, {}});
     all.push_back({"rotate360", "frechet_feature_distance", "Frechet feature distance (paper: FID)", false, 2, {}});
     all.push_back({"rotate360", "kernel_feature_distance", "kernel feature distance", false, 4, {}});
-    all.push_back({kGeneration, "fid", "FID", false, 2, {"baseline_random_fid"}});
-    all.push_back({kGeneration, "kid", "KID", false, 5, {"baseline_random_kid"}});
+    all.push_back({kGeneration, "fid", "FID", false, 2, {"baseline_gaussian_fid", "baseline_random_fid"}});
+    all.push_back({kGeneration, "kid", "KID", false, 5, {"baseline_gaussian_kid", "baseline_random_kid"}});
     all.push_back({kGeneration,
                    "frechet_feature_distance",
                    "Frechet feature distance (paper: FID)",
                    false,
                    2,
-                   {"baseline_random_frechet_feature_distance"}});
+                   {"baseline_gaussian_frechet_feature_distance", "baseline_random_frechet_feature_distance"}});
     all.push_back({kGeneration,
                    "kernel_feature_distance",
                    "kernel feature distance (paper: KID)",
                    false,
                    4,
-                   {"baseline_random_kernel_feature_distance"}});
-    all.push_back({kGeneration, "v_loss", "v-loss on held-out codes", false, 4, {"baseline_zero_v_loss"}});
-    all.push_back({kGeneration, "class_right", "classes that are right", true, 3, {"baseline_class_right"}});
+                   {"baseline_gaussian_kernel_feature_distance", "baseline_random_kernel_feature_distance"}});
+    all.push_back(
+        {kGeneration,
+         "photos_frechet_feature_distance",
+         "Frechet feature distance to photographs (paper: FID)",
+         false,
+         2,
+         {"photos_baseline_gaussian_frechet_feature_distance", "photos_baseline_random_frechet_feature_distance"}});
+    all.push_back({kGeneration,
+                   "photos_fid",
+                   "FID to photographs",
+                   false,
+                   2,
+                   {"photos_baseline_gaussian_fid", "photos_baseline_random_fid"}});
+    all.push_back({kGeneration,
+                   "photos_baseline_training_frechet_feature_distance",
+                   "the same of training actors as rendered",
+                   false,
+                   2,
+                   {}});
+    all.push_back({kGeneration, "photos_frechet_ratio", "(samples - training) / (Gaussians - training)", false, 3, {}});
+    all.push_back(
+        {kGeneration, "v_loss", "v-loss on held-out codes", false, 4, {"wiener_v_loss", "baseline_zero_v_loss"}});
+    all.push_back({kGeneration,
+                   "class_right_pictures",
+                   "classes that are right by pictures alone",
+                   true,
+                   3,
+                   {"baseline_class_right"}});
+    all.push_back({kGeneration,
+                   "class_right_pictures_of_training",
+                   "the same of training actors",
+                   true,
+                   3,
+                   {"baseline_class_right"}});
+    all.push_back({kGeneration,
+                   "class_right_box",
+                   "classes that are right by box sides alone",
+                   true,
+                   3,
+                   {"baseline_class_right"}});
+    all.push_back({kGeneration, "copy_ratio", "distance to training codes (copies: 0)", true, 3, {}});
     all.push_back({kGeneration, "night_darker", "nights darker than days", true, 3, {}});
     return all;
   }();

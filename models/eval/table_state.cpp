@@ -26,6 +26,7 @@ bool is_finished_run(const fs::path& folder) {
 bool made_all(const TableFolder& folder, const TableNode& node) {
   if (node.work == TableWork::measure) return read_figures(folder, node).has_value();
   std::error_code error;
+  if (node.work == TableWork::crops) return fs::exists(folder.of(node) / "crops.json", error);
   return node.work == TableWork::logs ? fs::is_directory(folder.of(node), error) : is_finished_run(folder.of(node));
 }
 

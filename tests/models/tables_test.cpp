@@ -157,6 +157,9 @@ TEST_CASE("table, the paper's: 96 logs train, 7 are measured, each row and metho
     if (node.work == TableWork::measure) ++by_protocol[node.protocol];
   }
   CHECK(count[TableWork::logs] == 0);
+  CHECK(count[TableWork::crops] == 1);  // of the measured logs, one reference for all rows
+  for (const char* row : {"full", "nokl"})
+    CHECK(option_of(node_of(plan, text("measure/", row, "/1/generation")), "--photos") == "@/crops");
   CHECK(count[TableWork::train] == 4);
   CHECK(count[TableWork::fit] == 6 * 7 * 2);  // novel's run serves rotate360
   CHECK(count[TableWork::assets] == 2);       // Table A3
@@ -173,6 +176,11 @@ TEST_CASE("table, the small: its logs are made, its steps are said, and rows dif
   check_sound(plan);
   CHECK(plan.request.logs.train.size() == 16);
   CHECK(plan.request.logs.measured.size() == 2);
+  CHECK(plan.request.logs.photographs.size() == 6);
+  for (const TableLog& log : plan.request.logs.photographs) {
+    const auto same = [&](const TableLog& other) { return other.path == log.path; };
+    CHECK(std::none_of(plan.request.logs.train.begin(), plan.request.logs.train.end(), same));
+  }
   for (const TableNode& node : plan.nodes) {
     for (const std::string& word : node.words) CHECK(word != "--time-budget");
     if (node.words[0] == "train") CHECK_MESSAGE(!option_of(node, "--steps").empty(), node.id);
@@ -337,7 +345,7 @@ TEST_CASE("table: where less is better, the least guess is the best one") {
   request.seeds = {1};
   const TablePlan plan = table_plan(request);
   const TableFigures figures = table_figures(plan, [](const TableNode&) {
-    return std::optional(Report{{"fid", 60.0}, {"baseline_random_fid", 200.0}, {"class_right", 0.9}});
+    return std::optional(Report{{"fid", 60.0}, {"baseline_random_fid", 200.0}, {"class_right_pictures", 0.9}});
   });
   const ProtocolTable& table = figures.tables.front();
   REQUIRE(table.columns.size() == 2);
