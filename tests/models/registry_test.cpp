@@ -30,7 +30,7 @@ TEST_CASE("faithful presets leave out all that goes beyond the paper, and nothin
       if (key.starts_with("beyond.")) CHECK((value == "false" && base.at(key) == "true"));
       const bool switched = key.starts_with("beyond.") || key == "actors.symmetric" || key == "view.drop" ||
                             key == "weight.line_of_sight" || key == "train.decay_background" ||
-                            key == "weight.adversarial";
+                            key == "weight.adversarial" || key == "weight.kl";
       if (!switched) CHECK(value == base.at(key));
     }
   }
