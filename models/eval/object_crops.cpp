@@ -63,6 +63,14 @@ Log read_log(const std::string& folder, const CropRequest& request) {
   return log;
 }
 
+/// Logs of one name are told apart by the folders that they lie in.
+void tell_apart(std::vector<Log>& logs) {
+  std::map<std::string, int> count;
+  for (const Log& log : logs) ++count[log.name];
+  for (Log& log : logs)
+    if (count[log.name] > 1) log.name = as_file_name(log.scene.root.parent_path().filename().string()) + "-" + log.name;
+}
+
 void check_names(const std::vector<Log>& logs) {
   std::map<std::string, fs::path> known;
   for (const Log& log : logs) {
@@ -93,6 +101,7 @@ std::vector<Log> read_logs(const CropRequest& request, const Listener& listener)
     for (const std::string& warning : logs.back().scene.warnings) listener.warn(warning);
     if (logs.back().scene.actors.empty()) listener.warn(text(folder, " has no actors: it gives no crops"));
   }
+  tell_apart(logs);
   check_names(logs);
   check_content(logs, request);
   return logs;

@@ -44,8 +44,8 @@ struct CropReport {
 Image cut_out(const FramePixels& photo, const ActorMask& mask, const ObjectView& object);
 
 /// Writes the crops of all logs and, at the end, crops.json into request.out, which must be new. All logs are read
-/// before anything is written. Fault::usage for captures that are no logs, for two logs of one name and for a split
-/// without images; Fault::data where no log has an actor, and for files that are damaged.
+/// before anything is written. Fault::usage for captures that are no logs, for two logs of one name and parent and for
+/// a split without images; Fault::data where no log has an actor, and for files that are damaged.
 CropReport write_crops(const CropRequest& request, const Listener& listener);
 
 /// Counts as crops.json and --json have them.

@@ -85,7 +85,7 @@ TEST_CASE("captures that are no logs, have no actors or no images of the split: 
   check_refused(crops(street(), out, {"--split", "test"}), 2, "choose one with --protocol or --holdout", out);
   check_refused(crops(street(), out, {"--protocol", "sparse", "--holdout", "2"}), 2, "give only one", out);
   check_refused(cloam_with({"crops", street().string(), street().string(), "-o", out.string()}), 2,
-                "are both called 001", out);
+                "are both called crop-streets-001", out);
   const fs::path empty = copy_of(street(), "log-without-actors");
   fs::remove_all(empty / "annotations");
   check_refused(crops(empty, out), 3, "has no actor with a box", out);
@@ -117,4 +117,16 @@ TEST_CASE("masks of a wrong size or kind are named; with --skip-bad their images
   check_refused(crops(street(), out, brought), 3, "found no " + (masks / "001/actors.json").string(), out);
   write_text(masks / "actors.json", "[]");
   check_refused(crops(street(), out, brought), 3, "want an object of instance numbers", out);
+}
+
+TEST_CASE("crops of logs of one name are told apart by the folders that they lie in") {
+  const fs::path other = scratch() / "elsewhere" / street().filename(), out = scratch() / "crops-of-one-name";
+  fs::create_directories(other.parent_path());
+  fs::copy(street(), other, fs::copy_options::recursive);
+  const Outcome made = cloam_with({"crops", street().string(), other.string(), "-o", out.string(), "--json", "-q"});
+  REQUIRE_MESSAGE(made.code == 0, made.err);
+  const auto index = json_of(out / "crops.json");
+  std::set<std::string> names;
+  for (const auto& log : index.at("logs")) names.insert(log.at("name"));
+  CHECK(names == std::set<std::string>{"crop-streets-001", "elsewhere-001"});
 }
