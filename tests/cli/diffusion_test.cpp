@@ -333,7 +333,9 @@ TEST_CASE("a fit of one image without a prior is the same fit but for the prior"
   REQUIRE(cloam_with(fit(run)).code == 0);
   const SafetensorsFile file = read_safetensors(run / "ckpt" / "000006.safetensors");
   CHECK_FALSE(file.tensors.contains("state.prior.norms"));
-  for (const auto& sweep : json_of(run / "scene.json").at("scenes").at(0).at("sweeps"))
+  const auto scenes = json_of(run / "scene.json");
+  CHECK_FALSE(scenes.at("scenes").at(0).at("sweeps").empty());
+  for (const auto& sweep : scenes.at("scenes").at(0).at("sweeps"))
     CHECK(sweep.at("split") == (sweep.at("step") == 1 ? "train" : "unused"));
 }
 

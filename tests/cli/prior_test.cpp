@@ -76,7 +76,9 @@ TEST_CASE("a packed prior is small, and holds neither images, trajectories nor w
   for (const char* kind : {"networks", "assets"}) {
     const auto record = json_of(packed() / kind / "run.json");
     CHECK_FALSE(contains(record.dump(), scratch().string()));
-    for (const auto& scene : json_of(packed() / kind / "scene.json").at("scenes")) {
+    const auto scenes = json_of(packed() / kind / "scene.json");
+    CHECK(scenes.at("scenes").size() == 2);
+    for (const auto& scene : scenes.at("scenes")) {
       CHECK(scene.at("sweeps").empty());
       for (const auto& actor : scene.at("actors")) CHECK(actor.at("boxes").empty());
     }
