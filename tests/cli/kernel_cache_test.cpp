@@ -82,8 +82,8 @@ TEST_CASE("a temporary folder that others may write to is not trusted") {
   CHECK_MESSAGE(contains(outcome.err, "is not a private folder of this user"), outcome.err);
   CHECK_MESSAGE(contains(outcome.err, "POCL_CACHE_DIR"), outcome.err);
   fs::remove(kernels_in(temporary));
-  fs::create_directories(scratch() / "elsewhere");
-  fs::create_directory_symlink(scratch() / "elsewhere", kernels_in(temporary));
+  fs::create_directories(scratch() / "kernels-elsewhere");
+  fs::create_directory_symlink(scratch() / "kernels-elsewhere", kernels_in(temporary));
   CHECK(cloam_with({"info"}, environment(temporary, {"HOME=/proc"})).code == 8);
-  CHECK(fs::is_empty(scratch() / "elsewhere"));
+  CHECK(fs::is_empty(scratch() / "kernels-elsewhere"));
 }
