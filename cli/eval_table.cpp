@@ -62,6 +62,13 @@ std::string guess_rows(const EvalResult& result, const std::vector<ImageScore>& 
          row("baseline: true mean colour of actors", {kNoScore, kNoScore, mean(&BaselineScores::mean_masked)});
 }
 
+std::string outline_row(const std::vector<ImageScore>& images) {
+  const double overlap = mean_score(images, &ImageScore::overlap);
+  if (std::isnan(overlap)) return "";
+  return fmt::format("outlines of actors, overlap with the true masks (IoU): {:.3f}; of their boxes {:.3f}\n", overlap,
+                     mean_score(images, &ImageScore::box_overlap));
+}
+
 }  // namespace
 
 std::string table(const EvalResult& result) {
@@ -70,6 +77,7 @@ std::string table(const EvalResult& result) {
   out += result.is_log ? log_rows(result) : image_rows(result);
   out += row("mean", columns(result, images, all_lidar(result)));
   if (result.has_masks) out += row("mean over all pixels, masked or not", {mean_score(images, &ImageScore::psnr_full)});
+  out += outline_row(images);
   const auto distances = [&](const std::string& key, const std::string& network, double ImageScore::*whole,
                              double ImageScore::*actors) {
     out += text(key, " (", network, "): ", mean_score(images, whole), "\nmasked_", key, " (", network,

@@ -7,6 +7,7 @@
 
 #include "models/eval/pictures.h"
 #include "models/metrics/feature_distance.h"
+#include "models/metrics/overlap.h"
 #include "models/metrics/psnr.h"
 #include "models/metrics/ssim.h"
 #include "runtime/ops.h"
@@ -18,6 +19,17 @@ void score_actors(ImageScore& score, const Picture& picture, const MeasuredPhoto
   const std::vector<std::uint8_t> mask = photo.actors->any();
   score.masked_psnr = masked_psnr(picture.rgb, photo.rgb, mask, 3);
   score.masked_ssim = masked_ssim(picture.rgb, photo.rgb, mask, {photo.pixels.height, photo.pixels.width, 3});
+}
+
+/// Outlines of boxes are no truth.
+void score_outlines(ImageScore& score, const Picture& picture, const ActorMask& truth, const MeasuredScene& measured,
+                    const FramePixels& pixels) {
+  const Frame& frame = measured.scene.frames[pixels.frame];
+  if (picture.actors.empty() || !measured.masks->has_truth(frame)) return;
+  const Camera& camera = measured.photos.cameras[static_cast<std::size_t>(pixels.camera)];
+  const ActorMask boxes = ActorMasks(measured.scene, false).of(frame, camera);
+  score.overlap = mean_overlap(picture.actors, truth.actors, kOutlinePixels);
+  score.box_overlap = mean_overlap(boxes.actors, truth.actors, kOutlinePixels);
 }
 
 /// A distance by a network, of photo and render and of both with all but the actors black.
@@ -90,6 +102,7 @@ std::vector<ImageScore> evaluate(RendersViews& method, const MeasuredScene& meas
     const MeasuredPhoto photo{measured.scene, pixels, truth, mask ? &*mask : nullptr};
     scores.push_back(options.compare ? score_photo(picture, photo, measured.baselines, options) : ImageScore{});
     scores.back().name = frame.image;
+    if (options.compare && mask) score_outlines(scores.back(), picture, *mask, measured, pixels);
     options.seen({scores.back(), pixels, truth, picture, photo.actors});
   }
   return scores;

@@ -27,7 +27,10 @@ std::vector<Figure> figures_of(const EvalResult& result) {
   std::vector<Figure> figures = {{"psnr", &ImageScore::psnr}, {"ssim", &ImageScore::ssim}};
   const auto add = [&](const std::vector<Figure>& more) { figures.insert(figures.end(), more.begin(), more.end()); };
   if (result.has_masks) add({{"psnr_full", &ImageScore::psnr_full}});
-  if (result.is_log) add({{"masked_psnr", &ImageScore::masked_psnr}, {"masked_ssim", &ImageScore::masked_ssim}});
+  if (result.is_log)
+    add({{"masked_psnr", &ImageScore::masked_psnr},
+         {"masked_ssim", &ImageScore::masked_ssim},
+         {"outline_iou", &ImageScore::overlap}});
   if (!result.features.empty())
     add({{"feature_distance", &ImageScore::feature_distance},
          {"masked_feature_distance", &ImageScore::masked_feature_distance}});
@@ -42,7 +45,8 @@ std::vector<Figure> figures_of(const EvalResult& result) {
          baseline("baseline_mean_masked_psnr", &BaselineScores::mean_masked),
          baseline("baseline_copy_psnr", &BaselineScores::copy),
          baseline("baseline_copy_masked_psnr", &BaselineScores::copy_masked),
-         baseline("baseline_row_mean_psnr", &BaselineScores::row_mean)});
+         baseline("baseline_row_mean_psnr", &BaselineScores::row_mean),
+         {"baseline_box_outline_iou", &ImageScore::box_overlap}});
   return figures;
 }
 

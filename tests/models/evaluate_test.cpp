@@ -289,6 +289,41 @@ TEST_CASE("distances by networks are of the whole picture, and of the actors wit
   CHECK(unknown.at("masked_perceptual_distance") == score.masked_lpips);
 }
 
+TEST_CASE("outlines of actors are compared with true masks, and with no others") {
+  const Folder folder;
+  GreyLog log({0}, {90});
+  log.scene.root = folder.path;
+  log.scene.cameras = {{40, 30, 30, 30, 20, 15, CameraModel::pinhole, {}, 0, 0}};
+  log.test.cameras = log.scene.cameras;
+  FramePixels& photo = log.test.frames[0];
+  photo.width = 40, photo.height = 30;
+  photo.rgba.assign(4 * 40 * 30, 255);
+  // The face of its box, 5 m away, covers columns 14 to 25 and rows 9 to 20.
+  log.scene.actors = {{"car", "Car", {2, 2, 2}, false, {{90, 9.0, at(0, 0, 6)}}}};
+  struct Shifted final : RendersViews {
+    Picture render(const View&) override {
+      Picture picture{40, 30, std::vector<float>(3600, 0.5f), {}, {}, {}};
+      for (int i = 0; i < 1200; ++i)
+        picture.actors.push_back(i % 40 >= 17 && i % 40 < 29 && i / 40 >= 9 && i / 40 < 21 ? 1 : 0);
+      return picture;
+    }
+  } method;
+  const Baselines baselines(log.scene, log.train);
+  const auto score = [&] {
+    const ActorMasks masks(log.scene);
+    return evaluate(method, {0, log.scene, log.test, baselines, &masks}).at(0);
+  };
+  CHECK(std::isnan(score().overlap));
+  CHECK(std::isnan(score().box_overlap));
+  std::vector<std::uint8_t> numbers(1200);
+  for (std::size_t i = 0; i < 1200; ++i) numbers[i] = i % 40 >= 20 && i % 40 < 32 && i / 40 >= 9 && i / 40 < 21 ? 7 : 0;
+  fs::create_directories(folder.path / "truth/front_camera");
+  commit_text(folder.path / "truth/actors.json", R"({"7": "car"})");
+  write_png(folder.path / "truth/front_camera/90_actor.png", {40, 30, 1, numbers});
+  CHECK(score().overlap == doctest::Approx(9. / 15));      // three of twelve columns beside it
+  CHECK(score().box_overlap == doctest::Approx(6. / 18));  // six
+}
+
 TEST_CASE("LiDAR errors and Chamfer distances are of the test sweeps, along rays from the LiDAR") {
   const Folder folder;
   Scene log;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <random>
 
+#include "models/metrics/overlap.h"
 #include "models/metrics/psnr.h"
 #include "models/metrics/ssim.h"
 #include "runtime/error.h"
@@ -187,4 +188,16 @@ TEST_CASE("metrics: sizes that disagree are data errors") {
   CHECK_THROWS_AS(masked_psnr(a, a, std::vector<uint8_t>(5, 1), 3), Error);
   CHECK_THROWS_AS(ssim(a, a, {2, 2, 4}), Error);
   CHECK_THROWS_AS(ssim(a, a, {2, 2, -3}), Error);
+}
+
+TEST_CASE("overlap: pixels in common over pixels of either, mean over the instances that are large enough") {
+  const std::vector<int> truth = {1, 1, 1, 1, 2, 2, 3, 0}, shown = {0, 1, 1, 2, 2, 2, 0, 1};
+  // 1: two in common, of four and one more; 2: two in common, of two and one more; 3 is small; 0 is nothing.
+  CHECK(mean_overlap(shown, truth, 2) == doctest::Approx((2. / 5 + 2. / 3) / 2));
+  CHECK(mean_overlap(shown, truth, 3) == doctest::Approx(2. / 5));
+  CHECK(mean_overlap(shown, truth, 1) == doctest::Approx((2. / 5 + 2. / 3 + 0) / 3));
+  CHECK(mean_overlap(truth, truth, 1) == 1);
+  CHECK(std::isnan(mean_overlap(shown, truth, 5)));
+  CHECK(std::isnan(mean_overlap(std::vector<int>{1}, std::vector<int>{0}, 0)));  // shown alone
+  CHECK_THROWS_AS(mean_overlap(shown, std::vector<int>(7), 1), Error);
 }
