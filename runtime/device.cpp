@@ -58,10 +58,12 @@ DeviceInfo describe(const cl::Platform& platform, const cl::Device& device, cons
   return info;
 }
 
-/// PoCL's workers often wake on one core without this (half speed). Must be set before the first CL call. Says who did.
+/// PoCL's workers often wake on one core without this (half speed). It pins them from core 0 on: several programs that
+/// are given fewer workers than there are cores would share the first ones, and are left to the scheduler. Must be set
+/// before the first CL call. Says who did.
 std::string pin_pocl_threads() {
   static const bool by_user = std::getenv("POCL_AFFINITY") != nullptr;
-  setenv("POCL_AFFINITY", "1", 0);
+  setenv("POCL_AFFINITY", std::getenv("POCL_MAX_PTHREAD_COUNT") ? "0" : "1", 0);
   return text("POCL_AFFINITY=", std::getenv("POCL_AFFINITY"), by_user ? " (set by the user)" : " (set by cloam)");
 }
 
