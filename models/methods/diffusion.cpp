@@ -68,6 +68,8 @@ void Diffusion::configure(Config& c) {
   c.bind("unet.multipliers", o.multipliers, "channel multiplier of each U-Net level; each level halves the resolution");
   c.bind("unet.blocks", o.blocks, "residual blocks per level", {1, 64});
   c.bind("unet.groups", o.groups, "groups of the U-Net's group norms", {1, 4096});
+  c.bind("beyond.wiener", o.wiener,
+         "the U-Net adds to the Wiener denoiser of the training codes, which knows their means and covariance");
   c.bind("schedule.betas", o.betas, "noise schedule: linear, cosine or scaled-linear");
   c.bind("schedule.timesteps", o.timesteps, "timesteps of the noise schedule", {2, 100000});
   c.bind("batch.codes", o.batch, "codes per step", {1, 1 << 20});
@@ -92,7 +94,10 @@ void Diffusion::build(const Scenes&, uint64_t seed) {
   o.blocks = config_.blocks;
   o.groups = config_.groups;
   o.labels = asset_labels();
-  network_ = std::make_unique<CodeNetwork>(o, NoiseSchedule(betas_named(config_.betas), config_.timesteps), seed);
+  std::optional<WienerStart> start;
+  if (config_.wiener) start.emplace(int64_t{config_.channels} * config_.side * config_.side);
+  network_ = std::make_unique<CodeNetwork>(o, NoiseSchedule(betas_named(config_.betas), config_.timesteps), seed,
+                                           std::move(start));
   codes_ = std::make_unique<CodeSet>(config_.channels);
 }
 
@@ -113,6 +118,7 @@ void Diffusion::load(const SourceRun& source) {
                                   "them is held out\n  fix: learn from a run on more logs"));
   codes_->take(std::move(codes), config_.held_out, seed_);
   gaussians_.reset();
+  if (network_->start() && !network_->start()->fitted()) network_->start()->fit(gaussians());
 }
 
 std::vector<std::string> Diffusion::warnings() const {

@@ -17,6 +17,7 @@ struct DiffusionConfig {
   std::string betas = "linear";
   int timesteps = 1000;
   int batch = 128;
+  bool wiener = false;    // the network adds to the Wiener denoiser of the training codes
   float drop = 0.1f;      // share of the codes whose conditions are dropped
   float held_out = 0.1f;  // share of the codes
   int min_steps = 1;      // of an actor in the run's training

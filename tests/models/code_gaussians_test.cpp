@@ -10,6 +10,10 @@
 #include <random>
 
 #include "models/diffusion/spread_inverse.h"
+#include "models/latents/code_denoiser.h"
+#include "models/latents/wiener_start.h"
+#include "models/scene/asset_class.h"
+#include "runtime/ops.h"
 
 using namespace cloam;
 using Eigen::Index;
@@ -201,4 +205,35 @@ TEST_CASE("gaussians: samples have mean and covariance, and are the same for the
   CHECK(gaussians.sample(5, true, 3, 7) == samples.row(7).transpose());
   CHECK(gaussians.sample(5, true, 4, 7) != samples.row(7).transpose());
   CHECK(gaussians.sample(0, true, 3, 7) != samples.row(7).transpose());
+}
+
+TEST_CASE("gaussians: a denoiser on the device that knows means and one covariance is Wiener's filter") {
+  const CodeTable table = mixed_codes();
+  const CodeGaussians gaussians(table, {0, 0.7, 0.3});  // no group's own covariance
+  const NoiseSchedule schedule;
+  const Shape shape = {5, 2, 2, 2};
+  const MatrixXd values = normals(5, 8, 21);
+  std::vector<float> noisy;
+  for (Index i = 0; i < 5; ++i)
+    for (Index k = 0; k < 8; ++k) noisy.push_back(static_cast<float>(values(i, k)));
+  const std::vector<int32_t> classes = {0, 5, 5, 7, kAssetClassCount}, nights = {0, 0, 1, 0, kTimesOfDay};
+  const std::vector<int> host_classes = {0, 5, 5, 7, -2}, host_nights = {0, 0, 1, 0, 0};  // -2: of none
+  WienerStart start(8);
+  const auto velocity = [&](int32_t time) {
+    const Tensor t = from_host(std::vector<int32_t>(5, time), {5});
+    return start.velocity(schedule, from_host(noisy, shape), t, asset_condition(classes, nights)).to_host();
+  };
+  for (const float v : velocity(300)) CHECK(v == 0);  // that of standard normal codes
+  start.fit(gaussians);
+  for (const int32_t time : {0, 20, 300, 700, 999}) {
+    const MatrixXd truth = gaussians.velocity(values, host_classes, host_nights, schedule.level(time));
+    const std::vector<float> found = velocity(time);
+    CAPTURE(time);
+    for (Index i = 0; i < 5; ++i)
+      for (Index k = 0; k < 8; ++k)
+        CHECK(double{found[static_cast<std::size_t>(8 * i + k)]} == doctest::Approx(truth(i, k)).epsilon(2e-4));
+  }
+  WienerStart other(8);
+  other.restore(start.state());
+  CHECK(other.fitted());
 }
