@@ -15,6 +15,7 @@
 #include "cli/demo_page.h"
 #include "cli/eval.h"
 #include "cli/page.h"
+#include "cli/shipped.h"
 #include "cli/stop_signal.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"
@@ -142,8 +143,8 @@ void clear(const DemoFolders& f) {
   if (!fs::exists(f.record(), error))
     throw Error(Fault::usage,
                 text(f.root.string(), " exists and is not a demo; name another folder with -o, or remove it"));
-  for (const fs::path& path : {f.page(), f.logs(), f.street(), f.prior(), f.training(), f.samples(), f.random(),
-                               f.assets(), f.before(), f.edited(), f.after()}) {
+  for (const fs::path& path : {f.page(), f.first(), f.logs(), f.street(), f.prior(), f.training(), f.samples(),
+                               f.random(), f.assets(), f.before(), f.edited(), f.after()}) {
     fs::remove_all(path, error);
     if (error) throw Error(Fault::write, text(path.string(), ": cannot be removed: ", error.message()));
   }
@@ -189,6 +190,7 @@ class Demo {
   };
   static const std::vector<Part> kParts;
 
+  int show_shipped();
   int make_streets();
   int reconstruct();
   int learn_assets();
@@ -216,6 +218,7 @@ class Demo {
 };
 
 const std::vector<Demo::Part> Demo::kParts = {
+    {"new vehicles of the prior that comes with the program", 20, one, 0, &Demo::show_shipped},
     {"making synthetic streets: driving logs with cameras, LiDAR and boxes", 10, pictures, 0, &Demo::make_streets},
     {"reconstructing them; a sixth of the images is held out for evaluation", 20, pictures, kStreetShare,
      &Demo::reconstruct},
@@ -258,6 +261,18 @@ Json Demo::distance(const fs::path& set) {
   Json found = measure_distance(request, common_);
   note({"distance", request.folders[0], request.folders[1], "--features", request.features}, before);
   return found;
+}
+
+/// What hours of training are worth, before the minutes of this demo.
+int Demo::show_shipped() {
+  if (!ships_prior()) return 0;
+  constexpr const char* kShown[] = {"Car", "Truck", "Bus"};
+  for (const char* kind : kShown)
+    run_noted({"generate", "-o", (made_.folders.first() / kind).string(), "-n", "2", "--class", kind, "--time", "day",
+               "--size", "160", "--frames", "12", "--no-meshes"});
+  write_first_page(made_);
+  say(common_, text("to see now: ", made_.folders.page().string()));
+  return 0;
 }
 
 int Demo::make_streets() {

@@ -18,7 +18,9 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+constexpr char kTitle[] = "cloam: streets, reconstructed and with new vehicles";
 constexpr std::size_t kFramesShown = 4;
+
 /// Near is bright; black where there is nothing. Returns the picture's file, beside the render's EXR and PNG.
 fs::path depth_picture(const fs::path& exr) {
   constexpr float kHalf = 10;  // metres at which half the brightness is left
@@ -66,6 +68,27 @@ std::string table(const std::vector<Figure>& figures) {
   return out + "</table>\n";
 }
 
+/// A folder of folders of assets, one for each kind.
+std::string turntables(const fs::path& folder) {
+  std::vector<fs::path> kinds;
+  for (const fs::directory_entry& kind : fs::directory_iterator(folder)) kinds.push_back(kind.path());
+  std::sort(kinds.begin(), kinds.end());
+  std::string figures;
+  for (const fs::path& kind : kinds)
+    for (const fs::path& turntable : files_in(kind, "asset_", ".gif"))
+      figures += figure(turntable, kind.filename().string(), 170);
+  return row_of(figures);
+}
+
+/// Nothing where the program came without a prior.
+std::string first(const DemoRecord& r) {
+  if (!fs::exists(r.folders.first())) return "";
+  return "<h2>New vehicles, from all sides</h2>\n<p>Sampled from the prior that comes with the program. It learned "
+         "from "
+         "made logs for hours; the models below learn for minutes.</p>\n" +
+         turntables(r.folders.first());
+}
+
 std::string streets(const DemoRecord& r) {
   std::string out =
       "<h2>Streets, reconstructed</h2>\n<p>Held-out images: reconstruction, photo, error (four times as bright) "
@@ -90,14 +113,7 @@ std::string sets(const DemoRecord& r) {
 }
 
 std::string assets(const DemoRecord& r) {
-  std::vector<fs::path> kinds;
-  for (const fs::directory_entry& kind : fs::directory_iterator(r.folders.assets())) kinds.push_back(kind.path());
-  std::sort(kinds.begin(), kinds.end());
-  std::string figures;
-  for (const fs::path& kind : kinds)
-    for (const fs::path& turntable : files_in(kind, "asset_", ".gif"))
-      figures += figure(turntable, kind.filename().string(), 170);
-  return "<h2>New vehicles, by class and time of day</h2>\n" + row_of(figures);
+  return "<h2>New vehicles, by class and time of day</h2>\n" + turntables(r.folders.assets());
 }
 
 std::string swap(const DemoRecord& r) {
@@ -129,10 +145,13 @@ double frechet_of(const Json& distance) {
   return distance.at(distance.contains("fid") ? "fid" : "frechet_feature_distance").get<double>();
 }
 
+void write_first_page(const DemoRecord& r) {
+  commit_text(r.folders.page(), html_page(kTitle, first(r) + "<p>The rest of this page is still being made.</p>\n"));
+}
+
 void write_demo_page(const DemoRecord& r) {
-  const std::string title = "cloam: streets, reconstructed and with new vehicles";
-  const std::string body = table(figures_of(r)) + streets(r) + sets(r) + assets(r) + swap(r) + commands(r);
-  commit_text(r.folders.page(), html_page(title, body));
+  const std::string body = first(r) + table(figures_of(r)) + streets(r) + sets(r) + assets(r) + swap(r) + commands(r);
+  commit_text(r.folders.page(), html_page(kTitle, body));
 }
 
 }  // namespace cloam

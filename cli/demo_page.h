@@ -17,6 +17,7 @@ struct DemoFolders {
   std::filesystem::path root;
   std::filesystem::path page() const { return root / "index.html"; }
   std::filesystem::path record() const { return root / "demo.json"; }
+  std::filesystem::path first() const { return root / "first"; }  // assets of the prior that comes with the program
   std::filesystem::path logs() const { return root / "logs"; }
   std::filesystem::path street() const { return root / "street"; }  // run of genassets
   std::filesystem::path prior() const { return root / "prior"; }    // run of diffusion
@@ -37,6 +38,9 @@ struct DemoRecord {  // NOLINT(bugprone-exception-escape): what moving JSON thro
   std::vector<std::string> swapped;  // ids of its actors
   std::vector<DemoCommand> commands;
 };
+
+/// Writes folders.page() with the vehicles of folders.first() alone: all that there is to see in the first minute.
+void write_first_page(const DemoRecord& record);
 
 /// Writes folders.page(). Fault::data for pictures that are missing; Fault::write.
 void write_demo_page(const DemoRecord& record);

@@ -11,5 +11,6 @@ constexpr char kShipped[] = "shipped";
 /// The shipped run if `given` is "shipped", else `given`. Fault::usage where the program was installed without them.
 std::string networks_named(const std::string& given);
 std::string prior_named(const std::string& given);
+bool ships_prior();
 
 }  // namespace cloam

@@ -78,6 +78,18 @@ std::vector<int> classes_of(const std::vector<NewAsset>& assets) {
   return classes;
 }
 
+/// Boxes stand upright: z is up.
+double median_height(const std::vector<PhotoCrop>& photos) {
+  std::vector<double> heights;
+  for (const PhotoCrop& photo : photos) {
+    const Eigen::Vector3d camera = photo.box_from_camera.topRightCorner<3, 1>();
+    heights.push_back(std::asin(camera.z() / camera.norm()));
+  }
+  const auto middle = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2);
+  std::nth_element(heights.begin(), middle, heights.end());
+  return *middle;
+}
+
 /// How much further from photos samples are than renders of training codes, over that of the Gaussians' samples.
 Json ratio_of(double samples, double gaussians, double training) {
   const double ratio = (samples - training) / (gaussians - training);
@@ -87,7 +99,7 @@ Json ratio_of(double samples, double gaussians, double training) {
 }  // namespace
 
 PhotoFigures::PhotoFigures(GeneratesAssets& prior, const PhotoCrops& photos, const Listener& listener)
-    : prior_(prior), pixels_(photos.size) {
+    : prior_(prior), pixels_(photos.size), height_(median_height(photos.crops)) {
   const std::vector<bool> held_out = held_out_crops(photos, kSeed);
   for (const std::size_t place : drawn(photos.crops.size(), kMostCrops)) {
     photos_.push_back(photos.crops[place]);
@@ -217,7 +229,7 @@ void PhotoFigures::add_classes(Showroom& showroom, const MatrixXd& features, Jso
   for (const CodeSource source : {CodeSource::sampled, CodeSource::training}) {
     const std::vector<NewAsset> assets = assets_of_classes(source);
     const std::string suffix = source == CodeSource::sampled ? "" : "_of_training";
-    const MatrixXd views = by_pictures.log_p(showroom.features_as_crops(assets, pixels_));
+    const MatrixXd views = by_pictures.log_p(showroom.features_as_crops(assets, pixels_, height_));
     figures["class_right_pictures" + suffix] = by_pictures.right(by_asset(views), classes_of(assets)).balanced;
     figures["class_right_box" + suffix] =
         by_box.right(by_box.log_p(log_sides(sizes_of(assets))), classes_of(assets)).balanced;

@@ -40,6 +40,7 @@ class PhotoFigures {
 
   GeneratesAssets& prior_;
   int pixels_;
+  double height_;  // of the photos' cameras above the horizon, as actors see it: the median, radians
   std::vector<PhotoCrop> photos_;
   std::vector<bool> held_out_;        // of photos_
   std::vector<std::size_t> matched_;  // places in photos_, which sets are held against

@@ -40,30 +40,31 @@ AssetName Showroom::show(const NewAsset& asset) {
   return name;
 }
 
-std::vector<Picture> Showroom::views_of(const NewAsset& asset, int pixels, bool as_crops) {
-  const Camera camera = turntable_camera(pixels, pixels);
+std::vector<Picture> Showroom::views_of(const NewAsset& asset, const Views& how) {
+  const Camera camera = turntable_camera(how.pixels, how.pixels);
   const AssetName name = show(asset);
   std::vector<Picture> views;
-  for (const Eigen::Matrix4d& pose : turntable_poses(asset.size, camera, kViews))
-    views.push_back(street_.render_asset(name, as_crops ? framed(camera, pose, asset.size) : camera, pose));
+  for (const Eigen::Matrix4d& pose : turntable_poses(asset.size, camera, kViews, how.height))
+    views.push_back(street_.render_asset(name, how.framed ? framed(camera, pose, asset.size) : camera, pose));
   return views;
 }
 
-Eigen::MatrixXd Showroom::features_around(const std::vector<NewAsset>& assets, int pixels, bool as_crops) {
+Eigen::MatrixXd Showroom::features_around(const std::vector<NewAsset>& assets, const Views& how) {
   Eigen::MatrixXd rows;
   Eigen::Index at = 0;
   for (const NewAsset& asset : assets)
-    for (const Picture& picture : views_of(asset, pixels, as_crops))
-      put_row(rows, at++, assets.size() * kViews, pooled_features(network_, as_batch(picture.rgb, pixels, pixels)));
+    for (const Picture& picture : views_of(asset, how))
+      put_row(rows, at++, assets.size() * kViews,
+              pooled_features(network_, as_batch(picture.rgb, how.pixels, how.pixels)));
   return rows;
 }
 
 Eigen::MatrixXd Showroom::features_of(const std::vector<NewAsset>& assets) {
-  return features_around(assets, kPixels, false);
+  return features_around(assets, {kPixels, kTurntableHeight, false});
 }
 
-Eigen::MatrixXd Showroom::features_as_crops(const std::vector<NewAsset>& assets, int pixels) {
-  return features_around(assets, pixels, true);
+Eigen::MatrixXd Showroom::features_as_crops(const std::vector<NewAsset>& assets, int pixels, double height) {
+  return features_around(assets, {pixels, height, true});
 }
 
 Eigen::MatrixXd Showroom::features_as_photographed(const std::vector<NewAsset>& assets,
@@ -87,7 +88,7 @@ Eigen::MatrixXd Showroom::features_as_photographed(const std::vector<NewAsset>& 
 
 double Showroom::brightness(const NewAsset& asset) {
   double light = 0, covered = 1e-9;
-  for (const Picture& picture : views_of(asset, kPixels, false))
+  for (const Picture& picture : views_of(asset, {kPixels, kTurntableHeight, false}))
     for (std::size_t i = 0; i < picture.opacity.size(); ++i) {
       const double opacity = double{picture.opacity[i]};
       for (std::size_t c = 0; c < 3; ++c) light += (double{picture.rgb[3 * i + c]} - (1 - opacity)) / 3;

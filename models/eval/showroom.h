@@ -23,8 +23,8 @@ class Showroom {
   Showroom(Method& decoder, const FeatureNetwork& network, std::size_t expected, const Listener& listener);
   /// Features of the views around each asset, kViews rows an asset.
   Eigen::MatrixXd features_of(const std::vector<NewAsset>& assets);
-  /// The same, framed as crops of photographs are and of their size.
-  Eigen::MatrixXd features_as_crops(const std::vector<NewAsset>& assets, int pixels);
+  /// The same, framed as crops of photographs are, of their size and from as far above the horizon (radians).
+  Eigen::MatrixXd features_as_crops(const std::vector<NewAsset>& assets, int pixels, double height);
   /// A row a photo: features of the asset that stands for it, seen by its camera. assets[shown[i]] is for photos[i];
   /// each asset that is named counts as shown once.
   Eigen::MatrixXd features_as_photographed(const std::vector<NewAsset>& assets, const std::vector<std::size_t>& shown,
@@ -35,8 +35,13 @@ class Showroom {
 
  private:
   AssetName show(const NewAsset& asset);
-  std::vector<Picture> views_of(const NewAsset& asset, int pixels, bool as_crops);
-  Eigen::MatrixXd features_around(const std::vector<NewAsset>& assets, int pixels, bool as_crops);
+  struct Views {
+    int pixels;
+    double height;
+    bool framed;  // as crops are
+  };
+  std::vector<Picture> views_of(const NewAsset& asset, const Views& how);
+  Eigen::MatrixXd features_around(const std::vector<NewAsset>& assets, const Views& how);
 
   Street& street_;
   ShowsAssets& shows_;

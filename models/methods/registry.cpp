@@ -105,7 +105,7 @@ const std::vector<Preset>& presets() {
       {"diffusion", "diffusion", "the paper's sizes: assets of a genassets run", {}, 100000},
       {"diffusion-small", "diffusion", "assets of a genassets-small run: minutes on two cores",
        settings_in("unet.base=32 unet.multipliers=1,2 unet.groups=8 batch.codes=64 train.rate=1e-3 "
-                   "train.final_rate=0.1 train.ema=0.999"),
+                   "train.final_rate=0.1 train.ema=0.999 beyond.wiener=true"),
        4000},
       // The ablations of GenAssets' Table A2.
       {"genassets-small-nokl", "genassets", "the same without variational codes",

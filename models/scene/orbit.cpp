@@ -15,7 +15,7 @@ using Eigen::Vector3d;
 
 constexpr double kPi = std::numbers::pi;
 constexpr double kLargestGap = kPi * 150 / 180;
-constexpr double kTurntableView = kPi * 30 / 180, kTurntableHeight = kPi * 18 / 180;
+constexpr double kTurntableView = kPi * 30 / 180;
 
 Vector3d position(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
 Vector3d forward(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
@@ -106,14 +106,14 @@ Camera turntable_camera(int width, int height) {
   return {width, height, focal, focal, 0.5 * width, 0.5 * height, CameraModel::pinhole, {}, 0, 0};
 }
 
-std::vector<Eigen::Matrix4d> turntable_poses(const Vector3d& size, const Camera& camera, int count) {
+std::vector<Eigen::Matrix4d> turntable_poses(const Vector3d& size, const Camera& camera, int count, double height) {
   const double half_view = std::atan(std::min(camera.width / camera.fx, camera.height / camera.fy) / 2);
   const double distance = 0.5 * size.norm() / std::sin(half_view);  // the sphere about the box touches the view's rim
   std::vector<Eigen::Matrix4d> poses;
   for (int i = 0; i < count; ++i) {
     const double angle = 2 * kPi * i / count;
     const Vector3d level(-std::sin(angle), std::cos(angle), 0);
-    const Vector3d arm = std::cos(kTurntableHeight) * level + std::sin(kTurntableHeight) * Vector3d::UnitZ();
+    const Vector3d arm = std::cos(height) * level + std::sin(height) * Vector3d::UnitZ();
     poses.push_back(looking_at(distance * arm, Vector3d::Zero(), Vector3d::UnitZ()));
   }
   return poses;

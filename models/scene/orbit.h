@@ -18,8 +18,10 @@ std::vector<Eigen::Matrix4d> orbit_poses(const Scene& scene, int count);
 Camera turntable_camera(int width, int height);
 
 /// `count` poses (box_from_camera) around a box of that size about the origin, x right, y forward, z up: from its front
-/// counter-clockwise, a little above it, as far away as makes any box fit into the view of the camera.
-std::vector<Eigen::Matrix4d> turntable_poses(const Eigen::Vector3d& size, const Camera& camera, int count);
+/// counter-clockwise, as far away as makes any box fit into the view of the camera. height: above the horizon, radians.
+constexpr double kTurntableHeight = 0.31415926535897931;  // 18 degrees
+std::vector<Eigen::Matrix4d> turntable_poses(const Eigen::Vector3d& size, const Camera& camera, int count,
+                                             double height = kTurntableHeight);
 
 /// Where assets show most of themselves: from the front left, as turntable_poses have it.
 Eigen::Matrix4d three_quarter_pose(const Eigen::Vector3d& size, const Camera& camera);

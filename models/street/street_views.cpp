@@ -3,6 +3,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
+#include <map>
 
 #include "runtime/ops.h"
 
@@ -49,6 +51,33 @@ std::vector<T> spread(const std::vector<T>& map, int scale, const Camera& size) 
   return out;
 }
 
+/// The actor that each pixel shows: where the opacity of actors, between rays bilinearly, is a half or more, the one
+/// that most of it is of. A ray stands for several pixels, and outlines are finer than that.
+std::vector<int> outlined(const Everything& all, int scale, const Region& cells, const Camera& size) {
+  if (scale == 1) return all.actors;
+  std::vector<int> out;
+  for (int y = 0; y < size.height; ++y)
+    for (int x = 0; x < size.width; ++x) {
+      const float column = std::max(0.f, (static_cast<float>(x) + 0.5f) / static_cast<float>(scale) - 0.5f),
+                  row = std::max(0.f, (static_cast<float>(y) + 0.5f) / static_cast<float>(scale) - 0.5f);
+      float covered = 0;
+      std::map<int, float> of_actors;
+      for (int corner = 0; corner < 4; ++corner) {
+        const int64_t i = static_cast<int64_t>(column) + (corner & 1), j = static_cast<int64_t>(row) + (corner >> 1);
+        const float weight = std::max(0.f, 1 - std::abs(column - static_cast<float>(i))) *
+                             std::max(0.f, 1 - std::abs(row - static_cast<float>(j)));
+        const auto at =
+            static_cast<size_t>(std::min(j, cells.rows - 1) * cells.columns + std::min(i, cells.columns - 1));
+        covered += weight * all.actor_opacity[at];
+        if (all.actors[at] > 0) of_actors[all.actors[at]] += weight * all.actor_opacity[at];
+      }
+      const auto most = std::max_element(of_actors.begin(), of_actors.end(),
+                                         [](const auto& a, const auto& b) { return a.second < b.second; });
+      out.push_back(covered >= 0.5f && most != of_actors.end() ? most->first : 0);
+    }
+  return out;
+}
+
 /// Rays by rows and columns to [1,C,rows,columns].
 Tensor map_of(const std::vector<float>& values, const Region& cells) {
   const int64_t channels = static_cast<int64_t>(values.size()) / (cells.rows * cells.columns);
@@ -74,7 +103,7 @@ Picture street_picture(const StreetPainter& painter, const View& view, const Str
   out.rgb = pixels_of(painter.image(map(all.features), map(all.light)), size);
   out.depth = spread(all.depth, painter.scale, size);
   out.opacity = spread(all.opacity, painter.scale, size);
-  out.actors = spread(all.actors, painter.scale, size);
+  out.actors = outlined(all, painter.scale, cells, size);
   return out;
 }
 

@@ -50,7 +50,7 @@ TEST_CASE("a demo ends with one page that holds its figures and pictures") {
   const auto told = nlohmann::json::parse(outcome.out);  // one object and nothing else
   CHECK(told.at("page") == (out / "index.html").string());
   // How long trainings of so many steps take is not known before they ran.
-  const std::size_t generating = outcome.err.find("[4/6]");
+  const std::size_t generating = outcome.err.find("[5/7]");
   REQUIRE(generating != std::string::npos);
   CHECK_FALSE(contains(outcome.err.substr(0, generating), "left in total"));
   CHECK(contains(outcome.err.substr(generating, outcome.err.find('\n', generating) - generating), "left in total"));
@@ -73,6 +73,8 @@ TEST_CASE("a demo ends with one page that holds its figures and pictures") {
   CHECK_FALSE(contains(html, "<script"));
   CHECK_FALSE(contains(html, "<link"));
   CHECK(contains(html, ">before<"));
+  CHECK(contains(html, "New vehicles, from all sides"));
+  CHECK(fs::exists(out / "first" / "Car" / "asset_001.gif"));
   CHECK(told.at("swapped").at("actors").size() > 0);
 
   // The commands are those that were run: one of them makes the same again.
