@@ -233,7 +233,10 @@ TEST_CASE("gaussians: a denoiser on the device that knows means and one covarian
       for (Index k = 0; k < 8; ++k)
         CHECK(double{found[static_cast<std::size_t>(8 * i + k)]} == doctest::Approx(truth(i, k)).epsilon(2e-4));
   }
-  WienerStart other(8);
-  other.restore(start.state());
-  CHECK(other.fitted());
+  const std::vector<float> before = velocity(300);
+  const TensorMap state = start.state();
+  start = WienerStart(8);
+  start.restore(state);
+  CHECK(start.fitted());
+  CHECK(velocity(300) == before);
 }
