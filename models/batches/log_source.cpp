@@ -65,7 +65,7 @@ Tensor Photographed::kept(const Tensor& render) const { return used ? render * u
 /// What regions of photos of one size show.
 struct LogSource::HostPixels {
   int64_t count, height, width;
-  std::vector<float> truth, used;
+  std::vector<float> truth, used, silhouette;
 
   HostPixels(int64_t n, int64_t h, int64_t w, bool masked)
       : count(n), height(h), width(w), truth(static_cast<size_t>(3 * n * h * w)) {
@@ -73,6 +73,7 @@ struct LogSource::HostPixels {
   }
   Photographed tensors() const {
     Photographed out{from_host(truth, {count, 3, height, width}), {}, 1};
+    if (!silhouette.empty()) out.silhouette = from_host(silhouette, {static_cast<int64_t>(silhouette.size())});
     if (used.empty()) return out;
     out.used = from_host(used, {count, 1, height, width});
     out.share = std::accumulate(used.begin(), used.end(), 0.f) / static_cast<float>(used.size());
@@ -85,7 +86,8 @@ LogSource::LogSource(const Scene& scene, Pixels pixels, std::vector<LoadedSweep>
       pixels_(std::move(pixels)),
       sweeps_(std::move(sweeps)),
       log_from_world_(axes.log_from_world),
-      scale_(axes.scale) {
+      scale_(axes.scale),
+      silhouettes_(axes.silhouettes) {
   if (pixels_.frames.empty())
     throw Error(Fault::data, text(scene.root.string(), ": no image of this log is in the training split"));
   for (const FramePixels& photo : pixels_.frames) masked_ |= !photo.mask.empty();
@@ -198,11 +200,20 @@ std::vector<Region> LogSource::object_regions(const FramePixels& photo, HostRand
   return drawn;
 }
 
+void LogSource::add_silhouette(const FramePixels& photo, const Region& region, HostPixels& pixels) const {
+  const Silhouette& cells = silhouettes_[static_cast<size_t>(&photo - pixels_.frames.data())];
+  const int64_t columns = photo.width / scale_;
+  for (int64_t y = region.y; y < region.y + region.rows; ++y)
+    for (int64_t x = region.x; x < region.x + region.columns; ++x)
+      pixels.silhouette.push_back(cells.empty() ? -1.f : cells[static_cast<size_t>(y * columns + x)]);
+}
+
 void LogSource::add_region(RayList& rays, const FramePixels& photo, const Region& region, HostPixels& pixels,
                            int64_t place) const {
   const Frame& frame = scene_.frames[photo.frame];
   add_cells(rays, camera_of(photo), log_from_world_ * frame.world_from_camera, frame.timestamp.value_or(0), region,
             scale_);
+  if (!silhouettes_.empty()) add_silhouette(photo, region, pixels);
   for (int64_t y = 0; y < pixels.height; ++y)
     for (int64_t x = 0; x < pixels.width; ++x) {
       const auto from = static_cast<size_t>((region.y * scale_ + y) * photo.width + region.x * scale_ + x);

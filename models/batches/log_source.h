@@ -42,10 +42,14 @@ struct LoadedSweep {
   LidarPoints points;
 };
 
+/// [rows,columns] of a photo's cells: the share of a cell's pixels that show an actor. Empty: not known.
+using Silhouette = std::vector<float>;
+
 /// The axes of rays, and how many pixels stand for one along each side.
 struct LogRays {
   Eigen::Matrix4d log_from_world;
   int scale;
+  std::vector<Silhouette> silhouettes = {};  // of each photo; empty: none
 };
 
 /// Parts of photos that are boxes of actors, as projected: what of them is longer than `longest` cells is cut to a
@@ -60,6 +64,7 @@ struct Photographed {
   Tensor truth;                      // [N,3,h,w] in [0,1]; black where pixels do not count
   Tensor used;                       // [N,1,h,w], 0 where a mask says that the pixel does not count; empty: all count
   float share = 1;                   // of the pixels, that count
+  Tensor silhouette = {};            // [rays]: share of the ray's pixels that show an actor; -1: no mask says
   std::vector<Region> objects = {};  // of a whole image, in cells
   /// The render, black where pixels do not count: no loss sees a difference there, and none sends a gradient.
   Tensor kept(const Tensor& render) const;
@@ -103,6 +108,7 @@ class LogSource {
   void mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const;
   /// Rays and pixels of a region of a photo, as number `place` of the photographed.
   struct HostPixels;
+  void add_silhouette(const FramePixels& photo, const Region& region, HostPixels& pixels) const;
   void add_region(RayList& rays, const FramePixels& photo, const Region& region, HostPixels& pixels,
                   int64_t place) const;
   const Camera& camera_of(const FramePixels& photo) const { return pixels_.cameras[static_cast<size_t>(photo.camera)]; }
@@ -113,6 +119,7 @@ class LogSource {
   Eigen::Matrix4d log_from_world_;
   int scale_;
   bool masked_ = false;  // some photo has a mask
+  std::vector<Silhouette> silhouettes_;
 };
 
 }  // namespace cloam

@@ -145,6 +145,24 @@ ActorMask ActorMasks::of(const Frame& frame, const Camera& camera) const {
   return outlines(boxes, camera, frame.world_from_camera);
 }
 
+std::vector<std::vector<float>> actor_shares(const Scene& scene, const Pixels& photos, int cell) {
+  const ActorMasks masks(scene);
+  std::vector<std::vector<float>> shares;
+  for (const FramePixels& photo : photos.frames) {
+    std::vector<float>& cells = shares.emplace_back();
+    const Frame& frame = scene.frames[photo.frame];
+    if (!masks.has_truth(frame)) continue;
+    const ActorMask mask = masks.of(frame, photos.cameras[static_cast<std::size_t>(photo.camera)]);
+    const int rows = mask.height / cell, columns = mask.width / cell;
+    cells.assign(static_cast<std::size_t>(rows * columns), 0.f);
+    for (int y = 0; y < rows * cell; ++y)
+      for (int x = 0; x < columns * cell; ++x)
+        if (mask.actors[static_cast<std::size_t>(y * mask.width + x)] != 0)
+          cells[static_cast<std::size_t>(y / cell * columns + x / cell)] += 1.f / static_cast<float>(cell * cell);
+  }
+  return shares;
+}
+
 ActorMask outlines(const std::vector<PlacedBox>& boxes, const Camera& camera,
                    const Eigen::Matrix4d& world_from_camera) {
   const std::size_t count = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);

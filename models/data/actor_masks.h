@@ -5,6 +5,7 @@
 #include <map>
 #include <vector>
 
+#include "models/scene/pixels.h"
 #include "models/scene/scene.h"
 
 namespace cloam {
@@ -45,6 +46,10 @@ class ActorMasks {
   std::filesystem::path folder_;  // of masks from elsewhere; empty: those of the truth
   std::map<int, int> numbers_;    // instance number -> 1 + place of the actor
 };
+
+/// Of each photo: [height/cell,width/cell] the share of a cell's pixels that show an actor; empty where no file says
+/// it.
+std::vector<std::vector<float>> actor_shares(const Scene& scene, const Pixels& photos, int cell);
 
 struct PlacedBox {
   int actor = 0;  // 1 + place in Scene::actors

@@ -14,6 +14,16 @@ namespace {
 constexpr int kPixels = 64;
 constexpr std::size_t kTold = 64;  // assets from one line of progress to the next
 
+/// An asset's picture on white, cut as masks cut crops of photographs: a pixel is the asset's or none of it.
+std::vector<float> cut_out(const Picture& picture) {
+  std::vector<float> rgb(picture.rgb.size(), 1.f);
+  for (std::size_t i = 0; i < rgb.size(); ++i) {
+    const float opacity = picture.opacity[i / 3];
+    if (opacity >= 0.5f) rgb[i] = (picture.rgb[i] - (1 - opacity)) / opacity;
+  }
+  return rgb;
+}
+
 /// Into a row of `rows`, which gets its size from the first.
 void put_row(Eigen::MatrixXd& rows, Eigen::Index at, std::size_t count, const Eigen::MatrixXd& row) {
   if (rows.size() == 0) rows.resize(static_cast<Eigen::Index>(count), row.cols());
@@ -55,7 +65,7 @@ Eigen::MatrixXd Showroom::features_around(const std::vector<NewAsset>& assets, c
   for (const NewAsset& asset : assets)
     for (const Picture& picture : views_of(asset, how))
       put_row(rows, at++, assets.size() * kViews,
-              pooled_features(network_, as_batch(picture.rgb, how.pixels, how.pixels)));
+              pooled_features(network_, as_batch(how.framed ? cut_out(picture) : picture.rgb, how.pixels, how.pixels)));
   return rows;
 }
 
@@ -80,7 +90,7 @@ Eigen::MatrixXd Showroom::features_as_photographed(const std::vector<NewAsset>& 
       const Camera& camera = photos[i].camera;
       const Picture picture = street_.render_asset(name, camera, pose_for(assets[a].size, photos[i]));
       put_row(rows, static_cast<Eigen::Index>(i), photos.size(),
-              pooled_features(network_, as_batch(picture.rgb, camera.width, camera.height)));
+              pooled_features(network_, as_batch(cut_out(picture), camera.width, camera.height)));
     }
   }
   return rows;

@@ -23,10 +23,11 @@ class Showroom {
   Showroom(Method& decoder, const FeatureNetwork& network, std::size_t expected, const Listener& listener);
   /// Features of the views around each asset, kViews rows an asset.
   Eigen::MatrixXd features_of(const std::vector<NewAsset>& assets);
-  /// The same, framed as crops of photographs are, of their size and from as far above the horizon (radians).
+  /// The same, framed and cut out as crops of photographs are, of their size and from as far above the horizon
+  /// (radians).
   Eigen::MatrixXd features_as_crops(const std::vector<NewAsset>& assets, int pixels, double height);
-  /// A row a photo: features of the asset that stands for it, seen by its camera. assets[shown[i]] is for photos[i];
-  /// each asset that is named counts as shown once.
+  /// A row a photo: features of the asset that stands for it, seen by its camera and cut out. assets[shown[i]] is for
+  /// photos[i]; each asset that is named counts as shown once.
   Eigen::MatrixXd features_as_photographed(const std::vector<NewAsset>& assets, const std::vector<std::size_t>& shown,
                                            const std::vector<PhotoCrop>& photos);
   /// The mean grey of what an asset covers.

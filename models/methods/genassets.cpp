@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/data/actor_masks.h"
 #include "models/data/load_sweep.h"
 #include "models/io/host_random.h"
 #include "models/io/tensors.h"
@@ -82,6 +83,8 @@ void GenAssets::configure(Config& c) {
   c.bind("weight.lidar", o.weight_lidar, "weight of the LiDAR depth error (squared up to one metre, then linear)");
   c.bind("weight.line_of_sight", o.weight_line_of_sight,
          "weight of the line-of-sight loss: opacity along LiDAR rays away from their return");
+  c.bind("weight.silhouette", o.weight_silhouette,
+         "weight of the silhouette loss: squared difference of actors' opacity and the log's actor masks (truth/)");
   c.bind("weight.kl", o.weight_kl,
          "weight of the codes' KL term (summed over the elements of a code, mean over codes)");
   c.bind("weight.prior", o.prior.weight, "with --prior: norm of the prior's gradient, relative to the other losses");
@@ -105,8 +108,6 @@ void GenAssets::configure(Config& c) {
   c.bind("beyond.field_residual", street.field.residual, "the field's second network adds to the first one's output");
   c.bind("beyond.image_bypass", street.image.bypass, "three features go past the image decoder to the image");
   c.bind("beyond.linear_lidar", o.linear_lidar, "LiDAR depth errors count linearly beyond a metre");
-  c.bind("beyond.careful_new_logs", o.careful_new_logs,
-         "with --networks, texels learn and decay slower, and codes of their own start later");
   c.bind("train.rate_codes", o.rate_codes, "learning rate of codes");
   c.bind("train.rate_decoder", o.rate_decoder, "learning rate of the asset decoder");
   c.bind("train.rate_field", o.rate_field, "learning rate of the field's networks");
@@ -125,15 +126,23 @@ void GenAssets::build(const Scenes& scenes, uint64_t seed) {
 }
 
 void GenAssets::load_data(std::vector<TrainingData> data) {
+  int64_t silhouettes = 0;
   for (size_t i = 0; i < data.size(); ++i) {
     StreetLog& log = model_->logs()[i];
     std::vector<LoadedSweep> sweeps;
     for (const Sweep& sweep : log.scene.sweeps)
       if (sweep.split == Split::train) sweeps.push_back({&sweep, load_sweep(data[i].scene, sweep)});
+    std::vector<Silhouette> shares;
+    if (config_.weight_silhouette > 0) shares = actor_shares(log.scene, data[i].pixels, model_->scale());
+    silhouettes += std::count_if(shares.begin(), shares.end(), [](const Silhouette& one) { return !one.empty(); });
     log.data = std::make_unique<LogSource>(log.scene, std::move(data[i].pixels), std::move(sweeps),
-                                           LogRays{log.space->street_from_world(), model_->scale()});
+                                           LogRays{log.space->street_from_world(), model_->scale(), std::move(shares)});
     log.space->look(log.scene, log.data->sweeps());
   }
+  if (config_.weight_silhouette > 0 && silhouettes == 0)
+    throw Error(Fault::data,
+                "weight.silhouette is above 0, but no training image has an actor mask (LOG/truth/CAMERA/NN_actor.png "
+                "and LOG/truth/actors.json, see docs/formats.md)\n  add masks, or set weight.silhouette=0");
   find_codes();
 }
 

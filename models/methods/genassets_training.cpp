@@ -8,10 +8,8 @@ namespace cloam {
 namespace {
 
 constexpr int kWarmUp = 30;        // steps
-constexpr int kCommonSteps = 100;  // before codes of their own come up, if the networks are another run's
+constexpr int kCodesFirst = 200;   // steps in which one image teaches no background behind actors
 constexpr float kRefining = 0.1f;  // of the codes' rate, once they have been denoised (SSDNeRF: 5e-3)
-constexpr float kTexels = 0.4f;    // of the texels' rate, if the networks are another run's
-constexpr float kKeeping = 0.25f;  // of their decay, then
 constexpr double kWorst = 0.05;    // share of LiDAR rays that are left out
 
 void hold(PatchDiscriminator::Block& block) {
@@ -50,7 +48,6 @@ GenAssetsTraining::GenAssetsTraining(const GenAssetsConfig& config, StreetModel&
 
 ParameterGroups GenAssetsTraining::groups(bool denoised) const {
   const GenAssetsConfig& c = config_;
-  const bool careful = frozen_ && c.careful_new_logs;
   const LearningRateSchedule schedule = {c.final_rate, c.decay_start, 0, kWarmUp};
   ParameterGroups groups;
   const auto add = [&](const std::string& prefix, float rate) -> ParameterGroup& {
@@ -64,20 +61,16 @@ ParameterGroups GenAssetsTraining::groups(bool denoised) const {
     add(std::string("networks.") + name, rate).frozen = frozen_;
   for (size_t i = 0; i < model_.logs().size(); ++i) {
     const std::string log = "log" + std::to_string(i);
-    // A log alone is seen by few cameras: what its texels leave to what they have in common holds where none looked.
-    ParameterGroup& background = add(log + ".background", c.rate_background * (careful ? kTexels : 1.f));
+    ParameterGroup& background = add(log + ".background", c.rate_background);
     background.sparse = true;
-    background.decay = c.decay_background * (careful ? kKeeping : 1.f);
+    background.decay = c.decay_background;
     // Rows of a log stand still in steps that see other logs (sparse): Adam's momentum would move them on.
     add(log + ".common.background", c.rate_background).sparse = true;
     ParameterGroup& common_code = add(log + ".common.code", c.rate_codes);
     common_code.sparse = true;
+    // Denoised codes fit already, and what they share would move all by what the largest wants.
     common_code.frozen = denoised;
-    // With networks that know actors already: first what all actors of the log share, then each its own. Denoised codes
-    // fit already, and what they share would move all by what the largest wants.
-    ParameterGroup& codes = add(log + ".codes", c.rate_codes * (denoised ? kRefining : 1.f));
-    codes.sparse = true;
-    if (careful && !denoised) codes.schedule.delay = kCommonSteps;
+    add(log + ".codes", c.rate_codes * (denoised ? kRefining : 1.f)).sparse = true;
     add(log + ".planes", c.rate_background).sparse = true;
   }
   return groups;
@@ -112,6 +105,12 @@ Tensor GenAssetsTraining::object_loss(const Tensor& image, const Tensor& truth) 
          config_.weight_perceptual;
 }
 
+Tensor GenAssetsTraining::with_silhouette(const Tensor& total, const Tensor& opacity, const Tensor& wanted) const {
+  if (!wanted) return total;
+  const Tensor error = where(wanted < 0.f, 0.f, square(opacity - wanted));
+  return total + mean(error) * config_.weight_silhouette;
+}
+
 Tensor GenAssetsTraining::lidar_terms(const Tensor& depth, const Tensor& ranges, const Tensor& line_of_sight) const {
   return lidar_loss(depth, ranges, config_.linear_lidar) * config_.weight_lidar +
          mean(line_of_sight) * config_.weight_line_of_sight;
@@ -123,7 +122,7 @@ Sampling GenAssetsTraining::sampling(const StreetLog& log, const Progress& progr
   const bool drop = HostRandom(~seed_, static_cast<uint64_t>(progress.step)).uniform() < config_.view_drop;
   // Of one image the background could learn the actors' picture where it lies behind them: no other image says that it
   // is wrong, and codes, which begin slowly, would have nothing left to explain.
-  const bool detach = frozen_ && log.data->images() == 1 && progress.step <= 2 * kCommonSteps;
+  const bool detach = frozen_ && log.data->images() == 1 && progress.step <= kCodesFirst;
   return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skip_hidden, drop, detach};
 }
 
@@ -159,6 +158,9 @@ StreetStep GenAssetsTraining::on_patches(const StreetLog& log, HostRandom& rando
   const Tensor squared = mean(square(image - truth));
   Tensor total = image_loss({image, truth, squared});
   if (object.truth) total = total + object_loss(image_of(patch_rays, camera_rays, object), object.truth);
+  total = with_silhouette(total, slice(seen.actor_opacity, 0, 0, patch_rays), photos.silhouette);
+  if (object.truth)
+    total = with_silhouette(total, slice(seen.actor_opacity, 0, patch_rays, camera_rays), object.silhouette);
   std::vector<Figure> figures = {
       psnr_figure(photos.share < 1 ? squared * (1 / std::max(photos.share, 1e-6f)) : squared)};
   if (all > camera_rays) {
@@ -277,6 +279,9 @@ void GenAssetsTraining::WholeImage::render_again(GradientSums& sums) {
     const RenderedRays seen = render(begin);
     Tensor along = sum(seen.features * slice(by, 1, 0, wide));
     if (seen.shadow) along = along + sum(seen.shadow * slice(by, 1, wide, wide + 3));
+    const Tensor wanted = photo.silhouette ? slice(photo.silhouette, 0, begin, end) : Tensor();
+    const float share = static_cast<float>(end - begin) / static_cast<float>(rays.count());
+    along = training.with_silhouette(along * (1 / share), seen.actor_opacity, wanted) * share;
     sums.add(along);
   }
 }

@@ -15,13 +15,12 @@ struct GenAssetsConfig {
   int patches = 4, patch_side = 32, lidar_rays = 1024;
   int objects = 1, object_side = 256;  // patches of actors' boxes a step, and the pixels that they are resized to
   float weight_rgb = 1, weight_perceptual = 0.1f, weight_adversarial = 0.001f, weight_lidar = 0.01f,
-        weight_line_of_sight = 0.01f, weight_kl = 1e-5f;
+        weight_line_of_sight = 0.01f, weight_silhouette = 0, weight_kl = 1e-5f;
   std::string discriminator_widths = "64,128,256,512";
   std::string perceptual_weights;  // file; empty: fixed random features
   float rate_codes = 0.05f, rate_decoder = 1e-4f, rate_field = 1e-3f, rate_image = 1e-3f, rate_background = 0.02f,
         rate_discriminator = 1e-4f, decay_background = 0.2f;
-  bool linear_lidar = true;      // LiDAR depth errors count linearly beyond a metre
-  bool careful_new_logs = true;  // with frozen networks texels learn and decay slower, and codes of their own later
+  bool linear_lidar = true;  // LiDAR depth errors count linearly beyond a metre
   float final_rate = 0.1f, decay_start = 0.3f;
   CodePriorOptions prior;
 };
@@ -60,6 +59,8 @@ class GenAssetsTraining {
   Tensor object_loss(const Tensor& image, const Tensor& truth) const;
   bool sees_objects() const { return perceptual_ && config_.objects > 0; }
   Tensor adversarial_loss(const Tensor& image, const Tensor& truth) const;
+  /// total, and the silhouette loss of actors' opacity [R] along rays; wanted: Photographed::silhouette, may be empty.
+  Tensor with_silhouette(const Tensor& total, const Tensor& opacity, const Tensor& wanted) const;
   Tensor lidar_terms(const Tensor& depth, const Tensor& ranges, const Tensor& line_of_sight) const;
 
   const GenAssetsConfig& config_;

@@ -85,7 +85,7 @@ const std::vector<Preset>& presets() {
       "actors.symmetric=false view.drop=0 weight.line_of_sight=0 train.decay_background=0 beyond.common_code=false "
       "beyond.common_background=false beyond.code_bypass=false beyond.class_places=false beyond.field_bypass=false "
       "beyond.field_offset=false beyond.field_residual=false beyond.image_bypass=false beyond.linear_lidar=false "
-      "beyond.careful_new_logs=false weight.adversarial=0.001 weight.kl=1e-5 ";
+      "weight.adversarial=0.001 weight.kl=1e-5 ";
   const std::string whole = "batch.whole_images=true batch.lidar_rays=8192 ";
   static const std::vector<Preset> rows = {
       {"nerf", "nerf", "hash grid and occupancy grid: minutes on two cores", {}, 4000},

@@ -65,7 +65,7 @@ std::unique_ptr<Method> configured_method(const RunRecord& record, Config& confi
   try {
     auto method = make_method(record.method);
     method->configure(config);
-    for (const auto& [key, value] : record.settings) config.set(key, value, "run.json");
+    for (const auto& [key, value] : record.settings) config.restore(key, value, "run.json");
     return method;
   } catch (const Error& error) {
     throw Error(Fault::data, text("the run does not fit this version of the program: ", error.what()));

@@ -146,7 +146,7 @@ void take_networks(const TrainRequest& request, TrainJob& job) {
   job.record.reading.downscale = other.reading.downscale;
   job.record.networks = RunData{request.networks, "", ""};
   for (const auto& [key, value] : other.settings)
-    if (!key.starts_with("prior.") && key != "weight.prior") job.config.set(key, value, "run " + request.networks);
+    if (!key.starts_with("prior.") && key != "weight.prior") job.config.restore(key, value, "run " + request.networks);
 }
 
 void take_prior(const TrainRequest& request, TrainJob& job) {

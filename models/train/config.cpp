@@ -97,6 +97,14 @@ void Config::set(const std::string& given, const std::string& value, const std::
   writers_[static_cast<size_t>(found - entries_.begin())](found->value);
 }
 
+void Config::restore(const std::string& key, const std::string& value, const std::string& origin) {
+  const std::optional<GoneSetting> gone = gone_setting(key);
+  if (!gone) return set(key, value, origin);
+  if (!gone->kept.empty() && value != gone->kept)
+    throw Error(Fault::usage, text("it was trained with ", key, " = ", value.substr(0, kShown), "; this version knows ",
+                                   gone->kept, " alone, and no such setting: train it again"));
+}
+
 std::string to_string(const ConfigValue& value) {
   if (const bool* b = std::get_if<bool>(&value)) return *b ? "true" : "false";
   if (const int64_t* i = std::get_if<int64_t>(&value)) return std::to_string(*i);

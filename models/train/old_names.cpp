@@ -17,6 +17,8 @@ const Renamed kSettings[] = {
     {"image.doublings", "image.upsamplings"}, {"image.side", "image.kernel"},
 };
 
+const GoneSetting kGone[] = {{"beyond.careful_new_logs", ""}};
+
 const Renamed kTensors[] = {{"state.average.", "state.ema."}};  // beginnings
 
 }  // namespace
@@ -25,6 +27,12 @@ std::string current_setting(const std::string& key) {
   for (const auto& [from, to] : kSettings)
     if (key == from) return to;
   return key;
+}
+
+std::optional<GoneSetting> gone_setting(const std::string& key) {
+  for (const GoneSetting& gone : kGone)
+    if (key == gone.name) return gone;
+  return std::nullopt;
 }
 
 std::string current_tensor(const std::string& name) {

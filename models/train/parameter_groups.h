@@ -29,7 +29,6 @@ struct LearningRateSchedule {
   float decay_start = 0;    // share of the horizon before the decay
   int64_t decay_steps = 0;  // not 0: the decay takes so many steps from the first on, whatever the horizon, and goes on
   int warm_up = 0;          // steps
-  int delay = 0;            // steps at a hundredth of the rate; it then rises linearly for as many
 };
 
 /// The parameters whose names begin with `prefix` (of several groups the one with the longest).

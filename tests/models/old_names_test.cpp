@@ -32,6 +32,22 @@ TEST_CASE("a setting's old name sets the new one, and every new name is a settin
   }
 }
 
+TEST_CASE("a run's settings that are gone are left out, but nobody can set them") {
+  Config config;
+  const auto method = make_method("genassets");
+  method->configure(config);
+  const std::size_t count = config.entries().size();
+  config.restore("beyond.careful_new_logs", "true", "run.json");
+  CHECK(config.entries().size() == count);
+  CHECK_THROWS_WITH_AS(config.set("beyond.careful_new_logs", "true", "--set"), doctest::Contains("there is no setting"),
+                       Error);
+  CHECK_THROWS_WITH_AS(config.restore("beyond.never", "1", "run.json"), doctest::Contains("there is no setting"),
+                       Error);
+  config.restore("view.drop", "0.25", "run.json");
+  for (const ConfigEntry& entry : config.entries())
+    if (entry.key == "view.drop") CHECK(to_string(entry.value) == "0.25");
+}
+
 TEST_CASE("a checkpoint with tensors under their old names restores the same method") {
   const Worlds worlds;
   const Folder folder;
