@@ -144,7 +144,7 @@ void clear(const DemoFolders& f) {
     throw Error(Fault::usage,
                 text(f.root.string(), " exists and is not a demo; name another folder with -o, or remove it"));
   for (const fs::path& path : {f.page(), f.first(), f.logs(), f.street(), f.prior(), f.training(), f.samples(),
-                               f.random(), f.assets(), f.before(), f.edited(), f.after()}) {
+                               f.gaussian(), f.random(), f.assets(), f.before(), f.edited(), f.after()}) {
     fs::remove_all(path, error);
     if (error) throw Error(Fault::write, text(path.string(), ": cannot be removed: ", error.message()));
   }
@@ -156,6 +156,7 @@ Json record_of(const DemoRecord& made, double seconds) {
   json["street"] = made.street;
   json["prior"] = made.prior;
   json["distance_of_samples"] = made.samples;
+  json["distance_of_gaussian_codes"] = made.gaussian;
   json["distance_of_random_latents"] = made.random;
   json["swapped"] = {{"log", made.swapped_log}, {"actors", made.swapped}};
   json["commands"] = Json::array();
@@ -223,7 +224,7 @@ const std::vector<Demo::Part> Demo::kParts = {
     {"reconstructing them; a sixth of the images is held out for evaluation", 20, pictures, kStreetShare,
      &Demo::reconstruct},
     {"learning what their assets are like: diffusion on their latent codes", 5, one, kPriorShare, &Demo::learn_assets},
-    {"generating assets, and a baseline from random latents", 60, assets, 0, &Demo::generate},
+    {"generating assets, and baselines from Gaussian codes and random latents", 75, assets, 0, &Demo::generate},
     {"replacing vehicles in a street with generated ones", 30, pictures, 0, &Demo::swap_vehicles},
     {"writing the page", 1, one, 0, &Demo::write_page}};
 
@@ -314,8 +315,10 @@ int Demo::generate() {
   };
   show("training", made_.folders.training(), kAllOfTraining);
   show("sampled", made_.folders.samples(), request_.assets);
+  show("gaussian", made_.folders.gaussian(), request_.assets);
   show("random", made_.folders.random(), request_.assets);
   made_.samples = distance(made_.folders.samples());
+  made_.gaussian = distance(made_.folders.gaussian());
   made_.random = distance(made_.folders.random());
   const auto kinds = kinds_in(made_.folders.training());
   std::map<std::string, int> counts;

@@ -53,11 +53,15 @@ std::vector<Figure> figures_of(const DemoRecord& r) {
        decibels(r.street, "baseline_blend_masked_psnr") + " (the same)", ""},
       {"LiDAR depth, median error", metres.is_number() ? fmt::format("{:.2f} m", metres.get<double>()) : "-", "", ""},
       {"Held-out codes, v-loss", fmt::format("{:.3f}", r.prior.at("v_loss").get<double>()),
-       fmt::format("{:.3f} (predicting zero)", r.prior.at("baseline_zero_v_loss").get<double>()), ""},
+       fmt::format("{:.3f} (Wiener denoiser), {:.3f} (predicting zero)", r.prior.at("wiener_v_loss").get<double>(),
+                   r.prior.at("baseline_zero_v_loss").get<double>()),
+       ""},
       {text("Feature distance of new assets to the training assets (",
             r.samples.at("feature_network").get<std::string>(), ")"),
-       fmt::format("{:.4g}", samples), fmt::format("{:.4g} (random latents)", random),
-       fmt::format("target -50 %; got {:+.0f} %", 100 * (samples / random - 1))}};
+       fmt::format("{:.4g}", samples),
+       fmt::format("{:.4g} (codes drawn from a Gaussian of each class), {:.4g} (random latents)",
+                   frechet_of(r.gaussian), random),
+       fmt::format("half as far as random latents; got {:+.0f} %", 100 * (samples / random - 1))}};
 }
 
 std::string table(const std::vector<Figure>& figures) {
@@ -105,9 +109,10 @@ std::string streets(const DemoRecord& r) {
 
 std::string sets(const DemoRecord& r) {
   return "<h2>What the diffusion model learned</h2>\n<p>Assets of the reconstructed streets, new ones sampled from "
-         "the diffusion model, and decoded random codes.</p>\n" +
+         "the diffusion model, codes drawn from a Gaussian of each class, and random codes.</p>\n" +
          row_of(figure(r.folders.training() / "grid.png", "training assets", 380) +
                 figure(r.folders.samples() / "grid.png", "generated", 380) +
+                figure(r.folders.gaussian() / "grid.png", "Gaussian codes", 380) +
                 figure(r.folders.random() / "grid.png", "random latents", 380));
 }
 

@@ -23,6 +23,7 @@ struct DemoFolders {
   std::filesystem::path prior() const { return root / "prior"; }    // run of diffusion
   std::filesystem::path training() const { return root / "training"; }
   std::filesystem::path samples() const { return root / "samples"; }
+  std::filesystem::path gaussian() const { return root / "gaussian"; }
   std::filesystem::path random() const { return root / "random"; }
   std::filesystem::path assets() const { return root / "assets"; }  // a folder a class and time of day
   std::filesystem::path before() const { return root / "before"; }
@@ -32,8 +33,8 @@ struct DemoFolders {
 
 struct DemoRecord {  // NOLINT(bugprone-exception-escape): what moving JSON throws ends the program
   DemoFolders folders;
-  nlohmann::ordered_json street, prior;    // what eval found
-  nlohmann::ordered_json samples, random;  // distances to the training assets
+  nlohmann::ordered_json street, prior;              // what eval found
+  nlohmann::ordered_json samples, gaussian, random;  // distances to the training assets
   std::string swapped_log;
   std::vector<std::string> swapped;  // ids of its actors
   std::vector<DemoCommand> commands;

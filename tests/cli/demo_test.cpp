@@ -58,14 +58,15 @@ TEST_CASE("a demo ends with one page that holds its figures and pictures") {
   const auto street = json_of(out / "street" / "eval" / "eval.json"), prior = json_of(out / "prior/eval/eval.json");
   for (const char* key : {"psnr", "baseline_blend_psnr", "masked_psnr"})
     CHECK_MESSAGE(contains(html, fmt::format("{:.2f} dB", street.at(key).get<double>())), key);
-  for (const char* key : {"v_loss", "baseline_zero_v_loss"})
+  for (const char* key : {"v_loss", "wiener_v_loss", "baseline_zero_v_loss"})
     CHECK_MESSAGE(contains(html, fmt::format("{:.3f}", prior.at(key).get<double>())), key);
   const double samples = distance_between(out / "samples", out / "training"),
+               gaussian = distance_between(out / "gaussian", out / "training"),
                random = distance_between(out / "random", out / "training");
   CHECK(contains(html, fmt::format("<b>{:.4g}</b>", samples)));
-  CHECK(contains(html, fmt::format("{:.4g} (random latents)", random)));
-
-  CHECK(contains(html, fmt::format("target -50 %; got {:+.0f} %", 100 * (samples / random - 1))));
+  CHECK(contains(html, fmt::format("{:.4g} (codes drawn from a Gaussian of each class), {:.4g} (random latents)",
+                                   gaussian, random)));
+  CHECK(contains(html, fmt::format("half as far as random latents; got {:+.0f} %", 100 * (samples / random - 1))));
 
   const std::vector<std::string> fetched = references(html);
   CHECK(fetched.size() > 10);
