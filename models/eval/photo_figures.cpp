@@ -78,6 +78,14 @@ std::vector<int> classes_of(const std::vector<NewAsset>& assets) {
   return classes;
 }
 
+/// {"Car": {"Car": 0.9, "Truck": 0.1}, ...}: what the classes are taken for.
+Json in_words(const Accuracy& accuracy) {
+  Json out = Json::object();
+  for (const auto& [truth, shares] : accuracy.named)
+    for (const auto& [named, share] : shares) out[kAssetClasses[truth]][kAssetClasses[named]] = share;
+  return out;
+}
+
 /// Boxes stand upright: z is up.
 double median_height(const std::vector<PhotoCrop>& photos) {
   std::vector<double> heights;
@@ -224,13 +232,16 @@ void PhotoFigures::add_classes(Showroom& showroom, const MatrixXd& features, Jso
   const Accuracy of_photos = by_pictures.right(by_pictures.log_p(held_out.pictures.rows), held_out.pictures.classes);
   figures["class_right_photos_held_out"] = of_photos.balanced;
   figures["class_right_photos_held_out_plain"] = of_photos.plain;
+  figures["class_named_photos_held_out"] = in_words(of_photos);
   figures["class_right_box_photos_held_out"] =
       by_box.right(by_box.log_p(held_out.boxes.rows), held_out.boxes.classes).balanced;
   for (const CodeSource source : {CodeSource::sampled, CodeSource::training}) {
     const std::vector<NewAsset> assets = assets_of_classes(source);
     const std::string suffix = source == CodeSource::sampled ? "" : "_of_training";
     const MatrixXd views = by_pictures.log_p(showroom.features_as_crops(assets, pixels_, height_));
-    figures["class_right_pictures" + suffix] = by_pictures.right(by_asset(views), classes_of(assets)).balanced;
+    const Accuracy of_pictures = by_pictures.right(by_asset(views), classes_of(assets));
+    figures["class_right_pictures" + suffix] = of_pictures.balanced;
+    figures["class_named_pictures" + suffix] = in_words(of_pictures);
     figures["class_right_box" + suffix] =
         by_box.right(by_box.log_p(log_sides(sizes_of(assets))), classes_of(assets)).balanced;
   }

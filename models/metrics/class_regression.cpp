@@ -176,17 +176,17 @@ double likeliest_strength(const LabelledRows& rows) {
 }
 
 Accuracy accuracy(const MatrixXd& log_probabilities, const std::vector<int>& columns, const std::vector<int>& classes) {
-  std::map<int, std::pair<double, double>> right;  // of a class: right ones and all
+  std::map<int, double> counts;
+  for (const int one : classes) ++counts[one];
+  Accuracy accuracy;
   for (std::size_t i = 0; i < classes.size(); ++i) {
     Index likeliest = 0;
     log_probabilities.row(static_cast<Index>(i)).maxCoeff(&likeliest);
-    right[classes[i]].first += columns[static_cast<std::size_t>(likeliest)] == classes[i];
-    ++right[classes[i]].second;
-  }
-  Accuracy accuracy;
-  for (const auto& [one, counts] : right) {
-    accuracy.plain += counts.first / static_cast<double>(classes.size());
-    accuracy.balanced += counts.first / counts.second / static_cast<double>(right.size());
+    const int named = columns[static_cast<std::size_t>(likeliest)], truth = classes[i];
+    accuracy.named[truth][named] += 1 / counts[truth];
+    if (named != truth) continue;
+    accuracy.plain += 1 / static_cast<double>(classes.size());
+    accuracy.balanced += 1 / (counts[truth] * static_cast<double>(counts.size()));
   }
   return accuracy;
 }

@@ -2,6 +2,7 @@
 // they should.
 #pragma once
 #include <Eigen/Core>
+#include <map>
 #include <vector>
 
 namespace cloam {
@@ -36,8 +37,9 @@ double likeliest_strength(const LabelledRows& rows);
 
 /// The share of rows whose likeliest class is right.
 struct Accuracy {
-  double plain = 0;     // of all rows
-  double balanced = 0;  // the mean of the classes' own
+  double plain = 0;                                 // of all rows
+  double balanced = 0;                              // the mean of the classes' own
+  std::map<int, std::map<int, double>> named = {};  // of a class, the share of its rows that each class is likeliest of
 };
 Accuracy accuracy(const Eigen::MatrixXd& log_probabilities, const std::vector<int>& columns,
                   const std::vector<int>& classes);

@@ -58,6 +58,14 @@ TEST_CASE("eval of a run of diffusion with photos holds samples, Gaussians and t
                           "class_right_box_photos_held_out", "baseline_class_right"}) {
     CHECK_MESSAGE((json.at(key) >= 0 && json.at(key) <= 1), key);
   }
+  for (const std::string of : {"pictures", "pictures_of_training", "photos_held_out"}) {
+    CAPTURE(of);
+    const auto& named = json.at("class_named_" + of);
+    double right = 0;
+    for (const auto& [truth, shares] : named.items())
+      right += shares.value(truth, 0.) / static_cast<double>(named.size());
+    CHECK(right == doctest::Approx(json.at("class_right_" + of).get<double>()));
+  }
   CHECK(json.at("wiener_v_loss") > 0);
   double weights = 0;
   for (const auto& weight : json.at("gaussian_weights")) weights += weight.get<double>();

@@ -100,6 +100,8 @@ TEST_CASE("class regression: accuracy of all rows, and as the mean of the classe
   const Accuracy right = accuracy(log_p, {4, 6}, {4, 4, 4, 6, 6});
   CHECK(right.plain == doctest::Approx(0.8));
   CHECK(right.balanced == doctest::Approx(0.75));
+  CHECK(right.named.at(4).at(4) == doctest::Approx(1));
+  CHECK(right.named.at(6) == std::map<int, double>{{4, 0.5}, {6, 0.5}});
 }
 
 TEST_CASE("class regression: rows of one class, and strengths from one group, are told") {
