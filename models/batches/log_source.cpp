@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numeric>
 
 #include "models/scene/actor_space.h"
@@ -21,6 +22,15 @@ constexpr double kFarActor = 60;        // metres: patches look no further for a
 Eigen::Vector3d rotate(const Eigen::Matrix4d& pose, const Eigen::Vector3d& v) { return pose.topLeftCorner<3, 3>() * v; }
 Eigen::Vector3d move(const Eigen::Matrix4d& pose, const Eigen::Vector3d& p) {
   return (pose * p.homogeneous()).head<3>();
+}
+
+/// One of the classes first, then one of its actors: most actors are cars, and rare classes would hardly be drawn.
+size_t draw_by_class(const std::vector<const Actor*>& actors, HostRandom& random) {
+  std::map<std::string, std::vector<size_t>> of_class;
+  for (size_t i = 0; i < actors.size(); ++i) of_class[actors[i]->label].push_back(i);
+  const std::vector<size_t>& drawn =
+      std::next(of_class.begin(), static_cast<std::ptrdiff_t>(random.below(of_class.size())))->second;
+  return drawn[random.below(drawn.size())];
 }
 
 }  // namespace
@@ -112,6 +122,7 @@ LogSource::Corner LogSource::corner_near_actor(const FramePixels& photo, HostRan
   const Frame& frame = scene_.frames[photo.frame];
   const Camera& camera = camera_of(photo);
   const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
+  std::vector<const Actor*> actors;
   std::vector<Eigen::Vector2d> middles;
   for (const Actor& actor : scene_.actors) {
     const auto pose = world_from_box_at(actor, frame.timestamp.value_or(0));
@@ -119,10 +130,12 @@ LogSource::Corner LogSource::corner_near_actor(const FramePixels& photo, HostRan
     const Eigen::Vector3d p = move(camera_from_world, pose->block<3, 1>(0, 3));
     if (p.z() < 0.5 || p.z() > kFarActor) continue;
     const Eigen::Vector2d at = project(camera, p);
-    if (at.x() >= 0 && at.y() >= 0 && at.x() < photo.width && at.y() < photo.height) middles.push_back(at);
+    if (at.x() < 0 || at.y() < 0 || at.x() >= photo.width || at.y() >= photo.height) continue;
+    actors.push_back(&actor);
+    middles.push_back(at);
   }
   if (middles.empty()) return random_corner(photo, random, side);
-  const Eigen::Vector2d middle = middles[random.below(middles.size())] / scale_;
+  const Eigen::Vector2d middle = middles[draw_by_class(actors, random)] / scale_;
   const auto around = [&](double centre, int64_t size) {
     const auto shift = static_cast<int64_t>(static_cast<double>(random.uniform()) * static_cast<double>(side));
     return std::clamp<int64_t>(static_cast<int64_t>(centre) - shift, 0, size - side);
@@ -172,6 +185,7 @@ void LogSource::mark_actors(RayList& rays, const FramePixels& photo, const Regio
 /// Of actors that are near and wholly in front of the camera, in the order drawn.
 std::vector<Region> LogSource::object_regions(const FramePixels& photo, HostRandom& random,
                                               const ObjectPatches& objects) const {
+  std::vector<const Actor*> actors;
   std::vector<Region> all, drawn;
   for (const Actor& actor : scene_.actors) {
     const auto span = span_of(actor, photo, {1, 1, 1});
@@ -183,7 +197,9 @@ std::vector<Region> LogSource::object_regions(const FramePixels& photo, HostRand
       return std::min<int64_t>(size / scale_, static_cast<int64_t>(std::ceil(span->high[axis])));
     };
     const Region region = {begin(0), begin(1), end(0, photo.width) - begin(0), end(1, photo.height) - begin(1)};
-    if (region.columns >= kSmallestObject && region.rows >= kSmallestObject) all.push_back(region);
+    if (region.columns < kSmallestObject || region.rows < kSmallestObject) continue;
+    actors.push_back(&actor);
+    all.push_back(region);
   }
   const auto shorten = [&](int64_t& from, int64_t& size) {
     const int64_t kept = std::min(size, objects.longest);
@@ -191,9 +207,10 @@ std::vector<Region> LogSource::object_regions(const FramePixels& photo, HostRand
     size = kept;
   };
   while (!all.empty() && static_cast<int>(drawn.size()) < objects.count) {
-    const auto at = all.begin() + static_cast<std::ptrdiff_t>(random.below(all.size()));
-    drawn.push_back(*at);
-    all.erase(at);
+    const auto at = static_cast<std::ptrdiff_t>(draw_by_class(actors, random));
+    drawn.push_back(all[static_cast<size_t>(at)]);
+    all.erase(all.begin() + at);
+    actors.erase(actors.begin() + at);
     shorten(drawn.back().x, drawn.back().columns);
     shorten(drawn.back().y, drawn.back().rows);
   }

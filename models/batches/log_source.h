@@ -52,8 +52,8 @@ struct LogRays {
   std::vector<Silhouette> silhouettes = {};  // of each photo; empty: none
 };
 
-/// Parts of photos that are boxes of actors, as projected: what of them is longer than `longest` cells is cut to a
-/// random part.
+/// Parts of photos that are boxes of actors, as projected, drawn by class first: what of them is longer than `longest`
+/// cells is cut to a random part.
 struct ObjectPatches {
   int count = 1;
   int64_t longest = 48;
@@ -78,9 +78,9 @@ class LogSource {
 
   /// The largest patch that fits every image, at most `wanted`; in rays.
   int64_t patch_side(int64_t wanted) const;
-  /// The share of `count` patches of side^2 rays, every second one (if it can be) around an actor, each a moment of its
-  /// own. The images have side scale pixels a side. Sets rays.actors to those that all of them or their shadows may
-  /// show.
+  /// The share of `count` patches of side^2 rays, every second one (if it can be) around an actor, drawn by class
+  /// first, each a moment of its own. The images have side scale pixels a side. Sets rays.actors to those that all of
+  /// them or their shadows may show.
   Photographed add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side, const Share& share) const;
   /// A patch around the box of one actor in sight, for each rank another; a moment. Without truth if the photo that was
   /// drawn shows none. Marks in rays.actors those that it or their shadows may show.

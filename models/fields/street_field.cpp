@@ -19,13 +19,11 @@ StreetField::StreetField(const Scope& scope, const StreetFieldOptions& o)
       feature_(scope / "feature", sizes(int64_t{o.features} + 16, o.feature_layers, o.width, o.features)),
       sharpness_(scope.constant("sharpness", {1}, o.sharpness)) {
   if (o.bypass) past_.emplace(scope / "past", 3 * int64_t{o.plane_channels}, o.features, 0.f);
-  if (o.offset) offset_ = scope.constant("offset", {1}, o.distance);
 }
 
 StreetField::Geometry StreetField::geometry(const Tensor& planes) const {
   const Tensor both = past_ ? distance_(planes) + (*past_)(planes) : distance_(planes);
-  const Tensor distance = reshape(slice(both, 1, 0, 1), {planes.dim(0)});
-  return {offset_ ? distance + offset_ : distance, both};
+  return {reshape(slice(both, 1, 0, 1), {planes.dim(0)}), both};
 }
 
 Tensor StreetField::features(const Tensor& inner, const Tensor& harmonics) const {

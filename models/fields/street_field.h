@@ -10,12 +10,10 @@ namespace cloam {
 struct StreetFieldOptions {
   int plane_channels = 12;
   int width = 64, distance_layers = 2, feature_layers = 3;
-  int features = 32;       // and as many numbers, of which the distance is the first, between the two networks
-  float sharpness = 20;    // beta at the start
-  float distance = 0.15f;  // added to the first network's, so that space begins nearly empty
-  bool offset = true;      // learn that number, too; false: there is none
-  bool bypass = true;      // a linear map from texels past the first network
-  bool residual = true;    // the second network adds to the first one's output; false: it replaces it
+  int features = 32;     // and as many numbers, of which the distance is the first, between the two networks
+  float sharpness = 20;  // beta at the start
+  bool bypass = true;    // a linear map from texels past the first network
+  bool residual = true;  // the second network adds to the first one's output; false: it replaces it
 };
 
 class StreetField {
@@ -38,7 +36,7 @@ class StreetField {
   SmallMlp distance_, feature_;
   std::optional<Linear>
       past_;  // texels to inner past the first network: a paint is learned by a line, long before units agree on it
-  Tensor offset_, sharpness_;  // offset_ empty: none
+  Tensor sharpness_;
 };
 
 }  // namespace cloam

@@ -7,12 +7,10 @@ namespace cloam {
 
 void CodeRows::write(const std::vector<float>& codes) const {
   const auto width = static_cast<size_t>(own.dim(1));
-  const std::vector<float> shared = common ? common.to_host() : std::vector<float>(width, 0.f);
   std::vector<float> all = own.to_host();
   const size_t numbers = codes.size() / rows.size();
   for (size_t row = 0; row < rows.size(); ++row)
-    for (size_t i = 0; i < numbers; ++i)
-      all[static_cast<size_t>(rows[row]) * width + i] = codes[row * numbers + i] - shared[i];
+    for (size_t i = 0; i < numbers; ++i) all[static_cast<size_t>(rows[row]) * width + i] = codes[row * numbers + i];
   assign({{own, from_host(all, own.shape())}});
 }
 
@@ -24,7 +22,7 @@ Tensor CodeRows::take_gradient(Step& rendering, const Tensors& wanted, int64_t n
       const auto count = static_cast<int64_t>(rows.size());
       of_rows = slice(gather_rows(by, from_host(rows, {count})), 1, 0, numbers);
     }
-    if (wanted[i].node() == own.node() || (common && wanted[i].node() == common.node())) by = Tensor();
+    if (wanted[i].node() == own.node()) by = Tensor();
   }
   return of_rows;
 }

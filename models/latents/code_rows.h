@@ -8,14 +8,13 @@
 
 namespace cloam {
 
-/// Codes of actors as rows of a parameter. own: [A,W], the means in the first columns; common: [1,W], added to each
-/// row; empty: nothing is.
+/// Codes of actors as rows of a parameter [A,W], the means in the first columns.
 struct CodeRows {
-  Tensor own, common;
+  Tensor own;
   std::vector<int32_t> rows;
   Condition condition;  // of the rows
 
-  /// Sets the codes of `rows`, one after another; what is common to all stays added.
+  /// Sets the codes of `rows`, one after another.
   void write(const std::vector<float>& codes) const;
   /// Takes the codes' gradients out of those of the rendering (`wanted`: what they are of) and returns those by the
   /// rows' means [N,numbers]; empty: no actor was met.

@@ -12,6 +12,7 @@
 #include "models/io/tensors.h"
 #include "models/methods/genassets_model.h"
 #include "models/scene/asset_class.h"
+#include "models/train/old_names.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -40,26 +41,23 @@ int64_t extent(const SourceRun& source, const std::string& key, int otherwise) {
               text(source.folder.string(), ": its setting ", key, " is ", value, ", want 1 to ", kLargest));
 }
 
-/// The actors of one log, added to `codes`. What all codes of a log share is part of each.
+/// The actors of one log, added to `codes`.
 void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variational, int64_t min_steps) {
   const Scene& scene = source.scenes[log];
   const auto actors = static_cast<int64_t>(scene.actors.size()), numbers = codes.channels * codes.side * codes.side;
   if (actors == 0) return;
-  const std::string prefix = text("log", log, "."), name = prefix + "codes";
+  const std::string name = text("log", log, ".codes");
   const int64_t width = numbers * (variational ? 2 : 1);
   const auto rows = values_from<float>(source.parameters, name, {actors, width});
-  const bool shared = setting(source, "beyond.common_code", "true") == "true";
-  const auto common = shared ? values_from<float>(source.parameters, prefix + "common.code", {1, width})
-                             : std::vector<float>(static_cast<size_t>(width), 0.f);
   const auto steps = values_from<int32_t>(source.row_steps, name, {actors});
   for (size_t a = 0; a < scene.actors.size(); ++a) {
     if (steps[a] < min_steps) {
       codes.unseen++;
       continue;
     }
-    for (size_t i = 0; i < common.size(); ++i) {
-      const float value = rows[a * common.size() + i] + common[i];
-      if (i < static_cast<size_t>(numbers))
+    for (int64_t i = 0; i < width; ++i) {
+      const float value = rows[a * static_cast<size_t>(width) + static_cast<size_t>(i)];
+      if (i < numbers)
         codes.means.push_back(value);
       else
         codes.deviations.push_back(std::exp(0.5f * (value + kCodeLogVariance)));
@@ -79,6 +77,7 @@ CodeShape code_shape(const SourceRun& source) {
   if (source.edited_from)
     throw Error(Fault::data, text("the run is edited: its actors may have the appearance of others\n  fix: name ",
                                   *source.edited_from, ", which it was made from"));
+  for (const auto& [key, value] : source.settings) (void)is_gone(key, value);
   if (setting(source, "decoder.use", "true") != "true")
     throw Error(Fault::data, text("the run learned its actors' planes directly (decoder.use = false): there are no "
                                   "codes to learn from",

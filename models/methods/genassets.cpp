@@ -63,8 +63,6 @@ void GenAssets::configure(Config& c) {
   c.bind("space.voxel", street.space.voxel, "voxel size of the LiDAR occupancy grid, in metres", kMetres);
   c.bind("space.dilate", street.space.dilate, "voxels by which occupied regions are dilated", {0, 64});
   c.bind("actors.symmetric", street.symmetric, "mirror each actor's planes: left and right sides are the same");
-  c.bind("view.drop", o.view_drop, "fraction of the steps in which actors are rendered without a view direction",
-         {0, 1});
   c.bind("shadows", street.shadows, "actors cast shadows on the ground below their boxes");
   c.bind("batch.whole_images", o.whole_images,
          "train on a whole image per step, computed in tiles, instead of patches");
@@ -99,21 +97,20 @@ void GenAssets::configure(Config& c) {
   c.bind("perceptual.weights", o.perceptual_weights,
          "file with weights of a pretrained network; empty: random features");
   // What the paper does not have, each with a switch (docs/methods/genassets.md, "Where we differ").
-  c.bind("beyond.common_code", street.common_code, "a code that is added to all codes of a log");
   c.bind("beyond.common_background", street.common_background, "texels of a log by height, added to all of it");
   c.bind("beyond.code_bypass", street.code_bypass, "a linear path from codes to planes past the asset decoder");
   c.bind("beyond.class_places", street.class_places, "class embeddings have a part for each place of the code");
   c.bind("beyond.field_bypass", street.field.bypass, "a linear path from texels past the field's first network");
-  c.bind("beyond.field_offset", street.field.offset, "a learned number is added to distances: space begins empty");
+  c.bind("beyond.detail", street.detail, "with frozen networks, actors have texels of their own beside their codes");
   c.bind("beyond.field_residual", street.field.residual, "the field's second network adds to the first one's output");
   c.bind("beyond.image_bypass", street.image.bypass, "three features go past the image decoder to the image");
   c.bind("beyond.linear_lidar", o.linear_lidar, "LiDAR depth errors count linearly beyond a metre");
+  c.bind(kNetworksFrozen, street.frozen, "the networks stand still; --networks sets it");
   c.bind("train.rate_codes", o.rate_codes, "learning rate of codes");
   c.bind("train.rate_decoder", o.rate_decoder, "learning rate of the asset decoder");
   c.bind("train.rate_field", o.rate_field, "learning rate of the field's networks");
   c.bind("train.rate_image", o.rate_image, "learning rate of the image decoder");
   c.bind("train.rate_background", o.rate_background, "learning rate of the background planes");
-  c.bind("train.decay_background", o.decay_background, "weight decay of the background planes");
   c.bind("train.final_rate", o.final_rate, "learning rates at the last step, as a fraction of the initial ones");
   c.bind("train.decay_start", o.decay_start, "fraction of the steps before the learning rates decay", kShareBelowOne);
 }
@@ -236,7 +233,6 @@ void GenAssets::adopt_networks(const TensorMap& parameters) {
   // Chance tells networks apart that are still to be learned; to these it would be specks where no camera looks.
   for (const StreetLog& log : model_->logs()) updates.push_back({log.background, log.background * kQuiet});
   assign(updates);
-  training_->freeze_networks();
 }
 
 void GenAssets::adopt_prior(const CodeDenoiser& denoiser) {
@@ -259,7 +255,7 @@ void GenAssets::find_codes() {
   RayList rays;
   HostRandom random(0, 0);
   const Photographed photo = log.data->add_image(rays, random, {0, 1}, {});
-  CodeRows codes = {log.assets, log.common_code, {}, {}};
+  CodeRows codes = {log.assets, {}, {}};
   std::vector<AssetPlace> assets;
   for (size_t a = 0; a < rays.actors.size(); ++a)
     if (rays.actors[a]) {

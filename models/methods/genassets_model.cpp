@@ -59,17 +59,14 @@ int64_t planes_side(const StreetModelOptions& options) {
   return int64_t{options.code_side} << (whole_numbers("decoder.widths", options.decoder_widths).size() - 1);
 }
 
-int64_t code_numbers(const StreetModelOptions& options) {
-  return int64_t{options.code_channels} * options.code_side * options.code_side;
+/// Rows of texels [N, 3 side^2 channels] as planes [3,N,side,side,channels].
+Tensor planes_of(const Tensor& texels, const StreetModelOptions& options) {
+  const int64_t side = planes_side(options), channels = options.field.plane_channels;
+  return permute(reshape(texels, {texels.dim(0), 3, side, side, channels}), {1, 0, 2, 3, 4});
 }
 
-/// Spherical harmonics of directions [S,3] in actors' boxes, or what of them does not depend on the direction.
-Tensor actor_views(const Tensor& directions, bool without_view) {
-  const Tensor harmonics = spherical_harmonics(directions);
-  if (!without_view) return harmonics;
-  std::vector<float> first(static_cast<size_t>(harmonics.dim(1)), 0.f);
-  first[0] = 1;
-  return harmonics * from_host(first, {1, harmonics.dim(1)});
+int64_t code_numbers(const StreetModelOptions& options) {
+  return int64_t{options.code_channels} * options.code_side * options.code_side;
 }
 
 /// Where in an actor's planes points of its cube [S,3] are read: of symmetric actors the right half stands for both.
@@ -187,20 +184,29 @@ bool StreetAssets::at_night(const AssetPlace& place) const {
   return is_generated(place) ? generated_[place.actor].night : logs_[place.log].scene.night;
 }
 
-/// [N, ...] rows of the codes (or planes) of assets, which may be of several logs.
-Tensor StreetAssets::rows_of(const std::vector<AssetPlace>& assets) const {
+/// [N, ...]: `rows` of a log's assets, for assets that may be of several logs.
+Tensor StreetAssets::rows_of(const std::vector<AssetPlace>& assets,
+                             const std::function<Tensor(size_t log, const Tensor& rows)>& rows_in) const {
   Tensors parts;
   for (size_t begin = 0, end = 0; begin < assets.size(); begin = end) {
     const size_t log = assets[begin].log;
     std::vector<int32_t> rows;
     for (; end < assets.size() && assets[end].log == log; ++end)
       rows.push_back(static_cast<int32_t>(assets[end].actor));
-    const bool generated = log == logs_.size();
-    const Tensor own = gather_rows(generated ? generated_codes_ : logs_[log].assets,
-                                   from_host(rows, {static_cast<int64_t>(rows.size())}));
-    parts.push_back(!generated && logs_[log].common_code ? own + logs_[log].common_code : own);
+    parts.push_back(rows_in(log, from_host(rows, {static_cast<int64_t>(rows.size())})));
   }
   return parts.size() == 1 ? parts.front() : concat(parts, 0);
+}
+
+/// The planes with what assets have besides their codes: generated ones nothing.
+Tensor StreetAssets::with_detail(const Tensor& planes, const std::vector<AssetPlace>& assets) const {
+  const auto detailed = std::find_if(logs_.begin(), logs_.end(), [](const StreetLog& log) { return bool(log.detail); });
+  if (detailed == logs_.end()) return planes;
+  const int64_t width = detailed->detail.dim(1);
+  const Tensor detail = rows_of(assets, [&](size_t log, const Tensor& rows) {
+    return log == logs_.size() ? zeros({rows.dim(0), width}) : gather_rows(logs_[log].detail, rows);
+  });
+  return planes + planes_of(detail, options_);
 }
 
 Condition StreetAssets::condition_of(const std::vector<AssetPlace>& assets) const {
@@ -217,11 +223,13 @@ DecodedAssets StreetAssets::decode(const HitAssets& hits, const Sampling& how) c
   if (hits.assets.empty()) return {};
   const auto count = static_cast<int64_t>(hits.assets.size());
   const int64_t side = planes_side(options_), channels = options_.field.plane_channels;
-  const Tensor rows = rows_of(hits.assets);
+  const Tensor rows = rows_of(hits.assets, [&](size_t log, const Tensor& at) {
+    return gather_rows(log == logs_.size() ? generated_codes_ : logs_[log].assets, at);
+  });
   DecodedAssets out;
   out.slots = from_host(hits.slot_of, {static_cast<int64_t>(hits.slot_of.size())});
   if (!decoder_) {
-    out.planes = permute(reshape(rows, {count, 3, side, side, channels}), {1, 0, 2, 3, 4});
+    out.planes = planes_of(rows, options_);
     return out;
   }
   Tensor code = rows, mean_code = rows;
@@ -238,7 +246,7 @@ DecodedAssets StreetAssets::decode(const HitAssets& hits, const Sampling& how) c
   const Condition condition = condition_of(hits.assets);
   const Tensor planes = (*decoder_)(reshape(code, shape), condition.labels[0]);
   out.codes = {reshape(mean_code, shape), condition};
-  out.planes = permute(reshape(planes, {count, 3, channels, side, side}), {1, 0, 3, 4, 2});
+  out.planes = with_detail(permute(reshape(planes, {count, 3, channels, side, side}), {1, 0, 3, 4, 2}), hits.assets);
   return out;
 }
 
@@ -269,13 +277,13 @@ StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
   if (options_.common_background)
     log.common_background = scope.constant("common.background", {2 * kHeights, 3 * channels}, 0.f);
   const auto actors = static_cast<int64_t>(scene.actors.size());
+  const int64_t texels = 3 * planes_side(options_) * planes_side(options_) * channels;
   if (actors > 0 && !options_.decoder) {
-    const int64_t texels = planes_side(options_) * planes_side(options_);
-    log.assets = scope.uniform("planes", {actors, 3 * texels * channels}, 0.1f);
+    log.assets = scope.uniform("planes", {actors, texels}, 0.1f);
   } else if (actors > 0) {
     const int64_t numbers = code_numbers(options_) * (options_.variational ? 2 : 1);
     log.assets = scope.uniform("codes", {actors, numbers}, kCodeDeviation);
-    if (options_.common_code) log.common_code = scope.constant("common.code", {1, numbers}, 0.f);
+    if (options_.frozen && options_.detail) log.detail = scope.constant("detail", {actors, texels}, 0.f);
   }
   for (const Actor& actor : scene.actors) log.classes.push_back(asset_class(actor.label));
   return log;
@@ -323,7 +331,7 @@ RenderedRays StreetModel::render(const RayScene& scene, const RayList& rays, con
   }
   const StreetSamples& s = out.samples;
   Tensor harmonics = gather_rows(spherical_harmonics(at.directions), s.ray);
-  if (s.owners.dim(0) > 0) harmonics = concat({harmonics, actor_views(s.actor_directions, how.without_view)}, 0);
+  if (s.owners.dim(0) > 0) harmonics = concat({harmonics, spherical_harmonics(s.actor_directions)}, 0);
   const Tensor texels = texels_of(scene.log, s, out.assets);
   const StreetField::Geometry geometry =
       field_->geometry(how.detach_background ? detached_in_boxes(texels, s) : texels);

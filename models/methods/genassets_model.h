@@ -1,6 +1,7 @@
 // GenAssets' street: a field over the background's planes and those that a decoder makes of actors' codes, rendered
 // along rays. One set of networks for all logs.
 #pragma once
+#include <functional>
 #include <memory>
 #include <optional>
 
@@ -27,10 +28,12 @@ struct StreetModelOptions {
   bool variational = true;  // codes as (mean, log variance) with the KL term
   bool symmetric = false;   // left and right, in their boxes' x
   bool shadows = true;
-  bool class_places = true, code_bypass = true;       // asset_decoder.h
-  bool common_code = true, common_background = true;  // see StreetLog
-  int background_side = 256;                          // texels
-  float near = 0.1f;                                  // metres around a LiDAR's return where matter belongs
+  bool class_places = true, code_bypass = true;  // asset_decoder.h
+  bool common_background = true;                 // see StreetLog
+  bool frozen = false;                           // the networks are another run's and stand still
+  bool detail = true;                            // then: see StreetLog
+  int background_side = 256;                     // texels
+  float near = 0.1f;                             // metres around a LiDAR's return where matter belongs
 };
 
 /// An actor of a log; or, with the number of logs, a generated asset.
@@ -45,11 +48,14 @@ struct StreetLog {
   std::unique_ptr<LogSource> data;
   Tensor background;  // [3 side^2, channels]
   Tensor assets;      // codes [A, ...] or planes [A, ...]
-  // What a log's texels at one height, and all its codes, have in common is added to them: where no camera looked,
+  // [A, 3 side^2 channels]: texels that are added to what frozen networks decode. They hold what a code cannot say of
+  // the sides that were seen.
+  Tensor detail;
+  // [2 heights, 3 channels]: what a log's texels at one height have in common is added to them; where no camera looked,
   // there is nothing else.
-  Tensor common_background, common_code;  // [2 heights, 3 channels], [1, ...]; of planes there is none
-  std::vector<int32_t> classes;           // of the actors
-  std::vector<AssetPlace> appearance;     // of the actors: whose asset they wear
+  Tensor common_background;
+  std::vector<int32_t> classes;        // of the actors
+  std::vector<AssetPlace> appearance;  // of the actors: whose asset they wear
 };
 
 /// How samples are placed and codes drawn; without a key: in the middle, and the mean.
@@ -57,7 +63,6 @@ struct Sampling {
   RandomKey key = {};
   bool random = false;
   bool skip_hidden = true;         // leave out samples behind surfaces
-  bool without_view = false;       // actors are seen without a view direction
   bool detach_background = false;  // where rays meet boxes, the background learns nothing
 };
 
@@ -113,7 +118,9 @@ class StreetAssets {
 
  private:
   bool is_generated(const AssetPlace& place) const { return place.log == logs_.size(); }
-  Tensor rows_of(const std::vector<AssetPlace>& assets) const;
+  Tensor rows_of(const std::vector<AssetPlace>& assets,
+                 const std::function<Tensor(size_t log, const Tensor& rows)>& rows_in) const;
+  Tensor with_detail(const Tensor& planes, const std::vector<AssetPlace>& assets) const;
 
   const StreetModelOptions& options_;
   std::vector<StreetLog>& logs_;

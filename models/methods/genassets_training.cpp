@@ -9,6 +9,7 @@ namespace {
 
 constexpr int kWarmUp = 30;        // steps
 constexpr int kCodesFirst = 200;   // steps in which one image teaches no background behind actors
+constexpr float kDetail = 0.2f;    // of the background planes' rate, for texels beside codes
 constexpr float kRefining = 0.1f;  // of the codes' rate, once they have been denoised (SSDNeRF: 5e-3)
 constexpr double kWorst = 0.05;    // share of LiDAR rays that are left out
 
@@ -58,20 +59,19 @@ ParameterGroups GenAssetsTraining::groups(bool denoised) const {
                                    {"image", c.rate_image},
                                    {"shadow", c.rate_field},
                                    {"discriminator", c.rate_discriminator}})
-    add(std::string("networks.") + name, rate).frozen = frozen_;
+    add(std::string("networks.") + name, rate).frozen = c.street.frozen;
   for (size_t i = 0; i < model_.logs().size(); ++i) {
     const std::string log = "log" + std::to_string(i);
-    ParameterGroup& background = add(log + ".background", c.rate_background);
-    background.sparse = true;
-    background.decay = c.decay_background;
     // Rows of a log stand still in steps that see other logs (sparse): Adam's momentum would move them on.
+    add(log + ".background", c.rate_background).sparse = true;
     add(log + ".common.background", c.rate_background).sparse = true;
-    ParameterGroup& common_code = add(log + ".common.code", c.rate_codes);
-    common_code.sparse = true;
-    // Denoised codes fit already, and what they share would move all by what the largest wants.
-    common_code.frozen = denoised;
     add(log + ".codes", c.rate_codes * (denoised ? kRefining : 1.f)).sparse = true;
     add(log + ".planes", c.rate_background).sparse = true;
+    ParameterGroup& detail = add(log + ".detail", c.rate_background * kDetail);
+    detail.sparse = true;
+    // One image says nothing of other sides: there codes must explain all that they can.
+    const LogSource* data = model_.logs()[i].data.get();
+    detail.frozen = data && data->images() == 1;
   }
   return groups;
 }
@@ -117,13 +117,10 @@ Tensor GenAssetsTraining::lidar_terms(const Tensor& depth, const Tensor& ranges,
 }
 
 Sampling GenAssetsTraining::sampling(const StreetLog& log, const Progress& progress, bool skip_hidden) const {
-  // Without a view direction, in some steps: else colours would follow directions that one actor alone was seen from,
-  // and change when it turns.
-  const bool drop = HostRandom(~seed_, static_cast<uint64_t>(progress.step)).uniform() < config_.view_drop;
   // Of one image the background could learn the actors' picture where it lies behind them: no other image says that it
   // is wrong, and codes, which begin slowly, would have nothing left to explain.
-  const bool detach = frozen_ && log.data->images() == 1 && progress.step <= kCodesFirst;
-  return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skip_hidden, drop, detach};
+  const bool detach = config_.street.frozen && log.data->images() == 1 && progress.step <= kCodesFirst;
+  return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skip_hidden, detach};
 }
 
 StreetStep GenAssetsTraining::step(const Progress& progress, const Tensors& wanted) {

@@ -9,7 +9,6 @@ namespace cloam {
 
 struct GenAssetsConfig {
   StreetModelOptions street;
-  float view_drop = 0.5f;  // share of the steps that see actors without a view direction
   bool whole_images = false;
   int tile_rays = 16384, tile_side = 96;
   int patches = 4, patch_side = 32, lidar_rays = 1024;
@@ -19,7 +18,7 @@ struct GenAssetsConfig {
   std::string discriminator_widths = "64,128,256,512";
   std::string perceptual_weights;  // file; empty: fixed random features
   float rate_codes = 0.05f, rate_decoder = 1e-4f, rate_field = 1e-3f, rate_image = 1e-3f, rate_background = 0.02f,
-        rate_discriminator = 1e-4f, decay_background = 0.2f;
+        rate_discriminator = 1e-4f;
   bool linear_lidar = true;  // LiDAR depth errors count linearly beyond a metre
   float final_rate = 0.1f, decay_start = 0.3f;
   CodePriorOptions prior;
@@ -38,8 +37,6 @@ class GenAssetsTraining {
   /// denoised: the codes were, so that they fit already.
   ParameterGroups groups(bool denoised) const;
   StreetStep step(const Progress& progress, const Tensors& wanted);
-  /// The networks are another run's from here on.
-  void freeze_networks() { frozen_ = true; }
   /// Of the samples marched to, those that light reaches, in thousandths: part of a run's state.
   int64_t lit_permille = 1000;
 
@@ -68,7 +65,6 @@ class GenAssetsTraining {
   uint64_t seed_;
   std::optional<FeatureNetwork> perceptual_;
   std::optional<PatchDiscriminator> discriminator_;
-  bool frozen_ = false;
 };
 
 /// Whole images: cells around a window that its pixels depend on, as far as it matters.

@@ -76,15 +76,16 @@ Preset::Settings settings_in(const std::string& words) {
 const std::vector<Preset>& presets() {
   const std::string street =
       "background.side=512 code.channels=16 decoder.widths=64,32,32,16 decoder.middle=64 decoder.groups=8 "
-      "field.width=32 image.kernel=3 image.blocks=4 image.upsamplings=1 steps.actor=0.1 actors.symmetric=true "
+      "field.width=32 image.kernel=3 image.blocks=4 image.upsamplings=1 actors.symmetric=true "
       "weight.adversarial=0 weight.kl=1e-8 batch.object_side=96 batch.lidar_rays=512 train.rate_decoder=1e-3 "
       "train.rate_field=5e-3 "
       "train.rate_image=4e-3 train.rate_background=0.05 ";
   // Switches off all that the paper does not have.
   const std::string faithful =
-      "actors.symmetric=false view.drop=0 weight.line_of_sight=0 train.decay_background=0 beyond.common_code=false "
+      "actors.symmetric=false weight.line_of_sight=0 "
       "beyond.common_background=false beyond.code_bypass=false beyond.class_places=false beyond.field_bypass=false "
-      "beyond.field_offset=false beyond.field_residual=false beyond.image_bypass=false beyond.linear_lidar=false "
+      "beyond.detail=false "
+      "beyond.field_residual=false beyond.image_bypass=false beyond.linear_lidar=false "
       "weight.adversarial=0.001 weight.kl=1e-5 ";
   const std::string whole = "batch.whole_images=true batch.lidar_rays=8192 ";
   static const std::vector<Preset> rows = {

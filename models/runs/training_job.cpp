@@ -10,6 +10,7 @@
 #include "models/methods/registry.h"
 #include "models/train/learns_from_run.h"
 #include "models/train/old_names.h"
+#include "models/train/shares_networks.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -134,8 +135,12 @@ Protocol protocol_of(const TrainRequest& request) {
   return {request.protocol, request.sparse_every.value_or(0)};
 }
 
-/// Method, preset and settings of the run whose networks are taken are those of the new one, but for how a prior is
-/// used, which is no property of networks.
+/// What is no property of networks: how a prior is used, and whether logs have masks.
+bool is_of_data(const std::string& setting) {
+  return setting.starts_with("prior.") || setting == "weight.prior" || setting == "weight.silhouette";
+}
+
+/// Method, preset and settings of the run whose networks are taken are those of the new one, but for what is_of_data.
 void take_networks(const TrainRequest& request, TrainJob& job) {
   const RunRecord other = read_record(request.networks);
   if (!request.method.empty() && request.method != other.method)
@@ -146,7 +151,8 @@ void take_networks(const TrainRequest& request, TrainJob& job) {
   job.record.reading.downscale = other.reading.downscale;
   job.record.networks = RunData{request.networks, "", ""};
   for (const auto& [key, value] : other.settings)
-    if (!key.starts_with("prior.") && key != "weight.prior") job.config.restore(key, value, "run " + request.networks);
+    if (!is_of_data(key)) job.config.restore(key, value, "run " + request.networks);
+  if (has<SharesNetworks>(other.method)) job.config.set(kNetworksFrozen, "true", "--networks");
 }
 
 void take_prior(const TrainRequest& request, TrainJob& job) {

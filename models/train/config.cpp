@@ -98,11 +98,7 @@ void Config::set(const std::string& given, const std::string& value, const std::
 }
 
 void Config::restore(const std::string& key, const std::string& value, const std::string& origin) {
-  const std::optional<GoneSetting> gone = gone_setting(key);
-  if (!gone) return set(key, value, origin);
-  if (!gone->kept.empty() && value != gone->kept)
-    throw Error(Fault::usage, text("it was trained with ", key, " = ", value.substr(0, kShown), "; this version knows ",
-                                   gone->kept, " alone, and no such setting: train it again"));
+  if (!is_gone(key, value)) set(key, value, origin);
 }
 
 std::string to_string(const ConfigValue& value) {

@@ -1,10 +1,15 @@
 // See old_names.h.
 #include "models/train/old_names.h"
 
+#include <algorithm>
 #include <utility>
+
+#include "runtime/error.h"
 
 namespace cloam {
 namespace {
+
+constexpr size_t kShown = 64;  // characters of a value in an error
 
 using Renamed = std::pair<const char*, const char*>;  // from, to
 
@@ -17,7 +22,15 @@ const Renamed kSettings[] = {
     {"image.doublings", "image.upsamplings"}, {"image.side", "image.kernel"},
 };
 
-const GoneSetting kGone[] = {{"beyond.careful_new_logs", ""}};
+/// kept: the value that this version behaves as; empty: it mattered to training alone, and the run is the same without.
+struct Gone {
+  const char *name, *kept;
+};
+constexpr Gone kGone[] = {{"beyond.careful_new_logs", ""},
+                          {"beyond.common_code", "false"},
+                          {"beyond.field_offset", "false"},
+                          {"train.decay_background", ""},
+                          {"view.drop", ""}};
 
 const Renamed kTensors[] = {{"state.average.", "state.ema."}};  // beginnings
 
@@ -29,10 +42,14 @@ std::string current_setting(const std::string& key) {
   return key;
 }
 
-std::optional<GoneSetting> gone_setting(const std::string& key) {
-  for (const GoneSetting& gone : kGone)
-    if (key == gone.name) return gone;
-  return std::nullopt;
+bool is_gone(const std::string& key, const std::string& value) {
+  const auto* gone = std::find_if(std::begin(kGone), std::end(kGone), [&](const Gone& one) { return key == one.name; });
+  if (gone == std::end(kGone)) return false;
+  const std::string kept = gone->kept;
+  if (!kept.empty() && value != kept)
+    throw Error(Fault::data, text("the run was trained with ", key, " = ", value.substr(0, kShown),
+                                  ", which this version no longer has\n  fix: train it again"));
+  return true;
 }
 
 std::string current_tensor(const std::string& name) {

@@ -8,11 +8,13 @@ namespace cloam {
 constexpr char kNetworks[] = "networks.";
 inline TensorMap networks_in(const TensorMap& parameters) { return with_prefix(parameters, kNetworks); }
 
+/// Such a method's setting that says whether they stand still: true in runs that take another's.
+constexpr char kNetworksFrozen[] = "networks.frozen";
+
 class SharesNetworks {
  public:
   virtual ~SharesNetworks() = default;
-  /// After build: takes the networks among the parameters of another run and leaves them frozen from here on, whatever
-  /// the data. Fault::usage for networks of other sizes.
+  /// After build: takes the networks among the parameters of another run. Fault::usage for networks of other sizes.
   virtual void adopt_networks(const TensorMap& parameters) = 0;
 };
 

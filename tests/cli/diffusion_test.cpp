@@ -221,12 +221,9 @@ TEST_CASE(
   constexpr std::size_t kNumbers = 4 * 4 * 4;
   std::set<std::vector<float>> known;
   for (const std::string log : {"param.log0.", "param.log1."}) {
-    const auto rows = floats(source, log + "codes"), common = floats(source, log + "common.code");
-    for (std::size_t row = 0; row < rows.size(); row += common.size()) {
-      std::vector<float> code;
-      for (std::size_t i = 0; i < kNumbers; ++i) code.push_back(rows[row + i] + common[i]);
-      known.insert(code);
-    }
+    const auto rows = floats(source, log + "codes");  // means and log variances
+    for (std::size_t row = 0; row < rows.size(); row += 2 * kNumbers)
+      known.insert(std::vector<float>(&rows[row], &rows[row] + kNumbers));
   }
   const SafetensorsFile made = read_safetensors(training / "latents.safetensors");
   const auto latents = floats(made, "latents");
@@ -368,7 +365,7 @@ TEST_CASE("what a prior or an image cannot be is one error, and makes no run") {
   const fs::path other = copy_of(two_streets_run(), "other_networks");
   const fs::path saved = other / "ckpt" / "000008.safetensors";
   SafetensorsFile changed = read_safetensors(saved);
-  changed.tensors.at("param.networks.field.offset").data[0] ^= std::byte{1};
+  changed.tensors.at("param.networks.field.past.bias").data[0] ^= std::byte{1};
   write_safetensors(saved, changed);
   Words words = fit_with_prior(never, small_diffusion_run());
   *std::find(words.begin(), words.end(), two_streets_run().string()) = other.string();

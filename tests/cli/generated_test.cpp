@@ -228,7 +228,7 @@ TEST_CASE("what cannot be generated into a street is one error, and nothing is w
   // Another run: one number of its networks differs.
   const fs::path trained_on = copy_of(street, "trained_on");
   SafetensorsFile file = read_safetensors(trained_on / "ckpt" / "000008.safetensors");
-  file.tensors.at("param.networks.field.offset").data[0] ^= std::byte{1};
+  file.tensors.at("param.networks.field.past.bias").data[0] ^= std::byte{1};
   write_safetensors(trained_on / "ckpt" / "000008.safetensors", file);
   fails(edits(trained_on, {"--prior", prior}), 3, "whose networks are not those of");
   const fs::path odd = copy_of(street, "odd_actor");

@@ -12,8 +12,8 @@ namespace fs = std::filesystem;
 
 void give_surfaces(const fs::path& checkpoint) {
   SafetensorsFile file = read_safetensors(checkpoint);
-  const float offset = -1;
-  std::memcpy(file.tensors.at("param.networks.field.offset").data.data(), &offset, sizeof offset);
+  const float distance = -1;  // the bias of the first of the numbers that texels add to
+  std::memcpy(file.tensors.at("param.networks.field.past.bias").data.data(), &distance, sizeof distance);
   write_safetensors(checkpoint, file);
 }
 

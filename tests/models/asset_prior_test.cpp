@@ -25,8 +25,6 @@ namespace {
 constexpr int64_t kChannels = 2, kSide = 2, kNumbers = kChannels * kSide * kSide;
 constexpr float kLogVariance = 3;  // of all codes but plain ones, over the start's -6
 
-constexpr float kCommon = 0.25f;  // what the codes of a log share, which their own parameters leave out
-
 struct MadeRun {
   bool variational = true;
   int actors = 20;           // a log: one of the day, one of the night
@@ -60,15 +58,12 @@ StoredRun made_run(const MadeRun& made) {
                               false,
                               {},
                               {}});
-      for (int64_t i = 0; i < kNumbers; ++i) rows.push_back(made_code(car, i, a) - kCommon);
-      if (made.variational) rows.insert(rows.end(), kNumbers, kLogVariance - kCommon);
+      for (int64_t i = 0; i < kNumbers; ++i) rows.push_back(made_code(car, i, a));
+      if (made.variational) rows.insert(rows.end(), kNumbers, kLogVariance);
       steps.push_back(made.last_unseen && a + 1 == made.actors ? 0 : 7);
     }
     const std::string name = "log" + std::to_string(log) + ".codes";
     const int64_t width = kNumbers * (made.variational ? 2 : 1);
-    const std::vector<float> common(static_cast<size_t>(width), kCommon);
-    run.checkpoint.file.tensors["param.log" + std::to_string(log) + ".common.code"] =
-        named(from_host(common, {1, width}));
     run.checkpoint.file.tensors["param." + name] = named(from_host(rows, {made.actors, width}));
     run.checkpoint.file.tensors["adam.steps." + name] = named(from_host(steps, {made.actors}));
     run.scenes.push_back(scene);

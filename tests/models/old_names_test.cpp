@@ -5,6 +5,7 @@
 
 #include <set>
 
+#include "models/methods/code_set.h"
 #include "models/train/trainer.h"
 #include "tests/models/worlds.h"
 
@@ -38,14 +39,20 @@ TEST_CASE("a run's settings that are gone are left out, but nobody can set them"
   method->configure(config);
   const std::size_t count = config.entries().size();
   config.restore("beyond.careful_new_logs", "true", "run.json");
+  config.restore("beyond.common_code", "false", "run.json");
   CHECK(config.entries().size() == count);
+  CHECK_THROWS_WITH_AS(config.restore("beyond.common_code", "true", "run.json"),
+                       doctest::Contains("trained with beyond.common_code = true"), Error);
+  const Scenes scenes;
+  const SourceRun source{"old", "genassets", {{"beyond.common_code", "true"}}, {}, scenes, {}, {}};
+  CHECK_THROWS_WITH_AS(asset_codes(source, 1), doctest::Contains("trained with beyond.common_code = true"), Error);
   CHECK_THROWS_WITH_AS(config.set("beyond.careful_new_logs", "true", "--set"), doctest::Contains("there is no setting"),
                        Error);
   CHECK_THROWS_WITH_AS(config.restore("beyond.never", "1", "run.json"), doctest::Contains("there is no setting"),
                        Error);
-  config.restore("view.drop", "0.25", "run.json");
+  config.restore("weight.kl", "0.25", "run.json");
   for (const ConfigEntry& entry : config.entries())
-    if (entry.key == "view.drop") CHECK(to_string(entry.value) == "0.25");
+    if (entry.key == "weight.kl") CHECK(to_string(entry.value) == "0.25");
 }
 
 TEST_CASE("a checkpoint with tensors under their old names restores the same method") {

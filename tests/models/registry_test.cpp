@@ -28,8 +28,7 @@ TEST_CASE("faithful presets leave out all that goes beyond the paper, and nothin
     for (const auto& [key, value] : faithful) {
       CAPTURE(key);
       if (key.starts_with("beyond.")) CHECK((value == "false" && base.at(key) == "true"));
-      const bool switched = key.starts_with("beyond.") || key == "actors.symmetric" || key == "view.drop" ||
-                            key == "weight.line_of_sight" || key == "train.decay_background" ||
+      const bool switched = key.starts_with("beyond.") || key == "actors.symmetric" || key == "weight.line_of_sight" ||
                             key == "weight.adversarial" || key == "weight.kl";
       if (!switched) CHECK(value == base.at(key));
     }
