@@ -8,6 +8,7 @@
 #include <numeric>
 
 #include "models/scene/actor_space.h"
+#include "models/scene/asset_class.h"
 #include "models/scene/camera.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -26,8 +27,8 @@ Eigen::Vector3d move(const Eigen::Matrix4d& pose, const Eigen::Vector3d& p) {
 
 /// One of the classes first, then one of its actors: most actors are cars, and rare classes would hardly be drawn.
 size_t draw_by_class(const std::vector<const Actor*>& actors, HostRandom& random) {
-  std::map<std::string, std::vector<size_t>> of_class;
-  for (size_t i = 0; i < actors.size(); ++i) of_class[actors[i]->label].push_back(i);
+  std::map<int, std::vector<size_t>> of_class;
+  for (size_t i = 0; i < actors.size(); ++i) of_class[asset_class(actors[i]->label)].push_back(i);
   const std::vector<size_t>& drawn =
       std::next(of_class.begin(), static_cast<std::ptrdiff_t>(random.below(of_class.size())))->second;
   return drawn[random.below(drawn.size())];

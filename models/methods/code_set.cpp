@@ -46,7 +46,12 @@ void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variat
   const Scene& scene = source.scenes[log];
   const auto actors = static_cast<int64_t>(scene.actors.size()), numbers = codes.channels * codes.side * codes.side;
   if (actors == 0) return;
-  const std::string name = text("log", log, ".codes");
+  const std::string name = text("log", log, ".codes"), common = text("log", log, ".common.code");
+  if (source.parameters.contains(common))
+    throw Error(Fault::data, text(source.folder.string(),
+                                  ": it was trained by an earlier version, whose codes are not "
+                                  "whole without ",
+                                  common, kFix));
   const int64_t width = numbers * (variational ? 2 : 1);
   const auto rows = values_from<float>(source.parameters, name, {actors, width});
   const auto steps = values_from<int32_t>(source.row_steps, name, {actors});
@@ -77,7 +82,7 @@ CodeShape code_shape(const SourceRun& source) {
   if (source.edited_from)
     throw Error(Fault::data, text("the run is edited: its actors may have the appearance of others\n  fix: name ",
                                   *source.edited_from, ", which it was made from"));
-  for (const auto& [key, value] : source.settings) (void)is_gone(key, value);
+  for (const auto& [key, value] : source.settings) (void)is_gone(key, value, source.folder.string());
   if (setting(source, "decoder.use", "true") != "true")
     throw Error(Fault::data, text("the run learned its actors' planes directly (decoder.use = false): there are no "
                                   "codes to learn from",

@@ -105,7 +105,7 @@ void GenAssets::configure(Config& c) {
   c.bind("beyond.field_residual", street.field.residual, "the field's second network adds to the first one's output");
   c.bind("beyond.image_bypass", street.image.bypass, "three features go past the image decoder to the image");
   c.bind("beyond.linear_lidar", o.linear_lidar, "LiDAR depth errors count linearly beyond a metre");
-  c.bind(kNetworksFrozen, street.frozen, "the networks stand still; --networks sets it");
+  c.bind(kNetworksFrozen, street.frozen, "the networks stand still: true with --networks, else false");
   c.bind("train.rate_codes", o.rate_codes, "learning rate of codes");
   c.bind("train.rate_decoder", o.rate_decoder, "learning rate of the asset decoder");
   c.bind("train.rate_field", o.rate_field, "learning rate of the field's networks");
@@ -220,6 +220,12 @@ std::vector<AssetName> GenAssets::show_assets(const std::vector<NewAsset>& asset
 
 void GenAssets::adopt_networks(const TensorMap& parameters) {
   std::vector<std::pair<Tensor, Tensor>> updates;
+  for (const auto& [name, theirs] : parameters)
+    if (name.starts_with(kNetworks) && !name.starts_with("networks.discriminator.") && !params_.contains(name))
+      throw Error(Fault::usage,
+                  text("--networks: its ", name,
+                       " has no place in a run of these settings: leave those of "
+                       "the networks as in its run; a run of an earlier version has to be trained again"));
   for (const auto& [name, p] : params_) {
     if (!name.starts_with(kNetworks)) continue;
     const auto theirs = parameters.find(name);

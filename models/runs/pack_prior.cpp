@@ -88,6 +88,7 @@ RunRecord handed_on(const RunRecord& record) {
   out.prior.reset();
   out.reading = {};
   if (out.settings.contains("perceptual.weights")) out.settings["perceptual.weights"] = "";
+  if (out.settings.contains(kNetworksFrozen)) out.settings[kNetworksFrozen] = "false";
   return out;
 }
 

@@ -152,7 +152,6 @@ void take_networks(const TrainRequest& request, TrainJob& job) {
   job.record.networks = RunData{request.networks, "", ""};
   for (const auto& [key, value] : other.settings)
     if (!is_of_data(key)) job.config.restore(key, value, "run " + request.networks);
-  if (has<SharesNetworks>(other.method)) job.config.set(kNetworksFrozen, "true", "--networks");
 }
 
 void take_prior(const TrainRequest& request, TrainJob& job) {
@@ -246,7 +245,9 @@ void check_same(const TrainRequest& request, const RunRecord& record) {
     config.set(key, value, "--set");
     for (const ConfigEntry& entry : config.entries()) {
       if (entry.key != current_setting(key)) continue;
-      same(("--set " + key).c_str(), std::optional(to_string(entry.value)), record.settings.at(entry.key));
+      const auto known = record.settings.find(entry.key);
+      same(("--set " + key).c_str(), std::optional(to_string(entry.value)),
+           known == record.settings.end() ? "" : known->second);
     }
   }
 }
@@ -311,6 +312,9 @@ TrainJob new_job(const TrainRequest& request, const Listener& listener) {
   take_source(request, job);
   take_prior(request, job);
   apply_settings(request, job.config, listener);
+  // Whatever a file of settings says, which may be another run's.
+  if (has<SharesNetworks>(request.method))
+    job.config.set(kNetworksFrozen, request.networks.empty() ? "false" : "true", "--networks");
   job.data.assign(request.data.begin(), request.data.end());
   job.folder = request.out.empty() ? default_folder(request) : fs::path(request.out);
   check_folder(job.folder, request.overwrite);

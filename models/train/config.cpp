@@ -98,7 +98,7 @@ void Config::set(const std::string& given, const std::string& value, const std::
 }
 
 void Config::restore(const std::string& key, const std::string& value, const std::string& origin) {
-  if (!is_gone(key, value)) set(key, value, origin);
+  if (!is_gone(key, value, origin)) set(key, value, origin);
 }
 
 std::string to_string(const ConfigValue& value) {

@@ -45,7 +45,7 @@ class Config {
   /// and a number outside of its range.
   void set(const std::string& given, const std::string& value, const std::string& origin);
   /// The same for a setting that a run was trained with: those that are gone (old_names.h) are left out.
-  /// Fault::usage also for one that is gone with a value that this version cannot behave as.
+  /// Fault::data for one that is gone with a value that this version cannot behave as.
   void restore(const std::string& key, const std::string& value, const std::string& origin);
   const std::vector<ConfigEntry>& entries() const { return entries_; }
 

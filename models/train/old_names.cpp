@@ -42,12 +42,12 @@ std::string current_setting(const std::string& key) {
   return key;
 }
 
-bool is_gone(const std::string& key, const std::string& value) {
+bool is_gone(const std::string& key, const std::string& value, const std::string& origin) {
   const auto* gone = std::find_if(std::begin(kGone), std::end(kGone), [&](const Gone& one) { return key == one.name; });
   if (gone == std::end(kGone)) return false;
   const std::string kept = gone->kept;
   if (!kept.empty() && value != kept)
-    throw Error(Fault::data, text("the run was trained with ", key, " = ", value.substr(0, kShown),
+    throw Error(Fault::data, text(origin, ": it was trained with ", key, " = ", value.substr(0, kShown),
                                   ", which this version no longer has\n  fix: train it again"));
   return true;
 }

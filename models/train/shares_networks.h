@@ -8,7 +8,7 @@ namespace cloam {
 constexpr char kNetworks[] = "networks.";
 inline TensorMap networks_in(const TensorMap& parameters) { return with_prefix(parameters, kNetworks); }
 
-/// Such a method's setting that says whether they stand still: true in runs that take another's.
+/// Such a method's setting that says whether they stand still: true in runs that take another's. Not for users to set.
 constexpr char kNetworksFrozen[] = "networks.frozen";
 
 class SharesNetworks {

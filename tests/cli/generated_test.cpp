@@ -197,9 +197,22 @@ TEST_CASE("simulate --augment writes logs of the same streets with other vehicle
 TEST_CASE("a run of the same networks takes assets too") {
   const fs::path run = scratch() / "same_networks", worn = scratch() / "same_networks_worn";
   const std::string log = (scratch() / "two_streets" / "001").string();
-  const Outcome trained = cloam_with(
-      {"train", "genassets", log, "--networks", two_streets_run().string(), "--steps", "2", "-o", run.string(), "-q"});
+  Words words = {"train",   "genassets", log,  "--networks", two_streets_run().string(),
+                 "--steps", "2",         "-o", run.string(), "-q"};
+  const auto setting = [&](const fs::path& of, const char* name) {
+    return json_of(of / "run.json").at("settings").at(name);
+  };
+  Outcome trained = cloam_with(words);
   REQUIRE_MESSAGE(trained.code == 0, trained.err);
+  // Whether logs have masks is no property of networks.
+  CHECK(setting(two_streets_run(), "weight.silhouette") == "0.01");
+  CHECK(setting(run, "weight.silhouette") == "0");
+  // Networks that were taken stand still, whatever a file of settings says.
+  words.insert(words.end(), {"--config", (two_streets_run() / "config.toml").string(), "--overwrite"});
+  trained = cloam_with(words);
+  REQUIRE_MESSAGE(trained.code == 0, trained.err);
+  CHECK(setting(two_streets_run(), "networks.frozen") == "false");
+  CHECK(setting(run, "networks.frozen") == "true");
   const Outcome outcome = cloam_with({"edit", run.string(), "--actor", cars()[0] + ":replace=generated", "--prior",
                                       small_diffusion_run().string(), "-o", worn.string()});
   CHECK_MESSAGE(outcome.code == 0, outcome.err);

@@ -61,9 +61,10 @@ const fs::path& two_streets_run() {
     REQUIRE_MESSAGE(made.code == 0, made.err);
     Words words = {"train",    "genassets",       logs + "/001", logs + "/002", "-o", folder,
                    "--preset", "genassets-small", "--steps",     "8",           "-q"};
-    for (const char* setting : {"background.side=32", "batch.patches=2", "batch.patch_side=8", "batch.lidar_rays=32",
-                                "code.side=4", "code.channels=4", "decoder.middle=16", "decoder.widths=16,8,8",
-                                "decoder.groups=4", "weight.perceptual=0", "prior.guidance=0.5"})
+    for (const char* setting :
+         {"background.side=32", "batch.patches=2", "batch.patch_side=8", "batch.lidar_rays=32", "code.side=4",
+          "code.channels=4", "decoder.middle=16", "decoder.widths=16,8,8", "decoder.groups=4", "weight.perceptual=0",
+          "prior.guidance=0.5", "weight.silhouette=0.01"})
       words.insert(words.end(), {"--set", setting});
     const Outcome trained = cloam_with(words);
     REQUIRE_MESSAGE(trained.code == 0, trained.err);

@@ -351,6 +351,25 @@ TEST_CASE("genassets: texels beside an actor's code show on it alone, learn with
   CHECK(look(hidden) == second);
   CHECK(look(made) == generated);
 
+  // In a street where the hidden actor wears a generated asset: its own texels show nowhere.
+  Scene worn = scene;
+  worn.actors[1].asset = made;
+  const auto street = loaded(worn, frozen);
+  fill(*street);
+  CHECK(as<ShowsAssets>(*street)->show_assets({same}).front() == made);
+  const auto picture = [&](size_t row) {
+    std::vector<float> texels(detail.size(), 0.f);
+    const auto begin = texels.begin() + static_cast<std::ptrdiff_t>(row * texels.size() / 2);
+    if (row < 2) std::fill(begin, begin + static_cast<std::ptrdiff_t>(texels.size() / 2), 0.5f);
+    put(*street, "log0.detail", texels);
+    return shown(*street, view_of(worn.frames[0], worn.cameras[0], 0));
+  };
+  const Picture none = picture(2);
+  CHECK(std::count(none.actors.begin(), none.actors.end(), 1) > 10);
+  CHECK(std::count(none.actors.begin(), none.actors.end(), 2) > 10);
+  CHECK(picture(1).rgb == none.rgb);
+  CHECK(picture(0).rgb != none.rgb);
+
   for (const bool one : {false, true}) {
     const auto learner = loaded(scene, frozen, one ? std::optional<size_t>(0) : std::nullopt);
     fill(*learner, -0.4f);

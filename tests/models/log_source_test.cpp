@@ -149,8 +149,11 @@ TEST_CASE("object patches hold the box of an actor that is wholly in front of th
 TEST_CASE("objects and patches around actors are drawn by class first") {
   const Folder folder;
   Scene scene = toy_street(folder.path, {.frames = 1});
-  // Ten cars on the left of the picture and one bus on its right; a patch there shows its middle.
-  for (int i = 0; i < 10; ++i) scene.actors.push_back(toy_actor(text("car ", i), {1, 2, 2}, 15, 3));
+  // Ten trucks, of two labels, on the left of the picture and one bus on its right; a patch there shows its middle.
+  for (int i = 0; i < 10; ++i) {
+    scene.actors.push_back(toy_actor(text("truck ", i), {1, 2, 2}, 15, 3));
+    scene.actors.back().label = i < 5 ? "Pickup Truck" : "Semi-truck";
+  }
   scene.actors.push_back(toy_actor("bus", {1, 2, 2}, 15, -3));
   scene.actors.back().label = "Bus";
   const StreetSpace space(scene, {});

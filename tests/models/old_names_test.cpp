@@ -42,10 +42,12 @@ TEST_CASE("a run's settings that are gone are left out, but nobody can set them"
   config.restore("beyond.common_code", "false", "run.json");
   CHECK(config.entries().size() == count);
   CHECK_THROWS_WITH_AS(config.restore("beyond.common_code", "true", "run.json"),
-                       doctest::Contains("trained with beyond.common_code = true"), Error);
+                       doctest::Contains("run.json: it was trained with beyond.common_code = true"), Error);
+  CHECK_THROWS_AS(config.restore("beyond.field_offset", "true", "run.json"), Error);
   const Scenes scenes;
   const SourceRun source{"old", "genassets", {{"beyond.common_code", "true"}}, {}, scenes, {}, {}};
-  CHECK_THROWS_WITH_AS(asset_codes(source, 1), doctest::Contains("trained with beyond.common_code = true"), Error);
+  CHECK_THROWS_WITH_AS(asset_codes(source, 1), doctest::Contains("old: it was trained with beyond.common_code = true"),
+                       Error);
   CHECK_THROWS_WITH_AS(config.set("beyond.careful_new_logs", "true", "--set"), doctest::Contains("there is no setting"),
                        Error);
   CHECK_THROWS_WITH_AS(config.restore("beyond.never", "1", "run.json"), doctest::Contains("there is no setting"),
