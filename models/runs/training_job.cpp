@@ -108,6 +108,8 @@ void apply_settings(const TrainRequest& request, Config& config, const Listener&
   }
   for (const std::string& setting : request.settings) {
     const auto [key, value] = split_setting(setting);
+    if (key == kNetworksFrozen)
+      throw Error(Fault::usage, text("--set ", key, ": it follows from --networks alone; leave it out"));
     set(config, key, value, "--set", listener);
   }
 }

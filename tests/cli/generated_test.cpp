@@ -213,6 +213,10 @@ TEST_CASE("a run of the same networks takes assets too") {
   REQUIRE_MESSAGE(trained.code == 0, trained.err);
   CHECK(setting(two_streets_run(), "networks.frozen") == "false");
   CHECK(setting(run, "networks.frozen") == "true");
+  words.insert(words.end(), {"--set", "networks.frozen=false"});
+  trained = cloam_with(words);
+  CHECK(trained.code == 2);
+  CHECK(contains(trained.err, "follows from --networks alone"));
   const Outcome outcome = cloam_with({"edit", run.string(), "--actor", cars()[0] + ":replace=generated", "--prior",
                                       small_diffusion_run().string(), "-o", worn.string()});
   CHECK_MESSAGE(outcome.code == 0, outcome.err);
