@@ -82,11 +82,9 @@ const std::vector<Preset>& presets() {
       "train.rate_image=4e-3 train.rate_background=0.05 ";
   // Switches off all that the paper does not have.
   const std::string faithful =
-      "actors.symmetric=false weight.line_of_sight=0 "
-      "beyond.common_background=false beyond.code_bypass=false beyond.class_places=false beyond.field_bypass=false "
-      "beyond.detail=false "
-      "beyond.field_residual=false beyond.image_bypass=false beyond.linear_lidar=false "
-      "weight.adversarial=0.001 weight.kl=1e-5 ";
+      "actors.symmetric=false beyond.common_background=false beyond.code_bypass=false beyond.class_places=false "
+      "beyond.detail=false beyond.field_bypass=false beyond.field_residual=false beyond.image_bypass=false "
+      "beyond.linear_lidar=false weight.line_of_sight=0 weight.adversarial=0.001 weight.kl=1e-5 ";
   const std::string whole = "batch.whole_images=true batch.lidar_rays=8192 ";
   static const std::vector<Preset> rows = {
       {"nerf", "nerf", "hash grid and occupancy grid: minutes on two cores", {}, 4000},

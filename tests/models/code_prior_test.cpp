@@ -55,10 +55,7 @@ std::unique_ptr<Method> street(const Scene& scene, const Made& made, const CodeD
   auto method = configured("genassets", settings);
   method->build({scene}, 1);
   if (made.prior) as<TakesPrior>(*method)->adopt_prior(denoiser);
-  const Tensor& bias = method->parameters().at("networks.field.past.bias");
-  std::vector<float> inside = bias.to_host();
-  inside[0] = -0.4f;
-  assign({{bias, from_host(inside, bias.shape())}});
+  fill(*method, -0.4f);
   Pixels all = toy_pixels(scene), pixels = all;
   pixels.frames.clear();
   for (const size_t i : made.photos) pixels.frames.push_back(all.frames[i]);

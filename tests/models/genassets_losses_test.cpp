@@ -6,6 +6,8 @@
 #include <functional>
 #include <map>
 
+#include "models/io/commit.h"
+#include "models/io/image.h"
 #include "models/methods/genassets.h"
 #include "tests/models/folder.h"
 #include "tests/models/toy_genassets.h"

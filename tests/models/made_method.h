@@ -42,4 +42,16 @@ inline double figure(const Step& step, const std::string& name) {
   throw Error(Fault::internal, "no figure " + name);
 }
 
+inline void put(Method& method, const std::string& name, const std::vector<float>& values) {
+  const Tensor& p = method.parameters().at(name);
+  assign({{p, from_host(values, p.shape())}});
+}
+
+/// Where distances begin. Matter wherever samples are, if negative: actors fill their boxes, the background its voxels.
+inline void fill(Method& method, float distance = -1) {
+  std::vector<float> bias = method.parameters().at("networks.field.past.bias").to_host();
+  bias[0] = distance;
+  put(method, "networks.field.past.bias", bias);
+}
+
 }  // namespace cloam

@@ -1,10 +1,7 @@
 // Small streets of GenAssets, and what tests set in them.
 #pragma once
-#include <functional>
 #include <optional>
 
-#include "models/io/commit.h"
-#include "models/io/image.h"
 #include "models/train/trainer.h"
 #include "tests/models/made_method.h"
 #include "tests/models/toy_street.h"
@@ -43,18 +40,6 @@ inline std::filesystem::path train_to(Method& method, const std::filesystem::pat
   return train({method, folder, {}, from, nullptr}, options, {}).checkpoint;
 }
 
-inline void put(Method& method, const std::string& name, const std::vector<float>& values) {
-  const Tensor& p = method.parameters().at(name);
-  assign({{p, from_host(values, p.shape())}});
-}
-
-/// Where distances begin. Matter wherever samples are, if negative: actors fill their boxes, the background its voxels.
-inline void fill(Method& method, float distance = -1) {
-  std::vector<float> bias = method.parameters().at("networks.field.past.bias").to_host();
-  bias[0] = distance;
-  put(method, "networks.field.past.bias", bias);
-}
-
 /// A car in front of another: at y = 0 the first hides the second from all cameras.
 inline Scene crossing(const std::filesystem::path& root, double hidden_y) {
   Scene scene = toy_street(root);
@@ -76,6 +61,16 @@ inline Middle middle_of(const Picture& picture, int actor) {
   middle.x /= std::max(1, middle.pixels);
   middle.y /= std::max(1, middle.pixels);
   return middle;
+}
+
+/// Where a ray enters and leaves an actor that stands, with the room around its box for mirrors and wheels.
+inline std::pair<double, double> within(const Actor& actor, const Eigen::Vector3d& origin, const Eigen::Vector3d& way) {
+  const Eigen::Matrix4d box_from_world = actor.boxes[0].world_from_box.inverse();
+  const Eigen::Vector3d o = (box_from_world * origin.homogeneous()).head<3>(),
+                        d = box_from_world.topLeftCorner<3, 3>() * way,
+                        half = actor.size / 2 + Eigen::Vector3d(0.125, 0.125, 0.05);
+  const Eigen::Array3d a = (-half - o).array() / d.array(), b = (half - o).array() / d.array();
+  return {a.min(b).maxCoeff(), a.max(b).minCoeff()};
 }
 
 }  // namespace cloam
