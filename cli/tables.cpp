@@ -28,6 +28,7 @@ Examples:
   cloam tables --size small -o tables --methods nerf,splat    ... and with other methods
   cloam tables data/pandaset -o tables --dry-run              the paper's sizes: which commands, how many hours
   cloam tables --size small --train logs/001,logs/002 --measure logs/003 -o tables --seeds 1,2,3
+  cloam tables --size small --measure logs/003 -o tables --jobs 2    trains on made logs, two commands at a time
 
 It can be stopped at any time: the same command goes on where it was. Rows, methods, protocols and seeds may be added.
 The result is tables.json, tables.md and a page with pictures, index.html.)";
@@ -36,6 +37,7 @@ struct TablesRequest {
   TableLogWish logs;
   std::string out, size = "paper", rows, methods, protocols, seeds = "1", features = "random", perceptual, lpips, steps;
   Names settings;
+  int jobs = 1;
   bool dry_run = false;
 };
 
@@ -109,8 +111,8 @@ std::string absolute_file(const std::string& file) {
 TablePlan plan_of(const TablesRequest& request) {
   TableRequest wish;
   wish.small = request.size == "small";
-  const bool makes =
-      wish.small && request.logs.root.empty() && request.logs.train.empty() && request.logs.measure.empty();
+  const bool makes = wish.small && request.logs.root.empty() && request.logs.train.empty();
+  if (makes) wish.logs.measured = measured_table_logs(request.logs);
   if (!makes) wish.logs = find_table_logs(request.logs);
   wish.rows = rows_of(request, wish.small);
   wish.protocols = table_protocols();
@@ -139,7 +141,7 @@ std::string what(const TableNode& node) {
   return "steps";
 }
 
-std::string list_of(const TablePlan& plan, const TableFolder& folder) {
+std::string list_of(const TablePlan& plan, const TableFolder& folder, int jobs) {
   std::string out = fmt::format("{:<48} {:>10}          {:>10}\n", "command", "work", "hours");
   double all = 0;
   for (const TableNode& node : plan.nodes) {
@@ -148,12 +150,12 @@ std::string list_of(const TablePlan& plan, const TableFolder& folder) {
                        done ? "done" : hours(node.seconds));
     all += node.seconds;
   }
-  const double left = seconds_left(folder, plan);
+  const double left = seconds_left(folder, plan, jobs);
   out += fmt::format("{} commands, {} hours on two cores", plan.nodes.size(), hours(all));
   return out + (left == all ? "\n" : fmt::format("; {} hours left, by what was timed here\n", hours(left)));
 }
 
-nlohmann::ordered_json json_of(const TablePlan& plan, const TableFolder& folder) {
+nlohmann::ordered_json json_of(const TablePlan& plan, const TableFolder& folder, int jobs) {
   nlohmann::ordered_json json = {{"schema_version", 1}, {"commands", nlohmann::ordered_json::array()}};
   double all = 0;
   for (const TableNode& node : plan.nodes) {
@@ -168,7 +170,7 @@ nlohmann::ordered_json json_of(const TablePlan& plan, const TableFolder& folder)
     all += node.seconds;
   }
   json["hours"] = all / 3600;
-  json["hours_left"] = seconds_left(folder, plan) / 3600;
+  json["hours_left"] = seconds_left(folder, plan, jobs) / 3600;
   return json;
 }
 
@@ -176,8 +178,8 @@ int run_command(const TablesRequest& request, const Common& common) {
   const TableFolder folder{request.out};
   const TablePlan plan = plan_of(request);
   check_same_table(folder, plan);
-  if (!request.dry_run) return run_tables(folder, plan, common);
-  common.json ? put_json(json_of(plan, folder), 2) : put(list_of(plan, folder));
+  if (!request.dry_run) return run_tables(folder, plan, request.jobs, common);
+  common.json ? put_json(json_of(plan, folder, request.jobs), 2) : put(list_of(plan, folder, request.jobs));
   say(common, "dry run: nothing was written");
   return 0;
 }
@@ -205,6 +207,7 @@ Command add_tables(CLI::App& program) {
     add("--lpips", r.lpips, "Also measure LPIPS: weights of AlexNet or VGG-16, a comma, those of the linear layers");
     add("--perceptual", r.perceptual, "To train by: weights for the perceptual loss (default: random features)");
     add("--set", r.settings, "Setting key=value for the trainings of stage 1; may be repeated").one_word();
+    add("--jobs", r.jobs, "Commands side by side, each with its share of the cores (1)", whole_number(1, 64));
     add("--dry-run", r.dry_run, "List the commands with their hours; write nothing");
   });
 }

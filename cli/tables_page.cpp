@@ -23,7 +23,7 @@ constexpr char kReading[] =
     "best "
     "of those that know nothing: a copy or a blend of the nearest images, mean colours, random codes; a figure in grey "
     "is no better. <i>Paper</i> is GenAssets, Tables A2 and A3, on PandaSet: other data, and other feature networks "
-    "where the heading says so.";
+    "where the heading says so. Below, differences from the first row, paired by measured log and seed.";
 
 std::string cell(const std::string& words, bool grey = false) {
   return std::string("<td class=\"number\"") + (grey ? " style=\"color:#999\">" : ">") + words + "</td>";
@@ -56,6 +56,25 @@ std::string table(const ProtocolTable& found) {
     rows += "</tr>\n";
   }
   return "<table>" + head + "</tr>\n" + below + "</tr>\n" + rows + "</table>\n";
+}
+
+/// Rows less the first, paired; nothing where the first is alone.
+std::string differences(const ProtocolTable& found) {
+  std::string rows;
+  for (const ProtocolTable::Line& line : found.lines) {
+    std::string cells;
+    bool any = false;
+    for (std::size_t i = 0; i < line.cells.size(); ++i) {
+      const bool differs = line.cells[i] && line.cells[i]->from_first;
+      any = any || differs;
+      cells += cell(differs ? spelled(*line.cells[i]->from_first, found.columns[i]) : "-");
+    }
+    if (any) rows += "<tr><td>" + escaped(line.row.title) + "</td>" + cells + "</tr>\n";
+  }
+  if (rows.empty()) return "";
+  std::string head = "<tr><th>less " + escaped(found.lines.front().row.title) + "</th>";
+  for (const TableColumn& column : found.columns) head += "<th>" + escaped(column.title) + "</th>";
+  return "<table>" + head + "</tr>\n" + rows + "</table>\n";
 }
 
 /// The measurements of a log by a protocol, of each row the first seed's that was made.
@@ -148,7 +167,7 @@ void write_tables_page(const TableFolder& folder, const TablePlan& plan, const T
   std::string body = std::string("<p>") + kReading + "</p>\n" + troubles("Failed", failed) +
                      troubles("Left out, since what they need failed", left_out);
   for (const ProtocolTable& found : figures.tables)
-    body += "<h2>" + escaped(protocol_title(found.protocol)) + "</h2>\n" + table(found) +
+    body += "<h2>" + escaped(protocol_title(found.protocol)) + "</h2>\n" + table(found) + differences(found) +
             pictures(folder, plan, found.protocol);
   commit_text(folder.page(), html_page("GenAssets' tables, measured here", body + commands(folder, plan)));
 }

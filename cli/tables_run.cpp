@@ -3,8 +3,12 @@
 
 #include <algorithm>
 #include <chrono>
+#include <condition_variable>
 #include <csignal>
+#include <cstdlib>
+#include <exception>
 #include <map>
+#include <mutex>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -55,20 +59,36 @@ void wait_until_free(const fs::path& run) {
   }
 }
 
+/// For one of so many commands side by side: PoCL's share of the cores, which the scheduler chooses. Pinned, all of
+/// them would work on the first cores; our own process may have set that for itself, and they would inherit it.
+Words environment_of(int jobs) {
+  if (jobs == 1) return {};
+  Words words = {"POCL_AFFINITY=0"};
+  const unsigned threads = std::max(1U, std::thread::hardware_concurrency() / static_cast<unsigned>(jobs));
+  if (!std::getenv("POCL_MAX_PTHREAD_COUNT")) words.push_back(text("POCL_MAX_PTHREAD_COUNT=", threads));
+  return words;
+}
+
 class TableRun {
  public:
-  TableRun(const TableFolder& folder, const TablePlan& plan, const Common& common)
-      : folder_(folder), plan_(plan), common_(common) {}
+  TableRun(const TableFolder& folder, const TablePlan& plan, int jobs, const Common& common)
+      : folder_(folder), plan_(plan), jobs_(jobs), common_(common), line_(common) {}
 
   int run();
 
  private:
-  enum class State { done, failed, left_out };
+  enum class State { waiting, running, done, failed, left_out };
 
-  State advance(const TableNode& node, std::size_t number);
+  void work();
+  const TableNode* next_node(std::unique_lock<std::mutex>& lock);
+  const TableNode* ready_node();
+  bool is_taken(const TableNode& node) const;
+  void look_at(const TableNode& node);
+  void announce(const TableNode& node);
   State run_command(const TableNode& node);
   Words words_of(const TableNode& node, bool resumes) const;
-  ChildEnd run_child_of(const TableNode& node, const Words& words);
+  ChildEnd run_child_of(const TableNode& node, const Words& words, std::string& said_error);
+  void show(const TableNode& node, const std::string& said);
   void keep_figures(const TableNode& node) const;
   void fail(const TableNode& node, NodeRecord record, int code, const std::string& error);
   void write_results();
@@ -77,11 +97,16 @@ class TableRun {
 
   const TableFolder& folder_;
   const TablePlan& plan_;
+  const int jobs_;  // commands side by side
   const Common& common_;
+  std::mutex mutex_;  // of all below, while workers run
+  std::condition_variable ended_;
   std::map<std::string, State> states_;
+  std::map<std::string, std::string> last_said_;  // of the commands that run
   std::vector<TableTrouble> failed_, left_out_;
-  std::string said_error_;  // of the command that runs
   Fault first_fault_ = Fault::internal;
+  std::exception_ptr broken_;  // of a worker: the folder cannot be written, say
+  RewrittenLine line_;
   nlohmann::ordered_json tables_;
 };
 
@@ -98,14 +123,27 @@ Words TableRun::words_of(const TableNode& node, bool resumes) const {
   return words;
 }
 
-ChildEnd TableRun::run_child_of(const TableNode& node, const Words& words) {
-  said_error_.clear();
-  RewrittenLine line(common_);
-  return run_child({kOurselves, words}, [&](const std::string& said) {
-    if (said.starts_with("error: ")) said_error_ = said;
-    if (common_.verbose) say(common_, said);
-    if (!common_.verbose && line.on_terminal()) line.draw((node.id + "  " + said).substr(0, kLineWidth));
+/// One line for all commands that run.
+void TableRun::show(const TableNode& node, const std::string& said) {
+  const std::lock_guard lock(mutex_);
+  if (common_.verbose) return say(common_, jobs_ > 1 ? node.id + "  " + said : said);
+  last_said_[node.id] = said;
+  if (!line_.on_terminal()) return;
+  std::string line;
+  for (const auto& [id, words] : last_said_)
+    line += (line.empty() ? "" : " | ") + (id + "  " + words).substr(0, kLineWidth / last_said_.size());
+  line_.draw(line);
+}
+
+ChildEnd TableRun::run_child_of(const TableNode& node, const Words& words, std::string& said_error) {
+  const ChildEnd end = run_child({kOurselves, words, environment_of(jobs_)}, [&](const std::string& said) {
+    if (said.starts_with("error: ")) said_error = said;
+    show(node, said);
   });
+  const std::lock_guard lock(mutex_);
+  last_said_.erase(node.id);
+  line_.end();
+  return end;
 }
 
 /// An evaluation writes into the run, where that of the next protocol takes its place.
@@ -120,8 +158,10 @@ void TableRun::fail(const TableNode& node, NodeRecord record, int code, const st
   record.state = "failed";
   record.error = error;
   write_node(folder_, node, record);
+  const std::lock_guard lock(mutex_);
   if (failed_.empty()) first_fault_ = fault_of(code);
   failed_.push_back({node.id, error});
+  line_.end();
   warn(node.id + " failed: " + error);
 }
 
@@ -134,10 +174,11 @@ TableRun::State TableRun::run_command(const TableNode& node) {
   if (!resumes) remove_folder(folder_.of(node));
   write_node(folder_, node, record);
   const Clock::time_point start = Clock::now();
-  const ChildEnd end = run_child_of(node, words_of(node, resumes));
+  std::string said_error;
+  const ChildEnd end = run_child_of(node, words_of(node, resumes), said_error);
   if (end.code != 0 && stop_signal.load() != 0) return State::failed;  // asked to stop: neither done nor failed
   if (end.code != 0) {
-    fail(node, record, end.code, said_error_.empty() ? end.in_words() : said_error_);
+    fail(node, record, end.code, said_error.empty() ? end.in_words() : said_error);
     return State::failed;
   }
   keep_figures(node);
@@ -149,16 +190,78 @@ TableRun::State TableRun::run_command(const TableNode& node) {
   return State::failed;
 }
 
-TableRun::State TableRun::advance(const TableNode& node, std::size_t number) {
+/// Done before, or left out because what it needs is not there; else it goes on waiting.
+void TableRun::look_at(const TableNode& node) {
+  State& state = states_.at(node.id);
   for (const std::string& need : node.needs) {
-    if (states_.at(need) == State::done) continue;
+    const State of_need = states_.at(need);
+    if (of_need == State::done) continue;
+    if (of_need == State::waiting || of_need == State::running) return;
     left_out_.push_back({node.id, "needs " + need});
-    return State::left_out;
+    state = State::left_out;
+    return;
   }
-  if (is_done(folder_, node)) return State::done;
+  if (is_done(folder_, node)) state = State::done;
+}
+
+/// Evaluations write into the run that they measure: two of one run take turns.
+bool TableRun::is_taken(const TableNode& node) const {
+  return node.work == TableWork::measure &&
+         std::any_of(plan_.nodes.begin(), plan_.nodes.end(), [&](const TableNode& other) {
+           return other.work == TableWork::measure && states_.at(other.id) == State::running &&
+                  other.words.at(1) == node.words.at(1);
+         });
+}
+
+/// The first in the list whose needs are there. Null if there is none now.
+const TableNode* TableRun::ready_node() {
+  for (const TableNode& node : plan_.nodes) {
+    if (states_.at(node.id) != State::waiting) continue;
+    look_at(node);
+    const bool ready = std::all_of(node.needs.begin(), node.needs.end(),
+                                   [&](const std::string& need) { return states_.at(need) == State::done; });
+    if (ready && states_.at(node.id) == State::waiting && !is_taken(node)) return &node;
+  }
+  return nullptr;
+}
+
+/// Waits for one while others run that it may need. Null when nothing is left to begin.
+const TableNode* TableRun::next_node(std::unique_lock<std::mutex>& lock) {
+  for (;;) {
+    if (stop_signal.load() != 0 || broken_) return nullptr;
+    if (const TableNode* node = ready_node()) return node;
+    const bool any_runs =
+        std::any_of(states_.begin(), states_.end(), [](const auto& entry) { return entry.second == State::running; });
+    if (!any_runs) return nullptr;
+    ended_.wait(lock);
+  }
+}
+
+void TableRun::announce(const TableNode& node) {
+  const auto number = static_cast<std::size_t>(&node - plan_.nodes.data()) + 1;
+  line_.end();
   say(common_, text("[", number, "/", plan_.nodes.size(), "] ", node.id, "; ",
-                    words_for_seconds(seconds_left(folder_, plan_)), " left in total"));
-  return run_command(node);
+                    words_for_seconds(seconds_left(folder_, plan_, jobs_)), " left in total"));
+}
+
+/// What each of the workers does: command after command, until none is left.
+void TableRun::work() {
+  std::unique_lock lock(mutex_);
+  try {
+    while (const TableNode* node = next_node(lock)) {
+      states_[node->id] = State::running;
+      announce(*node);
+      lock.unlock();
+      const State state = run_command(*node);
+      lock.lock();
+      states_[node->id] = state;
+      ended_.notify_all();
+    }
+  } catch (...) {
+    if (!lock.owns_lock()) lock.lock();
+    if (!broken_) broken_ = std::current_exception();
+    ended_.notify_all();
+  }
 }
 
 std::size_t TableRun::done() const {
@@ -191,8 +294,11 @@ int TableRun::run() {
   const FolderLock lock(folder_.root);
   fs::create_directories(folder_.root / "nodes");  // from here on the folder is known as a table's
   const StopOnSignal signals("ending the command that runs; a training saves its step");
-  for (std::size_t i = 0; i < plan_.nodes.size() && stop_signal.load() == 0; ++i)
-    states_[plan_.nodes[i].id] = advance(plan_.nodes[i], i + 1);
+  for (const TableNode& node : plan_.nodes) states_[node.id] = State::waiting;
+  std::vector<std::thread> workers;
+  for (int job = 0; job < jobs_; ++job) workers.emplace_back([this] { work(); });
+  for (std::thread& worker : workers) worker.join();
+  if (broken_) std::rethrow_exception(broken_);
   write_results();
   check_stop([&] {
     return text(done(), " of ", plan_.nodes.size(), " commands are done in ", folder_.root.string(),
@@ -209,8 +315,8 @@ int TableRun::run() {
 
 }  // namespace
 
-int run_tables(const TableFolder& folder, const TablePlan& plan, const Common& common) {
-  return TableRun(folder, plan, common).run();
+int run_tables(const TableFolder& folder, const TablePlan& plan, int jobs, const Common& common) {
+  return TableRun(folder, plan, jobs, common).run();
 }
 
 }  // namespace cloam

@@ -96,6 +96,25 @@ std::optional<TableCell> cell_of(const Evaluations& evaluations, const TableRow&
   return cell;
 }
 
+std::optional<TableDifference> difference_of(const Evaluations& evaluations, const Evaluations& first,
+                                             const TableColumn& column) {
+  std::map<int64_t, std::vector<double>> by_seed;
+  TableDifference difference;
+  for (const Measured& one : evaluations)
+    for (const Measured& other : first) {
+      if (one.seed != other.seed || one.log != other.log) continue;
+      const auto value = figure_at(one.eval, column.key), beside = figure_at(other.eval, column.key);
+      if (!value || !beside) continue;
+      by_seed[one.seed].push_back(*value - *beside);
+      ++difference.pairs;
+      difference.better += column.higher_is_better ? *value > *beside : *value < *beside;
+    }
+  if (by_seed.empty()) return {};
+  difference.mean = mean(means_of(by_seed));
+  difference.spread = deviation(means_of(by_seed));
+  return difference;
+}
+
 /// Columns that no line has are left out.
 void drop_empty_columns(ProtocolTable& table) {
   for (std::size_t i = table.columns.size(); i-- > 0;) {
@@ -124,6 +143,7 @@ ProtocolTable table_of(const TablePlan& plan, const std::string& protocol, const
   ProtocolTable table{protocol, {}, {}};
   for (const TableColumn& column : table_columns())
     if (protocol == column.protocol) table.columns.push_back(column);
+  Evaluations first;
   for (const TableRow& row : plan.request.rows) {
     Evaluations evaluations;
     std::size_t expected = 0;
@@ -134,7 +154,11 @@ ProtocolTable table_of(const TablePlan& plan, const std::string& protocol, const
     }
     if (expected == 0) continue;
     ProtocolTable::Line line{row, {}};
-    for (const TableColumn& column : table.columns) line.cells.push_back(cell_of(evaluations, row, column, expected));
+    for (const TableColumn& column : table.columns) {
+      std::optional<TableCell>& cell = line.cells.emplace_back(cell_of(evaluations, row, column, expected));
+      if (cell && !table.lines.empty()) cell->from_first = difference_of(evaluations, first, column);
+    }
+    if (table.lines.empty()) first = evaluations;
     table.lines.push_back(line);
   }
   drop_empty_columns(table);
@@ -154,6 +178,12 @@ Report to_json(const TableCell& cell, const TableColumn& column) {
   json["guess_key"] = cell.guess_key.empty() ? Report(nullptr) : Report(cell.guess_key);
   json["beats_guess"] = cell.beats_guess ? Report(*cell.beats_guess) : Report(nullptr);
   json["paper"] = number_or_null(cell.paper);
+  json["from_first"] = nullptr;
+  if (const auto& difference = cell.from_first)
+    json["from_first"] = {{"mean", difference->mean},
+                          {"spread", number_or_null(difference->spread)},
+                          {"pairs", difference->pairs},
+                          {"better", difference->better}};
   return json;
 }
 
@@ -191,6 +221,30 @@ std::string in_markdown(const std::optional<TableCell>& cell, const TableColumn&
   return words;
 }
 
+/// Rows less the first, paired; nothing where the first row is alone.
+std::string differences_in_markdown(const ProtocolTable& table) {
+  const auto differs = [&](const ProtocolTable::Line& line) {
+    return std::any_of(line.cells.begin(), line.cells.end(),
+                       [](const std::optional<TableCell>& cell) { return cell && cell->from_first; });
+  };
+  if (std::none_of(table.lines.begin(), table.lines.end(), differs)) return "";
+  std::vector<std::string> head = {"less " + table.lines.front().row.title}, rule = {"---"};
+  for (const TableColumn& column : table.columns) {
+    head.emplace_back(column.title);
+    rule.emplace_back("---:");
+  }
+  std::string out = markdown_row(head) + markdown_row(rule);
+  for (const ProtocolTable::Line& line : table.lines) {
+    if (!differs(line)) continue;
+    std::vector<std::string> row = {line.row.title};
+    for (std::size_t i = 0; i < line.cells.size(); ++i)
+      row.push_back(line.cells[i] && line.cells[i]->from_first ? spelled(*line.cells[i]->from_first, table.columns[i])
+                                                               : "-");
+    out += markdown_row(row);
+  }
+  return out + "\n";
+}
+
 std::string to_markdown(const ProtocolTable& table) {
   std::vector<std::string> head = {"row"}, rule = {"---"};
   std::vector<std::vector<std::string>> rows;
@@ -214,7 +268,7 @@ std::string to_markdown(const ProtocolTable& table) {
   }
   std::string out = "## " + protocol_title(table.protocol) + "\n\n" + markdown_row(head) + markdown_row(rule);
   for (const auto& row : rows) out += markdown_row(row);
-  return out + "\n";
+  return out + "\n" + differences_in_markdown(table);
 }
 
 std::vector<std::string> names_of(const std::vector<TableLog>& logs) {
@@ -241,6 +295,12 @@ std::string spelled(const TableCell& cell, const TableColumn& column) {
   return spelled(cell.mean, column) + (cell.spread ? " +- " + spelled(*cell.spread, column) : "");
 }
 
+std::string spelled(const TableDifference& difference, const TableColumn& column) {
+  return fmt::format("{:+.{}f}", difference.mean, column.digits) +
+         (difference.spread ? " +- " + spelled(*difference.spread, column) : "") +
+         text(" (better in ", difference.better, " of ", difference.pairs, ")");
+}
+
 nlohmann::ordered_json to_json(const TableFigures& figures, const TablePlan& plan) {
   Report json = {{"schema_version", 1}, {"size", plan.request.small ? "small" : "paper"}};
   json["training_logs"] = plan.request.logs.train.size();
@@ -262,7 +322,8 @@ std::string to_markdown(const TableFigures& figures, const TablePlan& plan) {
               figures.networks.empty() ? "" : "; features by " + joined(figures.networks), ".\n\n",
               "Means over the measured logs and the seeds, +- the standard deviation of the seeds. \"guess\" is the "
               "best of those\nthat know nothing (a copy or a blend of the nearest images, mean colours, random codes); "
-              "\"paper\" is GenAssets,\nTables A2 and A3, on PandaSet.\n\n");
+              "\"paper\" is GenAssets,\nTables A2 and A3, on PandaSet. Below each table: how rows differ from the "
+              "first, paired by measured log and seed.\n\n");
   for (const ProtocolTable& table : figures.tables) out += to_markdown(table);
   if (!figures.missing.empty()) out += "Not measured: " + joined(figures.missing) + "\n";
   return out;

@@ -11,6 +11,13 @@
 
 namespace cloam {
 
+/// How a row differs from the table's first, paired by measured log and seed.
+struct TableDifference {
+  double mean = 0;                    // the row's figures less the first's: over seeds, of means over logs
+  std::optional<double> spread;       // standard deviation of the seeds' means (n - 1)
+  std::size_t pairs = 0, better = 0;  // pairs of evaluations; those in which the row is the better one
+};
+
 struct TableCell {
   double mean = 0;                         // over seeds, of means over logs
   std::optional<double> spread;            // standard deviation of the seeds' means (n - 1)
@@ -21,6 +28,8 @@ struct TableCell {
   std::string guess_key;
   /// Nothing without a guess.
   std::optional<bool> beats_guess;
+  /// Nothing in the first row, and where no pair was measured.
+  std::optional<TableDifference> from_first;
 };
 
 /// One protocol's: a line for each row, a cell for each column; nothing where nothing was found.
@@ -48,6 +57,8 @@ TableFigures table_figures(const TablePlan& plan, const FiguresOf& figures_of);
 /// "19.53", "19.53 +- 0.20" over seeds.
 std::string spelled(const TableCell& cell, const TableColumn& column);
 std::string spelled(double value, const TableColumn& column);
+/// "-0.81 +- 0.10 (better in 1 of 12)".
+std::string spelled(const TableDifference& difference, const TableColumn& column);
 
 /// tables.json and tables.md. They hold no time, path or device: equal runs give equal bytes.
 nlohmann::ordered_json to_json(const TableFigures& figures, const TablePlan& plan);

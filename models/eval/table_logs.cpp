@@ -114,6 +114,13 @@ TableLogs find_table_logs(const TableLogWish& wish) {
   return logs;
 }
 
+std::vector<TableLog> measured_table_logs(const TableLogWish& wish) {
+  if (wish.measure.empty()) return {};
+  std::vector<TableLog> logs = listed(wish.root, wish.measure);
+  tell_apart(logs);
+  return logs;
+}
+
 int64_t sparse_images(int64_t front_images) {
   const int64_t every = front_images >= 40 ? 10 : 5;
   return (front_images - 1) / every + 1 + ((front_images - 1) % every != 0);

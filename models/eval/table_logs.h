@@ -30,6 +30,8 @@ const std::vector<std::string>& paper_logs();
 /// Without lists: the root's paper_logs() are measured, its other logs train. Fault::usage, Fault::data for what is not
 /// there, and for a log in both lists.
 TableLogs find_table_logs(const TableLogWish& wish);
+/// Those of wish.measure alone; none where it is empty.
+std::vector<TableLog> measured_table_logs(const TableLogWish& wish);
 
 /// How many of so many front images `sparse` trains on (split.h).
 int64_t sparse_images(int64_t front_images);

@@ -62,7 +62,7 @@ class Planner {
   explicit Planner(const TableRequest& request) : plan_{request, {}}, request_(plan_.request) {}
 
   TablePlan plan() {
-    if (request_.logs.measured.empty()) make_logs();
+    if (request_.logs.train.empty()) make_logs();
     add_crops();
     for (const int64_t seed : request_.seeds)
       for (const TableRow& row : request_.rows) add_row(row, seed);
@@ -93,7 +93,9 @@ class Planner {
 
   void make_logs() {
     made_ = true;
+    const bool measures_others = !request_.logs.measured.empty();
     for (const MadeLogs& made : kMadeLogs) {
+      if (measures_others && made.purpose == MadeFor::measuring) continue;
       TableNode node{"logs/" + std::string(made.folder), TableWork::logs, {}, {}, made.count};
       node.words = {"synth",
                     "-o",

@@ -27,7 +27,7 @@ struct TableNode {
 
 struct TableRequest {
   bool small = false;
-  TableLogs logs;  // none: made ones, which are part of the list
+  TableLogs logs;  // none that train: made ones, which are part of the list; so are measured ones where there are none
   std::vector<TableRow> rows;
   std::vector<std::string> protocols;
   std::vector<int64_t> seeds = {1};

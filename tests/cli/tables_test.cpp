@@ -3,6 +3,8 @@
 #include <doctest/doctest.h>
 #include <signal.h>
 
+#include <algorithm>
+
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
 
@@ -77,6 +79,51 @@ TEST_CASE("tables that are killed and stopped on the way come to the same bytes 
   CHECK_FALSE(contains(last.err, "[1/3]"));  // what is done is not done again
   for (const char* file : {"tables.json", "tables.md"})
     CHECK_MESSAGE(content_of(out / file) == content_of(undisturbed() / file), file);
+}
+
+TEST_CASE("tables whose commands run side by side come to the same bytes, and a stop ends all that run") {
+  const fs::path out = scratch() / "parallel-tables";
+  const Words words = usual(out, {"--seeds", "1,2", "--jobs", "2"});
+  {
+    Process process(words);
+    for (const char* run : {"train/full/1", "train/full/2"})  // both have begun before either has ended
+      REQUIRE_MESSAGE(wait_for(out / run / "metrics.jsonl", process), process.wait().err);
+    CHECK_FALSE(fs::exists(out / "fit"));
+    process.signal(SIGINT);
+    CHECK(process.wait().code == 128 + SIGINT);
+  }
+  for (const char* run : {"train/full/1", "train/full/2"})
+    CHECK_MESSAGE(json_of(out / run / "run.json").at("state") == "interrupted", run);
+  const Outcome last = cloam_with(words);
+  REQUIRE_MESSAGE(last.code == 0, last.err);
+  const auto here = snapshot(out), alone = snapshot(undisturbed());
+  for (const char* folder : {"train/full/1/ckpt/", "fit/full/1/002/sparse/ckpt/"}) {
+    int compared = 0;
+    for (const auto& [file, bytes] : alone) {
+      if (!file.starts_with(folder)) continue;
+      ++compared;
+      CHECK_MESSAGE(here.contains(file), file);
+      if (here.contains(file)) CHECK_MESSAGE(here.at(file) == bytes, file);
+    }
+    CHECK_MESSAGE(compared > 0, folder);
+  }
+  const fs::path measured = "measure/full/1/002/sparse/eval.json";
+  CHECK(json_of(out / measured).at("psnr") == json_of(undisturbed() / measured).at("psnr"));
+  CHECK(json_of(out / "tables.json").at("missing").empty());
+}
+
+TEST_CASE("tables measure a run by one protocol after another, however many commands run side by side") {
+  const fs::path out = scratch() / "turned-tables", log = scratch() / "turned-logs";
+  const Outcome made = cloam_with({"synth", "-o", log.string(), "--logs", "1", "--frames", "3", "--size", "48x27",
+                                   "--cameras", "front,front_left", "--beams", "12", "--night", "0", "-q"});
+  REQUIRE_MESSAGE(made.code == 0, made.err);
+  Words words =
+      tables(out, {"--rows", "full", "--measure", (log / "001").string(), "--steps", "train=10,fit=10", "--jobs", "2"});
+  std::replace(words.begin(), words.end(), std::string("sparse"), std::string("novel,rotate360"));
+  const Outcome outcome = cloam_with(words);
+  REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+  for (const char* protocol : {"novel", "rotate360"})
+    CHECK(json_of(out / "measure/full/1/001" / protocol / "eval.json").at("protocol") == protocol);
 }
 
 TEST_CASE("tables hold what the evaluations found, and a page that needs nothing else") {

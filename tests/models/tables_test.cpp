@@ -197,6 +197,23 @@ TEST_CASE("table, the small: its logs are made, its steps are said, and rows dif
   CHECK(differs("full", "direct-mirrored") == std::set<std::string>{"decoder.use"});
 }
 
+TEST_CASE("table, the small: measured logs that are named are measured, and made ones train") {
+  const Folder folder;
+  for (int frame = 0; frame < 8; ++frame) write_text(folder.path / text("a/camera/front_camera/0", frame, ".jpg"), "");
+  TableRequest request = small_request();
+  request.logs.measured = measured_table_logs({"", "", (folder.path / "a").string()});
+  const TablePlan plan = table_plan(request);
+  check_sound(plan);
+  CHECK(plan.request.logs.train.size() == 16);
+  CHECK(plan.request.logs.photographs.size() == 6);
+  REQUIRE(plan.request.logs.measured.size() == 1);
+  CHECK(node_of(plan, "fit/full/1/a/novel").words[2] == (folder.path / "a").string());
+  for (const TableNode& node : plan.nodes) CHECK_FALSE(node.id.starts_with("logs/measured"));
+  // The same trainings as of the table that makes its measured logs, too: they need not be done again.
+  CHECK(node_of(plan, "train/full/1").words == node_of(table_plan(small_request()), "train/full/1").words);
+  CHECK(measured_table_logs({}).empty());
+}
+
 TEST_CASE("table: the rows' settings are those of the ablations' presets") {
   for (const auto& [key, preset] : std::map<std::string, std::string>{{"nokl", "genassets-small-nokl"},
                                                                       {"noperceptual", "genassets-small-noperceptual"},
@@ -268,14 +285,16 @@ TEST_CASE("table: the time left follows what was timed, each kind of work by its
     if (!timed && node.work == TableWork::fit) fits += node.seconds;
     if (!timed && node.work != TableWork::fit) rest += node.seconds;
   }
-  CHECK(seconds_left(folder, plan) == doctest::Approx(all));
+  CHECK(seconds_left(folder, plan, 1) == doctest::Approx(all));
+  CHECK(seconds_left(folder, plan, 2) == doctest::Approx(all));  // nothing was timed side by side yet
   const TableNode &train = node_of(plan, "train/full/1"), &fit = node_of(plan, "fit/full/1/b/sparse");
   write_done(folder, train, train.seconds * 2);
   write_done(folder, fit, fit.seconds * 5);
   const double pictures_and_more = rest - node_of(plan, "train/full/2").seconds;
   const double mixed = (train.seconds * 2 + fit.seconds * 5) / (train.seconds + fit.seconds);
-  CHECK(seconds_left(folder, plan) ==
-        doctest::Approx(fits * 5 + node_of(plan, "train/full/2").seconds * 2 + pictures_and_more * mixed));
+  const double left = fits * 5 + node_of(plan, "train/full/2").seconds * 2 + pictures_and_more * mixed;
+  CHECK(seconds_left(folder, plan, 1) == doctest::Approx(left));
+  CHECK(seconds_left(folder, plan, 2) == doctest::Approx(left / 2));
 }
 
 TEST_CASE("table: means and spreads over seeds and logs, the best guess, and the paper's figure") {
@@ -322,6 +341,36 @@ TEST_CASE("table: means and spreads over seeds and logs, the best guess, and the
   const Report json = to_json(figures, plan);
   CHECK(json["tables"][0]["rows"][0]["cells"][0]["mean"] == full.mean);
   CHECK(json["measured_logs"] == Report({"b", "c"}));
+}
+
+TEST_CASE("table: rows differ from the first by pairs of one log and one seed") {
+  const TablePlan plan = little_plan({"full", "direct"});
+  // The first row alone has log c with seed 2, where it is far ahead: that is no pair.
+  const std::map<std::string, std::pair<double, double>> figures_of = {
+      {"measure/full/1/b/sparse", {20.0, 0.30}},   {"measure/full/1/c/sparse", {24.0, 0.20}},
+      {"measure/full/2/b/sparse", {21.0, 0.25}},   {"measure/full/2/c/sparse", {40.0, 0.01}},
+      {"measure/direct/1/b/sparse", {19.0, 0.40}}, {"measure/direct/1/c/sparse", {21.0, 0.10}},
+      {"measure/direct/2/b/sparse", {23.0, 0.35}}};
+  const TableFigures figures = table_figures(plan, [&](const TableNode& node) -> std::optional<Report> {
+    if (!figures_of.contains(node.id)) return {};
+    const auto [psnr, distance] = figures_of.at(node.id);
+    return Report{{"masked_psnr", psnr}, {"masked_feature_distance", distance}};
+  });
+  const ProtocolTable& table = figures.tables.front();
+  REQUIRE(table.columns.size() == 2);
+  for (const auto& cell : table.lines[0].cells) CHECK_FALSE(cell->from_first);
+  const TableDifference psnr = *table.lines[1].cells[0]->from_first, distance = *table.lines[1].cells[1]->from_first;
+  CHECK(psnr.mean == doctest::Approx(0.0));                    // seed 1: -1 and -3; seed 2: +2
+  CHECK(*psnr.spread == doctest::Approx(4 / std::sqrt(2.0)));  // of -2 and 2
+  CHECK(psnr.pairs == 3);
+  CHECK(psnr.better == 1);
+  CHECK(distance.mean == doctest::Approx(0.05));  // seed 1: +0.1 and -0.1; seed 2: +0.1
+  CHECK(distance.better == 1);                    // less is better
+  CHECK(
+      holds(to_markdown(figures, plan), "| +0.00 +- 2.83 (better in 1 of 3) | +0.050 +- 0.071 (better in 1 of 3) |\n"));
+  const Report json = to_json(figures, plan)["tables"][0]["rows"];
+  CHECK(json[0]["cells"][0]["from_first"].is_null());
+  CHECK(json[1]["cells"][1]["from_first"]["better"] == 1);
 }
 
 TEST_CASE("table: a figure within an object of eval.json has its guess there, too") {
