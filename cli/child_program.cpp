@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kLookMs = 100;  // between looks at stop_signal
+constexpr int kLookMs = 20;  // between looks at stop_signal
 constexpr std::size_t kLastLines = 12;
 
 std::vector<std::string> merged_environment(const std::vector<std::string>& over) {

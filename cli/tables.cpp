@@ -113,6 +113,10 @@ TablePlan plan_of(const TablesRequest& request) {
   wish.small = request.size == "small";
   const bool makes = wish.small && request.logs.root.empty() && request.logs.train.empty();
   if (makes) wish.logs.measured = measured_table_logs(request.logs);
+  for (const TableLog& log : wish.logs.measured)
+    if (makes && log.path.starts_with((fs::weakly_canonical(request.out) / "logs" / "").string()))
+      throw Error(Fault::usage,
+                  text(log.path, " was made by this table to train or to be photographed; measure another log"));
   if (!makes) wish.logs = find_table_logs(request.logs);
   wish.rows = rows_of(request, wish.small);
   wish.protocols = table_protocols();
@@ -141,7 +145,7 @@ std::string what(const TableNode& node) {
   return "steps";
 }
 
-std::string list_of(const TablePlan& plan, const TableFolder& folder, int jobs) {
+std::string list_of(const TablePlan& plan, const TableFolder& folder) {
   std::string out = fmt::format("{:<48} {:>10}          {:>10}\n", "command", "work", "hours");
   double all = 0;
   for (const TableNode& node : plan.nodes) {
@@ -150,12 +154,12 @@ std::string list_of(const TablePlan& plan, const TableFolder& folder, int jobs) 
                        done ? "done" : hours(node.seconds));
     all += node.seconds;
   }
-  const double left = seconds_left(folder, plan, jobs);
+  const double left = seconds_left(folder, plan);
   out += fmt::format("{} commands, {} hours on two cores", plan.nodes.size(), hours(all));
   return out + (left == all ? "\n" : fmt::format("; {} hours left, by what was timed here\n", hours(left)));
 }
 
-nlohmann::ordered_json json_of(const TablePlan& plan, const TableFolder& folder, int jobs) {
+nlohmann::ordered_json json_of(const TablePlan& plan, const TableFolder& folder) {
   nlohmann::ordered_json json = {{"schema_version", 1}, {"commands", nlohmann::ordered_json::array()}};
   double all = 0;
   for (const TableNode& node : plan.nodes) {
@@ -170,7 +174,7 @@ nlohmann::ordered_json json_of(const TablePlan& plan, const TableFolder& folder,
     all += node.seconds;
   }
   json["hours"] = all / 3600;
-  json["hours_left"] = seconds_left(folder, plan, jobs) / 3600;
+  json["hours_left"] = seconds_left(folder, plan) / 3600;
   return json;
 }
 
@@ -179,7 +183,7 @@ int run_command(const TablesRequest& request, const Common& common) {
   const TablePlan plan = plan_of(request);
   check_same_table(folder, plan);
   if (!request.dry_run) return run_tables(folder, plan, request.jobs, common);
-  common.json ? put_json(json_of(plan, folder, request.jobs), 2) : put(list_of(plan, folder, request.jobs));
+  common.json ? put_json(json_of(plan, folder), 2) : put(list_of(plan, folder));
   say(common, "dry run: nothing was written");
   return 0;
 }
@@ -194,7 +198,8 @@ Command add_tables(CLI::App& program) {
         .required();
     add("--size", r.size, "paper (the default), or small: minutes a run; without logs it makes some",
         one_of({"paper", "small"}));
-    add("--train", r.logs.train, "Logs to train on, a list (default: all in LOGS_ROOT that are not measured)");
+    add("--train", r.logs.train,
+        "Logs to train on, a list (default: all in LOGS_ROOT that are not measured; small without it: made ones)");
     add("--measure", r.logs.measure, "Logs to measure, a list (" + joined(paper_logs(), ",") + ")");
     Names rows;
     for (const TableRow& row : genassets_rows()) rows.push_back(row.key);
@@ -207,7 +212,8 @@ Command add_tables(CLI::App& program) {
     add("--lpips", r.lpips, "Also measure LPIPS: weights of AlexNet or VGG-16, a comma, those of the linear layers");
     add("--perceptual", r.perceptual, "To train by: weights for the perceptual loss (default: random features)");
     add("--set", r.settings, "Setting key=value for the trainings of stage 1; may be repeated").one_word();
-    add("--jobs", r.jobs, "Commands side by side, each with its share of the cores (1)", whole_number(1, 64));
+    add("--jobs", r.jobs, "Commands to run side by side (1); each gets its share of cores and memory",
+        whole_number(1, 64));
     add("--dry-run", r.dry_run, "List the commands with their hours; write nothing");
   });
 }

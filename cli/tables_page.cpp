@@ -58,7 +58,7 @@ std::string table(const ProtocolTable& found) {
   return "<table>" + head + "</tr>\n" + below + "</tr>\n" + rows + "</table>\n";
 }
 
-/// Rows less the first, paired; nothing where the first is alone.
+/// Rows minus the first, paired; nothing where the first is alone.
 std::string differences(const ProtocolTable& found) {
   std::string rows;
   for (const ProtocolTable::Line& line : found.lines) {
@@ -72,7 +72,7 @@ std::string differences(const ProtocolTable& found) {
     if (any) rows += "<tr><td>" + escaped(line.row.title) + "</td>" + cells + "</tr>\n";
   }
   if (rows.empty()) return "";
-  std::string head = "<tr><th>less " + escaped(found.lines.front().row.title) + "</th>";
+  std::string head = "<tr><th>minus " + escaped(found.lines.front().row.title) + "</th>";
   for (const TableColumn& column : found.columns) head += "<th>" + escaped(column.title) + "</th>";
   return "<table>" + head + "</tr>\n" + rows + "</table>\n";
 }

@@ -20,6 +20,7 @@
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
 #include "models/runs/run_folder.h"
+#include "runtime/device.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -59,8 +60,8 @@ void wait_until_free(const fs::path& run) {
   }
 }
 
-/// For one of so many commands side by side: PoCL's share of the cores, which the scheduler chooses. Pinned, all of
-/// them would work on the first cores; our own process may have set that for itself, and they would inherit it.
+/// Each of N commands gets 1/N of the cores as PoCL workers. They are not pinned: the workers of all commands would be
+/// pinned to the first cores.
 Words environment_of(int jobs) {
   if (jobs == 1) return {};
   Words words = {"POCL_AFFINITY=0"};
@@ -69,10 +70,22 @@ Words environment_of(int jobs) {
   return words;
 }
 
+/// What --max-memory says to each of N commands: the user's word, or 1/N of what is free now; nothing for one alone.
+std::string memory_of(int jobs, const Common& common) {
+  if (jobs == 1 || !common.max_memory.empty()) return common.max_memory;
+  open_device(common);
+  return std::to_string(memory_budget() / static_cast<uint64_t>(jobs));
+}
+
 class TableRun {
  public:
   TableRun(const TableFolder& folder, const TablePlan& plan, int jobs, const Common& common)
-      : folder_(folder), plan_(plan), jobs_(jobs), common_(common), line_(common) {}
+      : folder_(folder),
+        plan_(plan),
+        jobs_(std::min(jobs, static_cast<int>(plan.nodes.size()))),
+        common_(common),
+        memory_(memory_of(jobs_, common)),
+        line_(common) {}
 
   int run();
 
@@ -91,6 +104,7 @@ class TableRun {
   void show(const TableNode& node, const std::string& said);
   void keep_figures(const TableNode& node) const;
   void fail(const TableNode& node, NodeRecord record, int code, const std::string& error);
+  void sort_troubles();
   void write_results();
   nlohmann::ordered_json told() const;
   std::size_t done() const;
@@ -99,13 +113,14 @@ class TableRun {
   const TablePlan& plan_;
   const int jobs_;  // commands side by side
   const Common& common_;
-  std::mutex mutex_;  // of all below, while workers run
+  const std::string memory_;  // of a command; empty: its default
+  std::mutex mutex_;          // of all below, while workers run
   std::condition_variable ended_;
   std::map<std::string, State> states_;
   std::map<std::string, std::string> last_said_;  // of the commands that run
   std::vector<TableTrouble> failed_, left_out_;
-  Fault first_fault_ = Fault::internal;
-  std::exception_ptr broken_;  // of a worker: the folder cannot be written, say
+  std::map<std::string, Fault> faults_;  // of those that failed
+  std::exception_ptr broken_;            // of a worker: the folder cannot be written, say
   RewrittenLine line_;
   nlohmann::ordered_json tables_;
 };
@@ -119,7 +134,7 @@ Words TableRun::words_of(const TableNode& node, bool resumes) const {
   }
   if (is_training(node)) words.insert(words.end(), {"--progress", "plain"});
   if (common_.device != Common().device) words.insert(words.end(), {"--device", common_.device});
-  if (!common_.max_memory.empty()) words.insert(words.end(), {"--max-memory", common_.max_memory});
+  if (!memory_.empty()) words.insert(words.end(), {"--max-memory", memory_});
   return words;
 }
 
@@ -129,9 +144,11 @@ void TableRun::show(const TableNode& node, const std::string& said) {
   if (common_.verbose) return say(common_, jobs_ > 1 ? node.id + "  " + said : said);
   last_said_[node.id] = said;
   if (!line_.on_terminal()) return;
+  const std::string between = " | ";
+  const std::size_t width = (kLineWidth + between.size()) / last_said_.size() - between.size();
   std::string line;
   for (const auto& [id, words] : last_said_)
-    line += (line.empty() ? "" : " | ") + (id + "  " + words).substr(0, kLineWidth / last_said_.size());
+    line += (line.empty() ? "" : between) + (id + "  " + words).substr(0, width);
   line_.draw(line);
 }
 
@@ -159,7 +176,7 @@ void TableRun::fail(const TableNode& node, NodeRecord record, int code, const st
   record.error = error;
   write_node(folder_, node, record);
   const std::lock_guard lock(mutex_);
-  if (failed_.empty()) first_fault_ = fault_of(code);
+  faults_[node.id] = fault_of(code);
   failed_.push_back({node.id, error});
   line_.end();
   warn(node.id + " failed: " + error);
@@ -183,7 +200,8 @@ TableRun::State TableRun::run_command(const TableNode& node) {
   }
   keep_figures(node);
   record.state = "done";
-  if (!resumes) record.seconds = std::chrono::duration<double>(Clock::now() - start).count();
+  // As if it had all cores: commands side by side share them.
+  if (!resumes) record.seconds = std::chrono::duration<double>(Clock::now() - start).count() / jobs_;
   write_node(folder_, node, record);
   if (is_done(folder_, node)) return State::done;
   fail(node, record, 1, "the command ended well, but what it was to make is not there");
@@ -241,7 +259,7 @@ void TableRun::announce(const TableNode& node) {
   const auto number = static_cast<std::size_t>(&node - plan_.nodes.data()) + 1;
   line_.end();
   say(common_, text("[", number, "/", plan_.nodes.size(), "] ", node.id, "; ",
-                    words_for_seconds(seconds_left(folder_, plan_, jobs_)), " left in total"));
+                    words_for_seconds(seconds_left(folder_, plan_)), " left in total"));
 }
 
 /// What each of the workers does: command after command, until none is left.
@@ -260,8 +278,19 @@ void TableRun::work() {
   } catch (...) {
     if (!lock.owns_lock()) lock.lock();
     if (!broken_) broken_ = std::current_exception();
+    int none = 0;  // the other commands are ended, too
+    stop_signal.compare_exchange_strong(none, SIGTERM);
     ended_.notify_all();
   }
+}
+
+/// Whatever came first in time: equal calls tell the same.
+void TableRun::sort_troubles() {
+  std::map<std::string, std::size_t> place;
+  for (std::size_t i = 0; i < plan_.nodes.size(); ++i) place[plan_.nodes[i].id] = i;
+  for (std::vector<TableTrouble>* troubles : {&failed_, &left_out_})
+    std::sort(troubles->begin(), troubles->end(),
+              [&](const TableTrouble& a, const TableTrouble& b) { return place.at(a.id) < place.at(b.id); });
 }
 
 std::size_t TableRun::done() const {
@@ -293,11 +322,13 @@ nlohmann::ordered_json TableRun::told() const {
 int TableRun::run() {
   const FolderLock lock(folder_.root);
   fs::create_directories(folder_.root / "nodes");  // from here on the folder is known as a table's
-  const StopOnSignal signals("ending the command that runs; a training saves its step");
+  const StopOnSignal signals("ending what runs; trainings save their step");
   for (const TableNode& node : plan_.nodes) states_[node.id] = State::waiting;
-  std::vector<std::thread> workers;
-  for (int job = 0; job < jobs_; ++job) workers.emplace_back([this] { work(); });
-  for (std::thread& worker : workers) worker.join();
+  {
+    std::vector<std::jthread> workers;
+    for (int job = 0; job < jobs_; ++job) workers.emplace_back([this] { work(); });
+  }
+  sort_troubles();
   if (broken_) std::rethrow_exception(broken_);
   write_results();
   check_stop([&] {
@@ -309,8 +340,9 @@ int TableRun::run() {
   if (failed_.empty()) return 0;
   std::string lines;
   for (const TableTrouble& trouble : failed_) lines += "\n  " + trouble.id + ": " + trouble.error;
-  throw Error(first_fault_, text(failed_.size(), " of ", plan_.nodes.size(), " commands failed, and ", left_out_.size(),
-                                 " that need them were left out; the same command tries them again", lines));
+  throw Error(faults_.at(failed_.front().id),
+              text(failed_.size(), " of ", plan_.nodes.size(), " commands failed, and ", left_out_.size(),
+                   " that need them were left out; the same command tries them again", lines));
 }
 
 }  // namespace

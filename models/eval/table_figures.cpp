@@ -221,14 +221,14 @@ std::string in_markdown(const std::optional<TableCell>& cell, const TableColumn&
   return words;
 }
 
-/// Rows less the first, paired; nothing where the first row is alone.
+/// Rows minus the first, paired; nothing where the first row is alone.
 std::string differences_in_markdown(const ProtocolTable& table) {
   const auto differs = [&](const ProtocolTable::Line& line) {
     return std::any_of(line.cells.begin(), line.cells.end(),
                        [](const std::optional<TableCell>& cell) { return cell && cell->from_first; });
   };
   if (std::none_of(table.lines.begin(), table.lines.end(), differs)) return "";
-  std::vector<std::string> head = {"less " + table.lines.front().row.title}, rule = {"---"};
+  std::vector<std::string> head = {"minus " + table.lines.front().row.title}, rule = {"---"};
   for (const TableColumn& column : table.columns) {
     head.emplace_back(column.title);
     rule.emplace_back("---:");

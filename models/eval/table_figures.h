@@ -13,7 +13,7 @@ namespace cloam {
 
 /// How a row differs from the table's first, paired by measured log and seed.
 struct TableDifference {
-  double mean = 0;                    // the row's figures less the first's: over seeds, of means over logs
+  double mean = 0;                    // the row's figures minus the first's: over seeds, of means over logs
   std::optional<double> spread;       // standard deviation of the seeds' means (n - 1)
   std::size_t pairs = 0, better = 0;  // pairs of evaluations; those in which the row is the better one
 };

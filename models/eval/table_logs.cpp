@@ -97,7 +97,7 @@ TableLogs find_table_logs(const TableLogWish& wish) {
   if (wish.root.empty() && (wish.train.empty() || wish.measure.empty()))
     throw Error(Fault::usage,
                 "the table needs logs: LOGS_ROOT, a folder that holds PandaSet's, or --train and --measure\n"
-                "  without any: --size small makes its own");
+                "  --size small without --train makes those that train, and without --measure those that are measured");
   const std::vector<std::string> names = wish.root.empty() ? std::vector<std::string>() : folders_in(wish.root);
   TableLogs logs;
   logs.measured = listed(wish.root, wish.measure.empty() ? measured_in(names, wish.root) : wish.measure);

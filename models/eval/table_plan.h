@@ -27,7 +27,8 @@ struct TableNode {
 
 struct TableRequest {
   bool small = false;
-  TableLogs logs;  // none that train: made ones, which are part of the list; so are measured ones where there are none
+  /// Without training logs: made ones, which are part of the list; likewise without measured ones.
+  TableLogs logs;
   std::vector<TableRow> rows;
   std::vector<std::string> protocols;
   std::vector<int64_t> seeds = {1};

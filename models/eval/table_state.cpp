@@ -108,7 +108,7 @@ void check_same_table(const TableFolder& folder, const TablePlan& plan) {
   }
 }
 
-double seconds_left(const TableFolder& folder, const TablePlan& plan, int jobs) {
+double seconds_left(const TableFolder& folder, const TablePlan& plan) {
   std::map<TableWork, std::pair<double, double>> timed;  // expected and measured
   std::pair<double, double> all;
   std::vector<const TableNode*> ahead;
@@ -127,7 +127,7 @@ double seconds_left(const TableFolder& folder, const TablePlan& plan, int jobs) 
     const auto own = timed.find(node->work);
     left += node->seconds * (own != timed.end() ? ratio(own->second) : all.first > 0 ? ratio(all) : 1);
   }
-  return all.first > 0 ? left / jobs : left;
+  return left;
 }
 
 }  // namespace cloam

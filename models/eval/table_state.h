@@ -14,7 +14,7 @@ namespace cloam {
 struct NodeRecord {
   std::string state = "running";  // running (or killed) | done | failed
   std::vector<std::string> words;
-  std::optional<double> seconds;  // of a command that ran in one go
+  std::optional<double> seconds;  // of a command that ran in one go, over how many ran side by side
   std::string error = {};
 };
 
@@ -46,7 +46,7 @@ std::optional<nlohmann::ordered_json> read_figures(const TableFolder& folder, co
 /// before: Fault::usage that says in what. More rows, seeds, methods and protocols are welcome.
 void check_same_table(const TableFolder& folder, const TablePlan& plan);
 
-/// Expected seconds until all nodes are done, by how long those took that were timed, with so many side by side.
-double seconds_left(const TableFolder& folder, const TablePlan& plan, int jobs);
+/// Expected seconds of the nodes that are not done, by how long those took that were timed.
+double seconds_left(const TableFolder& folder, const TablePlan& plan);
 
 }  // namespace cloam

@@ -122,8 +122,13 @@ TEST_CASE("tables measure a run by one protocol after another, however many comm
   std::replace(words.begin(), words.end(), std::string("sparse"), std::string("novel,rotate360"));
   const Outcome outcome = cloam_with(words);
   REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+  const fs::path measured = out / "measure/full/1/001";
   for (const char* protocol : {"novel", "rotate360"})
-    CHECK(json_of(out / "measure/full/1/001" / protocol / "eval.json").at("protocol") == protocol);
+    CHECK(json_of(measured / protocol / "eval.json").at("protocol") == protocol);
+  // The second begins when the first's figures have been taken out of the run.
+  const auto taken = fs::last_write_time(measured / "novel/eval.json");
+  for (const auto& image : fs::directory_iterator(measured / "rotate360/images"))
+    CHECK(fs::last_write_time(image.path()) >= taken);
 }
 
 TEST_CASE("tables hold what the evaluations found, and a page that needs nothing else") {
@@ -185,6 +190,12 @@ TEST_CASE("tables tell their commands and hours, and write nothing, with --dry-r
   CHECK(hours == doctest::Approx(json.at("hours").get<double>()));
   CHECK(hours < 3);
   CHECK_FALSE(fs::exists(out));
+  const Words measuring = {"tables",     "--size",    "small",     "-o",
+                           out.string(), "--dry-run", "--measure", (logs() / "002").string()};
+  const Outcome made_to_train = cloam_with(measuring);
+  CHECK_MESSAGE(contains(made_to_train.out, "logs/clouds"), made_to_train.err);
+  CHECK(contains(made_to_train.out, "fit/full/1/002/sparse"));
+  CHECK_FALSE(contains(made_to_train.out, "logs/measured"));
   const Words unknown = {"tables", "--size", "small", "-o", out.string(), "--rows", "ful"};
   CHECK(contains(cloam_with(unknown).err, "did you mean full?"));
   CHECK(cloam_with({"tables", "-o", out.string()}).code == 2);  // the paper's sizes need logs

@@ -239,7 +239,8 @@ TEST_CASE("table: logs by lists; what is missing, and what is in both lists, is 
   CHECK(holds(error_of([&] { find_table_logs({root, "", ""}); }, Fault::usage), "has no log 001"));
   CHECK(holds(error_of([&] { find_table_logs({root, "a", "a"}); }, Fault::usage), "in one list alone"));
   CHECK(holds(error_of([&] { find_table_logs({root, "nowhere", "a"}); }, Fault::usage), "there is no log nowhere"));
-  CHECK(holds(error_of([] { find_table_logs({}); }, Fault::usage), "--size small makes its own"));
+  CHECK(holds(error_of([] { find_table_logs({}); }, Fault::usage),
+              "--size small without --train makes those that train"));
   CHECK(sparse_images(80) == 9);  // 0, 10, ..., 70 and 79
   CHECK(sparse_images(41) == 5);
   CHECK(sparse_images(6) == 2);
@@ -285,16 +286,14 @@ TEST_CASE("table: the time left follows what was timed, each kind of work by its
     if (!timed && node.work == TableWork::fit) fits += node.seconds;
     if (!timed && node.work != TableWork::fit) rest += node.seconds;
   }
-  CHECK(seconds_left(folder, plan, 1) == doctest::Approx(all));
-  CHECK(seconds_left(folder, plan, 2) == doctest::Approx(all));  // nothing was timed side by side yet
+  CHECK(seconds_left(folder, plan) == doctest::Approx(all));
   const TableNode &train = node_of(plan, "train/full/1"), &fit = node_of(plan, "fit/full/1/b/sparse");
   write_done(folder, train, train.seconds * 2);
   write_done(folder, fit, fit.seconds * 5);
   const double pictures_and_more = rest - node_of(plan, "train/full/2").seconds;
   const double mixed = (train.seconds * 2 + fit.seconds * 5) / (train.seconds + fit.seconds);
   const double left = fits * 5 + node_of(plan, "train/full/2").seconds * 2 + pictures_and_more * mixed;
-  CHECK(seconds_left(folder, plan, 1) == doctest::Approx(left));
-  CHECK(seconds_left(folder, plan, 2) == doctest::Approx(left / 2));
+  CHECK(seconds_left(folder, plan) == doctest::Approx(left));
 }
 
 TEST_CASE("table: means and spreads over seeds and logs, the best guess, and the paper's figure") {
