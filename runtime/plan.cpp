@@ -84,10 +84,13 @@ void add_arguments(Arguments& arguments, const Group& group, const Layout& layou
     if (!replaced(i, group, layout)) arguments.add_memory(handle(graph, group.inputs[i].node));
 }
 
+/// Without an op it moves what lies otherwise (a permuted view that a kernel needs dense), or writes a constant.
+const char* label(const Group& group, const Instruction& of) {
+  return of.op ? of.op->label : group.inputs.empty() ? "fill" : "copy";
+}
+
 const char* label(const Group& group) {
-  if (group.reduce) return group.reduce->name();
-  const Instruction& last = group.code.back();
-  return last.op ? last.op->label : "fill";
+  return group.reduce ? group.reduce->name() : label(group, group.code.back());
 }
 
 /// Stores that go past the caches pay where the results are larger than the last cache, and lie at multiples of 64
@@ -235,7 +238,7 @@ std::string describe(const Step& step, const Plan& plan, const Walk& graph) {
   std::string names;
   const Group& group = plan.groups[static_cast<size_t>(step.index)];
   for (const Instruction& i : group.code)
-    names += std::string(names.empty() ? "" : " ") + (i.op ? i.op->label : "fill");
+    names += std::string(names.empty() ? "" : " ") + label(group, i);
   return group.reduce ? names + " " + group.reduce->name() : names;
 }
 
