@@ -37,6 +37,7 @@ struct DeviceStats {
   int64_t launches = 0, kernels_built = 0, plans_built = 0, plans_reused = 0;
   int64_t waits = 0;                                             // times the host waited for the device
   uint64_t live_bytes = 0, peak_bytes = 0, allocated_bytes = 0;  // allocated: asked from the driver so far
+  uint64_t kept_bytes = 0;                                       // freed, and kept to be used again
   double wait_seconds = 0;                                       // host blocked on the device
   double build_seconds = 0;
 };

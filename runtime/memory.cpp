@@ -18,6 +18,8 @@ uint64_t wanted_max_bytes();
 
 namespace {
 
+constexpr uint64_t kKeptAnyway = 64 << 20;
+
 /// Sizes go in steps of a quarter of a power of two, from 256 bytes on: sample counts that change a little from step to
 /// step still find their buffer again, at most 25 % is wasted.
 size_t size_class(size_t bytes) {
@@ -28,9 +30,15 @@ size_t size_class(size_t bytes) {
 }
 size_t class_bytes(size_t index) { return (size_t{256} << index / 4) / 4 * (4 + index % 4); }
 
+struct Kept {
+  cl::Buffer mem;
+  uint64_t age;  // how many were freed before
+};
+
 struct Pool {
-  std::array<std::vector<cl::Buffer>, 160> free;  // by size class
-  uint64_t free_bytes = 0;
+  std::array<std::vector<Kept>, 160> free;  // by size class, the oldest first
+  uint64_t freed = 0;                       // buffers, so far
+  uint64_t most_live = 0;                   // bytes that were in use at once
 };
 Pool& pool() {
   static Pool* const one = new Pool;  // outlives every tensor that is destroyed at exit
@@ -100,21 +108,45 @@ cl::Buffer fresh(size_t bytes) {
 /// A free buffer of this class or of one up to half as large again; `index` becomes its class.
 std::optional<cl::Buffer> reuse(size_t& index) {
   for (size_t i = index; i < index + 3; i++) {
-    std::vector<cl::Buffer>& shelf = pool().free[i];
+    std::vector<Kept>& shelf = pool().free[i];
     if (shelf.empty()) continue;
     index = i;
-    cl::Buffer mem = std::move(shelf.back());
+    cl::Buffer mem = std::move(shelf.back().mem);
     shelf.pop_back();
-    pool().free_bytes -= class_bytes(i);
+    device_stats().kept_bytes -= class_bytes(i);
     return mem;
   }
   return std::nullopt;
 }
 
+/// The class whose oldest free buffer has lain longest.
+size_t oldest_class() {
+  size_t oldest = 0;
+  uint64_t age = ~uint64_t{0};
+  for (size_t i = 0; i < pool().free.size(); i++)
+    if (!pool().free[i].empty() && pool().free[i].front().age < age) age = pool().free[oldest = i].front().age;
+  return oldest;
+}
+
+/// Gives back what has lain longest, until no more than `most` bytes are kept.
+void keep_at_most(uint64_t most) {
+  DeviceStats& s = device_stats();
+  if (s.kept_bytes <= most) return;
+  finish();
+  while (s.kept_bytes > most) {
+    const size_t index = oldest_class();
+    std::vector<Kept>& shelf = pool().free[index];
+    shelf.erase(shelf.begin());
+    s.kept_bytes -= class_bytes(index);
+  }
+}
+
 cl::Buffer obtain(size_t size) {
   if (size > device().max_alloc_bytes && !device().is_cpu)
     too_much(size, "larger than the device's largest allocation");
-  if (device_stats().live_bytes + pool().free_bytes + size > memory_budget()) trim_memory();
+  // Sizes that change from step to step would fill all classes: what is kept stays below what was ever needed at once.
+  keep_at_most(std::max(pool().most_live, kKeptAnyway));
+  if (device_stats().live_bytes + device_stats().kept_bytes + size > memory_budget()) trim_memory();
   if (device_stats().live_bytes + size > memory_budget()) too_much(size, "over the budget");
   try {
     return fresh(size);
@@ -144,6 +176,7 @@ std::shared_ptr<Buffer> allocate(size_t bytes) {
   DeviceStats& s = device_stats();
   s.live_bytes += real;
   s.peak_bytes = std::max(s.peak_bytes, s.live_bytes);
+  pool().most_live = std::max(pool().most_live, s.live_bytes);
   if (debug().poison) poison(mem, real);
   return std::make_shared<Buffer>(std::move(mem), real);
 }
@@ -151,14 +184,14 @@ std::shared_ptr<Buffer> allocate(size_t bytes) {
 Buffer::~Buffer() {
   if (whole) return;
   device_stats().live_bytes -= bytes;
-  pool().free_bytes += bytes;
-  pool().free[size_class(bytes)].push_back(std::move(mem));
+  device_stats().kept_bytes += bytes;
+  pool().free[size_class(bytes)].push_back({std::move(mem), pool().freed++});
 }
 
 void trim_memory() {
   finish();
-  for (std::vector<cl::Buffer>& shelf : pool().free) shelf.clear();
-  pool().free_bytes = 0;
+  for (std::vector<Kept>& shelf : pool().free) shelf.clear();
+  device_stats().kept_bytes = 0;
 }
 
 namespace {
