@@ -222,13 +222,10 @@ void TableRun::look_at(const TableNode& node) {
   if (is_done(folder_, node)) state = State::done;
 }
 
-/// Evaluations write into the run that they measure: two of one run take turns.
 bool TableRun::is_taken(const TableNode& node) const {
-  return node.work == TableWork::measure &&
-         std::any_of(plan_.nodes.begin(), plan_.nodes.end(), [&](const TableNode& other) {
-           return other.work == TableWork::measure && states_.at(other.id) == State::running &&
-                  other.words.at(1) == node.words.at(1);
-         });
+  return std::any_of(plan_.nodes.begin(), plan_.nodes.end(), [&](const TableNode& other) {
+    return states_.at(other.id) == State::running && take_turns(node, other);
+  });
 }
 
 /// The first in the list whose needs are there. Null if there is none now.

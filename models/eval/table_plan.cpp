@@ -267,6 +267,10 @@ class Planner {
 
 }  // namespace
 
+bool take_turns(const TableNode& one, const TableNode& other) {
+  return one.work == TableWork::measure && other.work == TableWork::measure && one.words.at(1) == other.words.at(1);
+}
+
 const std::vector<std::string>& table_steps() {
   static const std::vector<std::string> names = [] {
     std::vector<std::string> all;

@@ -43,6 +43,9 @@ struct TablePlan {
   std::vector<TableNode> nodes;  // each after those that it needs
 };
 
+/// Whether two commands may not run side by side: evaluations write into the run that they measure.
+bool take_turns(const TableNode& one, const TableNode& other);
+
 /// What steps can be given for: "train", "fit", "assets", "methods".
 const std::vector<std::string>& table_steps();
 

@@ -214,6 +214,20 @@ TEST_CASE("table, the small: measured logs that are named are measured, and made
   CHECK(measured_table_logs({}).empty());
 }
 
+TEST_CASE("table: evaluations of one run take turns, those of different runs need not") {
+  const TablePlan plan = table_plan(small_request());
+  const auto turns = [&](const char* one, const char* other) {
+    const TableNode &a = node_of(plan, one), &b = node_of(plan, other);
+    CHECK(take_turns(a, b) == take_turns(b, a));
+    return take_turns(a, b);
+  };
+  CHECK(turns("measure/full/1/measured-sun/novel", "measure/full/1/measured-sun/rotate360"));
+  CHECK_FALSE(turns("measure/full/1/measured-sun/novel", "measure/full/1/measured-sun/sparse"));
+  CHECK_FALSE(turns("measure/full/1/measured-sun/novel", "measure/nokl/1/measured-sun/rotate360"));
+  CHECK_FALSE(turns("fit/full/1/measured-sun/sparse", "fit/full/1/measured-sun/novel"));
+  CHECK_FALSE(turns("train/full/1", "measure/full/1/generation"));
+}
+
 TEST_CASE("table: the rows' settings are those of the ablations' presets") {
   for (const auto& [key, preset] : std::map<std::string, std::string>{{"nokl", "genassets-small-nokl"},
                                                                       {"noperceptual", "genassets-small-noperceptual"},
