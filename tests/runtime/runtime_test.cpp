@@ -123,14 +123,14 @@ TEST_CASE("a thousand small ops: one launch when recorded whole, no new memory o
   CHECK(device_stats().allocated_bytes == before);
 }
 
-TEST_CASE("no more memory is kept free than was in use at once, whatever sizes come") {
+TEST_CASE("memory that is kept free stays in proportion to what was in use at once, whatever sizes come") {
   trim_memory();
   constexpr uint64_t kLargest = uint64_t{1} << 29;
   uint64_t all = 0;
   for (uint64_t bytes = 16 << 20; bytes <= kLargest; bytes += bytes / 5) {  // one at a time, each of a class of its own
-    eval({zeros({static_cast<int64_t>(bytes / 4)})});
+    eval({random_uniform({static_cast<int64_t>(bytes / 4)}, {1, 0, 0})});
     all += bytes;
-    CHECK(device_stats().kept_bytes <= 3 * kLargest);
+    CHECK(device_stats().kept_bytes <= 3 * kLargest);  // what was in use at once, twice, each up to 25 % too large
   }
   CHECK(all > 4 * kLargest);  // without a bound, all of them would be kept
   CHECK(device_stats().kept_bytes > 0);
