@@ -108,16 +108,24 @@ std::string absolute_file(const std::string& file) {
   return file.empty() || file == "random" ? file : fs::absolute(file).lexically_normal().string();
 }
 
+/// Logs that this table made itself train, or are photographed: none of them can be measured.
+void check_not_made_here(const std::vector<TableLog>& measured, const std::string& out) {
+  const std::string made = (fs::weakly_canonical(out) / "logs" / "").string();
+  for (const TableLog& log : measured)
+    if (log.path.starts_with(made))
+      throw Error(Fault::usage,
+                  text(log.path, " was made by this table to train or to be photographed; measure another log"));
+}
+
 TablePlan plan_of(const TablesRequest& request) {
   TableRequest wish;
   wish.small = request.size == "small";
   const bool makes = wish.small && request.logs.root.empty() && request.logs.train.empty();
-  if (makes) wish.logs.measured = measured_table_logs(request.logs);
-  for (const TableLog& log : wish.logs.measured)
-    if (makes && log.path.starts_with((fs::weakly_canonical(request.out) / "logs" / "").string()))
-      throw Error(Fault::usage,
-                  text(log.path, " was made by this table to train or to be photographed; measure another log"));
-  if (!makes) wish.logs = find_table_logs(request.logs);
+  if (makes)
+    wish.logs.measured = measured_table_logs(request.logs);
+  else
+    wish.logs = find_table_logs(request.logs);
+  if (makes) check_not_made_here(wish.logs.measured, request.out);
   wish.rows = rows_of(request, wish.small);
   wish.protocols = table_protocols();
   const Names wanted = chosen("--protocols", request.protocols, table_protocols(), table_protocols());

@@ -191,6 +191,12 @@ TEST_CASE("tables tell their commands and hours, and write nothing, with --dry-r
   CHECK_MESSAGE(contains(made_to_train.out, "logs/clouds"), made_to_train.err);
   CHECK(contains(made_to_train.out, "fit/full/1/002/sparse"));
   CHECK_FALSE(contains(made_to_train.out, "logs/measured"));
+  fs::create_directories(scratch() / "own-tables/logs/sun");
+  const fs::path own = copy_of(logs() / "002", "own-tables/logs/sun/001");
+  const Outcome trained_on = cloam_with(
+      {"tables", "--size", "small", "-o", (scratch() / "own-tables").string(), "--dry-run", "--measure", own.string()});
+  CHECK(trained_on.code == 2);
+  CHECK_MESSAGE(contains(trained_on.err, "measure another log"), trained_on.err);
   const Words unknown = {"tables", "--size", "small", "-o", out.string(), "--rows", "ful"};
   CHECK(contains(cloam_with(unknown).err, "did you mean full?"));
   CHECK(cloam_with({"tables", "-o", out.string()}).code == 2);  // the paper's sizes need logs
