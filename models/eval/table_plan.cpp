@@ -47,8 +47,8 @@ constexpr UsualSteps kUsualSteps[] = {{"train", 0, 2000}, {"fit", 0, 300}, {"ass
 struct Pace {
   double begin, paper, small;
 };
-constexpr Pace kTrainPace = {10, 85, 0.15}, kAssetsPace = {10, 8, 0.06}, kPicturePace = {10, 25, 0.2},
-               kGenerationPace = {20, 3600, 180}, kCropPace = {5, 0.5, 0.1}, kOtherStepPace = {10, 1, 0.1},
+constexpr Pace kTrainPace = {10, 85, 0.3}, kAssetsPace = {10, 8, 0.06}, kPicturePace = {10, 25, 0.2},
+               kGenerationPace = {20, 3600, 800}, kCropPace = {5, 0.5, 0.1}, kOtherStepPace = {10, 1, 0.1},
                kOtherPicturePace = {10, 10, 0.15};
 
 double seconds_of(const Pace& pace, bool small, int64_t count) {
