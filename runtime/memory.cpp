@@ -38,7 +38,6 @@ struct Kept {
 struct Pool {
   std::array<std::vector<Kept>, 160> free;  // by size class, the oldest first
   uint64_t freed = 0;                       // buffers, so far
-  uint64_t most_live = 0;                   // bytes that were in use at once
 };
 Pool& pool() {
   static Pool* const one = new Pool;  // outlives every tensor that is destroyed at exit
@@ -145,7 +144,7 @@ cl::Buffer obtain(size_t size) {
   if (size > device().max_alloc_bytes && !device().is_cpu)
     too_much(size, "larger than the device's largest allocation");
   // Sizes that change from step to step would fill all classes: what is kept stays below what was ever needed at once.
-  keep_at_most(std::max(pool().most_live, kKeptAnyway));
+  keep_at_most(std::max(device_stats().peak_bytes, kKeptAnyway));
   if (device_stats().live_bytes + device_stats().kept_bytes + size > memory_budget()) trim_memory();
   if (device_stats().live_bytes + size > memory_budget()) too_much(size, "over the budget");
   try {
@@ -176,7 +175,6 @@ std::shared_ptr<Buffer> allocate(size_t bytes) {
   DeviceStats& s = device_stats();
   s.live_bytes += real;
   s.peak_bytes = std::max(s.peak_bytes, s.live_bytes);
-  pool().most_live = std::max(pool().most_live, s.live_bytes);
   if (debug().poison) poison(mem, real);
   return std::make_shared<Buffer>(std::move(mem), real);
 }
