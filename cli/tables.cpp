@@ -121,11 +121,12 @@ TablePlan plan_of(const TablesRequest& request) {
   TableRequest wish;
   wish.small = request.size == "small";
   const bool makes = wish.small && request.logs.root.empty() && request.logs.train.empty();
-  if (makes)
+  if (makes) {
     wish.logs.measured = measured_table_logs(request.logs);
-  else
+    check_not_made_here(wish.logs.measured, request.out);
+  } else {
     wish.logs = find_table_logs(request.logs);
-  if (makes) check_not_made_here(wish.logs.measured, request.out);
+  }
   wish.rows = rows_of(request, wish.small);
   wish.protocols = table_protocols();
   const Names wanted = chosen("--protocols", request.protocols, table_protocols(), table_protocols());
