@@ -165,6 +165,13 @@ const Debug& debug() {
   return switches;
 }
 
+namespace {
+bool nan_is_wanted = false;
+}
+
+void look_for_nan(bool on) { nan_is_wanted = on; }
+bool looking_for_nan() { return nan_is_wanted; }
+
 std::vector<DeviceInfo> list_devices() {
   std::vector<DeviceInfo> out;
   for (const Candidate& c : candidates()) out.push_back(c.info);

@@ -89,9 +89,7 @@ const char* label(const Group& group, const Instruction& of) {
   return of.op ? of.op->label : group.inputs.empty() ? "fill" : "copy";
 }
 
-const char* label(const Group& group) {
-  return group.reduce ? group.reduce->name() : label(group, group.code.back());
-}
+const char* label(const Group& group) { return group.reduce ? group.reduce->name() : label(group, group.code.back()); }
 
 /// Stores that go past the caches pay where the results are larger than the last cache, and lie at multiples of 64
 /// bytes.
@@ -237,8 +235,7 @@ std::string describe(const Step& step, const Plan& plan, const Walk& graph) {
   if (step.kind != Step::group) return at(graph, step.index)->op->name();
   std::string names;
   const Group& group = plan.groups[static_cast<size_t>(step.index)];
-  for (const Instruction& i : group.code)
-    names += std::string(names.empty() ? "" : " ") + label(group, i);
+  for (const Instruction& i : group.code) names += std::string(names.empty() ? "" : " ") + label(group, i);
   return group.reduce ? names + " " + group.reduce->name() : names;
 }
 
@@ -256,7 +253,7 @@ void check_finite(const Step& step, const Plan& plan, const Walk& graph) {
     std::vector<float> values(static_cast<size_t>(numel(node->shape)));
     read_buffer(*node->storage.buffer, 0, values.size() * 4, values.data());
     for (size_t k = 0; k < values.size(); k++)
-      if (!std::isfinite(values[k]))
+      if (std::isnan(values[k]) || (debug().nan && std::isinf(values[k])))
         throw Error(Fault::diverged, text("first non-finite value: ", values[k], " at element ", k, " of ",
                                           to_string(node->shape), ", made by [", describe(step, plan, graph), "]"));
   }
@@ -312,7 +309,7 @@ void run(Plan& plan, const Walk& graph) {
       run_kernel(at(graph, step.index));
     else
       run_view(at(graph, step.index));
-    if (debug().nan) check_finite(step, plan, graph);
+    if (debug().nan || looking_for_nan()) check_finite(step, plan, graph);
     for (int i : step.last_uses) at(graph, i)->storage = {};
   }
 }

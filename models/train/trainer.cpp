@@ -13,6 +13,7 @@
 #include "models/train/old_names.h"
 #include "models/train/optimiser.h"
 #include "models/train/step_pace.h"
+#include "runtime/debug.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/op.h"
@@ -115,6 +116,11 @@ void TimePlan::choose_horizon(Progress& progress, double saving_seconds) {
   next_plan_ = progress.step + std::max(few / 2, kMinPlanned);
 }
 
+/// What the loop itself found: the loss or a parameter.
+struct NotFinite final : Error {
+  explicit NotFinite(const std::string& message) : Error(Fault::diverged, message) {}
+};
+
 class Loop {
  public:
   Loop(const TrainRun& run, const TrainOptions& options, const TrainListener& listener)
@@ -125,6 +131,9 @@ class Loop {
         optimiser_(run.method.parameters(), run.method.groups()),
         time_(options, grows_),
         saving_(run.method, options) {}
+  ~Loop() { look_for_nan(false); }
+  Loop(const Loop&) = delete;
+  Loop& operator=(const Loop&) = delete;
   TrainResult train();
 
  private:
@@ -134,6 +143,9 @@ class Loop {
   int64_t end() const;
   void require_finite();
   [[noreturn]] void diverged(const std::string& what) const;
+  void step_or_go_back();
+  void go_back(const NotFinite& why);
+  void end_search();
   void save();
   std::optional<double> seconds_left() const;
 
@@ -151,6 +163,8 @@ class Loop {
   int64_t next_look_ = 0;  // step that looks at the parameters; the first compiles what that takes
   double step_seconds_ = 0;
   int64_t saved_step_ = -1;
+  int64_t searched_ = 0;  // the step that was not finite, while the steps before it are taken again
+  bool went_back_ = false;
 };
 
 void Loop::begin() {
@@ -173,7 +187,8 @@ void Loop::one_step() {
   for (const Figure& figure : step.figures) figures_[figure.name] = figure.value();
   result_.loss = static_cast<double>(step.loss.item());
   if (!std::isfinite(result_.loss)) diverged(text("the loss became ", result_.loss));
-  if (progress_.step >= next_look_) {
+  const bool saves_next = saving_.is_due(progress_.step, time_.seconds()) || progress_.step == end();
+  if (progress_.step >= next_look_ || saves_next) {
     next_look_ = progress_.step + kFiniteEvery;
     require_finite();
   }
@@ -197,12 +212,45 @@ bool Loop::finished() {
 }
 
 void Loop::diverged(const std::string& what) const {
-  throw Error(
-      Fault::diverged,
+  throw NotFinite(
       text(what, " at step ", progress_.step, "; ",
            saved_step_ > 0 ? text("the checkpoint of step ", saved_step_, " is good") : "no checkpoint was saved",
            "\n  fix: lower the learning rates (config.toml in the run folder lists the settings); "
            "CLOAM_DEBUG=nan names the first op with a value that is not finite"));
+}
+
+/// The last checkpoint, and the same steps from there: those that the fault must lie in op by op.
+void Loop::go_back(const NotFinite& why) {
+  const LoadedCheckpoint checkpoint = load_latest_checkpoint(run_.checkpoints);
+  if (checkpoint.step != saved_step_) throw why;
+  listener_.warning(text(why.what(), "\n  taking the steps from ", saved_step_, " on again, to find the op"));
+  went_back_ = true;
+  searched_ = progress_.step;
+  progress_ = restore_method(run_.method, checkpoint.file);
+  optimiser_ = Optimiser(run_.method.parameters(), run_.method.groups());
+  optimiser_.restore(with_prefix(checkpoint.file.tensors, kOptimiser));
+  next_look_ = 0;
+}
+
+void Loop::end_search() {
+  look_for_nan(false);
+  searched_ = 0;
+}
+
+void Loop::step_or_go_back() try {
+  if (searched_ > 0) look_for_nan(progress_.step + 1 + kFiniteEvery >= searched_);
+  one_step();
+  if (searched_ == 0 || progress_.step < searched_) return;
+  require_finite();
+  listener_.warning(text("step ", searched_, " is finite now: the device or its memory erred the first time\n  fix: ",
+                         "cloam selftest checks the device; if this happens again, its results cannot be trusted"));
+  end_search();
+} catch (const NotFinite& error) {
+  if (went_back_ || saved_step_ < 0) throw;
+  go_back(error);
+} catch (const Error& error) {  // of the op, where each is looked at
+  if (searched_ == 0 || error.fault() != Fault::diverged) throw;
+  diverged(text(error.what(), ", when the steps were taken again,"));
 }
 
 void Loop::require_finite() {
@@ -231,7 +279,7 @@ TrainResult Loop::train() {
   begin();
   const int64_t warm = progress_.step + kFirstSteps;
   for (double before = time_.seconds(), now = before; !finished(); before = now) {
-    one_step();
+    step_or_go_back();
     now = time_.seconds();
     if (progress_.step > warm) time_.add_step(now - before);
     if (planning_) time_.choose_horizon(progress_, saving_.seconds());

@@ -54,7 +54,10 @@ struct TrainResult {
 /// Trains `method` (built, with data). Saves to `checkpoints` (run/ckpt). `metadata` goes into every checkpoint as it
 /// is. Goes on from `resume` when given: parameters, optimiser, horizon and step are taken from it, the result is the
 /// same bytes as an uninterrupted run. `stop` is set by signal handlers: the step is finished, a checkpoint saved.
-/// Errors: Fault::diverged when the loss or a parameter is not finite (nothing is saved over the last good checkpoint).
+/// When the loss or a parameter is not finite, it goes back to the last checkpoint, once, and takes the same steps
+/// again, the last of them op by op. Where they are finite then, it goes on with a warning: the device erred.
+/// Otherwise, and where there is no checkpoint: Fault::diverged, which names the op (nothing is saved over the last
+/// good checkpoint).
 struct TrainRun {
   Method& method;
   std::filesystem::path checkpoints;

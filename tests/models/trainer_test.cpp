@@ -4,6 +4,7 @@
 #include <doctest/doctest.h>
 
 #include <filesystem>
+#include <optional>
 
 #include "models/io/checkpoint.h"
 #include "models/nn/params.h"
@@ -47,7 +48,10 @@ class TwoScenes final : public Method, public SharesNetworks {
   Tensor loss(const Progress& progress) {
     const Tensor& plane = params_.at(progress.step % 2 == 0 ? "plane.0" : "plane.1");
     clock_ += progress.step <= slow_steps_ ? slow_seconds_ : kFastSeconds;
-    if (progress.step == diverges_at_) return sum(sqrt(params_.at("network") * 0.f));  // 0, its gradient NaN
+    if (progress.step == diverges_at_) {
+      if (diverges_once_) diverges_at_ = 0;
+      return sum(sqrt(params_.at("network") * 0.f));  // 0, its gradient NaN
+    }
     return sum(square(params_.at("network") - 1.f)) + sum(square(plane - 1.f));
   }
   Step step(const Progress& progress, const Tensors& wanted) override {
@@ -66,6 +70,7 @@ class TwoScenes final : public Method, public SharesNetworks {
 
   size_t wanted_ = 0, reached_ = 0;
   float fraction_ = 0;
+  bool diverges_once_ = false;
   int64_t slow_steps_ = 0, diverges_at_ = 0;
   double slow_seconds_ = 1. / 16, save_seconds_ = 0;
   mutable double clock_ = 0;  // by which steps and saves last what they are told to
@@ -198,6 +203,55 @@ TEST_CASE("parameters that are no longer finite stop the training within ten ste
   CHECK(last <= 23);
   CHECK(holds(message, "no checkpoint was saved"));
   CHECK_FALSE(fs::exists(folder.path / "latest.txt"));
+}
+
+namespace {
+
+/// Forty steps with a checkpoint every five, of a method that has NaN in the gradients of step 13.
+struct Diverging {
+  Folder folder;
+  std::vector<std::string> warnings;
+  std::optional<std::string> error;
+  SafetensorsFile last;
+  Diverging(int64_t at, bool once) {
+    TwoScenes method;
+    method.build({}, 1);
+    method.diverges_at_ = at;
+    method.diverges_once_ = once;
+    TrainOptions options;
+    options.steps = 40;
+    options.save_every = 5;
+    TrainListener listener;
+    listener.warning = [&](const std::string& warning) { warnings.push_back(warning); };
+    try {
+      train({method, folder.path, {}, nullptr, nullptr}, options, listener);
+    } catch (const Error& caught) {
+      CHECK(caught.fault() == Fault::diverged);
+      error = caught.what();
+    }
+    last = load_latest_checkpoint(folder.path).file;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("a training that diverged goes back to its checkpoint and names step and op when it does so again") {
+  const Diverging diverging(13, false);
+  REQUIRE(diverging.error.has_value());
+  CHECK(holds(*diverging.error, "first non-finite value: "));
+  CHECK(holds(*diverging.error, "made by ["));
+  CHECK(holds(*diverging.error, "when the steps were taken again, at step 13; the checkpoint of step 10 is good"));
+  REQUIRE(diverging.warnings.size() == 1);
+  CHECK(holds(diverging.warnings[0], "taking the steps from 10 on again"));
+  CHECK(diverging.last.metadata.at("step") == "10");
+}
+
+TEST_CASE("a value that is NaN once costs a training nothing but the steps since its checkpoint") {
+  const Diverging once(13, true), never(0, false);
+  CHECK(!once.error.has_value());
+  REQUIRE(once.warnings.size() == 2);
+  CHECK(holds(once.warnings[1], "is finite now: the device or its memory erred"));
+  CHECK(once.last == never.last);
 }
 
 TEST_CASE("a training that was finished goes on at its last rates, and a stop on the way changes no bytes") {
