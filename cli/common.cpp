@@ -13,6 +13,7 @@
 #include <ctime>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <sstream>
 #include <utility>
 
@@ -22,6 +23,8 @@
 #include "models/runs/restore_run.h"
 #include "runtime/error.h"
 #include "runtime/kernel_cache.h"
+#include "runtime/variant.h"
+#include "runtime/verdict.h"
 
 namespace cloam {
 namespace {
@@ -90,9 +93,42 @@ void tell_of_builds(const Common& common) {
 
 }  // namespace
 
+namespace {
+
+/// What selftest found of the device, once a process: a demo opens it for each of its commands.
+void heed_verdict(const Common& common) {
+  static bool heeded = false;
+  const std::optional<Verdict> verdict = verdict_of(device());
+  if (!verdict || std::exchange(heeded, true)) return;
+  std::vector<std::string> families;
+  for (const SwitchedOff& off : verdict->off) {
+    families.push_back(off.family);
+    say(common, text("the faster kernels of ", off.family,
+                     " are switched off on this device: selftest found them wrong (row ", off.op_row, ")"));
+  }
+  switch_off(families);
+  if (verdict->passed()) return;
+  const std::string found =
+      text("device ", device().name, " ", words_of(verdict), ", first \"", verdict->failed.front(), "\"");
+  if (common.force) return warn(found + "; used all the same (--force)");
+  throw Error(Fault::device, text(found,
+                                  ": its results would be wrong\n  fix: update its driver and run cloam selftest "
+                                  "--quick, or select another device (cloam info); --force uses it all the same"));
+}
+
+}  // namespace
+
 void open_device(const Common& common) {
+  open_any_device(common);
+  heed_verdict(common);
+}
+
+void open_any_device(const Common& common) {
   tell_of_builds(common);
   choose_device({common.device, common.max_memory.empty() ? 0 : parse_bytes(common.max_memory)});
+  if (common.require_gpu && device().is_cpu)
+    throw Error(Fault::device, text("--require-gpu: the device is a CPU (", device().name, ", ", device().platform,
+                                    ")\n  fix: install the GPU's OpenCL driver; cloam info lists the devices"));
   static bool told = false;  // a demo opens the device for each of its commands
   const bool is_pocl = !device().pinning.empty();
   if (!told && is_pocl && !kernel_cache().note.empty()) say(common, kernel_cache().note);

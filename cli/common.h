@@ -27,6 +27,8 @@ struct Common {
   std::string device = "auto";
   std::string max_memory;  // "6G"; empty: 80 % of what is free
   bool json = false, quiet = false, verbose = false;
+  bool require_gpu = false;  // an error instead of a CPU
+  bool force = false;        // use a device that selftest found wrong
   bool profile = false;
   std::string profile_trace;  // file; empty: none
 };
@@ -38,8 +40,11 @@ struct Command {
 };
 
 void add_common(CLI::App& parser, Common& common);
-/// Chooses the device and the memory budget. Fault::device, Fault::usage.
+/// Chooses the device and the memory budget, and switches off the kernels that selftest found wrong on it. A device
+/// that computes wrong results is refused, unless --force is given. Fault::device, Fault::usage.
 void open_device(const Common& common);
+/// The same, whatever selftest found.
+void open_any_device(const Common& common);
 /// Opens the device and restores a run. Tells what is odd of its checkpoint.
 RestoredRun restored(const std::string& run, const Common& common);
 

@@ -7,6 +7,7 @@
 
 #include "cli/commands.h"
 #include "runtime/error.h"
+#include "runtime/verdict.h"
 
 namespace cloam {
 namespace {
@@ -26,19 +27,20 @@ const char* const kVariables[] = {"CLOAM_DEVICE",   "CLOAM_DEVICE_CLASS", "CLOAM
                                   "CLOAM_VARIANT",  "OCL_ICD_VENDORS",    "POCL_CACHE_DIR", "POCL_MAX_PTHREAD_COUNT",
                                   "RUSTICL_ENABLE", "POCL_MEMORY_LIMIT",  "NO_COLOR"};
 
-/// From limits alone; whether it computes right is what selftest finds.
+/// From limits, and what selftest found if it ran here.
 std::string verdict(const DeviceInfo& info) {
   if (info.local_bytes < kNeededLocalBytes || info.max_work_group < kNeededWorkGroup) return "too small";
   std::string notes;
   if (info.name.find("llvmpipe") != std::string::npos) notes += "  slow (software renderer)";
   if (info.local_bytes <= (32 << 10)) notes += text("  local memory ", info.local_bytes >> 10, " KiB");
-  return "ok" + notes;
+  const std::optional<Verdict> tested = verdict_of(info);
+  return (tested && !tested->passed() ? "WRONG RESULTS, " : "ok, ") + words_of(tested) + notes;
 }
 
 /// The device that a command would take; none (with the reason) if it cannot be chosen.
 std::optional<DeviceInfo> chosen_device(const Common& common, std::optional<Error>& why_not) {
   try {
-    open_device(common);
+    open_any_device(common);
     return device();
   } catch (const Error& error) {
     why_not = error;
@@ -75,6 +77,15 @@ void put_table(const std::vector<DeviceInfo>& devices, const std::optional<Devic
       "\ncloam selftest --quick checks that the device computes correctly\n");
 }
 
+Report selftest_of(const DeviceInfo& info) {
+  const std::optional<Verdict> tested = verdict_of(info);
+  if (!tested) return nullptr;
+  Report off = Report::array();
+  for (const SwitchedOff& one : tested->off) off.push_back(one.family);
+  return {{"passed", tested->passed()}, {"when", tested->when},     {"quick", tested->quick},
+          {"rows", tested->rows},       {"failed", tested->failed}, {"switched_off", off}};
+}
+
 Report to_json(const DeviceInfo& info) {
   return {{"id", info.id},
           {"name", info.name},
@@ -88,7 +99,8 @@ Report to_json(const DeviceInfo& info) {
           {"local_bytes", info.local_bytes},
           {"compute_units", info.compute_units},
           {"max_work_group", info.max_work_group},
-          {"verdict", verdict(info)}};
+          {"verdict", verdict(info)},
+          {"selftest", selftest_of(info)}};
 }
 
 void put_report(const std::vector<DeviceInfo>& devices, const std::optional<DeviceInfo>& chosen) {

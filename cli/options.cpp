@@ -184,6 +184,8 @@ void add_common(CLI::App& parser, Common& common) {
   add("--json", common.json, "Machine-readable output on stdout");
   add("-q,--quiet", common.quiet, "Print only errors and warnings");
   add("-v,--verbose", common.verbose, "Print more detail");
+  add("--require-gpu", common.require_gpu, "End with an error (exit 4) rather than run on a CPU");
+  add("--force", common.force, "Use the device even if selftest found that its results are wrong");
   add("--profile", common.profile, "At the end, print the cost of each kernel and each step");
   add("--profile-trace", common.profile_trace, "Also write a timeline for Perfetto to this file", output_file());
   // Of the commands' own -o alone that of export may be a file, and it knows more of it.

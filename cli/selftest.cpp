@@ -6,22 +6,32 @@
 #include <sstream>
 
 #include "cli/commands.h"
+#include "models/io/commit.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Compare every operation on the device with float64 on the host.
+constexpr char kExamples[] = R"(Compare every operation on the device with float64 on the host. What is found is kept:
+cloam info shows it, and a device that computes wrong results is refused from then on.
 
 Examples:
   cloam selftest --quick
   cloam selftest --device gpu
+  cloam selftest --only conv2d
+  cloam selftest --report            # Markdown, for a bug report
   cloam selftest --json > selftest.json)";
 
-std::string line_of(const SelftestRow& row) {
-  std::ostringstream line;
-  print_row(line, row);
-  return line.str();
+struct SelftestRequest {
+  SelftestWish wish;
+  bool report = false;
+};
+
+template <class Print, class What>
+std::string printed(const Print& print, const What& what) {
+  std::ostringstream out;
+  print(out, what);
+  return out.str();
 }
 
 std::string worst_of(const std::vector<SelftestRow>& rows) {
@@ -33,26 +43,47 @@ std::string worst_of(const std::vector<SelftestRow>& rows) {
   return worst == rows.end() ? "" : text("; worst error ", error(*worst), " (", worst->name, ")");
 }
 
-int run_command(bool quick, const Common& common) {
-  open_device(common);
+/// A folder that cannot be written loses the verdict, not the test.
+void keep(Verdict verdict) {
+  verdict.when = time_stamp();
+  try {
+    commit_text(verdict_file(device()), file_text(verdict, device()));
+  } catch (const Error& error) {
+    warn(text("the result is not kept for later runs: ", error.what(),
+              "\n  fix: set CLOAM_CACHE_DIR to another folder"));
+  }
+}
+
+int run_command(const SelftestRequest& request, const Common& common) {
+  open_any_device(common);
   say(common, text("device ", device().name, " (", device().platform, "); to select it: ", device_spelling(device())));
-  const std::vector<SelftestRow> rows = run_selftest(quick, [&](const SelftestRow& row, std::size_t, std::size_t) {
+  const bool lines = !common.json && !request.report;
+  const SelftestReport report = run_selftest(request.wish, [&](const SelftestRow& row, std::size_t, std::size_t) {
     const bool shown = !row.result.passed || !common.quiet;
-    if (!common.json && shown) put(line_of(row));
+    if (lines && shown) put(printed(print_row, row));
   });
-  std::ostringstream json;
-  print_json(json, rows);
-  if (common.json) put(json.str());
+  if (request.wish.only.empty()) keep(report.verdict);
+  if (lines) put(printed(print_findings, report));
+  if (common.json) put(printed(print_json, report));
+  if (request.report) put(printed(print_markdown, report));
+  const auto& rows = report.rows;
   const auto passed = std::count_if(rows.begin(), rows.end(), [](const SelftestRow& row) { return row.result.passed; });
   say(common, text(passed, " of ", rows.size(), " rows agree with float64", worst_of(rows)));
-  return passed == static_cast<std::ptrdiff_t>(rows.size()) ? 0 : static_cast<int>(Fault::verification);
+  if (!report.verdict.passed() && request.wish.only.empty())
+    say(common,
+        "this device computes wrong results: other commands refuse it from now on (--force uses it all the same)");
+  return report.all_passed() ? 0 : static_cast<int>(Fault::verification);
 }
 
 }  // namespace
 
 Command add_selftest(CLI::App& program) {
-  return command<bool>(program, "selftest", kExamples, run_command,
-                       [](const Options& add, bool& quick) { add("--quick", quick, "Test dense inputs only"); });
+  return command<SelftestRequest>(
+      program, "selftest", kExamples, run_command, [](const Options& add, SelftestRequest& r) {
+        add("--only", r.wish.only, "Only rows whose names contain this; the result is not kept");
+        add("--quick", r.wish.quick, "Test dense inputs and the built-in kernel variants only");
+        add("--report", r.report, "Print Markdown for a bug report: device, limits, and what failed");
+      });
 }
 
 }  // namespace cloam

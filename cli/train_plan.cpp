@@ -7,9 +7,11 @@
 #include <cctype>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "models/train/learns_from_run.h"
 #include "runtime/error.h"
+#include "runtime/verdict.h"
 
 namespace cloam {
 namespace {
@@ -138,6 +140,9 @@ void tell_plan(const TrainJob& job, const Captures& captures, const Common& comm
                   words_for_bytes(plan.images) + ", parameters " + words_for_bytes(plan.parameters) + ", optimiser " +
                   words_for_bytes(plan.optimiser) + ", work " + words_for_bytes(plan.work) + ")");
   say(common, text("device ", device().name, " (", device().platform, "); select it with ", device_spelling(device())));
+  const std::optional<Verdict> tested = verdict_of(device());
+  say(common,
+      text("       ", words_of(tested), tested ? "" : ": cloam selftest --quick checks that it computes correctly"));
   for (const ConfigEntry& entry : job.config.entries()) {
     if (common.verbose)
       say(common, text("       ", entry.key, " = ", to_string(entry.value), "  (", entry.origin, ") ", entry.help));

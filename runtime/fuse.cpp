@@ -8,6 +8,8 @@
 #include <cstring>
 #include <sstream>
 
+#include "runtime/hash.h"
+
 namespace cloam {
 namespace {
 
@@ -288,10 +290,8 @@ void Writer::reduce_outer() {
 }
 
 std::string hash_name(const std::string& text) {
-  uint64_t hash = 1469598103934665603ull;
-  for (unsigned char c : text) hash = (hash ^ c) * 1099511628211ull;
   char name[20];
-  std::snprintf(name, sizeof name, "k%016llx", static_cast<unsigned long long>(hash));
+  std::snprintf(name, sizeof name, "k%016llx", static_cast<unsigned long long>(fnv1a(text)));
   return name;
 }
 

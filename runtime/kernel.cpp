@@ -6,6 +6,7 @@
 #include <fstream>
 #include <limits>
 #include <map>
+#include <set>
 #include <unordered_map>
 
 #include "runtime/cl.h"
@@ -62,6 +63,16 @@ Cache& cache() {
   return *one;
 }
 
+std::set<std::string>* recorder = nullptr;
+
+/// "conv2d_cpu.cl: conv2d_rows", or what a generated kernel is made of.
+std::string name_of(const cl::Kernel& k, const char* label) {
+  for (const auto& [file, compiled] : cache().files)
+    for (const auto& [name, known] : compiled.kernels)
+      if (known() == k()) return file.first + ".cl: " + name;
+  return text("generated: ", label);
+}
+
 std::string options(const Constants& constants) {
   std::string out = std::string("-cl-std=CL1.2 -w -DCLOAM_CPU=") + (is_cpu_class() ? "1" : "0");
   for (const auto& [name, value] : constants) out += text(" -D", name, "=", value);
@@ -103,6 +114,8 @@ cl::Program build(const std::string& what, const std::string& source, const Cons
 }
 
 }  // namespace
+
+void record_kernels(std::set<std::string>* into) { recorder = into; }
 
 void on_build(std::function<void(const DeviceStats&)> listener) { build_listener() = std::move(listener); }
 
@@ -204,6 +217,7 @@ void profile_line(const char* name, const Range& range, double bytes, const cl::
 void enqueue(cl::Kernel& k, const char* name, const Range& range, double bytes) {
   if (range.global[0] * range.global[1] * range.global[2] == 0) return;
   device_stats().launches++;
+  if (recorder) recorder->insert(name_of(k, name));
   const cl::NDRange global(range.global[0], range.global[1], range.global[2]);
   const cl::NDRange local(range.local[0], range.local[1], range.local[2]);
   try {

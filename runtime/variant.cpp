@@ -13,6 +13,7 @@
 #include <sstream>
 
 #include "runtime/cl.h"
+#include "runtime/hash.h"
 
 namespace cloam {
 namespace {
@@ -64,14 +65,27 @@ Family& family_of(const std::string& name) {
   return at->second;
 }
 
-const char* class_here() {
-  if (reference_variants()) return "reference";
-  return is_cpu_class() ? "cpu" : "gpu";
+bool states_reference(const std::string& family) {
+  const std::deque<Variant>& rows = family_of(family).rows;
+  return std::any_of(rows.begin(), rows.end(), [](const Variant& row) { return row.where == "reference"; });
+}
+
+std::vector<std::string>& off() {
+  static auto* const families = new std::vector<std::string>;
+  return *families;
+}
+
+bool is_off(const std::string& family) { return std::find(off().begin(), off().end(), family) != off().end(); }
+
+const char* class_here() { return is_cpu_class() ? "cpu" : "gpu"; }
+
+const char* class_for(const std::string& family) {
+  return reference_variants() || is_off(family) ? "reference" : class_here();
 }
 
 /// The rows of one kernel: those of the device class whose size fits exactly, then "any", then the references.
 std::vector<const Variant*> fitting(const std::string& family, const std::string& size) {
-  for (const std::string& where : {std::string(class_here()), std::string("reference")})
+  for (const std::string& where : {std::string(class_for(family)), std::string("reference")})
     for (const std::string& wanted : {size, std::string("any")}) {
       std::vector<const Variant*> out;
       for (const Variant& row : family_of(family).rows)
@@ -79,8 +93,8 @@ std::vector<const Variant*> fitting(const std::string& family, const std::string
           out.push_back(&row);
       if (!out.empty()) return out;
     }
-  throw Error(Fault::internal, text("[variant] kernels/", family, "*.cl states no row for ", class_here(), " and size ",
-                                    size, ", and no reference"));
+  throw Error(Fault::internal, text("[variant] kernels/", family, "*.cl states no row for ", class_for(family),
+                                    " and size ", size, ", and no reference"));
 }
 
 /// family|size|kernel NAME=VALUE ..., as with_tuned() writes it.
@@ -103,10 +117,11 @@ Choice first_choice(const std::string& family, const std::string& size) {
   static auto* const tuned = new Tuned(read_tuned());
   const std::vector<const Variant*> rows = fitting(family, size);
   const auto found = tuned->find({family, size});
-  if (found != tuned->end() && !reference_variants())
+  if (found != tuned->end() && !runs_reference(family.c_str()))
     for (const Variant* row : rows)
       if (row->row() == found->second) return {family, size, row, "tuned"};
   const char* why = reference_variants()            ? "CLOAM_VARIANT=reference"
+                    : is_off(family)                ? "selftest found the others wrong"
                     : rows[0]->where == "reference" ? "no row for this device class"
                                                     : "built-in";
   return {family, size, rows[0], why};
@@ -158,6 +173,18 @@ void prefer(const std::string& family, const std::string& size, const Variant& v
   family_of(family).chosen[size] = {family, size, &variant, why};
 }
 
+void switch_off(const std::vector<std::string>& families) {
+  std::vector<std::string> changed = off();
+  changed.insert(changed.end(), families.begin(), families.end());
+  off() = families;
+  for (const std::string& family : changed) {
+    if (!states_reference(family)) continue;  // its op asks runs_reference() and composes
+    for (auto& [size, choice] : family_of(family).chosen) choice = first_choice(family, size);
+  }
+}
+
+bool runs_reference(const char* family) { return reference_variants() || is_off(family); }
+
 std::vector<Variant> all_variants() {
   std::deque<Variant> rows;
   for (const std::string& stem : kernel_stems()) read_rows(stem, rows);
@@ -188,9 +215,8 @@ std::string cache_folder() {
 }
 
 std::string tuned_file() {
-  uint64_t hash = 1469598103934665603ull;
-  for (unsigned char c : device().name + "|" + device().driver + "|" + class_here())
-    hash = (hash ^ c) * 1099511628211ull;
+  const char* device_class = reference_variants() ? "reference" : class_here();
+  const uint64_t hash = fnv1a(device().name + "|" + device().driver + "|" + device_class);
   char name[40];
   std::snprintf(name, sizeof name, "/tuned-%016llx.txt", static_cast<unsigned long long>(hash));
   return cache_folder() + name;

@@ -11,6 +11,7 @@
 // choice; further rows of the same kernel, class and size must give the same bits, so that tuning never changes a
 // result.
 #pragma once
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -48,6 +49,12 @@ std::vector<const Variant*> candidates(const std::string& family, const std::str
 /// From now on `variant`, one of the candidates, serves; `why` is what explain says of it.
 void prefer(const std::string& family, const std::string& size, const Variant& variant, const char* why);
 
+/// From now on these families run their references (version 1, or the composition), and no others do: selftest found
+/// their variants wrong on this device.
+void switch_off(const std::vector<std::string>& families);
+/// Whether a family runs its reference: it is switched off, or CLOAM_VARIANT=reference asks for all.
+bool runs_reference(const char* family);
+
 /// Every row of every kernel file. Throws Fault::internal for one that cannot be read.
 std::vector<Variant> all_variants();
 /// Does the kernel file hold the kernel that the row names (or is it a composition)?
@@ -61,6 +68,8 @@ std::string tuned_file();
 std::string with_tuned(const std::vector<Choice>& tuned);
 
 void record_choices(std::vector<Choice>* into);  // null: stop
+/// Kernels that are launched from now on, each once: "FILE.cl: KERNEL", or "generated: OP". Null: stop.
+void record_kernels(std::set<std::string>* into);
 
 template <class Work>
 std::vector<Choice> choices_of(const Work& work) {

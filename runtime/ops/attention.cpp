@@ -159,7 +159,7 @@ Tensor attention(const Tensor& q, const Tensor& k, const Tensor& v, float scale)
   const AttentionSizes sizes{d["B"], d["T"], d["U"], d["D"], d["E"], by};
   const bool scratch = !is_cpu_class() || device().local_bytes >= kScratch;
   const bool fits = scratch && std::max(sizes.D, sizes.E) <= kWidest && q.numel() > 0 && k.numel() > 0 && v.numel() > 0;
-  if (!fits || reference_variants()) return attention_composed({q, k, v}, by);
+  if (!fits || runs_reference("attention")) return attention_composed({q, k, v}, by);
   return make(std::make_shared<Attention>(sizes), {sizes.B, sizes.T, sizes.E}, {q, k, v});
 }
 

@@ -31,7 +31,7 @@ struct Conv2d final : Op {
 };
 
 bool Conv2d::run_tiled(const Tensors& in, const Tensor& out) const {
-  if (reference_variants()) return false;
+  if (runs_reference("conv2d") || (part == Part::dw && runs_reference("conv2d_dw"))) return false;
   if (is_cpu_class()) {
     if (part == Part::dw) return run_conv2d_dw_cpu(sizes, in, out);
     return run_conv2d_cpu(sizes, part == Part::forward ? forward_pass(sizes) : backward_pass(sizes), flags, in, out);

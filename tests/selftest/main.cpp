@@ -11,7 +11,8 @@ namespace {
 using namespace cloam;
 
 struct Options {
-  bool quick = false, json = false, help = false;
+  SelftestWish wish;
+  bool json = false, help = false;
   std::string device = "auto";
 };
 
@@ -20,31 +21,35 @@ Options parse(int count, char** words) {
   for (int i = 1; i < count; i++) {
     const std::string word = words[i];
     if (word == "--quick")
-      out.quick = true;
+      out.wish.quick = true;
     else if (word == "--json")
       out.json = true;
     else if (word == "--help")
       out.help = true;
+    else if (word == "--only" && i + 1 < count)
+      out.wish.only = words[++i];
     else if (word == "--device" && i + 1 < count)
       out.device = words[++i];
     else
-      throw Error(Fault::usage,
-                  text("unknown option ", word, "\n  fix: cloam-selftest [--quick] [--json] [--device D]"));
+      throw Error(Fault::usage, text("unknown option ", word,
+                                     "\n  fix: cloam-selftest [--quick] [--json] [--only PART] [--device D]"));
   }
   return out;
 }
 
 int run(const Options& options) {
   choose_device({.device = options.device});
-  std::cerr << "device " << device().id << "  " << device().name << " (" << device().platform << ")\n";
+  std::cerr << "device " << device().id << "  " << device().name << " (" << device().platform << ")\ndriver "
+            << device().driver << ", " << device().cl_version << "\n";
   const auto progress = [&](const SelftestRow& row, size_t, size_t) {
     if (!options.json) print_row(std::cout, row), std::cout.flush();
   };
-  const std::vector<SelftestRow> rows = run_selftest(options.quick, progress);
-  if (options.json) print_json(std::cout, rows);
+  const SelftestReport report = run_selftest(options.wish, progress);
+  options.json ? print_json(std::cout, report) : print_findings(std::cout, report);
   const auto failed =
-      std::count_if(rows.begin(), rows.end(), [](const SelftestRow& row) { return !row.result.passed; });
-  std::cerr << rows.size() - static_cast<size_t>(failed) << " of " << rows.size() << " rows agree with float64\n";
+      std::count_if(report.rows.begin(), report.rows.end(), [](const SelftestRow& row) { return !row.result.passed; });
+  const size_t count = report.rows.size();
+  std::cerr << count - static_cast<size_t>(failed) << " of " << count << " rows agree with float64\n";
   return failed ? static_cast<int>(Fault::verification) : 0;
 }
 
@@ -54,7 +59,8 @@ int main(int count, char** words) {
   try {
     const Options options = parse(count, words);
     if (options.help) {
-      std::cout << "cloam-selftest [--quick] [--json] [--device D]: checks every op of a device against float64.\n"
+      std::cout << "cloam-selftest [--quick] [--json] [--only PART] [--device D]: checks every op of a device against "
+                   "float64.\n"
                    "Exit codes: 0 all agree, 4 no device, 7 an op differs.\n";
       return 0;
     }
