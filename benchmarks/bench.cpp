@@ -237,10 +237,17 @@ Workloads chosen_workloads(const Workloads& all, const std::vector<std::string>&
 BenchReport run_bench(const Workloads& workloads, const BenchOptions& options,
                       const std::function<void(const std::string&)>& tell) {
   BenchReport report;
+  const auto start = std::chrono::steady_clock::now();
   tell("the device's limits");
   report.limits = measure_limits();
   Peers peers(report);
   for (std::size_t i = 0; i < workloads.size(); i++) {
+    const std::chrono::duration<double> used = std::chrono::steady_clock::now() - start;
+    if (options.budget_seconds > 0 && used.count() > options.budget_seconds) {
+      report.notes.push_back(text("the budget ended before ", workloads.size() - i, " of ", workloads.size(),
+                                  " workloads, the first of them ", workloads[i].name));
+      break;
+    }
     tell(text(i + 1, "/", workloads.size(), " ", workloads[i].name));
     try {
       for (const BenchRow& row : measure(workloads[i], peers, options)) report.rows.push_back(row);

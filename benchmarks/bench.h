@@ -12,7 +12,8 @@ namespace cloam {
 struct BenchOptions {
   std::vector<std::string> patterns;  // parts of names; none: all
   bool peers = false;
-  int rounds = 0;  // 0: nine, or five where a round takes longer than a second
+  int rounds = 0;             // 0: nine, or five where a round takes longer than a second
+  double budget_seconds = 0;  // after which no workload begins, from the start of run_bench; 0: none
 };
 
 /// One way of one peer to do a workload's work.

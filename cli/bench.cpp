@@ -2,7 +2,9 @@
 
 #include "benchmarks/command.h"
 #include "benchmarks/tune.h"
+#include "cli/bench_merge.h"
 #include "cli/commands.h"
+#include "models/io/commit.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -17,11 +19,14 @@ Examples:
   cloam bench matmul conv --peers                workloads with these words in their names, beside other libraries
   cloam bench --suite train                      whole training steps
   cloam bench --peers --report docs/performance.md
-  cloam bench --explain matmul                   which variant of a kernel runs here, and why)";
+  cloam bench --explain matmul                   which variant of a kernel runs here, and why
+  cloam bench --json --budget 5m > this.json     for programs: as many workloads as fit five minutes
+  cloam bench --merge this.json other.json       devices side by side, from what --json wrote on each)";
 
 struct BenchArguments {
   BenchRequest request;
-  std::string suite = "all", explained;
+  std::string suite = "all", explained, budget;
+  std::vector<std::string> merged;
 };
 
 Workloads workloads_of(const std::string& suite) {
@@ -41,11 +46,22 @@ int explain_command(const std::string& op, const Common& common) {
   return 0;
 }
 
+int merge_command(const BenchArguments& arguments) {
+  const std::string page = merged_page(arguments.merged);
+  if (arguments.request.report.empty())
+    put(page);
+  else
+    commit_text(arguments.request.report, page);
+  return 0;
+}
+
 int run_command(const BenchArguments& arguments, const Common& common) {
+  if (!arguments.merged.empty()) return merge_command(arguments);
   if (!arguments.explained.empty()) return explain_command(arguments.explained, common);
   BenchRequest request = arguments.request;
   request.json = common.json;
   request.quiet = common.quiet;
+  if (!arguments.budget.empty()) request.options.budget_seconds = parse_duration(arguments.budget);
   const Workloads all = workloads_of(arguments.suite);
   (void)chosen_workloads(all, request.options.patterns);
   open_device(common);
@@ -62,9 +78,12 @@ Command add_bench(CLI::App& program) {
     BenchOptions& options = r.request.options;
     add("PATTERN", options.patterns, "Parts of workload names (all)");
     add("--peers", options.peers, "Also time other libraries, in turn (those found by the build)");
+    add("--filter", options.patterns, "The same as PATTERN").one_word();
+    add("--budget", r.budget, "Begin no further workload after this time (90s, 5m)", duration());
     add("--suite", r.suite, "ops, train or all (all)", one_of({"ops", "train", "all"}));
     add("--rounds", options.rounds, "Samples per workload (9; 5 for slow ones)", whole_number(1, 1000));
     add("--report", r.request.report, "Write a Markdown report, with a plot beside it", output_file());
+    add("--merge", r.merged, "Compare devices: files that --json wrote, one a device");
     add("--explain", r.explained, "Show which kernel variants an operation or workload uses, and why");
   });
 }

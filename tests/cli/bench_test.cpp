@@ -125,3 +125,49 @@ TEST_CASE("an interrupted run leaves no peer behind") {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   CHECK(content_of(words).empty());
 }
+
+TEST_CASE("files of several devices are compared on one page") {
+  const fs::path folder = scratch() / "merged";
+  fs::create_directories(folder);
+  const auto file = [&](const std::string& name, double first, double second) {
+    nlohmann::json bench = {
+        {"schema_version", 1}, {"device", "device " + name}, {"driver", "7"}, {"platform", "P"}, {"class", "gpu"}};
+    bench["limits"] = {{"gflops", 1000}, {"copy_gbps", 100}, {"launch_us", 5}};
+    bench["rows"] = {{{"name", "matmul.512.nn"}, {"median_ms", first}, {"share_of_peak", 0.5}},
+                     {{"name", "sort.1m " + name}, {"median_ms", second}, {"share_of_peak", nullptr}}};
+    const fs::path path = folder / (name + ".json");
+    write_text(path, bench.dump());
+    return path.string();
+  };
+  const std::string a = file("a", 2, 8), b = file("b", 0.5, 1);
+  const Outcome page = cloam_with({"bench", "--merge", a, b});
+  CHECK_MESSAGE(page.code == 0, page.err);
+  CHECK(contains(page.out, "| 2: device b | 7 | P | gpu | 1000 GFLOP/s | 100 GB/s | 5.0 us | 4.00 (1 workload) |"));
+  CHECK(contains(page.out, "| `matmul.512.nn` | 2 ms, 50 % | 0.5 ms, 50 % |"));
+  CHECK(contains(page.out, "| `sort.1m b` | - | 1 ms |"));
+  const fs::path report = folder / "page.md";
+  CHECK(cloam_with({"bench", "--merge", a, b, "--report", report.string()}).code == 0);
+  CHECK(content_of(report) == page.out);
+  for (const std::string& wrong : {std::string("{}"), std::string("[1, 2"),
+                                   std::string("{\"schema_version\": 2, "
+                                               "\"device\": \"x\", \"rows\": []}"),
+                                   std::string("{\"schema_version\": 1, \"device\": \"x\", \"rows\": [{}]}")}) {
+    write_text(folder / "wrong.json", wrong);
+    const Outcome refused = cloam_with({"bench", "--merge", a, (folder / "wrong.json").string()});
+    CHECK_MESSAGE(refused.code == 3, wrong);
+    CHECK(contains(refused.err, "wrong.json"));
+  }
+}
+
+TEST_CASE("a budget that is used up begins no workload, and says what was left out") {
+  Words words = {"bench", "--filter", "matmul.512", "--rounds", "1", "--budget", "0.01s", "--json"};
+  const nlohmann::json json = json_of(cloam_with(words));
+  CHECK(json["rows"].empty());
+  CHECK(contains(json["notes"].dump(), "the budget ended before"));
+}
+
+TEST_CASE("--require-gpu refuses a CPU") {
+  const Outcome refused = cloam_with({"selftest", "--only", "relu", "--require-gpu", "--device", "cpu"});
+  CHECK(refused.code == 4);
+  CHECK(contains(refused.err, "--require-gpu: the device is a CPU"));
+}
