@@ -1,6 +1,10 @@
 // Which tiles of 16 x 16 pixels each projected gaussian reaches: those where its alpha is 1/255 or more somewhere between
 // the tile's outermost pixel centres. That region is an ellipse a dx^2 + 2 b dx dy + c dy^2 <= 2 ln(255 opacity); a row
 // of tiles cuts a band out of it, whose furthest points left and right tell the tiles.
+// count_tiles and list_tiles must find the same tiles. So nothing in this file is contracted, since a compiler may turn
+// a * b + c into a fused operation in one kernel and not in the other; and as m_log, from the prelude, may be, list_tiles
+// keeps to its share whatever it finds.
+#pragma OPENCL FP_CONTRACT OFF
 #define TILE 16
 
 typedef struct {
@@ -64,17 +68,23 @@ __kernel FAT void list_tiles(__global const float* restrict splats, __global con
                              int count, int across, int down, int chunk) {
   for (int k = LOOP_LO(chunk); k < LOOP_HI(count, chunk); k += LOOP_STEP) {
     const int i = order[k];
+    const int end = starts[k + 1];
     int at = starts[k], slot = slots[i];
-    if (starts[k + 1] == at) continue;
+    if (at == end) continue;
     const Ellipse e = ellipse_of(splats + 7 * (size_t)i);
     const int2 rows = tiles_between(e.y - e.half_height, e.y + e.half_height, down);
     for (int row = rows.x; row <= rows.y; row++) {
       const int2 span = tiles_in_row(e, row, across);
-      for (int column = span.x; column <= span.y; column++) {
+      for (int column = span.x; column <= span.y && at < end; column++) {
         tiles[at] = row * across + column;
         slot_of[at++] = slot;
         owner[slot++] = i;
       }
+    }
+    for (; at < end; at++) {  // fewer than were counted: the first tile, where the gaussian blends by its own alpha
+      tiles[at] = 0;
+      slot_of[at] = slot;
+      owner[slot++] = i;
     }
   }
 }

@@ -5,6 +5,10 @@
 // Grid, 16 numbers: corner (3), voxel size, counts (3), centre (3) and half sizes (3) of what is not contracted, far
 // distance of the sky.
 
+// A kernel that counts and the kernel that writes after it must decide alike, so nothing in this file is contracted: a
+// compiler may turn a * b + c into a fused operation in one of them and not in the other.
+#pragma OPENCL FP_CONTRACT OFF
+
 #define HITS 48
 #define BLOCK 8
 
