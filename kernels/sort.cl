@@ -60,12 +60,14 @@ __kernel FAT void place(__global const uint* restrict key_words, __global const 
 
 // The same by way of lines: what goes to one digit's places is gathered in the core's cache and leaves as whole cache
 // lines past the caches, which a key at a time would fetch first ("software write combining": Wassenberg and Sanders,
-// Engineering a Multi-core Radix Sort, 2011).
+// Engineering a Multi-core Radix Sort, 2011). Its lines of wide keys take 48 KiB of local memory, more than some GPUs have:
+// drivers may refuse the whole program for it.
+#if CLOAM_CPU
 #define LINE 16
 
 // Sends the places [begin, end) of one line; begin > its start where the chunk's places begin within the line.
 static inline void send_line(__local const sort_key* keys, __local const uint* payload, __global sort_key* keys_out,
-                      __global uint* out, int begin, int end) {
+                             __global uint* out, int begin, int end) {
   if (end - begin == LINE) {
     for (int part = 0; part < LINE; part += 64 / sizeof(sort_key))
       STORE_PAST_CACHES(*(__local const uint16*)(keys + part), (__global uint16*)(keys_out + begin + part));
@@ -104,3 +106,4 @@ __kernel FAT void place_lines(__global const uint* restrict key_words, __global 
               to);
   }
 }
+#endif

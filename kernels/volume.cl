@@ -11,7 +11,8 @@ static inline float3 to_unit(float3 p, int contract) {
 }
 
 static inline int cell_of(float3 u, int side) {
-  const int3 c = clamp(convert_int3(u * (float)side), 0, side - 1);
+  // Bounds as vectors: Oclgrind 21.10 takes scalar ones of integers for vectors, and reads beyond them.
+  const int3 c = clamp(convert_int3(u * (float)side), (int3)(0), (int3)(side - 1));
   return (c.z * side + c.y) * side + c.x;
 }
 
