@@ -2,8 +2,8 @@
 //   m = b1 m + (1 - b1) g,  v = b2 v + (1 - b2) g^2,
 //   p -= rate (m / (1 - b1^t) / (sqrt(v / (1 - b2^t)) + eps) + decay p).
 // version 1.
-inline void step_one(__global float* p, __global float* m, __global float* v, float g, float beta1, float beta2,
-                     float rate_m, float scale_v, float epsilon, float shrink) {
+static inline void step_one(__global float* p, __global float* m, __global float* v, float g, float beta1, float beta2,
+                            float rate_m, float scale_v, float epsilon, float shrink) {
   const float mean = *m + (1.0f - beta1) * (g - *m), square = *v + (1.0f - beta2) * (g * g - *v);
   *m = mean;
   *v = square;
@@ -19,7 +19,7 @@ __kernel FAT void adam(__global float* restrict p, __global float* restrict m, _
 }
 
 // 1 - e^x for x <= 0 without cancellation near 0: the series there.
-inline float one_minus_exp(float x) {
+static inline float one_minus_exp(float x) {
   const float series =
       -x * (1.0f + x * (0.5f + x * (1.0f / 6 + x * (1.0f / 24 + x * (1.0f / 120 + x * (1.0f / 720))))));
   return x > -0.3f ? series : 1.0f - m_exp(x);

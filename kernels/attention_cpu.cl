@@ -22,7 +22,7 @@
 
 // Rows of x [rows, width] to local memory, `pitch` apart; columns up to a multiple of 32 are zeros, rows up to one of 8
 // are the last row again.
-inline void copy_rows(__global const float* restrict x, int rows, int width, __local float* restrict to, int pitch) {
+static inline void copy_rows(__global const float* restrict x, int rows, int width, __local float* restrict to, int pitch) {
   for (int i = 0; i < (rows + 7) / 8 * 8; i++) {
     __global const float* row = x + (size_t)min(i, rows - 1) * width;
     int j = 0;
@@ -33,8 +33,8 @@ inline void copy_rows(__global const float* restrict x, int rows, int width, __l
 }
 
 // x transposed: to [width][pitch], rows (now columns) up to a multiple of 32 are zeros.
-inline void copy_transposed(__global const float* restrict x, int rows, int width, __local float* restrict to,
-                            int pitch) {
+static inline void copy_transposed(__global const float* restrict x, int rows, int width, __local float* restrict to,
+                                   int pitch) {
   for (int i = 0; i < PAD32(rows); i += 16)
     for (int j = 0; j < width; j += 16) {
       if (i + 16 <= rows && j + 16 <= width) {
@@ -51,8 +51,8 @@ inline void copy_transposed(__global const float* restrict x, int rows, int widt
 
 // sum += 8 rows of a by 32 columns of b. a_row and a_step lead to the next row and column of a: a transposed a costs
 // nothing.
-inline void add_tile(__local const float* restrict a, int a_row, int a_step, __local const float* restrict b, int b_pitch,
-                     int depth, float16 sum[8][2]) {
+static inline void add_tile(__local const float* restrict a, int a_row, int a_step, __local const float* restrict b, int b_pitch,
+                            int depth, float16 sum[8][2]) {
 #pragma unroll 4
   for (int k = 0; k < depth; k++) {
     const float16 b0 = vload16(0, b + k * b_pitch), b1 = vload16(1, b + k * b_pitch);
@@ -64,13 +64,13 @@ inline void add_tile(__local const float* restrict a, int a_row, int a_step, __l
   }
 }
 
-inline void clear_tile(float16 sum[8][2]) {
+static inline void clear_tile(float16 sum[8][2]) {
   UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++) sum[r][v] = (float16)(0.0f);
 }
 
 // Rows (a multiple of 8) and columns (one of 32) of c = a b, or c += a b.
-inline void multiply(__local const float* restrict a, int a_row, int a_step, __local const float* restrict b, int b_pitch,
-                     __local float* restrict c, int c_pitch, int rows, int columns, int depth, int add) {
+static inline void multiply(__local const float* restrict a, int a_row, int a_step, __local const float* restrict b, int b_pitch,
+                            __local float* restrict c, int c_pitch, int rows, int columns, int depth, int add) {
   for (int j = 0; j < columns; j += 32)
     for (int i = 0; i < rows; i += 8) {
       __local float* tile = c + i * c_pitch + j;
@@ -86,7 +86,7 @@ inline void multiply(__local const float* restrict a, int a_row, int a_step, __l
 }
 
 // 2^x for x up to SLACK.
-inline float16 share16(float16 x) {
+static inline float16 share16(float16 x) {
   const float16 c = x < -125.0f ? (float16)(-125.0f) : x;
   const float16 t = c + 12582912.0f;
   return m_exp2_parts16(t, c - (t - 12582912.0f));
@@ -94,8 +94,8 @@ inline float16 share16(float16 x) {
 
 // Scores of 32 queries outgrew `top`: it becomes `largest`, where that is more, and what was summed shrinks; `summed`:
 // whether sums hold blocks of keys before this one.
-inline void raise_top(const float16 largest[2], __local float* restrict top, __local float* restrict total,
-                      __local float* restrict shares, int keys, __local float* restrict sums, int summed) {
+static inline void raise_top(const float16 largest[2], __local float* restrict top, __local float* restrict total,
+                             __local float* restrict shares, int keys, __local float* restrict sums, int summed) {
   float shrink[32];
   UNROLL for (int v = 0; v < 2; v++) {
     const float16 before = vload16(v, top), now = fmax(before, largest[v]), by = m_exp2_16(before - now);
@@ -109,16 +109,16 @@ inline void raise_top(const float16 largest[2], __local float* restrict top, __l
 }
 
 // Rows from `left` on are not counted.
-inline void cut_tile(int left, float16 score[8][2]) {
+static inline void cut_tile(int left, float16 score[8][2]) {
   UNROLL for (int r = 0; r < 8; r++) UNROLL for (int v = 0; v < 2; v++)
       score[r][v] = r < left ? score[r][v] : (float16)(-INFINITY);
 }
 
 // Products of keys [n, DL] and 32 queries, in columns of `queries`, become shares [n][32] = 2^(factor * product - top).
 // A lane is a query: maxima and totals cross no lanes.
-inline void share_keys(__local const float* restrict keys, int n, __local const float* restrict queries, float factor,
-                       __local float* restrict shares, __local float* restrict top, __local float* restrict total,
-                       __local float* restrict sums, int summed) {
+static inline void share_keys(__local const float* restrict keys, int n, __local const float* restrict queries, float factor,
+                              __local float* restrict shares, __local float* restrict top, __local float* restrict total,
+                              __local float* restrict sums, int summed) {
   for (int i = 0; i < n;) {
     float16 score[8][2], largest[2];
     clear_tile(score);
@@ -188,8 +188,8 @@ FAT __kernel void attention(__global const float* restrict q, __global const flo
 }
 
 // to [rows, width] = from * by, or += where `add`.
-inline void write_rows(__local const float* restrict from, int pitch, int rows, int width, float by,
-                       __global float* restrict to, int add) {
+static inline void write_rows(__local const float* restrict from, int pitch, int rows, int width, float by,
+                              __global float* restrict to, int add) {
   for (int i = 0; i < rows; i++) {
     __global float* row = to + (size_t)i * width;
     int j = 0;
@@ -202,10 +202,10 @@ inline void write_rows(__local const float* restrict from, int pitch, int rows, 
 }
 
 // Shares of 8 queries and 32 keys: P, and dS by `slopes`.
-inline void share_slopes(__local const float* restrict queries, __local const float* restrict key_columns,
-                         __local const float* restrict given, __local const float* restrict value_columns,
-                         __local const float* restrict levels, __local const float* restrict means, float factor,
-                         __local float* restrict shares, __local float* restrict slopes) {
+static inline void share_slopes(__local const float* restrict queries, __local const float* restrict key_columns,
+                                __local const float* restrict given, __local const float* restrict value_columns,
+                                __local const float* restrict levels, __local const float* restrict means, float factor,
+                                __local float* restrict shares, __local float* restrict slopes) {
   float16 sum[8][2];
   clear_tile(sum);
   add_tile(queries, DL, 1, key_columns, KL, D, sum);

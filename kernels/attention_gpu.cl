@@ -9,14 +9,14 @@
 #define FLASH __attribute__((reqd_work_group_size(LANES, 1, 1)))
 
 // a[c][i] = x[i][first + c], zeros beyond the rows and the width.
-inline void stage_columns(__global const float* restrict x, int rows, int width, int first, __local float* restrict a) {
+static inline void stage_columns(__global const float* restrict x, int rows, int width, int first, __local float* restrict a) {
   for (int e = get_local_id(0); e < TILE * STEP; e += LANES) {
     const int i = e / STEP, c = e % STEP;
     a[c * PITCH + i] = i < rows && first + c < width ? x[(size_t)i * width + first + c] : 0.0f;
   }
 }
 // to[i][c] = x[i][first + c].
-inline void stage_rows(__global const float* restrict x, int rows, int width, int first, __local float* restrict to) {
+static inline void stage_rows(__global const float* restrict x, int rows, int width, int first, __local float* restrict to) {
   for (int e = get_local_id(0); e < TILE * CHUNK; e += LANES) {
     const int i = e / CHUNK, c = e % CHUNK;
     to[i * CHUNK + c] = i < rows && first + c < width ? x[(size_t)i * width + first + c] : 0.0f;
@@ -24,8 +24,8 @@ inline void stage_rows(__global const float* restrict x, int rows, int width, in
 }
 
 // dots[y][x]: row 4 ly + y of a times row lx + 8 x of b, over all columns.
-inline void dot_tile(__global const float* restrict a, int a_rows, __global const float* restrict b, int b_rows, int width,
-                     __local float* restrict a_part, __local float* restrict b_part, float dots[4][4]) {
+static inline void dot_tile(__global const float* restrict a, int a_rows, __global const float* restrict b, int b_rows, int width,
+                            __local float* restrict a_part, __local float* restrict b_part, float dots[4][4]) {
   const int ly = get_local_id(0) / 8, lx = get_local_id(0) % 8;
   UNROLL for (int y = 0; y < 4; y++) UNROLL for (int x = 0; x < 4; x++) dots[y][x] = 0.0f;
   for (int first = 0; first < width; first += STEP) {
@@ -46,8 +46,8 @@ inline void dot_tile(__global const float* restrict a, int a_rows, __global cons
 
 // sums[y][x] += the product of row 4 ly + y of `tile` (of its column, where it lies transposed) and column lx + 8 x of
 // `rows`. row_step and step lead to the next row and column of tile.
-inline void add_product(__local const float* restrict tile, int row_step, int step, __local const float* restrict rows,
-                        float sums[4][8]) {
+static inline void add_product(__local const float* restrict tile, int row_step, int step, __local const float* restrict rows,
+                               float sums[4][8]) {
   const int ly = get_local_id(0) / 8, lx = get_local_id(0) % 8;
   for (int k = 0; k < TILE; k++) {
     float right[8];
@@ -59,7 +59,7 @@ inline void add_product(__local const float* restrict tile, int row_step, int st
   }
 }
 
-inline void store_sums(float sums[4][8], int rows, int width, int first, float by, __global float* restrict to) {
+static inline void store_sums(float sums[4][8], int rows, int width, int first, float by, __global float* restrict to) {
   const int ly = get_local_id(0) / 8, lx = get_local_id(0) % 8;
   UNROLL for (int y = 0; y < 4; y++) UNROLL for (int x = 0; x < 8; x++) {
     const int i = 4 * ly + y, c = first + lx + 8 * x;
@@ -67,7 +67,7 @@ inline void store_sums(float sums[4][8], int rows, int width, int first, float b
   }
 }
 
-inline void store_tile(float dots[4][4], __local float* restrict tile) {
+static inline void store_tile(float dots[4][4], __local float* restrict tile) {
   const int ly = get_local_id(0) / 8, lx = get_local_id(0) % 8;
   UNROLL for (int y = 0; y < 4; y++) UNROLL for (int x = 0; x < 4; x++) tile[(4 * ly + y) * PITCH + lx + 8 * x] = dots[y][x];
 }
@@ -115,11 +115,11 @@ FLASH __kernel void attention(__global const float* restrict q, __global const f
 
 // shares = P and slopes = P (dP - delta) of queries from t and keys from u, in local tiles of [query][key], 0 beyond
 // both; either tile may be null.
-inline void share_tiles(__global const float* restrict q, __global const float* restrict k,
-                        __global const float* restrict v, __global const float* restrict dout,
-                        __global const float* restrict logs, __global const float* restrict delta, int rows, int n,
-                        float scale, __local float* a_part, __local float* b_part, __local float* shares,
-                        __local float* slopes) {
+static inline void share_tiles(__global const float* restrict q, __global const float* restrict k,
+                               __global const float* restrict v, __global const float* restrict dout,
+                               __global const float* restrict logs, __global const float* restrict delta, int rows, int n,
+                               float scale, __local float* a_part, __local float* b_part, __local float* shares,
+                               __local float* slopes) {
   const int ly = get_local_id(0) / 8, lx = get_local_id(0) % 8;
   float scores[4][4], given[4][4];
   dot_tile(q, rows, k, n, D, a_part, b_part, scores);

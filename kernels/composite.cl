@@ -8,17 +8,17 @@
 #define EACH_CHANNEL for (int c = 0; c < (WIDTH ? WIDTH : channels); c++) if (WHOLE || c < channels)
 #define EXTRA (3 + 2 * SIGHT)
 
-inline int row_of(__global const int* rows, int i) { return ROWS ? rows[i] : i; }
-inline float alpha_at(__global const float* matter, __global const float* dt, int row) {
+static inline int row_of(__global const int* rows, int i) { return ROWS ? rows[i] : i; }
+static inline float alpha_at(__global const float* matter, __global const float* dt, int row) {
   return DENSITY ? 1.0f - m_exp(-matter[row] * dt[row]) : matter[row];
 }
 
 // Distance as seen by the distortion loss: near and far alike fill [0,1).
-inline float squashed(float t) { return t / (1.0f + t); }
-inline float squashed_length(float t, float dt) { return squashed(t + 0.5f * dt) - squashed(t - 0.5f * dt); }
+static inline float squashed(float t) { return t / (1.0f + t); }
+static inline float squashed_length(float t, float dt) { return squashed(t + 0.5f * dt) - squashed(t - 0.5f * dt); }
 
 // Further than `near` from where the LiDAR saw something; range 0: it did not look.
-inline int strays(float distance, float range, float near) { return range > 0.0f && fabs(distance - range) > near; }
+static inline int strays(float distance, float range, float near) { return range > 0.0f && fabs(distance - range) > near; }
 
 // out [R, channels + EXTRA + DENSITY]: sum of w f; opacity (1 - the light that is left; with a sky the sum of w where
 // t >= 0); depth, the sum of w |t|; distortion (mip-NeRF 360 eq. 15: sum w_i w_j |s_i - s_j| + 1/3 sum w_i^2 ds_i, here
@@ -94,7 +94,7 @@ INLINE void lay_light(__global const float* matter, __global const float* dt, __
     through *= 1.0f - alpha_at(matter, dt, row);
   }
 }
-inline float from_behind(float alpha, float light, float u, float behind, float length) {
+static inline float from_behind(float alpha, float light, float u, float behind, float length) {
   return DENSITY ? length * (light * (1.0f - alpha) * u - behind) : light * u - behind / fmax(1.0f - alpha, 1e-6f);
 }
 

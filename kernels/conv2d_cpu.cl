@@ -12,11 +12,11 @@
 //: variant conv2d_rows cpu one MR=1 NVX=2 NVY=4
 #define NV (NVX * NVY)
 
-inline int modulo_of(int a, int n) { return (a % n + n) % n; }
-inline int ceil_div(int a, int n) { return (a + n - 1 + (a < 0 ? 1 - n : 0)) / n; }
-inline int taps_of(int size, int first, int step) { return first < size ? (size - first + step - 1) / step : 0; }
+static inline int modulo_of(int a, int n) { return (a % n + n) % n; }
+static inline int ceil_div(int a, int n) { return (a + n - 1 + (a < 0 ? 1 - n : 0)) / n; }
+static inline int taps_of(int size, int first, int step) { return first < size ? (size - first + step - 1) / step : 0; }
 
-inline void copy_floats(__local float* restrict to, __global const float* restrict from, int count) {
+static inline void copy_floats(__local float* restrict to, __global const float* restrict from, int count) {
   int q = 0;
   for (; q + 16 <= count; q += 16) store16(vload16(0, from + q), to + q);
   if (q == count) return;
@@ -32,7 +32,7 @@ typedef struct {
   int begin, stride, low, high, used;
 } Phase;
 
-inline void pack_row(__local float* restrict to, __global const float* restrict row, Phase p) {
+static inline void pack_row(__local float* restrict to, __global const float* restrict row, Phase p) {
   const float16 zero = (float16)(0.0f);
   for (int q = 0; q < p.low; q += 16) store16(zero, to + q);
   for (int q = p.high & ~15; q < p.used; q += 16) store16(zero, to + q);
@@ -43,8 +43,8 @@ inline void pack_row(__local float* restrict to, __global const float* restrict 
 }
 
 // `height` rows of each of `channels` planes, from row y0 and column x0 on; what lies outside the image is zero.
-inline void pack_tile(__local float* restrict tile, __global const float* restrict in, int channels, int in_height,
-                      int in_width, int y0, int x0, int height, int stride, int places, int used) {
+static inline void pack_tile(__local float* restrict tile, __global const float* restrict in, int channels, int in_height,
+                             int in_width, int y0, int x0, int height, int stride, int places, int used) {
   const int y_low = clamp(-y0, 0, height), y_high = clamp(in_height - y0, y_low, height), pitch = stride * places;
   const size_t plane = (size_t)in_height * in_width;
   for (int phase = 0; phase < stride; phase++) {
@@ -67,8 +67,8 @@ inline void pack_tile(__local float* restrict tile, __global const float* restri
   }
 }
 
-inline void micro_tile(__local const float* restrict tile, __local const int* restrict taps,
-                       __global const float* restrict w, int count, int row_step, float16 acc[MR][NV]) {
+static inline void micro_tile(__local const float* restrict tile, __local const int* restrict taps,
+                              __global const float* restrict w, int count, int row_step, float16 acc[MR][NV]) {
   UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = (float16)(0.0f);
 #pragma unroll 2
   for (int t = 0; t < count; t++) {

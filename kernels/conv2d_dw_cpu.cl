@@ -13,8 +13,8 @@ typedef struct {
 
 // 16 pixels of a row, from `column` on, for 16 lanes of which `count` are there. Up to `readable` floats from `from` on
 // may be read where what lies outside the row does not matter.
-inline void load_lanes(float16 r[16], __global const float* restrict from, long readable,
-                       __local const Lane* restrict lanes, int count, int y, int column, int H, int W) {
+static inline void load_lanes(float16 r[16], __global const float* restrict from, long readable,
+                              __local const Lane* restrict lanes, int count, int y, int column, int H, int W) {
   UNROLL for (int i = 0; i < 16; i++) {
     r[i] = (float16)(0.0f);
     const Lane lane = lanes[i];
@@ -35,9 +35,9 @@ inline void load_lanes(float16 r[16], __global const float* restrict from, long 
 
 // Input tile -> [height][width][CB], channels innermost, zeros beyond the last channel and, for lanes that are moved,
 // outside the image; what lies outside the image otherwise is not read later and left alone.
-inline void pack_tile(__local float* restrict to, __global const float* restrict from, long readable,
-                      __local const Lane* restrict lanes, int channels, int H, int W, int y0, int x0, int height,
-                      int width, int moved) {
+static inline void pack_tile(__local float* restrict to, __global const float* restrict from, long readable,
+                             __local const Lane* restrict lanes, int channels, int H, int W, int y0, int x0, int height,
+                             int width, int moved) {
   const int begin = moved ? 0 : max(0, -x0), end = moved ? width : min(width, W - x0);
   for (int h = 0; h < height; h++) {
     if (!moved && (y0 + h < 0 || y0 + h >= H)) continue;
@@ -56,8 +56,8 @@ inline void pack_tile(__local float* restrict to, __global const float* restrict
 }
 
 // acc += sum over pixels p in [p0, p1), q in [q0, q1) of g[i][p, q] x[p, q][channel].
-inline void micro_pixels(float16 acc[DR][DV], __local const float* restrict x, __local const float* restrict g, int p0,
-                         int p1, int q0, int q1, int x_row, int x_step, int g_row, int g_pitch) {
+static inline void micro_pixels(float16 acc[DR][DV], __local const float* restrict x, __local const float* restrict g, int p0,
+                                int p1, int q0, int q1, int x_row, int x_step, int g_row, int g_pitch) {
   for (int p = p0; p < p1; p++) {
     __local const float* b = x + p * x_row;
     __local const float* a = g + p * g_row;
@@ -74,14 +74,14 @@ inline void micro_pixels(float16 acc[DR][DV], __local const float* restrict x, _
 }
 
 // Results [lo, hi) of `size` that meet the input at tap t.
-inline int first_met(int t, int stride, int pad) { return max(0, (pad - t + stride - 1) / stride); }
-inline int last_met(int t, int stride, int pad, int size, int n) {
+static inline int first_met(int t, int stride, int pad) { return max(0, (pad - t + stride - 1) / stride); }
+static inline int last_met(int t, int stride, int pad, int size, int n) {
   return n + pad - t <= 0 ? 0 : min(size, (n + pad - t - 1) / stride + 1);
 }
 
 // dw[c][t] = sums[t][c] for CB channels of one filter.
-inline void store_filter(__global float* restrict dw, __local const float* restrict sums, int taps, int pitch,
-                         int channels) {
+static inline void store_filter(__global float* restrict dw, __local const float* restrict sums, int taps, int pitch,
+                                int channels) {
   for (int c = 0; c < channels; c += 16)
     for (int t0 = 0; t0 < taps; t0 += 16) {
       float16 r[16];

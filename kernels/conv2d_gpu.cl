@@ -13,25 +13,25 @@
 typedef struct {
   int inner, outer;
 } Split;
-inline long place_in(int i, Split s) { return (long)(i / s.inner) * s.outer + i % s.inner; }
+static inline long place_in(int i, Split s) { return (long)(i / s.inner) * s.outer + i % s.inner; }
 
 // Indices that run over pixels (n, p, q): p * step + first is a row of the image; over taps (c, r, s): r * step. A step
 // below 0 takes taps away.
 typedef struct {
   int columns, plane, step, first, outer;
 } Walk;
-inline int4 walk_to(int i, Walk w) {
+static inline int4 walk_to(int i, Walk w) {
   const int high = i / w.plane, low = i - high * w.plane, row = low / w.columns;
   return (int4)(high * w.outer, row * w.step + w.first, (low - row * w.columns) * w.step + w.first, 0);
 }
 // The same for the depth; w: where a's element lies in its row.
-inline int4 step_to(int k, int end, Walk w, Split a) {
+static inline int4 step_to(int k, int end, Walk w, Split a) {
   const int4 place = walk_to(min(k, end - 1), w);
   return (int4)(place.xyz, (int)place_in(min(k, end - 1), a));
 }
 
 // The image [.., height, width] at the sum of two places; zero outside, and where `spread` does not divide.
-inline float image_at(__global const float* restrict image, int4 a, int4 b, int height, int width, int spread) {
+static inline float image_at(__global const float* restrict image, int4 a, int4 b, int height, int width, int spread) {
   const int y = a.y + b.y, x = a.z + b.z;
   if (y < 0 || x < 0) return 0.0f;
   const int row = spread == 1 ? y : y / spread, column = spread == 1 ? x : x / spread;

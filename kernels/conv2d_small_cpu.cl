@@ -6,11 +6,11 @@
 //: variant conv2d_lines cpu any BLOCK=32
 
 // The taps of a class, conv2d_cpu.cl.
-inline int first_tap(int pad, int a, int dilation) { return ((pad - a) % dilation + dilation) % dilation; }
-inline int taps_from(int first, int size, int step) { return first < size ? (size - first + step - 1) / step : 0; }
+static inline int first_tap(int pad, int a, int dilation) { return ((pad - a) % dilation + dilation) % dilation; }
+static inline int taps_from(int first, int size, int step) { return first < size ? (size - first + step - 1) / step : 0; }
 
 // Where result `o` meets `tap` in the input, or -1.
-inline int place_of(int o, int tap, int stride, int dilation, int pad, int size) {
+static inline int place_of(int o, int tap, int stride, int dilation, int pad, int size) {
   const int spread = o * stride + tap - pad, at = dilation == 1 ? spread : spread / dilation;  // divisions are slow
   return spread >= 0 && at * dilation == spread && at < size ? at : -1;
 }
@@ -22,8 +22,8 @@ typedef struct {
 } Weights;
 
 // `count` neighbouring weights of BLOCK outputs, outputs innermost, backwards if `flip`. Reads whole vectors of 16.
-inline void turn(__global float* restrict to, __global const float* restrict from, int count, int output_stride,
-                 int flip) {
+static inline void turn(__global float* restrict to, __global const float* restrict from, int count, int output_stride,
+                        int flip) {
   for (int m = 0; m < BLOCK; m += 16)
     for (int t = 0; t < count; t += 16) {
       float16 r[16];
@@ -45,8 +45,8 @@ inline void turn(__global float* restrict to, __global const float* restrict fro
 
 // The taps r0, r0 + step .. x s0, s0 + step .. of `inputs` inputs and BLOCK outputs, of which `left` are there, from
 // w[start] on -> [inputs][taps][BLOCK].
-inline void pack_block(__global float* restrict to, __global const float* restrict w, Weights z, int start, int left,
-                       int inputs, int r0, int s0, int step) {
+static inline void pack_block(__global float* restrict to, __global const float* restrict w, Weights z, int start, int left,
+                              int inputs, int r0, int s0, int step) {
   const int taps = z.R * z.S, run = z.input_stride == taps && !z.flip ? inputs : 1;  // inputs that lie side by side
   for (int i = 0; i < inputs; i += run) {
     const int from = start + i * z.input_stride, count = run * taps;
@@ -141,8 +141,8 @@ FAT __kernel void pack_pixels(__global const float* restrict x, __global float* 
 
 // The taps that any result of the line meets: where their inputs lie within a channel (pixels where a line is one of them,
 // `by_image`, else what pack_pixels wrote for the tap), which weights they take.
-inline int list_taps(__local int* restrict places, __local int* restrict weights, int first, int results, int by_image,
-                     int H, int W, int out_width, int R, int S, int stride, int dilation, int pad_y, int pad_x) {
+static inline int list_taps(__local int* restrict places, __local int* restrict weights, int first, int results, int by_image,
+                            int H, int W, int out_width, int R, int S, int stride, int dilation, int pad_y, int pad_x) {
   const int y0 = first / out_width, x0 = first - y0 * out_width;
   int count = 0;
   for (int t = 0; t < R * S; t++) {
@@ -159,9 +159,9 @@ inline int list_taps(__local int* restrict places, __local int* restrict weights
 }
 
 #define NV (BLOCK / 16)
-inline void micro_line(__local float* restrict sums, __global const float* restrict x, __global const float* restrict w,
-                       __local const int* restrict places, __local const int* restrict weights, int taps, int inputs,
-                       int x_step, int w_step, int add) {
+static inline void micro_line(__local float* restrict sums, __global const float* restrict x, __global const float* restrict w,
+                              __local const int* restrict places, __local const int* restrict weights, int taps, int inputs,
+                              int x_step, int w_step, int add) {
   float16 acc[8][NV];
   UNROLL for (int i = 0; i < 8; i++) UNROLL for (int v = 0; v < NV; v++) {
     acc[i][v] = add ? vload16(i * NV + v, sums) : (float16)(0.0f);

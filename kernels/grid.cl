@@ -32,7 +32,7 @@ typedef struct {
   float3 f;         // place inside the cell
 } Cell;
 
-inline Cell cell_at(__global const float* restrict points, int s, float resolution) {
+static inline Cell cell_at(__global const float* restrict points, int s, float resolution) {
   const float3 p = vload3(s, points) * resolution;
   const float3 base = clamp(floor(p), 0.0f, resolution - 1.0f);
   Cell c;
@@ -44,10 +44,10 @@ inline Cell cell_at(__global const float* restrict points, int s, float resoluti
 }
 
 // The first of a sample's rows in a level.
-inline uint first_row(__global const int* restrict owners, int s, int owned, int rows) { return owned > 1 ? (uint)owners[s] * (uint)rows : 0; }
+static inline uint first_row(__global const int* restrict owners, int s, int owned, int rows) { return owned > 1 ? (uint)owners[s] * (uint)rows : 0; }
 
 // Rows of the eight corners (bit 0: x, bit 1: y, bit 2: z). `side` = resolution + 1 corners an axis; 0: the level is hashed.
-inline void corner_rows(Cell c, uint side, uint rows, uint first, uint row[8]) {
+static inline void corner_rows(Cell c, uint side, uint rows, uint first, uint row[8]) {
   if (side) {
     const uint base = first + c.x + side * (c.y + side * c.z);
     UNROLL for (int k = 0; k < 8; k++) row[k] = base + (k & 1) + ((k >> 1 & 1) + (k >> 2) * side) * side;
@@ -58,7 +58,7 @@ inline void corner_rows(Cell c, uint side, uint rows, uint first, uint row[8]) {
   }
 }
 
-inline float corner_weight(Cell c, int corner) {
+static inline float corner_weight(Cell c, int corner) {
   return ((corner & 1) ? c.f.x : 1.0f - c.f.x) * ((corner & 2) ? c.f.y : 1.0f - c.f.y) * ((corner & 4) ? c.f.z : 1.0f - c.f.z);
 }
 
@@ -94,7 +94,7 @@ typedef struct {
 } Level;
 
 // Rows and places of samples [first, first + BLOCK), the last of them repeated beyond n; their rows are asked for.
-inline void find_block(__global const float* restrict points, __global const int* restrict owners, __global const float* restrict table, int2 first_n, Level level, Block* restrict b) {
+static inline void find_block(__global const float* restrict points, __global const int* restrict owners, __global const float* restrict table, int2 first_n, Level level, Block* restrict b) {
   const int first = first_n.x, last = first_n.y - 1, most = level.resolution - 1;
   const uint side = (uint)level.side, mask = (uint)level.rows - 1;
   const float resolution = (float)level.resolution;
@@ -175,7 +175,7 @@ FAT __kernel void hash_grid_split(__global const float* restrict g, __global flo
 }
 
 // sparse: most of it is not added to, and need not lie in a cache.
-inline void clear(__global float* to, uint count, int sparse) {
+static inline void clear(__global float* to, uint count, int sparse) {
   uint i = 0;
   if (sparse && ((size_t)to & 63) == 0)
     for (; i + 16 <= count; i += 16) STORE_PAST_CACHES((float16)(0.0f), (__global float16*)(to + i));

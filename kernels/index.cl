@@ -2,7 +2,7 @@
 // number. Rows hold `width` numbers; row numbers outside the table count as its nearest row. A piece is a row on CPU
 // devices, a row's column on GPU devices, so no two work-items ever add into one place. version 1.
 
-inline int inside(int row, int count) { return clamp(row, 0, count - 1); }
+static inline int inside(int row, int count) { return clamp(row, 0, count - 1); }
 
 // WIDTH 1: rows of one number, the width known when compiled. 0: any width.
 __kernel FAT void gather_rows(__global const element* restrict table, __global const int* restrict rows,

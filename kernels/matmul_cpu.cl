@@ -35,7 +35,7 @@
 
 // Columns j .. j + NR of a block of B -> panel [depth][NR], zeros from `columns` on.
 #if B_BY_COLUMN
-inline void pack_b(__local float* restrict to, __global const float* restrict b, int pitch, int depth, int columns) {
+static inline void pack_b(__local float* restrict to, __global const float* restrict b, int pitch, int depth, int columns) {
   for (int j = 0; j < NR; j += 16) {
     __local float* panel = to + j;
     __global const float* from = b + (size_t)j * pitch;
@@ -53,7 +53,7 @@ inline void pack_b(__local float* restrict to, __global const float* restrict b,
   }
 }
 #else
-inline void pack_b(__local float* restrict to, __global const float* restrict b, int pitch, int depth, int columns) {
+static inline void pack_b(__local float* restrict to, __global const float* restrict b, int pitch, int depth, int columns) {
   for (int k = 0; k < depth; k++)
     for (int j = 0; j < NR; j++) to[k * NR + j] = j < columns ? b[(size_t)k * pitch + j] : 0.0f;
 }
@@ -61,7 +61,7 @@ inline void pack_b(__local float* restrict to, __global const float* restrict b,
 
 #if A_PACKED
 // AB rows of A or what is left, as panels [KC][MR] with a pitch of PANEL; zeros up to a whole panel.
-inline void pack_a(__local float* restrict to, __global const float* restrict a, int pitch, int depth, int rows) {
+static inline void pack_a(__local float* restrict to, __global const float* restrict a, int pitch, int depth, int rows) {
   for (int k = 0; k < depth; k++) {
     __global const float* from = a + (size_t)k * pitch;
     int i = 0;
@@ -171,9 +171,9 @@ INLINE void multiply(float16 acc[MR][NV], A_SPACE const float* restrict a, const
 }
 
 // C tile (+)= A * packed panel of B.
-inline void micro_tile(A_SPACE const float* restrict a, const int* at, int a_step, __local const float* restrict b,
-                       int depth, int add, const struct Place place, const struct Ending end,
-                       __local float* restrict edge, const struct Ahead next) {
+static inline void micro_tile(A_SPACE const float* restrict a, const int* at, int a_step, __local const float* restrict b,
+                              int depth, int add, const struct Place place, const struct Ending end,
+                              __local float* restrict edge, const struct Ahead next) {
   float16 acc[MR][NV];
   UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = (float16)(0.0f);
   if (add) load_tile(acc, place, edge);
@@ -198,10 +198,10 @@ inline void micro_tile(A_SPACE const float* restrict a, const int* at, int a_ste
 
 #if !B_BY_COLUMN
 // The same, with B read where it lies, and packed in passing.
-inline void micro_tile_packing(A_SPACE const float* restrict a, const int* at, int a_step,
-                               __global const float* restrict from, int pitch, __local float* restrict b, int depth,
-                               int add, const struct Place place, const struct Ending end, __local float* restrict edge,
-                               const struct Ahead next) {
+static inline void micro_tile_packing(A_SPACE const float* restrict a, const int* at, int a_step,
+                                      __global const float* restrict from, int pitch, __local float* restrict b, int depth,
+                                      int add, const struct Place place, const struct Ending end, __local float* restrict edge,
+                                      const struct Ahead next) {
   float16 acc[MR][NV];
   UNROLL for (int i = 0; i < MR; i++) UNROLL for (int v = 0; v < NV; v++) acc[i][v] = (float16)(0.0f);
   if (add) load_tile(acc, place, edge);

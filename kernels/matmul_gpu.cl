@@ -13,8 +13,8 @@
 
 // strip[k][o] = from[o0 + o, k0 + k], zero outside `outers` x `depth`; 256 lanes take a quad each, along k or along o,
 // whichever is contiguous; the other axis has stride `pitch`.
-inline void stage(__local float* strip, int width, __global const float* restrict from, int along_k, int pitch, int o0,
-                  int outers, int k0, int depth, int lane) {
+static inline void stage(__local float* strip, int width, __global const float* restrict from, int along_k, int pitch, int o0,
+                         int outers, int k0, int depth, int lane) {
   for (int quad = lane; quad < width * TK / 4; quad += 256) {
     const int o = along_k ? quad / (TK / 4) : quad % (width / 4) * 4;
     const int k = along_k ? quad % (TK / 4) * 4 : quad / (width / 4);

@@ -8,7 +8,7 @@
 #define BEATS(value, best) ((value) > (best) || ((value) != (value) && (best) == (best)))
 
 // The place in a plane of the largest value of the window that begins at (top, left).
-inline int largest_place(__global const float* plane, int H, int W, int top, int left) {
+static inline int largest_place(__global const float* plane, int H, int W, int top, int left) {
   int place = max(top, 0) * W + max(left, 0);
   float best = -INFINITY;
   for (int y = max(top, 0); y < min(top + WINDOW, H); y++)

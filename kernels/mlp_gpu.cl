@@ -11,13 +11,13 @@
 #define EIGHTHS(columns) (((columns) + 7) / 8)
 
 // acts [columns][TILE] of rows [first, first + TILE) of from [n][columns], zeros beyond n.
-inline void load_tile(__global const float* from, int columns, int first, int n, __local float* acts) {
+static inline void load_tile(__global const float* from, int columns, int first, int n, __local float* acts) {
   for (int e = get_local_id(0); e < TILE * columns; e += LANES) {
     const int s = e / columns, c = e % columns;
     acts[c * TILE + s] = first + s < n ? from[(size_t)(first + s) * columns + c] : 0.0f;
   }
 }
-inline void store_tile(__local const float* acts, int columns, int first, int n, __global float* to) {
+static inline void store_tile(__local const float* acts, int columns, int first, int n, __global float* to) {
   for (int e = get_local_id(0); e < TILE * columns; e += LANES) {
     const int s = e / columns, c = e % columns;
     if (first + s < n) to[(size_t)(first + s) * columns + c] = acts[c * TILE + s];
@@ -31,7 +31,7 @@ typedef struct {
 } Weights;
 
 // Rows [begin, begin + DEPTH) into rows [DEPTH][pitch], zeros where there are none.
-inline void load_weights(Weights w, int begin, int pitch, __local float* rows) {
+static inline void load_weights(Weights w, int begin, int pitch, __local float* rows) {
   for (int e = get_local_id(0); e < DEPTH * pitch; e += LANES) {
     const int k = w.turned ? e % DEPTH : e / pitch, c = w.turned ? e / DEPTH : e % pitch, row = begin + k;
     const int place = w.turned ? c * w.depth + row : row * w.columns + c;
@@ -42,7 +42,7 @@ inline void load_weights(Weights w, int begin, int pitch, __local float* rows) {
 // NAME(acts, w, rows): acts [depth][TILE] becomes [COLUMNS][TILE], the product with w; `rows` is room for weights. All
 // work-items have finished with acts when it returns.
 #define DEFINE_LAYER(NAME, COLUMNS)                                                                        \
-  inline void NAME(__local float* acts, Weights w, __local float* rows) {                                  \
+  static inline void NAME(__local float* acts, Weights w, __local float* rows) {                           \
     const int column = get_local_id(0) % 8, sample = get_local_id(0) / 8 * 4;                              \
     float4 acc[EIGHTHS(COLUMNS)];                                                                          \
     UNROLL for (int j = 0; j < EIGHTHS(COLUMNS); j++) acc[j] = (float4)(0.0f);                             \

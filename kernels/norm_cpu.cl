@@ -9,7 +9,7 @@
 //: variant softmax_grad cpu softmax_grad
 
 // 16 values of a row of which `left` are left; `fill` beyond its end.
-inline float16 read16(__global const float* restrict x, int left, float fill) {
+static inline float16 read16(__global const float* restrict x, int left, float fill) {
   if (left >= 16) return vload16(0, x);
   float part[16];
   for (int i = 0; i < 16; i++) part[i] = i < left ? x[i] : fill;
@@ -18,7 +18,7 @@ inline float16 read16(__global const float* restrict x, int left, float fill) {
 
 // Mean and variance of n values, in one pass: sums of differences from the first value, which cancel less than sums of
 // squares where the mean is large.
-inline float2 moments(__global const float* restrict x, int n) {
+static inline float2 moments(__global const float* restrict x, int n) {
   const float centre = x[0];
   float16 sum = (float16)(0.0f), squares = (float16)(0.0f);
   for (int i = 0; i < n; i += 16) {
@@ -31,14 +31,14 @@ inline float2 moments(__global const float* restrict x, int n) {
 }
 
 // With SILU the results pass through x sigmoid(x).
-inline float16 activation(float16 t) {
+static inline float16 activation(float16 t) {
 #if SILU
   return t * m_sigmoid16(t);
 #else
   return t;
 #endif
 }
-inline float16 activation_slope(float16 t) {
+static inline float16 activation_slope(float16 t) {
 #if SILU
   const float16 s = m_sigmoid16(t);
   return s * (1.0f + t * (1.0f - s));

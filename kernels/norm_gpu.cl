@@ -12,7 +12,7 @@
 
 #define ADD(a, b) ((a) + (b))
 #define OVER_LANES(name, join)                                                               \
-  inline float name(float value, __local float* shared) {                                    \
+  static inline float name(float value, __local float* shared) {                             \
     const int lane = get_local_id(0);                                                        \
     barrier(CLK_LOCAL_MEM_FENCE); /* what was here before is read */                         \
     shared[lane] = value;                                                                    \
@@ -26,7 +26,7 @@
 OVER_LANES(sum_lanes, ADD)
 OVER_LANES(max_lanes, fmax)
 
-inline float2 moments(__global const float* restrict x, int n, __local float* shared) {
+static inline float2 moments(__global const float* restrict x, int n, __local float* shared) {
   const float centre = x[0];
   float sum = 0.0f, squares = 0.0f;
   for (int i = get_local_id(0); i < n; i += LANES) {
@@ -38,8 +38,8 @@ inline float2 moments(__global const float* restrict x, int n, __local float* sh
   return (float2)(centre + mean, fmax(sum_lanes(squares, shared) / n - mean * mean, 0.0f));
 }
 
-inline float activation(float t) { return SILU ? t * m_sigmoid(t) : t; }
-inline float activation_slope(float t) {
+static inline float activation(float t) { return SILU ? t * m_sigmoid(t) : t; }
+static inline float activation_slope(float t) {
   if (!SILU) return 1.0f;
   const float s = m_sigmoid(t);
   return s * (1.0f + t * (1.0f - s));

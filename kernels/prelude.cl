@@ -1,7 +1,7 @@
 // Put before every program: device-class macros and branch-free maths that vectorises (built-in scalar exp2, log, sin,
 // pow and erf are calls that stop it) and gives one result on every device. Cephes-style polynomials, errors in ulp below.
 #define UNROLL _Pragma("unroll")
-#define INLINE inline __attribute__((always_inline))
+#define INLINE static inline __attribute__((always_inline))
 #if CLOAM_CPU
 // A work-item is a core's loop: groups of one, contiguous chunks.
 #define FAT __attribute__((reqd_work_group_size(1, 1, 1)))
@@ -36,7 +36,7 @@ typedef uint element;
 #endif
 
 // exp, 2 ulp: 2^n * p(f), |f| <= ln2/2. Saturates to 0 and inf outside the float range.
-inline float m_exp(float x) {
+static inline float m_exp(float x) {
   const float c = fmin(fmax(x, -104.0f), 89.0f);
   const float t = c * 1.44269504089f + 12582912.0f;  // adding 1.5 * 2^23 rounds to an integer in the low bits
   const int n = as_int(t) - 0x4b400000;
@@ -55,7 +55,7 @@ inline float m_exp(float x) {
 }
 
 // log, 2 ulp for normal x > 0; -inf at 0, nan below.
-inline float m_log(float x) {
+static inline float m_log(float x) {
   const int bits = as_int(x);
   int e = ((bits >> 23) & 255) - 126;
   float m = as_float((bits & 0x007fffff) | 0x3f000000);
@@ -81,7 +81,7 @@ inline float m_log(float x) {
 }
 
 // sin and cos, 2 ulp for |x| < 8192 (three-part pi/4 reduction).
-inline float m_sincos(float x, int quadrant) {
+static inline float m_sincos(float x, int quadrant) {
   const float a = fabs(x);
   const float t = a * 0.636619772f + 12582912.0f;
   const int n = as_int(t) - 0x4b400000;
@@ -95,13 +95,13 @@ inline float m_sincos(float x, int quadrant) {
   const float y_signed = (q & 2) ? -y : y;
   return quadrant == 0 && x < 0.0f ? -y_signed : y_signed;
 }
-inline float m_sin(float x) { return m_sincos(x, 0); }
-inline float m_cos(float x) { return m_sincos(x, 1); }
+static inline float m_sin(float x) { return m_sincos(x, 0); }
+static inline float m_cos(float x) { return m_sincos(x, 1); }
 
-inline float m_sigmoid(float x) { return 1.0f / (1.0f + m_exp(-x)); }
+static inline float m_sigmoid(float x) { return 1.0f / (1.0f + m_exp(-x)); }
 
 // tanh: odd polynomial near 0 (no cancellation), else through exp.
-inline float m_tanh(float x) {
+static inline float m_tanh(float x) {
   const float a = fabs(x), z = x * x;
   const float e = m_exp(-2.0f * a);
   const float far = (1.0f - e) / (1.0f + e);
@@ -115,7 +115,7 @@ inline float m_tanh(float x) {
 }
 
 // log(1 + exp(x)) without overflow.
-inline float m_softplus(float x) {
+static inline float m_softplus(float x) {
   const float e = m_exp(-fabs(x)), u = 1.0f + e;
   // log1p by the classic correction: exact where u rounds.
   const float l = u == 1.0f ? e : m_log(u) * (e / (u - 1.0f));
@@ -123,7 +123,7 @@ inline float m_softplus(float x) {
 }
 
 // erf, |error| < 6e-7: Taylor-like series near 0, Abramowitz-Stegun 7.1.26-style rational in exp beyond.
-inline float m_erf(float x) {
+static inline float m_erf(float x) {
   const float a = fabs(x), z = x * x;
   float p = 7.853861353153693e-5f;
   p = p * z - 8.010193625184903e-4f;
@@ -149,7 +149,7 @@ inline float m_erf(float x) {
 }
 
 // x^y for x >= 0 by exp and log; relative error grows with |y log x|. Exact at y = 0 and x = 0.
-inline float m_pow(float x, float y) {
+static inline float m_pow(float x, float y) {
   const float r = m_exp(y * m_log(x));
   return y == 0.0f ? 1.0f : (x == 0.0f ? (y > 0.0f ? 0.0f : INFINITY) : r);
 }
@@ -158,10 +158,10 @@ inline float m_pow(float x, float y) {
 // ---- 16 lanes at once, for loops over vectors.
 // As vstore16(value, 0, to), which PoCL makes four stores of: slower, and a load of the whole would wait for all of them.
 typedef float16 float16_anywhere __attribute__((aligned(4)));
-inline void __attribute__((overloadable)) store16(float16 value, __global float* to) {
+static inline void __attribute__((overloadable)) store16(float16 value, __global float* to) {
   *(__global float16_anywhere*)to = value;
 }
-inline void __attribute__((overloadable)) store16(float16 value, __local float* to) {
+static inline void __attribute__((overloadable)) store16(float16 value, __local float* to) {
   *(__local float16_anywhere*)to = value;
 }
 #define LANE_NUMBERS ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
@@ -189,18 +189,18 @@ INLINE void write_first(float16 v, __global float* to, int mine) {
     for (int i = 0; i < mine; i++) to[i] = part[i];
   }
 }
-inline float sum16(float16 v) {
+static inline float sum16(float16 v) {
   const float8 h = v.lo + v.hi;
   const float4 q = h.lo + h.hi;
   return (q.x + q.y) + (q.z + q.w);
 }
-inline float max16(float16 v) {
+static inline float max16(float16 v) {
   const float8 h = fmax(v.lo, v.hi);
   const float4 q = fmax(h.lo, h.hi);
   return fmax(fmax(q.x, q.y), fmax(q.z, q.w));
 }
 // 2^(n + f) for n = t - 1.5 * 2^23 and |f| <= 1/2 by a minimax polynomial of degree 5: relative error 2e-7.
-inline float16 m_exp2_parts16(float16 t, float16 f) {
+static inline float16 m_exp2_parts16(float16 t, float16 f) {
   float16 p = (float16)(1.3276472e-3f);
   p = p * f + 9.6755413e-3f;
   p = p * f + 5.5507133e-2f;
@@ -210,19 +210,19 @@ inline float16 m_exp2_parts16(float16 t, float16 f) {
   return p * as_float16((as_int16(t) + 127) << 23);  // the shift drops all bits but those of n + 127
 }
 // Beyond +-125, and exp beyond +-87, results stay what they are there: 2.4e-38 is the least. nan stays nan.
-inline float16 m_exp2_16(float16 x) {
+static inline float16 m_exp2_16(float16 x) {
   const float16 low = x < -125.0f ? (float16)(-125.0f) : x;
   const float16 c = low > 125.0f ? (float16)(125.0f) : low;
   const float16 t = c + 12582912.0f;  // adding 1.5 * 2^23 rounds to an integer in the low bits
   return m_exp2_parts16(t, c - (t - 12582912.0f));
 }
-inline float16 m_exp16(float16 x) {
+static inline float16 m_exp16(float16 x) {
   const float16 low = x < -87.0f ? (float16)(-87.0f) : x;
   const float16 c = low > 87.0f ? (float16)(87.0f) : low;
   const float16 t = c * 1.44269504f + 12582912.0f;
   return m_exp2_parts16(t, c * 1.44269504f - (t - 12582912.0f));
 }
-inline float16 m_sigmoid16(float16 x) { return 1.0f / (1.0f + m_exp16(-x)); }
+static inline float16 m_sigmoid16(float16 x) { return 1.0f / (1.0f + m_exp16(-x)); }
 #endif
 
 // The end of products and convolutions (ops.h: Epilogue): activation(sum + bias + residual). Flags are an argument, so
@@ -231,16 +231,16 @@ inline float16 m_sigmoid16(float16 x) { return 1.0f / (1.0f + m_exp16(-x)); }
 #define EPILOGUE_RESIDUAL 2
 #define EPILOGUE_RELU 4
 #define EPILOGUE_SILU 8
-inline float activate(float x, int epilogue) {
+static inline float activate(float x, int epilogue) {
   if (epilogue & EPILOGUE_RELU) return fmax(x, 0.0f);
   return epilogue & EPILOGUE_SILU ? x * m_sigmoid(x) : x;
 }
 #if CLOAM_CPU
-inline float16 activate16(float16 x, int epilogue) {
+static inline float16 activate16(float16 x, int epilogue) {
   if (epilogue & EPILOGUE_RELU) return fmax(x, (float16)(0.0f));
   return epilogue & EPILOGUE_SILU ? x * m_sigmoid16(x) : x;
 }
-inline void transpose16(float16 r[16]) {
+static inline void transpose16(float16 r[16]) {
   float16 t[16];
   UNROLL for (int stage = 0; stage < 4; stage++) {  // four perfect shuffles of rows make a transpose
     UNROLL for (int i = 0; i < 8; i++) {

@@ -3,9 +3,9 @@
 // so every number depends on its place alone. FORM 0 bits, 1 uniform, 2 normal, 3 below `limit`. version 1.
 
 // The upper half of a product. PoCL's mul_hi is five times slower.
-inline uint high(uint a, uint b) { return (uint)((ulong)a * b >> 32); }
+static inline uint high(uint a, uint b) { return (uint)((ulong)a * b >> 32); }
 
-inline void philox(uint* c, uint key_low, uint key_high) {
+static inline void philox(uint* c, uint key_low, uint key_high) {
   UNROLL for (int round = 0; round < 10; round++) {
     const uint high0 = high(c[0], 0xD2511F53u), low0 = c[0] * 0xD2511F53u;
     const uint high1 = high(c[2], 0xCD9E8D57u), low1 = c[2] * 0xCD9E8D57u;
@@ -18,25 +18,25 @@ inline void philox(uint* c, uint key_low, uint key_high) {
   }
 }
 
-inline float unit(uint bits) { return (float)(bits >> 8) * 0x1p-24f; }
+static inline float unit(uint bits) { return (float)(bits >> 8) * 0x1p-24f; }
 
 // Number `odd` of the two that words a and b make.
 #if FORM == 1
 typedef float value;
-inline value shaped(uint a, uint b, int odd, uint limit) { return unit(odd ? b : a); }
+static inline value shaped(uint a, uint b, int odd, uint limit) { return unit(odd ? b : a); }
 #elif FORM == 2
 typedef float value;
 // Box-Muller: two uniforms make two independent normals. The radius takes (0, 1]: no log of zero, |z| <= 5.77.
-inline value shaped(uint a, uint b, int odd, uint limit) {
+static inline value shaped(uint a, uint b, int odd, uint limit) {
   const float radius = sqrt(-2.0f * m_log(unit(a) + 0x1p-24f)), angle = 6.28318530718f * unit(b);
   return radius * (odd ? m_sin(angle) : m_cos(angle));
 }
 #elif FORM == 3
 typedef uint value;
-inline value shaped(uint a, uint b, int odd, uint limit) { return high(odd ? b : a, limit); }
+static inline value shaped(uint a, uint b, int odd, uint limit) { return high(odd ? b : a, limit); }
 #else
 typedef uint value;
-inline value shaped(uint a, uint b, int odd, uint limit) { return odd ? b : a; }
+static inline value shaped(uint a, uint b, int odd, uint limit) { return odd ? b : a; }
 #endif
 
 __kernel FAT void random(__global value* restrict out, int n, uint key_low, uint key_high, uint first_low,

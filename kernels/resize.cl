@@ -12,7 +12,7 @@ typedef struct {
   float part;  // of the higher neighbour
 } Tap;
 
-inline Tap tap_at(int i, int from, int to) {
+static inline Tap tap_at(int i, int from, int to) {
   Tap tap;
   const uint centre = (2u * (uint)i + 1u) * (uint)from, whole = 2u * (uint)to;
 #if BILINEAR

@@ -14,7 +14,7 @@ typedef struct {
   float fx, fy;
 } Texel;
 
-inline Texel texel_at(__global const float* restrict point, int image, int height, int width) {
+static inline Texel texel_at(__global const float* restrict point, int image, int height, int width) {
   const float u = point[AXIS_U(image)], v = point[AXIS_V(image)];
   const float x = clamp(u * (float)width - 0.5f, 0.0f, (float)(width - 1)), y = clamp(v * (float)height - 0.5f, 0.0f, (float)(height - 1));
   Texel t;
@@ -27,7 +27,7 @@ inline Texel texel_at(__global const float* restrict point, int image, int heigh
   return t;
 }
 
-inline int first_row(__global const int* restrict owners, int s, int owned, int height) { return owned ? owners[s] * height : 0; }
+static inline int first_row(__global const int* restrict owners, int s, int owned, int height) { return owned ? owners[s] * height : 0; }
 
 FAT __kernel void sample_images(__global const float* restrict images, __global const float* restrict points, __global const int* restrict owners,
                                 __global float* restrict out, int n, int axes, int owned, int rows, int height, int width, int channels, int chunk) {

@@ -24,7 +24,7 @@ typedef struct {
 } Texel;
 
 // In the image of all owners (sample.cl: rows, owned).
-inline Texel texel_at(__global const float* points, __global const int* owners, int s, int axes, int image, int owned, int height, int width) {
+static inline Texel texel_at(__global const float* points, __global const int* owners, int s, int axes, int image, int owned, int height, int width) {
   const float u = points[axes * s + (image == 2 ? 1 : 0)], v = points[axes * s + (image == 0 ? 1 : 2)];
   const float x = clamp(u * (float)width - 0.5f, 0.0f, (float)(width - 1)), y = clamp(v * (float)height - 0.5f, 0.0f, (float)(height - 1));
   Texel t = {(int)x, (int)y, 0, x - (float)(int)x, y - (float)(int)y};
@@ -98,7 +98,7 @@ FAT __kernel void sample_list(__global const float* restrict points, __global co
   }
 }
 
-inline void add_scaled(__global const texels_of* from, float scale, __global texels_of* to) {
+static inline void add_scaled(__global const texels_of* from, float scale, __global texels_of* to) {
   UNROLL for (int v = 0; v < VECTORS; v++) to[v] += scale * from[v];
 }
 

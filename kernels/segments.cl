@@ -3,7 +3,7 @@
 //: variant segment_sum gpu sum
 
 // The first place from `low` on that holds `value` or more, in ascending numbers: steps that double, then bisection.
-inline int first_at_least(__global const int* numbers, int low, int n, int value) {
+static inline int first_at_least(__global const int* numbers, int low, int n, int value) {
   int step = 1;
   while (step <= n - low && numbers[low + step - 1] < value) {
     low += step;

@@ -6,7 +6,7 @@
 //: variant segment_sum cpu sum
 
 // The first segment that begins at `place` or later.
-inline int first_from(__global const int* offsets, int segments, int place) {
+static inline int first_from(__global const int* offsets, int segments, int place) {
   int low = 0, high = segments;
   while (low < high) {
     const int middle = low + (high - low) / 2;

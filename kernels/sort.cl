@@ -13,7 +13,7 @@ typedef uint sort_key;
 #endif
 
 // Bits whose unsigned order is the order of the keys. KIND: 0 unsigned, 1 signed, 2 float (all NaN last, -0 before 0).
-inline sort_key ordered(sort_key key) {
+static inline sort_key ordered(sort_key key) {
 #if KIND == 1
   return key ^ 0x80000000u;
 #elif KIND == 2
@@ -23,7 +23,7 @@ inline sort_key ordered(sort_key key) {
 #endif
 }
 
-inline int digit_of(sort_key key, int shift) { return (int)(key >> shift) & (BINS - 1); }
+static inline int digit_of(sort_key key, int shift) { return (int)(key >> shift) & (BINS - 1); }
 
 // keys [n]: words from keys_at on.
 __kernel FAT void count_digits(__global const uint* restrict key_words, __global int* restrict counts, int keys_at,
@@ -60,12 +60,14 @@ __kernel FAT void place(__global const uint* restrict key_words, __global const 
 
 // The same by way of lines: what goes to one digit's places is gathered in the core's cache and leaves as whole cache
 // lines past the caches, which a key at a time would fetch first ("software write combining": Wassenberg and Sanders,
-// Engineering a Multi-core Radix Sort, 2011).
+// Engineering a Multi-core Radix Sort, 2011). Its lines of wide keys take 48 KiB of local memory, more than some GPUs have:
+// drivers may refuse the whole program for it.
+#if CLOAM_CPU
 #define LINE 16
 
 // Sends the places [begin, end) of one line; begin > its start where the chunk's places begin within the line.
-inline void send_line(__local const sort_key* keys, __local const uint* payload, __global sort_key* keys_out,
-                      __global uint* out, int begin, int end) {
+static inline void send_line(__local const sort_key* keys, __local const uint* payload, __global sort_key* keys_out,
+                             __global uint* out, int begin, int end) {
   if (end - begin == LINE) {
     for (int part = 0; part < LINE; part += 64 / sizeof(sort_key))
       STORE_PAST_CACHES(*(__local const uint16*)(keys + part), (__global uint16*)(keys_out + begin + part));
@@ -104,3 +106,4 @@ __kernel FAT void place_lines(__global const uint* restrict key_words, __global 
               to);
   }
 }
+#endif

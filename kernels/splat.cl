@@ -22,13 +22,13 @@ typedef struct {
   float x, y, a, b, c, opacity, red, green, blue;
 } Splat;
 
-inline Splat splat_of(int id, __global const float* splats, __global const float* colours) {
+static inline Splat splat_of(int id, __global const float* splats, __global const float* colours) {
   __global const float *s = splats + 7 * (size_t)id, *c = colours + 3 * (size_t)id;
   return (Splat){s[0], s[1], s[2], s[3], s[4], s[5], c[0], c[1], c[2]};
 }
 
 // exp(power) at a pixel, 0 where the gaussian is passed over.
-inline float falloff(Splat s, float dx, float dy) {
+static inline float falloff(Splat s, float dx, float dy) {
   const float e = m_exp(fmin(-0.5f * (s.a * dx * dx + s.c * dy * dy) - s.b * dx * dy, 0.0f));
   return fmin(0.99f, s.opacity * e) < LEAST_ALPHA ? 0.0f : e;
 }
@@ -39,7 +39,7 @@ typedef struct {
   int done;
 } Pixel;
 
-inline void blend(Pixel* p, Splat s, int x, int y) {
+static inline void blend(Pixel* p, Splat s, int x, int y) {
   const float alpha = fmin(0.99f, s.opacity * falloff(s, s.x - ((float)x + 0.5f), s.y - ((float)y + 0.5f)));
   const float next = p->through * (1.0f - alpha), w = p->through * alpha;
   p->done = next < LEAST_THROUGH;
@@ -51,7 +51,7 @@ inline void blend(Pixel* p, Splat s, int x, int y) {
   }
 }
 
-inline void store_pixel(Pixel p, __global float* out, int i, int plane) {
+static inline void store_pixel(Pixel p, __global float* out, int i, int plane) {
   out[i] = p.red;
   out[plane + i] = p.green;
   out[2 * plane + i] = p.blue;

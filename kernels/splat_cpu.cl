@@ -52,19 +52,19 @@ INLINE float16 eighths(float16 a, float16 b) {
 }
 INLINE float16 lanes(float16 a, float16 b) { return (float16)(a.even, b.even) + (float16)(a.odd, b.odd); }
 
-inline float16 centres(int left) {
+static inline float16 centres(int left) {
   return (float16)(0.5f, 1.5f, 2.5f, 3.5f, 4.5f, 5.5f, 6.5f, 7.5f, 8.5f, 9.5f, 10.5f, 11.5f, 12.5f, 13.5f, 14.5f, 15.5f) + (float)left;
 }
 
 // Those of the rows [s0, s1) of a tile that a gaussian reaches: none where it lies to the side.
-inline int2 rows_reached(__global const float* s, int left, int top, int2 rows) {
+static inline int2 rows_reached(__global const float* s, int left, int top, int2 rows) {
   const float middle = s[0] - (float)(left + TILE / 2), above = s[1] - s[9] - (float)top, below = s[1] + s[9] - (float)top;
   if (fabs(middle) > s[10] + (float)(TILE / 2) || s[9] < 0.0f) return (int2)(0, 0);
   return (int2)(max(rows.x, (int)clamp(above, 0.0f, (float)TILE)), min(rows.y, (int)clamp(below + 1.0f, 0.0f, (float)TILE)));
 }
 
 // The rows [s0, s1) less those at either end where every pixel is done.
-inline int2 open_rows(int2 rows, const float16* through) {
+static inline int2 open_rows(int2 rows, const float16* through) {
   while (rows.x < rows.y && !any(through[rows.x] > 0.0f)) rows.x++;
   while (rows.x < rows.y && !any(through[rows.y - 1] > 0.0f)) rows.y--;
   return rows;
@@ -72,11 +72,11 @@ inline int2 open_rows(int2 rows, const float16* through) {
 
 // Gaussians lie anywhere: a record that no cache holds would be waited for longer than its pixels take.
 #define AHEAD 8
-inline void ask_ahead(__global const float* records, __global const int* ids, int k, int end) {
+static inline void ask_ahead(__global const float* records, __global const int* ids, int k, int end) {
   __builtin_prefetch(records + RECORD * (size_t)ids[min(k + AHEAD, end - 1)]);
 }
 
-inline float16 load_row(__global const float* from, int count) { return read_first(from, TILE, count); }
+static inline float16 load_row(__global const float* from, int count) { return read_first(from, TILE, count); }
 
 __kernel FAT void blend_rows(__global const float* restrict records, __global const int* restrict ids,
                              __global const int* restrict offsets, __global float* restrict out, int height, int width) {

@@ -15,8 +15,8 @@ typedef struct {
   int seen;
 } Seen;
 
-inline Seen look(__global const float* mean, __global const float* scale, __global const float* rotation,
-                 __global const float* camera, float blur, float near) {
+static inline Seen look(__global const float* mean, __global const float* scale, __global const float* rotation,
+                        __global const float* camera, float blur, float near) {
   Seen o;
   const float fx = camera[12], fy = camera[13];
   for (int i = 0; i < 3; i++) {
@@ -60,7 +60,7 @@ inline Seen look(__global const float* mean, __global const float* scale, __glob
   return o;
 }
 
-inline float sharpness(Seen o, int antialiased) { return antialiased ? sqrt(fmax(o.det_sharp / o.det, 2.5e-5f)) : 1.0f; }
+static inline float sharpness(Seen o, int antialiased) { return antialiased ? sqrt(fmax(o.det_sharp / o.det, 2.5e-5f)) : 1.0f; }
 
 // out [G,7]: x, y in pixels, conic a, b, c, opacity, depth z.
 __kernel FAT void project(__global const float* restrict means, __global const float* restrict scales,
@@ -86,7 +86,7 @@ __kernel FAT void project(__global const float* restrict means, __global const f
 }
 
 // d loss / d r, by quaternion (unit, then by its length).
-inline void turn_back(Seen o, float g[3][3], __global float* to) {
+static inline void turn_back(Seen o, float g[3][3], __global float* to) {
   const float w = o.q[0], x = o.q[1], y = o.q[2], z = o.q[3];
   float d[4];
   d[0] = 2.0f * (x * (g[2][1] - g[1][2]) + y * (g[0][2] - g[2][0]) + z * (g[1][0] - g[0][1]));
@@ -172,7 +172,7 @@ __kernel FAT void project_grad(__global const float* restrict means, __global co
 
 // Harmonics 0 to 15 of a unit direction, with 3DGS's signs, and their derivatives by it.
 #define C1 0.48860251190f
-inline void harmonics(float x, float y, float z, float h[16]) {
+static inline void harmonics(float x, float y, float z, float h[16]) {
   const float xx = x * x, yy = y * y, zz = z * z;
   h[0] = 0.28209479177f;
   h[1] = -C1 * y, h[2] = C1 * z, h[3] = -C1 * x;
@@ -184,7 +184,7 @@ inline void harmonics(float x, float y, float z, float h[16]) {
   h[15] = -0.59004358993f * x * (xx - 3.0f * yy);
 }
 // The sum of u_i d h_i / d (x, y, z).
-inline float3 slopes(float x, float y, float z, const float u[16]) {
+static inline float3 slopes(float x, float y, float z, const float u[16]) {
   const float xx = x * x, yy = y * y, zz = z * z;
   float3 d;
   d.x = -C1 * u[3] + 1.0925484306f * (y * u[4] - z * u[7]) - 0.63078313050f * x * u[6] + 1.0925484306f * x * u[8];

@@ -25,8 +25,8 @@ __constant float WINDOW[2 * REACH + 1] = {0.00102838008f, 0.00759875814f, 0.0360
 
 
 // Of value i, 1 - SSIM from the four means; the three slopes if `keep`.
-inline float compare_means(float mean_u, float mean_v, float square_u, float square_v, __global float* maps, int i, int n,
-                           int keep) {
+static inline float compare_means(float mean_u, float mean_v, float square_u, float square_v, __global float* maps, int i, int n,
+                                  int keep) {
   const float uu = mean_u * mean_u, vv = mean_v * mean_v, variance_u = square_u - uu, variance_v = square_v - vv;
   const float over_d1 = 2.0f / (uu + vv + 2.0f * C1), over_d2 = 2.0f / (variance_u + variance_v + 2.0f * C2);
   const float p = vv * over_d1, q = variance_v * over_d2;
@@ -40,7 +40,7 @@ inline float compare_means(float mean_u, float mean_v, float square_u, float squ
   return p + q - p * q;
 }
 
-inline float sign_of(float v) { return v > 0.0f ? 1.0f : v < 0.0f ? -1.0f : 0.0f; }
+static inline float sign_of(float v) { return v > 0.0f ? 1.0f : v < 0.0f ? -1.0f : 0.0f; }
 
 // sums [2][n]: |x - y|, 1 - SSIM.
 __kernel void ssim_values(__global const float* x, __global const float* y, __global float* sums, __global float* maps,
@@ -86,18 +86,18 @@ __kernel void ssim_values_grad(__global const float* x, __global const float* y,
 #define SEEN (SIDE + 2 * REACH)  // a side of what the tile's windows see
 
 // The corner of a group's tile and its plane. Groups tile by tile, plane by plane.
-inline int3 tile_at(int group, int H, int W) {
+static inline int3 tile_at(int group, int H, int W) {
   const int across = (W + SIDE - 1) / SIDE, tiles = across * ((H + SIDE - 1) / SIDE);
   return (int3)(group % across * SIDE, group % tiles / across * SIDE, group / tiles);
 }
 
 // Where place e of what is seen lies in the whole of planes, or -1.
-inline int place_of(int e, int3 tile, int H, int W) {
+static inline int place_of(int e, int3 tile, int H, int W) {
   const int column = tile.x - REACH + e % SEEN, row = tile.y - REACH + e / SEEN;
   return column >= 0 && column < W && row >= 0 && row < H ? (tile.z * H + row) * W + column : -1;
 }
 
-inline float down(__local const float* lines) {
+static inline float down(__local const float* lines) {
   float sum = 0.0f;
   UNROLL for (int i = 0; i <= 2 * REACH; i++) sum += WINDOW[i] * lines[i * SIDE];
   return sum;

@@ -5,6 +5,10 @@
 // Grid, 16 numbers: corner (3), voxel size, counts (3), centre (3) and half sizes (3) of what is not contracted, far
 // distance of the sky.
 
+// A kernel that counts and the kernel that writes after it must decide alike, so nothing in this file is contracted: a
+// compiler may turn a * b + c into a fused operation in one of them and not in the other.
+#pragma OPENCL FP_CONTRACT OFF
+
 #define HITS 48
 #define BLOCK 8
 
@@ -34,14 +38,14 @@ typedef struct {
   int background_count;
 } Results;
 
-inline float3 turned(__global const Box* box, float3 v) {
+static inline float3 turned(__global const Box* box, float3 v) {
   __global const float* b = box->rotation;
   return (float3)(b[0] * v.x + b[1] * v.y + b[2] * v.z, b[3] * v.x + b[4] * v.y + b[5] * v.z, b[6] * v.x + b[7] * v.y + b[8] * v.z);
 }
-inline float3 to_box(__global const Box* b, float3 p) { return turned(b, p - vload3(0, b->centre)); }
+static inline float3 to_box(__global const Box* b, float3 p) { return turned(b, p - vload3(0, b->centre)); }
 
 // Where a ray is within |p| < half; x > y: nowhere.
-inline float2 inside(float3 p, float3 d, float3 half_size) {
+static inline float2 inside(float3 p, float3 d, float3 half_size) {
   const float3 safe = (float3)(fabs(d.x) < 1e-9f ? 1e-9f : d.x, fabs(d.y) < 1e-9f ? 1e-9f : d.y, fabs(d.z) < 1e-9f ? 1e-9f : d.z);
   const float3 a = (-half_size - p) / safe, b = (half_size - p) / safe;
   const float3 lo = fmin(a, b), hi = fmax(a, b);
@@ -49,14 +53,14 @@ inline float2 inside(float3 p, float3 d, float3 half_size) {
 }
 
 // mip-NeRF 360's contraction with the largest coordinate for a norm, to [0,1]^3.
-inline float3 contracted(float3 p, __global const float* grid) {
+static inline float3 contracted(float3 p, __global const float* grid) {
   const float3 x = (p - vload3(0, grid + 7)) / vload3(0, grid + 10);
   const float norm = fmax(fabs(x.x), fmax(fabs(x.y), fabs(x.z)));
   return (norm > 1.0f ? x * ((2.0f - 1.0f / norm) / norm) : x) * 0.25f + 0.5f;
 }
 
 // A box's own coordinates in [0,1]^3.
-inline float3 in_cube(__global const Box* b, float3 p, float shrink) { return p * (b->cube_scale * shrink) + 0.5f; }
+static inline float3 in_cube(__global const Box* b, float3 p, float shrink) { return p * (b->cube_scale * shrink) + 0.5f; }
 
 INLINE void add_actor(const Ray* ray, __global const Box* b, float from, float to, float step, int write, Places* at, const Results* out) {
   const float3 p = to_box(b, ray->origin), d = turned(b, ray->direction);

@@ -4,7 +4,7 @@
 // of fold is an image, so that no two work-items add into one place.
 
 // How many of P places, from the first, see something before the image, and how many see that or the image.
-inline int places_before(int first, int stride) { return first < 0 ? (-first + stride - 1) / stride : 0; }
+static inline int places_before(int first, int stride) { return first < 0 ? (-first + stride - 1) / stride : 0; }
 
 __kernel FAT void unfold(__global const float* restrict x, __global float* restrict out, int pieces, int B, int H,
                          int W, int N, int R, int S, int P, int Q, int stride, int pad, int chunk) {

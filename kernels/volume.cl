@@ -3,15 +3,16 @@
 
 // Scene coordinates to [0,1]^3. contract: mip-NeRF 360's x -> (2 - 1/|x|) x/|x| with the maximum norm, so that the
 // outside of [-1,1]^3 fills the shell up to [-2,2]^3; otherwise [-1,1]^3 itself.
-inline float3 to_unit(float3 p, int contract) {
+static inline float3 to_unit(float3 p, int contract) {
   const float m = fmax(fabs(p.x), fmax(fabs(p.y), fabs(p.z)));
   if (!contract) return p * 0.5f + 0.5f;
   const float k = m > 1.0f ? (2.0f - 1.0f / m) / m : 1.0f;
   return p * k * 0.25f + 0.5f;
 }
 
-inline int cell_of(float3 u, int side) {
-  const int3 c = clamp(convert_int3(u * (float)side), 0, side - 1);
+static inline int cell_of(float3 u, int side) {
+  // Bounds as vectors: Oclgrind 21.10 takes scalar ones of integers for vectors, and reads beyond them.
+  const int3 c = clamp(convert_int3(u * (float)side), (int3)(0), (int3)(side - 1));
   return (c.z * side + c.y) * side + c.x;
 }
 

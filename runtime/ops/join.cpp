@@ -18,15 +18,30 @@ Rows rows_around(const Shape& shape, int axis) {
   return rows;
 }
 
-void copy_rows(const Tensor& part, const Tensor& out, int axis, int64_t begin) {
+/// How a kernel of kernels/join.cl sees a part: `run` numbers of each of `outer` rows, at column `begin` of `pitch`.
+struct Runs {
+  int64_t outer, run, pitch, begin;
+};
+
+/// `what`: the size class. `items`: elements that the variant of GPU devices takes one by one.
+void launch_runs(const char* what, const Tensor& in, const Tensor& out, const Runs& runs, int64_t items) {
+  const Constants size = {{"BYTES", static_cast<int>(size_of(out.dtype()))}};
+  const Variant& variant = choose("join", what);
+  const char* const name = variant.kernel.c_str();
+  if (variant.where == "gpu") {
+    launch(kernel(variant, size), name, elements(items), in, out, items, runs.run, runs.pitch, runs.begin);
+    return;
+  }
+  const int64_t per_item = is_cpu_class() ? std::max<int64_t>(1, 8192 / (items / runs.outer)) : 1;
+  const Range range = range1((runs.outer + per_item - 1) / per_item, is_cpu_class() ? 1 : 64);
+  launch(kernel(variant, size), name, range, in, out, runs.outer, runs.run, runs.pitch, runs.begin, per_item);
+}
+
+void copy_part(const Tensor& part, const Tensor& out, int axis, int64_t begin) {
+  if (part.numel() == 0) return;
   const Rows rows = rows_around(out.shape(), axis);
   const int64_t run = part.dim(axis) * rows.inner, pitch = out.dim(axis) * rows.inner;
-  if (run == 0 || rows.outer == 0) return;
-  const Constants size = {{"BYTES", static_cast<int>(size_of(out.dtype()))}};
-  const int64_t per_item = is_cpu_class() ? std::max<int64_t>(1, 8192 / run) : 1;
-  Range range = range1((rows.outer + per_item - 1) / per_item, is_cpu_class() ? 1 : 64);
-  launch(kernel("join", "copy_rows", size), "copy_rows", range, part, out, rows.outer, run, pitch, begin * rows.inner,
-         per_item);
+  launch_runs("concat", part, out, {rows.outer, run, pitch, begin * rows.inner}, part.numel());
 }
 
 struct Concat final : Op {
@@ -35,7 +50,7 @@ struct Concat final : Op {
   void run(const Tensors& in, Tensor& out) const override {
     int64_t begin = 0;
     for (const Tensor& part : in) {
-      copy_rows(part, out, axis, begin);
+      copy_part(part, out, axis, begin);
       begin += part.dim(axis);
     }
   }
@@ -51,13 +66,10 @@ struct Pad final : Op {
   Pad(int on, int64_t front) : axis(on), before(front) {}
   const char* name() const override { return "pad"; }
   void run(const Tensors& in, Tensor& out) const override {
+    if (out.numel() == 0) return;
     const Rows rows = rows_around(out.shape(), axis);
-    const int64_t run_in = in[0].dim(axis) * rows.inner, pitch = out.dim(axis) * rows.inner;
-    const Constants size = {{"BYTES", static_cast<int>(size_of(out.dtype()))}};
-    const int64_t per_item = is_cpu_class() ? std::max<int64_t>(1, 8192 / pitch) : 1;
-    Range range = range1((rows.outer + per_item - 1) / per_item, is_cpu_class() ? 1 : 64);
-    launch(kernel("join", "pad_rows", size), "pad_rows", range, in[0], out, rows.outer, run_in, pitch,
-           before * rows.inner, per_item);
+    const int64_t run = in[0].dim(axis) * rows.inner, pitch = out.dim(axis) * rows.inner;
+    launch_runs("pad", in[0], out, {rows.outer, run, pitch, before * rows.inner}, out.numel());
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     return {slice(g, axis, before, before + in[0].dim(axis))};

@@ -40,6 +40,16 @@ OpCase padding(const char* label, int axis, int64_t before, int64_t after) {
           .zero = {{0, 5, 7}}};
 }
 
+/// Rows of one long run: llvmpipe ends a work-item that loops 65,535 times, and one lane would copy it all.
+void add_long_runs(OpCases& rows) {
+  rows.push_back(joining("one long run", 0, {{9}, {70003}}));
+  rows.back().gradient = false;
+  rows.push_back(padding("one long run", 0, 3, 2));
+  rows.back().inputs = {normal({70003})};
+  rows.back().zero = {};
+  rows.back().gradient = false;
+}
+
 struct Windows {
   const char* label;
   Shape image;  // [A,B,H,W,N]
@@ -117,6 +127,7 @@ void add_join_cases(OpCases& rows) {
   rows.push_back(padding("last axis", 2, 2, 3));
   rows.push_back(padding("first axis", 0, 1, 0));
   rows.push_back(padding("middle axis", 1, 0, 2));
+  add_long_runs(rows);
   add_windows(rows, {"3x3 of a batch", {3, 1, 4, 5, 6}, {3, 3, 1, 1}});
   add_windows(rows, {"2x3, stride 2, no pad", {2, 2, 8, 5, 3}, {2, 3, 2, 0}});
   rows[rows.size() - 2].zero = {{0, 2, 8, 5, 3}};
