@@ -60,7 +60,8 @@ __kernel FAT void place(__global const uint* restrict key_words, __global const 
 
 // The same by way of lines: what goes to one digit's places is gathered in the core's cache and leaves as whole cache
 // lines past the caches, which a key at a time would fetch first ("software write combining": Wassenberg and Sanders,
-// Engineering a Multi-core Radix Sort, 2011).
+// Engineering a Multi-core Radix Sort, 2011). Up to 48 KiB of local memory, which GPUs may not have.
+#if CLOAM_CPU
 #define LINE 16
 
 // Sends the places [begin, end) of one line; begin > its start where the chunk's places begin within the line.
@@ -104,3 +105,4 @@ __kernel FAT void place_lines(__global const uint* restrict key_words, __global 
               to);
   }
 }
+#endif

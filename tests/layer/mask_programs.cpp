@@ -13,11 +13,12 @@ std::string poison(const std::vector<std::string>& words) {
   return out + "\n";
 }
 
-/// A type with its vectors and the functions that lead to it.
+/// The vectors of a type and the functions that lead to it and them.
 std::vector<std::string> words_of(const std::string& type) {
   std::vector<std::string> out;
   for (const char* width : {"", "2", "3", "4", "8", "16"})
     for (const char* before : {"", "convert_", "as_"}) out.push_back(before + type + width);
+  out.erase(out.begin());
   return out;
 }
 
@@ -26,8 +27,9 @@ std::string prologue() {
   const Profile& p = *profile();
   std::string out = poison({"get_sub_group_size", "get_sub_group_local_id", "get_sub_group_id", "sub_group_barrier",
                             "sub_group_broadcast", "sub_group_reduce_add", "intel_sub_group_shuffle"});
-  if (!p.fp64) out += "#undef cl_khr_fp64\n" + poison(words_of("double"));
-  if (!p.fp16) out += "#undef cl_khr_fp16\n" + poison(words_of("half"));
+  if (!p.fp64) out += "#undef cl_khr_fp64\n" + poison({"double"}) + poison(words_of("double"));
+  // Any device may have pointers to half and functions that load and store it; variables of it the compiler refuses.
+  if (!p.fp16) out += "#pragma OPENCL EXTENSION cl_khr_fp16 : disable\n#undef cl_khr_fp16\n" + poison(words_of("half"));
   if (!p.images)
     out += "#undef __IMAGE_SUPPORT__\n" +
            poison({"image1d_t", "image2d_t", "image3d_t", "image1d_array_t", "image2d_array_t", "image1d_buffer_t",

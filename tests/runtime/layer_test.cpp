@@ -121,6 +121,9 @@ TEST_CASE("child: programs of the least device" * doctest::skip()) {
   CHECK(on.build("__kernel void f(__global float* x) { x[0] = 2.0f * x[1]; }") == CL_SUCCESS);
   CHECK(on.build("__kernel void f(__global float* x) { x[0] = (float)((double)x[1]); }") == CL_BUILD_PROGRAM_FAILURE);
   CHECK(on.build("__kernel void f(__global float* x) { half h = x[1]; x[0] = h * h; }") == CL_BUILD_PROGRAM_FAILURE);
+  CHECK(on.build("__kernel void f(__global half* x) { vstore_half(2.0f * vload_half(1, x), 0, x); }") == CL_SUCCESS);
+  CHECK(on.build("__kernel void f(__global float* x) { x[0] = convert_half2((float2)(x[1])).x; }") ==
+        CL_BUILD_PROGRAM_FAILURE);
   CHECK(on.build("__kernel void f(__read_only image2d_t x) {}") == CL_BUILD_PROGRAM_FAILURE);
   CHECK(on.build("#ifdef cl_khr_fp64\n#error shown\n#endif\n__kernel void f(__global int* x) {}") == CL_SUCCESS);
   CHECK(on.build("__kernel __attribute__((reqd_work_group_size(65, 1, 1))) void f(__global int* x) {}") ==
