@@ -21,7 +21,7 @@ Examples:
   cloam info --json
   cloam info --device gpu)";
 
-constexpr uint64_t kNeededLocalBytes = 16 << 10;
+constexpr uint64_t kNeededLocalBytes = 32 << 10;
 constexpr int kNeededWorkGroup = 64;
 const char* const kVariables[] = {"CLOAM_DEVICE",   "CLOAM_DEVICE_CLASS", "CLOAM_DEBUG",    "CLOAM_KERNEL_DIR",
                                   "CLOAM_VARIANT",  "OCL_ICD_VENDORS",    "POCL_CACHE_DIR", "POCL_MAX_PTHREAD_COUNT",

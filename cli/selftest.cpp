@@ -80,7 +80,7 @@ int run_command(const SelftestRequest& request, const Common& common) {
 Command add_selftest(CLI::App& program) {
   return command<SelftestRequest>(
       program, "selftest", kExamples, run_command, [](const Options& add, SelftestRequest& r) {
-        add("--only", r.wish.only, "Only rows whose names contain this; the result is not kept");
+        add("--only", r.wish.only, "Only rows whose names contain one of these; the result is not kept");
         add("--quick", r.wish.quick, "Test dense inputs and the built-in kernel variants only");
         add("--report", r.report, "Print Markdown for a bug report: device, limits, and what failed");
       });

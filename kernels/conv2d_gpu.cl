@@ -1,12 +1,14 @@
 // Convolution and both adjoints for GPU-class devices: implicit matrix products C = A B, no im2col in memory. A group of
-// 16 x 16 lanes computes TM x TN results from strips of TK of the depth staged in local memory; a lane owns every 16th
-// row and column of them. All three passes are
+// SIDE x SIDE lanes computes TM x TN results from strips of TK of the depth staged in local memory; a lane owns every
+// SIDE-th row and column of them. All three passes are
 //   c[i][j] += a[i][k] * image[place(j) + place(k)]
 // where j and k run over pixels and taps: forward j = (n, p, q), k = (c, r, s); adjoint in x the same with taps taken
 // away and places divided by the stride; adjoint in w j = (c, r, s), k = (n, p, q).
-//: variant conv2d_tiled gpu any TM=64 TN=64 TK=16
-#define RM (TM / 16)
-#define RN (TN / 16)
+//: variant conv2d_tiled gpu any LANES=256 TM=64 TN=64 TK=16
+//: variant conv2d_tiled gpu any LANES=64 TM=32 TN=32 TK=16
+#define SIDE (LANES == 64 ? 8 : 16)
+#define RM (TM / SIDE)
+#define RN (TN / SIDE)
 #define A_PITCH (TM + 1)  // an odd pitch: lanes that stage along the depth write to different banks
 
 // Split of an index: `inner` of them have the inner step 1, then `outer` is gone on.
@@ -40,7 +42,7 @@ static inline float image_at(__global const float* restrict image, int4 a, int4 
 }
 
 // Group (j, i, z): tile (i, j) of C; z = group * splits + split. A split sums k_each of the depth into its own part of c.
-__attribute__((reqd_work_group_size(16, 16, 1))) __kernel void conv2d_tiled(
+__attribute__((reqd_work_group_size(SIDE, SIDE, 1))) __kernel void conv2d_tiled(
     __global const float* restrict a, __global const float* restrict image, __global float* restrict c,
     __global const float* restrict bias, __global const float* restrict residual, int m, int n, int depth, int a_row,
     int a_inner, int a_outer, int a_group, int image_group, int height, int width, int spread, int j_columns,
@@ -49,7 +51,7 @@ __attribute__((reqd_work_group_size(16, 16, 1))) __kernel void conv2d_tiled(
     int epilogue) {
   __local float a_strip[TK * A_PITCH], b_strip[TK * TN];
   __local int4 places[TK];
-  const int x = get_local_id(0), y = get_local_id(1), lane = y * 16 + x;
+  const int x = get_local_id(0), y = get_local_id(1), lane = y * SIDE + x;
   const int i0 = get_group_id(1) * TM, j0 = get_group_id(0) * TN;
   const int group = get_group_id(2) / splits, split = get_group_id(2) - group * splits;
   const int begin = split * k_each, end = min(depth, begin + k_each);
@@ -64,25 +66,25 @@ __attribute__((reqd_work_group_size(16, 16, 1))) __kernel void conv2d_tiled(
   if (lane < TK) places[lane] = step_to(begin + lane, end, walk_k, a_split);
   barrier(CLK_LOCAL_MEM_FENCE);
   for (int k0 = begin; k0 < end; k0 += TK) {
-    for (int e = lane; e < TK * TM; e += 256) {
+    for (int e = lane; e < TK * TM; e += LANES) {
       const int k = e % TK, i = e / TK;
       a_strip[k * A_PITCH + i] = i0 + i < m && k0 + k < end ? a[(long)(i0 + i) * a_row + places[k].w] : 0.0f;
     }
-    for (int k = lane / TN; k < TK; k += 256 / TN)
+    for (int k = lane / TN; k < TK; k += LANES / TN)
       b_strip[k * TN + lane % TN] =
           k0 + k < end && j0 + lane % TN < n ? image_at(image, column, places[k], height, width, spread) : 0.0f;
     barrier(CLK_LOCAL_MEM_FENCE);
     if (lane < TK) places[lane] = step_to(k0 + TK + lane, end, walk_k, a_split);
     for (int k = 0; k < TK; k++) {
       float of_a[RM], of_b[RN];
-      UNROLL for (int i = 0; i < RM; i++) of_a[i] = a_strip[k * A_PITCH + i * 16 + y];
-      UNROLL for (int j = 0; j < RN; j++) of_b[j] = b_strip[k * TN + j * 16 + x];
+      UNROLL for (int i = 0; i < RM; i++) of_a[i] = a_strip[k * A_PITCH + i * SIDE + y];
+      UNROLL for (int j = 0; j < RN; j++) of_b[j] = b_strip[k * TN + j * SIDE + x];
       UNROLL for (int i = 0; i < RM; i++) UNROLL for (int j = 0; j < RN; j++) acc[i][j] += of_a[i] * of_b[j];
     }
     barrier(CLK_LOCAL_MEM_FENCE);
   }
   UNROLL for (int i = 0; i < RM; i++) UNROLL for (int j = 0; j < RN; j++) {
-    const int row = i0 + i * 16 + y, at_column = j0 + j * 16 + x;
+    const int row = i0 + i * SIDE + y, at_column = j0 + j * SIDE + x;
     if (row < m && at_column < n) {
       const long to = (long)group * c_group + (long)row * c_row + place_in(at_column, c_places);
       float sum = acc[i][j];

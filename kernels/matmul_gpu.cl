@@ -1,21 +1,25 @@
-// Version 2 of matmul.cl, for GPUs: a group of 16 x 16 lanes computes a tile of TM x TN elements of C, a lane RM x RN
-// of them in registers, as quads 64 apart so that neighbours read neighbouring words of local memory. Strips of A and
+// Version 2 of matmul.cl, for GPUs: a group of SIDE x SIDE lanes computes a tile of TM x TN elements of C, a lane RM x RN
+// of them in registers, as quads 4 SIDE apart so that neighbours read neighbouring words of local memory. Strips of A and
 // B, TK deep, are staged there with loads along whichever axis is contiguous. Sums run over k in ascending order for
 // any tile.
-//: variant matmul_tiled gpu any RM=4 RN=4 TK=16
-//: variant matmul_tiled gpu large RM=8 RN=8 TK=16
-//: variant matmul_tiled gpu large RM=4 RN=8 TK=16
-//: variant matmul_tiled gpu large RM=4 RN=4 TK=16
-#define TM (16 * RM)
-#define TN (16 * RN)
+//: variant matmul_tiled gpu any LANES=256 RM=4 RN=4 TK=16
+//: variant matmul_tiled gpu any LANES=64 RM=4 RN=4 TK=16
+//: variant matmul_tiled gpu large LANES=256 RM=8 RN=8 TK=16
+//: variant matmul_tiled gpu large LANES=256 RM=4 RN=8 TK=16
+//: variant matmul_tiled gpu large LANES=256 RM=4 RN=4 TK=16
+//: variant matmul_tiled gpu large LANES=64 RM=8 RN=8 TK=16
+//: variant matmul_tiled gpu large LANES=64 RM=4 RN=4 TK=16
+#define SIDE (LANES == 64 ? 8 : 16)
+#define TM (SIDE * RM)
+#define TN (SIDE * RN)
 #define VM (RM / 4)
 #define VN (RN / 4)
 
-// strip[k][o] = from[o0 + o, k0 + k], zero outside `outers` x `depth`; 256 lanes take a quad each, along k or along o,
+// strip[k][o] = from[o0 + o, k0 + k], zero outside `outers` x `depth`; the lanes take a quad each, along k or along o,
 // whichever is contiguous; the other axis has stride `pitch`.
 static inline void stage(__local float* strip, int width, __global const float* restrict from, int along_k, int pitch, int o0,
                          int outers, int k0, int depth, int lane) {
-  for (int quad = lane; quad < width * TK / 4; quad += 256) {
+  for (int quad = lane; quad < width * TK / 4; quad += LANES) {
     const int o = along_k ? quad / (TK / 4) : quad % (width / 4) * 4;
     const int k = along_k ? quad % (TK / 4) * 4 : quad / (width / 4);
     const int inner = along_k ? k0 + k : o0 + o, inners = along_k ? depth : outers;
@@ -43,12 +47,12 @@ static inline void stage(__local float* strip, int width, __global const float* 
 
 // Group (x, y, z): tile (y, x) of C; z = batch * splits + split. A split sums k_each of the depth into its own c[z];
 // add_splits joins them.
-__attribute__((reqd_work_group_size(16, 16, 1))) __kernel void matmul_tiled(
+__attribute__((reqd_work_group_size(SIDE, SIDE, 1))) __kernel void matmul_tiled(
     __global const float* restrict a, int a_offset, __global const float* restrict b, int b_offset,
     __global float* restrict c, int m, int n, int depth, int a_batch, int a_pitch, int b_batch, int b_pitch, int splits,
     int k_each, __global const float* restrict bias, __global const float* restrict residual, int epilogue) {
   __local float a_strip[TK * (TM + 4)], b_strip[TK * (TN + 4)];
-  const int x = get_local_id(0), y = get_local_id(1), lane = y * 16 + x;
+  const int x = get_local_id(0), y = get_local_id(1), lane = y * SIDE + x;
   const int i0 = get_group_id(1) * TM, j0 = get_group_id(0) * TN;
   const int z = get_group_id(2), batch = z / splits, k_begin = (z - batch * splits) * k_each;
   const int k_end = min(depth, k_begin + k_each);
@@ -62,8 +66,8 @@ __attribute__((reqd_work_group_size(16, 16, 1))) __kernel void matmul_tiled(
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int k = 0; k < TK; k++) {
       float4 column[VM], row[VN];
-      UNROLL for (int v = 0; v < VM; v++) column[v] = vload4(0, a_strip + k * (TM + 4) + v * 64 + y * 4);
-      UNROLL for (int v = 0; v < VN; v++) row[v] = vload4(0, b_strip + k * (TN + 4) + v * 64 + x * 4);
+      UNROLL for (int v = 0; v < VM; v++) column[v] = vload4(0, a_strip + k * (TM + 4) + v * 4 * SIDE + y * 4);
+      UNROLL for (int v = 0; v < VN; v++) row[v] = vload4(0, b_strip + k * (TN + 4) + v * 4 * SIDE + x * 4);
       UNROLL for (int u = 0; u < VM; u++) UNROLL for (int v = 0; v < VN; v++) {
         acc[u * 4][v] += column[u].x * row[v];
         acc[u * 4 + 1][v] += column[u].y * row[v];
@@ -74,11 +78,11 @@ __attribute__((reqd_work_group_size(16, 16, 1))) __kernel void matmul_tiled(
     barrier(CLK_LOCAL_MEM_FENCE);
   }
   UNROLL for (int r = 0; r < RM; r++) UNROLL for (int v = 0; v < VN; v++) {
-    const int i = i0 + r / 4 * 64 + y * 4 + r % 4;
+    const int i = i0 + r / 4 * 4 * SIDE + y * 4 + r % 4;
     float values[4];
     vstore4(acc[r][v], 0, values);
     UNROLL for (int q = 0; q < 4; q++) {
-      const int j = j0 + v * 64 + x * 4 + q;
+      const int j = j0 + v * 4 * SIDE + x * 4 + q;
       if (i < m && j < n) {
         float sum = values[q];
         if (epilogue & EPILOGUE_BIAS) sum += bias[j];

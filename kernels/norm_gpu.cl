@@ -1,11 +1,16 @@
 // Normalisations and softmax where a work-item is a lane: a group of LANES takes a row (or a group of channels), lanes
 // side by side, and sums by a tree in local memory. Arguments as in norm_cpu.cl.
-//: variant group_norm gpu group_norm LANES=128
-//: variant group_norm_grad gpu group_norm_grad LANES=128
+//: variant group_norm gpu group_norm LANES=128 PARTS=1
+//: variant group_norm gpu group_norm LANES=64 PARTS=2
+//: variant group_norm_grad gpu group_norm_grad LANES=128 PARTS=1
+//: variant group_norm_grad gpu group_norm_grad LANES=64 PARTS=2
 //: variant layer_norm gpu layer_norm LANES=64
 //: variant layer_norm_grad gpu layer_norm_grad LANES=64
 //: variant softmax gpu softmax LANES=64
 //: variant softmax_grad gpu softmax_grad LANES=64
+#ifndef PARTS
+#define PARTS 1  // of a lane's sum, as so many lanes would have it: the tree's first steps, which it takes alone
+#endif
 #define ROWS __attribute__((reqd_work_group_size(LANES, 1, 1)))
 #define ROW_LO(chunk) ((int)get_group_id(0) * (chunk))
 #define ROW_HI(n, chunk) min((n), ((int)get_group_id(0) + 1) * (chunk))
@@ -29,10 +34,15 @@ OVER_LANES(max_lanes, fmax)
 static inline float2 moments(__global const float* restrict x, int n, __local float* shared) {
   const float centre = x[0];
   float sum = 0.0f, squares = 0.0f;
-  for (int i = get_local_id(0); i < n; i += LANES) {
-    const float d = x[i] - centre;
-    sum += d;
-    squares += d * d;
+  for (int part = 0; part < PARTS; part++) {
+    float part_sum = 0.0f, part_squares = 0.0f;
+    for (int i = get_local_id(0) + part * LANES; i < n; i += PARTS * LANES) {
+      const float d = x[i] - centre;
+      part_sum += d;
+      part_squares += d * d;
+    }
+    sum += part_sum;
+    squares += part_squares;
   }
   const float mean = sum_lanes(sum, shared) / n;
   return (float2)(centre + mean, fmax(sum_lanes(squares, shared) / n - mean * mean, 0.0f));
@@ -82,11 +92,16 @@ ROWS __kernel void group_norm_grad(__global const float* restrict x, __global co
       const float scale = a[first + c], shift = b[first + c];
       const size_t channel = begin + (size_t)c * pixels;
       float total = 0.0f, total_u = 0.0f;
-      for (int i = lane; i < pixels; i += LANES) {
-        const float u = (x[channel + i] - mean) * rate;
-        const float d = dy[channel + i] * activation_slope(u * scale + shift);
-        total += d;
-        total_u += d * u;
+      for (int part = 0; part < PARTS; part++) {
+        float part_total = 0.0f, part_u = 0.0f;
+        for (int i = lane + part * LANES; i < pixels; i += PARTS * LANES) {
+          const float u = (x[channel + i] - mean) * rate;
+          const float d = dy[channel + i] * activation_slope(u * scale + shift);
+          part_total += d;
+          part_u += d * u;
+        }
+        total += part_total;
+        total_u += part_u;
       }
       total = sum_lanes(total, shared);
       total_u = sum_lanes(total_u, shared);

@@ -11,8 +11,10 @@
 // slots[k], such that rows of one gaussian are neighbours; they are summed afterwards, in a fixed order.
 //: variant blend_pixels reference forward
 //: variant gradient_tiles reference gradient
-//: variant blend_groups gpu forward
-//: variant gradient_groups gpu gradient
+//: variant blend_groups gpu forward LANES=256
+//: variant blend_groups gpu forward LANES=64
+//: variant gradient_groups gpu gradient LANES=256
+//: variant gradient_groups gpu gradient LANES=64
 #define TILE 16
 #define PAIR 16
 #define LEAST_ALPHA (1.0f / 255.0f)
@@ -112,30 +114,39 @@ __kernel void gradient_tiles(__global const float* restrict splats, __global con
   }
 }
 
-// GPU devices: a group of 256 a tile, a lane a pixel; gaussians come in batches through local memory.
-#define LANES (TILE * TILE)
+// GPU devices: a group a tile, a lane every LANES-th pixel; gaussians come in batches through local memory.
+#ifdef LANES
+#define PIXELS (TILE * TILE)
+#define EACH (PIXELS / LANES)  // pixels of a lane
 
 __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void blend_groups(
     __global const float* restrict splats, __global const float* restrict colours, __global const int* restrict ids, __global const int* restrict offsets,
     __global float* restrict out, int height, int width) {
   __local Splat batch[LANES];
   const int across = (width + TILE - 1) / TILE, tile = get_group_id(0), lane = get_local_id(0), plane = height * width;
-  const int x = tile % across * TILE + lane % TILE, y = tile / across * TILE + lane / TILE, end = offsets[tile + 1];
-  Pixel pixel = {1.0f, 0.0f, 0.0f, 0.0f, 0};
+  const int left = tile % across * TILE, top = tile / across * TILE, end = offsets[tile + 1];
+  Pixel pixels[EACH];
+  UNROLL for (int each = 0; each < EACH; each++) pixels[each] = (Pixel){1.0f, 0.0f, 0.0f, 0.0f, 0};
   for (int from = offsets[tile]; from < end; from += LANES) {
     if (from + lane < end) batch[lane] = splat_of(ids[from + lane], splats, colours);
     barrier(CLK_LOCAL_MEM_FENCE);
     const int count = min(LANES, end - from);
-    for (int k = 0; k < count && !pixel.done; k++) blend(&pixel, batch[k], x, y);
+    UNROLL for (int each = 0; each < EACH; each++) {
+      const int p = lane + each * LANES, x = left + p % TILE, y = top + p / TILE;
+      for (int k = 0; k < count && !pixels[each].done; k++) blend(&pixels[each], batch[k], x, y);
+    }
     barrier(CLK_LOCAL_MEM_FENCE);
   }
-  if (x < width && y < height) store_pixel(pixel, out, y * width + x, plane);
+  UNROLL for (int each = 0; each < EACH; each++) {
+    const int p = lane + each * LANES, x = left + p % TILE, y = top + p / TILE;
+    if (x < width && y < height) store_pixel(pixels[each], out, y * width + x, plane);
+  }
 }
 
-// The lanes find d loss / d power and w of FEW gaussians at their pixels; then, turned round, PARTS lanes a gaussian sum
-// these over FEW pixels each, and a lane a number joins the parts.
+// The lanes find d loss / d power and w of FEW gaussians at their pixels; then, turned round, PARTS sums a gaussian go over
+// FEW pixels each, and a lane a number joins the parts.
 #define FEW 8
-#define PARTS (LANES / FEW)
+#define PARTS (PIXELS / FEW)
 #define NUMBERS 12  // of PAIR
 
 __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void gradient_groups(
@@ -143,61 +154,74 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void gradient_groups
     __global const int* restrict slots, __global const float* restrict out, __global const float* restrict g,
     __global float* restrict pairs, int height, int width) {
   __local Splat batch[FEW];
-  __local float d_power[FEW][LANES], weight[FEW][LANES], g_colour[3][LANES], parts[NUMBERS][LANES];
+  __local float d_power[FEW][PIXELS], weight[FEW][PIXELS], g_colour[3][PIXELS], parts[NUMBERS][PIXELS];
   const int across = (width + TILE - 1) / TILE, tile = get_group_id(0), lane = get_local_id(0), plane = height * width;
-  const int left = tile % across * TILE, top = tile / across * TILE, x = left + lane % TILE, y = top + lane / TILE;
-  const int inside = x < width && y < height, i = inside ? y * width + x : 0, end = offsets[tile + 1];
-  const float gr = inside ? g[i] : 0.0f, gg = inside ? g[plane + i] : 0.0f, gb = inside ? g[2 * plane + i] : 0.0f;
-  const float gt = inside ? g[3 * plane + i] : 0.0f;
-  float through = 1.0f, behind = gr * out[i] + gg * out[plane + i] + gb * out[2 * plane + i] + gt * out[3 * plane + i];
-  int done = 0;
-  g_colour[0][lane] = gr;
-  g_colour[1][lane] = gg;
-  g_colour[2][lane] = gb;
+  const int left = tile % across * TILE, top = tile / across * TILE, end = offsets[tile + 1];
+  float through[EACH], behind[EACH];
+  int done[EACH];
+  UNROLL for (int each = 0; each < EACH; each++) {
+    const int p = lane + each * LANES, x = left + p % TILE, y = top + p / TILE;
+    const int inside = x < width && y < height, i = inside ? y * width + x : 0;
+    const float gr = inside ? g[i] : 0.0f, gg = inside ? g[plane + i] : 0.0f, gb = inside ? g[2 * plane + i] : 0.0f;
+    const float gt = inside ? g[3 * plane + i] : 0.0f;
+    through[each] = 1.0f;
+    behind[each] = gr * out[i] + gg * out[plane + i] + gb * out[2 * plane + i] + gt * out[3 * plane + i];
+    done[each] = 0;
+    g_colour[0][p] = gr;
+    g_colour[1][p] = gg;
+    g_colour[2][p] = gb;
+  }
   for (int from = offsets[tile]; from < end; from += FEW) {
     const int count = min(FEW, end - from);
     if (lane < count) batch[lane] = splat_of(ids[from + lane], splats, colours);
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int k = 0; k < count; k++) {
-      const Splat s = batch[k];
-      const float full = s.opacity * falloff(s, s.x - ((float)x + 0.5f), s.y - ((float)y + 0.5f));
-      const float alpha = fmin(0.99f, full), next = through * (1.0f - alpha);
-      done |= next < LEAST_THROUGH;
-      const float w = done ? 0.0f : through * alpha, u = gr * s.red + gg * s.green + gb * s.blue;
-      behind -= w * u;
-      d_power[k][lane] = done || full > 0.99f ? 0.0f : full * (through * u - behind / (1.0f - alpha));
-      weight[k][lane] = w;
-      through = done ? through : next;
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    const int mine = lane / PARTS, part = lane % PARTS;
-    float sums[NUMBERS];
-    UNROLL for (int v = 0; v < NUMBERS; v++) sums[v] = 0.0f;
-    if (mine < count) {
-      const Splat s = batch[mine];
-      for (int p = part; p < LANES; p += PARTS) {
-        const float q = d_power[mine][p], w = weight[mine][p];
-        const float dx = s.x - ((float)(left + p % TILE) + 0.5f), dy = s.y - ((float)(top + p / TILE) + 0.5f);
-        const float by_x = q * (s.a * dx + s.b * dy), by_y = q * (s.c * dy + s.b * dx);
-        sums[0] -= by_x;
-        sums[1] -= by_y;
-        sums[2] -= q * 0.5f * dx * dx;
-        sums[3] -= q * dx * dy;
-        sums[4] -= q * 0.5f * dy * dy;
-        sums[5] += q;
-        sums[7] += w * g_colour[0][p];
-        sums[8] += w * g_colour[1][p];
-        sums[9] += w * g_colour[2][p];
-        sums[10] += fabs(by_x);
-        sums[11] += fabs(by_y);
+    UNROLL for (int each = 0; each < EACH; each++) {
+      const int p = lane + each * LANES, x = left + p % TILE, y = top + p / TILE;
+      const float gr = g_colour[0][p], gg = g_colour[1][p], gb = g_colour[2][p];
+      for (int k = 0; k < count; k++) {
+        const Splat s = batch[k];
+        const float full = s.opacity * falloff(s, s.x - ((float)x + 0.5f), s.y - ((float)y + 0.5f));
+        const float alpha = fmin(0.99f, full), next = through[each] * (1.0f - alpha);
+        done[each] |= next < LEAST_THROUGH;
+        const float w = done[each] ? 0.0f : through[each] * alpha, u = gr * s.red + gg * s.green + gb * s.blue;
+        behind[each] -= w * u;
+        d_power[k][p] =
+            done[each] || full > 0.99f ? 0.0f : full * (through[each] * u - behind[each] / (1.0f - alpha));
+        weight[k][p] = w;
+        through[each] = done[each] ? through[each] : next;
       }
     }
-    UNROLL for (int v = 0; v < NUMBERS; v++) parts[v][lane] = sums[v];
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (lane < (PAIR - NUMBERS) * count)
-      pairs[PAIR * (size_t)slots[from + lane / (PAIR - NUMBERS)] + NUMBERS + lane % (PAIR - NUMBERS)] = 0.0f;
-    if (lane < NUMBERS * count) {
-      const int which = lane / NUMBERS, number = lane % NUMBERS;
+    for (int e = lane; e < PIXELS; e += LANES) {
+      const int mine = e / PARTS;
+      float sums[NUMBERS];
+      UNROLL for (int v = 0; v < NUMBERS; v++) sums[v] = 0.0f;
+      if (mine < count) {
+        const Splat s = batch[mine];
+        for (int p = e % PARTS; p < PIXELS; p += PARTS) {
+          const float q = d_power[mine][p], w = weight[mine][p];
+          const float dx = s.x - ((float)(left + p % TILE) + 0.5f), dy = s.y - ((float)(top + p / TILE) + 0.5f);
+          const float by_x = q * (s.a * dx + s.b * dy), by_y = q * (s.c * dy + s.b * dx);
+          sums[0] -= by_x;
+          sums[1] -= by_y;
+          sums[2] -= q * 0.5f * dx * dx;
+          sums[3] -= q * dx * dy;
+          sums[4] -= q * 0.5f * dy * dy;
+          sums[5] += q;
+          sums[7] += w * g_colour[0][p];
+          sums[8] += w * g_colour[1][p];
+          sums[9] += w * g_colour[2][p];
+          sums[10] += fabs(by_x);
+          sums[11] += fabs(by_y);
+        }
+      }
+      UNROLL for (int v = 0; v < NUMBERS; v++) parts[v][e] = sums[v];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int e = lane; e < (PAIR - NUMBERS) * count; e += LANES)
+      pairs[PAIR * (size_t)slots[from + e / (PAIR - NUMBERS)] + NUMBERS + e % (PAIR - NUMBERS)] = 0.0f;
+    for (int e = lane; e < NUMBERS * count; e += LANES) {
+      const int which = e / NUMBERS, number = e % NUMBERS;
       float total = 0.0f;
       for (int p = 0; p < PARTS; p++) total += parts[number][which * PARTS + p];
       const float opacity = batch[which].opacity;
@@ -207,3 +231,4 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void gradient_groups
     barrier(CLK_LOCAL_MEM_FENCE);
   }
 }
+#endif

@@ -15,7 +15,8 @@
 //: variant ssim_values reference any
 // On GPUs a group of lanes takes SIDE x SIDE pixels: what their windows see is staged, then means are made along rows, then
 // down columns.
-//: variant ssim_tiles gpu any SIDE=16
+//: variant ssim_tiles gpu any LANES=256 SIDE=16
+//: variant ssim_tiles gpu any LANES=64 SIDE=16
 #define REACH 5
 #define C1 0.0001f  // (0.01 L)^2 and (0.03 L)^2 where values go up to L = 1
 #define C2 0.0009f
@@ -82,7 +83,8 @@ __kernel void ssim_values_grad(__global const float* x, __global const float* y,
 }
 
 #ifdef SIDE
-#define LANES (SIDE * SIDE)
+#define PIXELS (SIDE * SIDE)
+#define EACH (PIXELS / LANES)  // pixels of a lane
 #define SEEN (SIDE + 2 * REACH)  // a side of what the tile's windows see
 
 // The corner of a group's tile and its plane. Groups tile by tile, plane by plane.
@@ -96,6 +98,9 @@ static inline int place_of(int e, int3 tile, int H, int W) {
   const int column = tile.x - REACH + e % SEEN, row = tile.y - REACH + e / SEEN;
   return column >= 0 && column < W && row >= 0 && row < H ? (tile.z * H + row) * W + column : -1;
 }
+
+// The place of the tile's pixel p in what is seen.
+static inline int centre_of(int p) { return (p / SIDE + REACH) * SEEN + p % SIDE + REACH; }
 
 static inline float down(__local const float* lines) {
   float sum = 0.0f;
@@ -132,20 +137,25 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void ssim_tiles(__gl
     lines[3][e] = square_v;
   }
   barrier(CLK_LOCAL_MEM_FENCE);
-  const int centre = (lane / SIDE + REACH) * SEEN + lane % SIDE + REACH, i = place_of(centre, tile, H, W);
-  const float apart = fabs(v[centre]);
-  float unlike = 0.0f;
-  if (i >= 0)
-    unlike = compare_means(down(lines[0] + lane), down(lines[1] + lane), down(lines[2] + lane), down(lines[3] + lane), maps, i,
-                           n, keep);
+  float apart[EACH], unlike[EACH];
+  UNROLL for (int each = 0; each < EACH; each++) {
+    const int p = lane + each * LANES, centre = centre_of(p), i = place_of(centre, tile, H, W);
+    apart[each] = fabs(v[centre]);  // outside the picture it is 0
+    unlike[each] = 0.0f;
+    if (i >= 0)
+      unlike[each] = compare_means(down(lines[0] + p), down(lines[1] + p), down(lines[2] + p), down(lines[3] + p), maps, i,
+                                   n, keep);
+  }
   barrier(CLK_LOCAL_MEM_FENCE);
-  u[lane] = apart;  // outside the picture it is 0
-  v[lane] = unlike;
+  UNROLL for (int each = 0; each < EACH; each++) {
+    u[lane + each * LANES] = apart[each];
+    v[lane + each * LANES] = unlike[each];
+  }
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (int left = LANES / 2; left > 0; left /= 2) {
-    if (lane < left) {
-      u[lane] += u[lane + left];
-      v[lane] += v[lane + left];
+  for (int left = PIXELS / 2; left > 0; left /= 2) {
+    for (int p = lane; p < left; p += LANES) {
+      u[p] += u[p + left];
+      v[p] += v[p + left];
     }
     barrier(CLK_LOCAL_MEM_FENCE);
   }
@@ -175,10 +185,13 @@ __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void ssim_tiles_grad
     }
   }
   barrier(CLK_LOCAL_MEM_FENCE);
-  const int i = place_of((lane / SIDE + REACH) * SEEN + lane % SIDE + REACH, tile, H, W);
-  if (i < 0) return;
-  const float a = x[i] + y[i], b = x[i] - y[i];
-  const float slope = down(lines[0] + lane) + a * down(lines[1] + lane) + b * down(lines[2] + lane);
-  dx[i] = weights[0] * sign_of(b) + weights[1] * slope;
+  for (int p = lane; p < PIXELS; p += LANES) {
+    const int i = place_of(centre_of(p), tile, H, W);
+    if (i >= 0) {
+      const float a = x[i] + y[i], b = x[i] - y[i];
+      const float slope = down(lines[0] + p) + a * down(lines[1] + p) + b * down(lines[2] + p);
+      dx[i] = weights[0] * sign_of(b) + weights[1] * slope;
+    }
+  }
 }
 #endif

@@ -83,13 +83,22 @@ const char* class_for(const std::string& family) {
   return reference_variants() || is_off(family) ? "reference" : class_here();
 }
 
-/// The rows of one kernel: those of the device class whose size fits exactly, then "any", then the references.
+/// Is a group of so many lanes one that the device can have?
+bool group_fits(const Variant& row) {
+  for (const auto& [name, value] : row.constants)
+    if (std::strcmp(name, "LANES") == 0) return value <= device().max_work_group;
+  return true;
+}
+
+/// The rows of one kernel whose groups fit: those of the device class whose size fits exactly, then "any", then the
+/// references.
 std::vector<const Variant*> fitting(const std::string& family, const std::string& size) {
   for (const std::string& where : {std::string(class_for(family)), std::string("reference")})
     for (const std::string& wanted : {size, std::string("any")}) {
       std::vector<const Variant*> out;
       for (const Variant& row : family_of(family).rows)
-        if (row.where == where && row.size == wanted && (out.empty() || row.kernel == out[0]->kernel))
+        if (row.where == where && row.size == wanted && group_fits(row) &&
+            (out.empty() || row.kernel == out[0]->kernel))
           out.push_back(&row);
       if (!out.empty()) return out;
     }

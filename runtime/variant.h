@@ -7,9 +7,10 @@
 //   //: variant mlp_composed reference any                  no kernel: the op's composition (NAME_composed)
 //
 // class: cpu, gpu, or reference (version 1, which tests compare with). size: a size class that the op's code tells from
-// shapes, "any" for all. A family is a stem with its _cpu and _gpu files. The first row that fits is the built-in
-// choice; further rows of the same kernel, class and size must give the same bits, so that tuning never changes a
-// result.
+// shapes, "any" for all. A family is a stem with its _cpu and _gpu files. LANES, where it is stated, is the number of
+// work-items in a group: rows of more than the device can have do not fit. The first row that fits is the built-in
+// choice; further rows of the same kernel, class and size must give the same bits, so that neither tuning nor the
+// device's largest group ever changes a result.
 #pragma once
 #include <set>
 #include <string>

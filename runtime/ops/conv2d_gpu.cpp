@@ -91,16 +91,18 @@ struct Operands {
 
 void run_product(const char* name, const Product& p, const Operands& of, int64_t groups, const Tensor& out) {
   const Variant& v = choose("conv2d", "any");
-  const int64_t tiles = ceil_div(p.n, v["TN"]) * ceil_div(p.m, v["TM"]);
-  // Weight gradients have few tiles but a long sum: share it out. A sum with an epilogue stays whole.
+  // Weight gradients have few tiles but a long sum: share it out. A sum with an epilogue stays whole. The order of a
+  // sum must not depend on the variant: tiles of 64 x 64 are counted whatever it takes.
+  const int64_t tiles = ceil_div(p.n, 64) * ceil_div(p.m, 64);
   constexpr int64_t kGroups = 128, kMinDepth = 1024;
   const int64_t wanted = of.epilogue ? 1 : std::min(ceil_div(kGroups, tiles * groups), ceil_div(p.depth, kMinDepth));
   const int64_t k_each = round_up(ceil_div(p.depth, wanted), v["TK"]), splits = ceil_div(p.depth, k_each);
   const int64_t count = out.numel();
   const Tensor to = splits == 1 ? out : empty({splits, count});
-  Range range = range2(ceil_div(p.n, v["TN"]) * 16, ceil_div(p.m, v["TM"]) * 16);
+  const int side = v["LANES"] == 64 ? 8 : 16;  // of the square that a group is
+  Range range = range2(ceil_div(p.n, v["TN"]) * side, ceil_div(p.m, v["TM"]) * side);
   range.global[2] = static_cast<size_t>(groups * splits);
-  range.local = {16, 16, 1};
+  range.local = {static_cast<size_t>(side), static_cast<size_t>(side), 1};
   range.flops = 2.0 * static_cast<double>(groups * p.m) * static_cast<double>(p.n * p.depth);
   launch(kernel(v), name, range, of.a, of.image, to, of.bias, of.residual, p.m, p.n, p.depth, p.a_row, p.a_inner,
          p.a_outer, p.a_group, p.image_group, p.height, p.width, p.spread, p.j.columns, p.j.plane, p.j.step, p.j.first,

@@ -95,9 +95,10 @@ void run_tiled(const Problem& p) {
   const Variant& variant = choose("matmul", std::min(p.m, p.n) >= 512 ? "large" : "any");
   const Constants layout = {{"A_BY_COLUMN", p.a_by_column()}, {"B_BY_COLUMN", p.b_by_column()}};
   const Splits s = splits_of(p);
-  Range range = range2(ceil_div(p.n, 16 * variant["RN"]) * 16, ceil_div(p.m, 16 * variant["RM"]) * 16);
+  const int side = variant["LANES"] == 64 ? 8 : 16;  // of the square that a group is
+  Range range = range2(ceil_div(p.n, side * variant["RN"]) * side, ceil_div(p.m, side * variant["RM"]) * side);
   range.global[2] = static_cast<size_t>(p.batch * s.count);
-  range.local = {16, 16, 1};
+  range.local = {static_cast<size_t>(side), static_cast<size_t>(side), 1};
   range.flops = p.flops();
   const bool whole = s.count == 1;
   const Tensor to = whole ? p.c : empty({p.batch, s.count, p.m * p.n});

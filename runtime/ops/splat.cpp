@@ -24,6 +24,11 @@ Tensor records_of(const Variant& variant, const Tensors& in) {
   return records;
 }
 
+/// A group a tile in the GPU variant, else a work-item each of `items`.
+Range tiled_range(const Variant& v, int64_t tiles, int64_t items, int64_t together) {
+  return v.where == "gpu" ? range1(tiles * v["LANES"], v["LANES"]) : range1(items, together);
+}
+
 /// in: splats, colours, ids, offsets, slots, the picture, its gradient -> [P,16], as kernels/splat.cl says.
 struct SplatGrad final : Op {
   SplatGrad(const SplatPicture& of, bool probed) : picture(of), with_probe(probed) {}
@@ -37,8 +42,8 @@ struct SplatGrad final : Op {
       launch(kernel(variant, {{"PROBE", with_probe ? 1 : 0}}), what, range1(tiles), records_of(variant, in), in[2],
              in[3], in[4], in[5], in[6], out, picture.height, picture.width);
     else
-      launch(kernel(variant), what, variant.where == "gpu" ? range1(tiles * 256, 256) : range1(tiles, 1), in[0], in[1],
-             in[2], in[3], in[4], in[5], in[6], out, picture.height, picture.width);
+      launch(kernel(variant), what, tiled_range(variant, tiles, tiles, 1), in[0], in[1], in[2], in[3], in[4], in[5],
+             in[6], out, picture.height, picture.width);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     const auto rows = [picture = picture](const Tensors& of) {
@@ -70,9 +75,8 @@ void SplatBlend::run(const Tensors& in, Tensor& out) const {
     launch(kernel(variant), what, range1(tiles), records_of(variant, in), in[3], in[4], out, picture.height,
            picture.width);
   else
-    launch(kernel(variant), what,
-           variant.where == "gpu" ? range1(tiles * 256, 256) : range1(picture.height * picture.width, 64), in[0], in[1],
-           in[3], in[4], out, picture.height, picture.width);
+    launch(kernel(variant), what, tiled_range(variant, tiles, picture.height * picture.width, 64), in[0], in[1], in[3],
+           in[4], out, picture.height, picture.width);
 }
 
 Tensors SplatBlend::vjp(const Tensors& in, const Tensor& out, const Tensor& g) const {

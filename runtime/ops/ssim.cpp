@@ -31,7 +31,7 @@ struct Pieces {
 /// On other devices: a value a work-item, in the GPU variant in groups that are tiles.
 Range tiled_range(const Variant& v, const Shape& picture) {
   if (v.where == "reference") return elements(numel(picture));
-  const int64_t side = v["SIDE"], lanes = side * side;
+  const int64_t side = v["SIDE"], lanes = v["LANES"];
   return range1(picture[0] * ((picture[1] + side - 1) / side) * ((picture[2] + side - 1) / side) * lanes, lanes);
 }
 

@@ -128,6 +128,17 @@ Verdict verdict_from(const std::vector<SelftestRow>& rows, bool quick) {
   return out;
 }
 
+/// All rows, or those whose name contains one of `parts`.
+std::vector<const OpCase*> rows_named(const std::vector<std::string>& parts) {
+  std::vector<const OpCase*> rows;
+  for (const OpCase& row : op_cases()) {
+    const auto named = [&](const std::string& part) { return row.name().find(part) != std::string::npos; };
+    if (parts.empty() || std::any_of(parts.begin(), parts.end(), named)) rows.push_back(&row);
+  }
+  if (rows.empty()) throw Error(Fault::usage, text("no op row's name contains \"", parts[0], "\""));
+  return rows;
+}
+
 }  // namespace
 
 bool SelftestReport::all_passed() const {
@@ -135,10 +146,7 @@ bool SelftestReport::all_passed() const {
 }
 
 SelftestReport run_selftest(const SelftestWish& wish, const SelftestProgress& progress) {
-  std::vector<const OpCase*> wanted;
-  for (const OpCase& row : op_cases())
-    if (row.name().find(wish.only) != std::string::npos) wanted.push_back(&row);
-  if (wanted.empty()) throw Error(Fault::usage, text("no op row's name contains \"", wish.only, "\""));
+  const std::vector<const OpCase*> wanted = rows_named(wish.only);
   SelftestReport report;
   std::vector<std::string> off;
   switch_off(off);

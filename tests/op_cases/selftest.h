@@ -32,7 +32,7 @@ struct SelftestReport {
 
 struct SelftestWish {
   bool quick = false;  // leaves out strided and empty inputs, and variants that are not the built-in choice
-  std::string only;    // a part of the names of the rows to run; empty: all
+  std::vector<std::string> only;  // parts of the names of the rows to run; empty: all
 };
 
 /// Every row with the built-in variants; rows that fail once more with references in their place, one family after
