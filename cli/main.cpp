@@ -8,8 +8,8 @@
 #include "cli/failure.h"
 #include "cli/stop_signal.h"
 #include "models/io/words.h"
-#include "runtime/device.h"
 #include "runtime/error.h"
+#include "runtime/watchdog.h"
 
 namespace cloam {
 namespace {

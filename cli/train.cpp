@@ -21,6 +21,7 @@
 #include "models/train/learns_from_captures.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
+#include "runtime/watchdog.h"
 
 namespace cloam {
 namespace {

@@ -44,10 +44,6 @@ struct DeviceStats {
 DeviceStats& device_stats();
 /// Called after each program that was compiled or taken from the driver's cache, with the statistics so far.
 void on_build(std::function<void(const DeviceStats&)> listener);
-/// What is told when the device has not answered for CLOAM_WATCHDOG seconds (30 without a sign of work on a device on
-/// the host's cores, else 120), on a thread of its own; then the program ends with Fault::device as its code. Without a
-/// listener the message goes to stderr. Gives the listener before.
-std::function<void(const std::string&)> on_hang(std::function<void(const std::string&)> listener);
 uint64_t memory_budget();
 /// Gives cached free buffers back to the driver.
 void trim_memory();

@@ -79,8 +79,8 @@ bool still_answers() {
   return clFinish(cl_device().queue()) == CL_SUCCESS;
 }
 
-std::string device_advice(cl_int code) {
-  const char* const less = code == CL_OUT_OF_RESOURCES ? "smaller --set batch.* need less of the device; " : "";
+std::string device_advice(bool of_resources) {
+  const char* const less = of_resources ? "smaller --set batch.* need less of the device; " : "";
   return text("fix: ", less,
               "cloam selftest --quick checks the device; if it fails too, update the driver, restart the "
               "computer, or select another device: cloam info lists them");
@@ -109,14 +109,13 @@ void driver_failed(const cl::Error& error, const std::string& doing) {
   std::string message = text("cannot ", doing, ": ", answer(error), " on ", device().name, " (", device().platform,
                              ", driver ", device().driver, ")");
   if (!answers) message += "\n  the device no longer answers: it was reset or lost, or a kernel made it crash";
-  const bool of_memory = answers && is_memory(error);
-  message += "\n  " + (of_memory ? memory_advice() : device_advice(error.err()));
+  const bool of_memory = answers && is_memory(error), of_resources = answers && error.err() == CL_OUT_OF_RESOURCES;
+  message += "\n  " + (of_memory ? memory_advice() : device_advice(of_resources));
   throw Error(of_memory ? Fault::memory : Fault::device, message);
 }
 
 void opening_failed(const cl::Error& error, const std::string& doing, const std::string& where) {
-  throw Error(Fault::device,
-              text("cannot ", doing, ": ", answer(error), " on ", where, "\n  ", device_advice(error.err())));
+  throw Error(Fault::device, text("cannot ", doing, ": ", answer(error), " on ", where, "\n  ", device_advice(false)));
 }
 
 bool room_may_help(cl_int code) {

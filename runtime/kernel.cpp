@@ -103,7 +103,7 @@ std::string build_log(const cl::Program& program) {
                                const cl::Program& program) {
   if (debug().kernels) std::fprintf(stderr, "%s", numbered(source).c_str());
   throw Error(Fault::device,
-              text("[kernel ", what, "] does not compile on ", device().name, ": clBuildProgram gave ", code_text(code),
+              text(what, " does not compile on ", device().name, ": clBuildProgram gave ", code_text(code),
                    " with the options ", with, build_log(program),
                    "\n  fix: update the device's driver, or select another device (cloam info lists them); "
                    "CLOAM_DEBUG=kernels shows the source"));
@@ -114,7 +114,7 @@ cl::Program build(const std::string& what, const std::string& source, const Cons
   const WatchedBuild watched;
   const auto start = std::chrono::steady_clock::now();
   const std::string with = options(constants);
-  const auto doing = [&] { return text("compile the kernels of ", what); };
+  const auto doing = [&] { return text("compile ", what); };
   cl::Program program = called_again_with_room(doing, [&] { return cl::Program(cl_device().context, source); });
   called_again_with_room(doing, [&] {
     const cl_device_id on = cl_device().device();
@@ -141,7 +141,8 @@ void on_build(std::function<void(const DeviceStats&)> listener) { build_listener
 
 cl::Kernel& kernel(const char* stem, const char* name, const Constants& constants) {
   Compiled& compiled = cache().files[{stem, constants}];
-  if (!compiled.program()) compiled.program = build(stem, kernel_text("prelude") + kernel_text(stem), constants);
+  if (!compiled.program())
+    compiled.program = build(text("kernels/", stem, ".cl"), kernel_text("prelude") + kernel_text(stem), constants);
   const auto known = compiled.kernels.find(name);
   if (known != compiled.kernels.end()) return known->second;
   cl::Kernel fresh = kernel_in(compiled.program, name);
@@ -156,7 +157,7 @@ void build_generated(const std::vector<Generated>& kernels) {
   for (const Generated& k : kernels)
     if (!cache().generated.contains(k.name) && made.try_emplace(k.name).second) source += k.source;
   if (made.empty()) return;
-  const cl::Program program = build(text(made.size(), " generated"), source, {});
+  const cl::Program program = build(text(made.size(), " generated kernels"), source, {});
   for (auto& [name, k] : made) k = kernel_in(program, name);
   for (auto& [name, k] : made) cache().generated.emplace(name, std::move(k));
   device_stats().kernels_built += static_cast<int64_t>(made.size());
