@@ -3,13 +3,13 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
-#include <new>
-#include <stdexcept>
 
 #include "cli/commands.h"
+#include "cli/failure.h"
 #include "cli/stop_signal.h"
 #include "models/io/words.h"
 #include "runtime/error.h"
+#include "runtime/watchdog.h"
 
 namespace cloam {
 namespace {
@@ -110,6 +110,7 @@ int parse(CLI::App& program, const std::vector<std::string>& words) {
 }
 
 int run(const std::function<int()>& command) {
+  on_hang([](const std::string& message) { report(static_cast<int>(Fault::device), message); });
   try {
     const int code = command();
     end_profile();
@@ -117,15 +118,9 @@ int run(const std::function<int()>& command) {
   } catch (const Interrupted& interrupted) {
     std::fprintf(stderr, "%s\n", interrupted.what());
     return interrupted.code();
-  } catch (const Error& error) {
+  } catch (...) {
+    const Error error = current_error();
     return report(static_cast<int>(error.fault()), error.what());
-  } catch (const std::bad_alloc&) {
-    return report(5, "out of memory; a larger --downscale needs less");
-  } catch (const std::length_error&) {
-    return report(5, "a size is larger than any memory; use smaller sizes in the settings or the data");
-  } catch (const std::exception& error) {
-    return report(1, std::string("internal error: ") + error.what() +
-                         "\n  please report this with the command and the output of cloam info");
   }
 }
 

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/failure.h"
 #include "cli/progress.h"
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
@@ -20,6 +21,7 @@
 #include "models/train/learns_from_captures.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
+#include "runtime/watchdog.h"
 
 namespace cloam {
 namespace {
@@ -67,7 +69,7 @@ std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView&
   return checkpoint;
 }
 
-void begin_folder(TrainJob& job, const Scenes& scenes, const std::vector<DataNow>& data, const TrainRequest& request) {
+void begin_record(TrainJob& job, const std::vector<DataNow>& data, const TrainRequest& request) {
   if (request.overwrite && is_run(job.folder)) clear_run(job.folder);
   RunRecord& r = job.record;
   r.state = "running";
@@ -79,7 +81,10 @@ void begin_folder(TrainJob& job, const Scenes& scenes, const std::vector<DataNow
   r.ended = "";
   note_places(job, data);
   write_record(job.folder, r);
-  if (request.resume) return;
+}
+
+void write_settings(const TrainJob& job, const Scenes& scenes) {
+  const RunRecord& r = job.record;
   write_config(job.folder, job.config, text("Settings of ", r.method, ", preset ", r.preset, "; use with --config"));
   write_scenes(RunPaths{job.folder}.scene(), scenes);
 }
@@ -134,26 +139,68 @@ void tell_end(const TrainJob& job, const TrainResult& result, const Common& comm
   std::fprintf(stderr, "Continue: cloam train --resume %s\n", folder.c_str());
 }
 
-TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOptions& options, bool verbose,
-                             ProgressView& view, EventLog& log) {
+/// What the run folder holds after a fault, and how to go on.
+std::string way_on(const TrainJob& job, Fault fault, int64_t saved) {
+  if (fault == Fault::diverged) return "";  // the trainer says it
+  const std::string resume = "cloam train --resume " + quoted(job.folder.string());
+  if (saved == 0) return text("\n  no checkpoint was saved yet; ", resume, " begins again with the first step");
+  return text("\n  the checkpoint of step ", saved, " is whole; ", resume, " continues from it");
+}
+
+/// Ends the record of a training that failed; gives the error with what the run folder holds.
+Error failed(TrainJob& job, const Error& first, int64_t saved, ProgressView& view, EventLog& log) {
+  const Error error(first.fault(), first.what() + way_on(job, first.fault(), saved));
+  view.finish();
+  log.write("end", {{"state", "failed"}, {"exit", static_cast<int>(error.fault())}, {"message", error.what()}});
+  try {
+    end_record(job, "failed", {});
+  } catch (const Error&) {  // the disk may be the trouble; what is told is the first error
+  }
+  return error;
+}
+
+/// As long as it lives, told() sees the message of a device that hangs, and gives the one that is told.
+class OnHang {
+ public:
+  explicit OnHang(const std::function<std::string(const std::string&)>& told) : before_(on_hang({})) {
+    on_hang([tell = before_, told](const std::string& message) { tell(told(message)); });
+  }
+  ~OnHang() { on_hang(before_); }
+  OnHang(const OnHang&) = delete;
+  OnHang& operator=(const OnHang&) = delete;
+
+ private:
+  std::function<void(const std::string&)> before_;
+};
+
+/// Does the work of a training, which saves `saved` last. Whatever goes wrong is recorded, also a device that hangs.
+template <class Work>
+TrainResult recorded(TrainJob& job, const int64_t& saved, ProgressView& view, EventLog& log, const Work& work) {
+  const OnHang hang([&](const std::string& message) {
+    return std::string(failed(job, Error(Fault::device, message), saved, view, log).what());
+  });
+  try {
+    return work();
+  } catch (...) { throw failed(job, current_error(), saved, view, log); }
+}
+
+TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOptions& options, int64_t& saved,
+                             bool verbose, ProgressView& view) {
   TrainListener listener;
   listener.step = [&](const StepReport& report) {
     job.record.step = report.progress.step;
     view.step(report);
   };
-  listener.checkpoint = [&](int64_t step, const fs::path& path) { view.checkpoint(step, path, verbose); };
+  listener.checkpoint = [&](int64_t step, const fs::path& path) {
+    saved = step;
+    view.checkpoint(step, path, verbose);
+  };
   listener.warning = [&](const std::string& warning) { view.warning(warning); };
-  try {
-    return train(run, options, listener);
-  } catch (const Error& error) {
-    view.finish();
-    log.write("end", {{"state", "failed"}, {"exit", static_cast<int>(error.fault())}, {"message", error.what()}});
-    try {
-      end_record(job, "failed", {});
-    } catch (const Error&) {  // the disk may be the trouble; what is told is the first error
-    }
-    throw;
-  }
+  const StopOnSignal signals("finishing this step, then saving");
+  const TrainResult result = train(run, options, listener);
+  view.finish();
+  end_record(job, state_of(result), result);
+  return result;
 }
 
 void take_progress(TrainJob& job, const LoadedCheckpoint& checkpoint, const TrainRequest& request) {
@@ -172,6 +219,27 @@ bool has_time_for_preview(const TrainResult& result, const TrainOptions& options
   return !options.time_budget_seconds || used < kPreviewUntil * *options.time_budget_seconds;
 }
 
+/// The preview is no part of the training, which is recorded: it may fail.
+std::optional<Error> try_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& result,
+                                 const Common& common, EventLog& log) {
+  try {
+    write_preview(job, frame, result, common, log);
+    return std::nullopt;
+  } catch (...) {
+    const Error error = current_error();
+    return Error(error.fault(), text("the run is whole, but its preview failed: ", error.what()));
+  }
+}
+
+void log_end(const TrainJob& job, const TrainResult& result, EventLog& log) {
+  log.write("end", {{"state", job.record.state},
+                    {"step", result.step},
+                    {"horizon", result.horizon},
+                    {"loss", result.loss},
+                    {"seconds", result.seconds},
+                    {"checkpoint", result.checkpoint.filename().string()}});
+}
+
 /// From here on files are written. Everything was read and checked before.
 int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>& now, const TrainRequest& request,
                     const Common& common, EventLog& log, ProgressView& view) {
@@ -185,31 +253,27 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   const FolderLock lock(job.folder);
   if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
   const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
+  job.record.step = 0;
   if (checkpoint) take_progress(job, *checkpoint, request);
-  begin_folder(job, scenes, now, request);
-  mend_log(RunPaths{job.folder}.events());
-  log.open(RunPaths{job.folder}.events());
-  log.write("start", {{"step", job.record.step}, {"command_line", command_line()}, {"device", job.record.device}});
-  TrainRun run{*job.method, RunPaths{job.folder}.checkpoints(), checkpoint_metadata(job.record)};
-  run.resume = checkpoint ? &checkpoint->file : nullptr;
-  run.stop = &stop_signal;
+  int64_t saved = job.record.step;
+  begin_record(job, now, request);
   const TrainOptions options = options_of(job, request);
-  TrainResult result;
-  {
-    const StopOnSignal signals("finishing this step, then saving");
-    result = train_and_record(job, run, options, common.verbose, view, log);
-    view.finish();
-    end_record(job, state_of(result), result);
-  }
+  const TrainResult result = recorded(job, saved, view, log, [&] {
+    if (!fs::exists(RunPaths{job.folder}.scene())) write_settings(job, scenes);
+    mend_log(RunPaths{job.folder}.events());
+    log.open(RunPaths{job.folder}.events());
+    log.write("start", {{"step", job.record.step}, {"command_line", command_line()}, {"device", job.record.device}});
+    TrainRun run{*job.method, RunPaths{job.folder}.checkpoints(), checkpoint_metadata(job.record)};
+    run.resume = checkpoint ? &checkpoint->file : nullptr;
+    run.stop = &stop_signal;
+    return train_and_record(job, run, options, saved, common.verbose, view);
+  });
+  std::optional<Error> trouble;
   if (preview && has_time_for_preview(result, options, result.seconds))
-    write_preview(job, *preview, result, common, log);
-  log.write("end", {{"state", job.record.state},
-                    {"step", result.step},
-                    {"horizon", result.horizon},
-                    {"loss", result.loss},
-                    {"seconds", result.seconds},
-                    {"checkpoint", result.checkpoint.filename().string()}});
+    trouble = try_preview(job, *preview, result, common, log);
+  log_end(job, result, log);
   tell_end(job, result, common);
+  if (trouble) throw Error(*trouble);
   const bool ended_early = result.interrupted && job.record.state != "finished";
   return ended_early ? 128 + stop_signal.load() : 0;
 }

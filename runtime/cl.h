@@ -98,15 +98,15 @@ class Arguments {
   explicit Arguments(cl::Kernel& k) : kernel_(k) {}
   void add(const Tensor& tensor);
   void add(Strided strided);
-  void add(const Words& words) { kernel_.setArg(next_++, words.bytes(), words.data()); }
+  void add(const Words& words) { set(words.bytes(), words.data()); }
   /// A tensor read from where the words say, not from its storage's offset.
   void add_memory(const Tensor& tensor);
-  void add(float value) { kernel_.setArg(next_++, value); }
+  void add(float value) { set(sizeof value, &value); }
   template <std::integral I>
   void add(I value) {
     add_int(static_cast<int64_t>(value));
   }
-  void add(uint32_t value) { kernel_.setArg(next_++, value); }
+  void add(uint32_t value) { set(sizeof value, &value); }
   void add(const Shape& sizes) {
     for (int64_t size : sizes) add_int(size);
   }
@@ -114,6 +114,7 @@ class Arguments {
 
  private:
   void add_int(int64_t value);
+  void set(size_t bytes, const void* value);
   cl::Kernel& kernel_;
   cl_uint next_ = 0;
   double bytes_ = 0;

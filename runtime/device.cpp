@@ -10,6 +10,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/driver.h"
 #include "runtime/kernel_cache.h"
 
 namespace cloam {
@@ -67,10 +68,23 @@ std::string pin_pocl_threads() {
   return text("POCL_AFFINITY=", std::getenv("POCL_AFFINITY"), by_user ? " (set by the user)" : " (set by cloam)");
 }
 
-std::vector<Candidate> candidates() {
+/// All devices that answer, and what the others gave instead: no driver that is broken stands in another's way.
+struct Candidates {
+  std::vector<Candidate> all;
+  std::string broken;
+};
+
+void add_devices(const cl::Platform& platform, size_t number, Candidates& out) {
+  std::vector<cl::Device> devices;
+  platform.getDevices(CL_DEVICE_TYPE_ALL, &devices);
+  for (size_t d = 0; d < devices.size(); d++)
+    out.all.push_back({platform, devices[d], describe(platform, devices[d], text(number, ":", d))});
+}
+
+Candidates candidates() {
   const std::string pinning = pin_pocl_threads();
   if (!kernel_cache().usable) throw Error(Fault::write, kernel_cache().note);  // PoCL would end the process
-  std::vector<Candidate> out;
+  Candidates out;
   std::vector<cl::Platform> platforms;
   try {
     cl::Platform::get(&platforms);
@@ -78,22 +92,21 @@ std::vector<Candidate> candidates() {
     return out;  // the loader's way to say: no driver installed
   }
   for (size_t p = 0; p < platforms.size(); p++) {
-    std::vector<cl::Device> devices;
     try {
-      platforms[p].getDevices(CL_DEVICE_TYPE_ALL, &devices);
-    } catch (const cl::Error&) { continue; }
-    for (size_t d = 0; d < devices.size(); d++) {
-      out.push_back({platforms[p], devices[d], describe(platforms[p], devices[d], text(p, ":", d))});
-      DeviceInfo& info = out.back().info;
-      if (info.platform == "Portable Computing Language") info.pinning = pinning;
+      add_devices(platforms[p], p, out);
+    } catch (const cl::Error& error) {
+      if (error.err() != CL_DEVICE_NOT_FOUND)
+        out.broken += text("\n  driver ", p, " does not work: ", error.what(), " gave ", code_text(error.err()));
     }
   }
+  for (Candidate& c : out.all)
+    if (c.info.platform == "Portable Computing Language") c.info.pinning = pinning;
   return out;
 }
 
-std::string table(const std::vector<Candidate>& all) {
+std::string table(const std::vector<const Candidate*>& rows) {
   std::string out;
-  for (const Candidate& c : all) out += text("\n  ", c.info.id, "  ", c.info.name, " (", c.info.platform, ")");
+  for (const Candidate* c : rows) out += text("\n  ", c->info.id, "  ", c->info.name, " (", c->info.platform, ")");
   return out;
 }
 
@@ -108,24 +121,29 @@ bool matches(const Candidate& c, size_t position, const std::string& wish) {
 /// A GPU before a CPU; among equals the larger memory is no criterion (drivers report it at whim), the order is.
 int rank(const Candidate& c) { return c.info.is_cpu ? 1 : 0; }
 
-Candidate choose(const std::vector<Candidate>& all, const std::string& wish) {
+const Candidate& choose(const Candidates& found, const std::string& wish) {
+  const std::vector<Candidate>& all = found.all;
   if (all.empty())
     throw Error(Fault::device,
                 text("no OpenCL device found. Looked for drivers in ",
                      std::getenv("OCL_ICD_VENDORS") ? std::getenv("OCL_ICD_VENDORS") : "/etc/OpenCL/vendors",
-                     " and found none that works.\n  fix: sudo apt install pocl-opencl-icd   (any CPU), or your GPU's "
+                     " and found none that works.", found.broken,
+                     "\n  fix: sudo apt install pocl-opencl-icd   (any CPU), or your GPU's "
                      "OpenCL driver; unset OCL_ICD_VENDORS if it points to the wrong place"));
-  std::vector<Candidate> fit;
-  for (size_t i = 0; i < all.size(); i++)
-    if (wish == "auto" || matches(all[i], i, wish)) fit.push_back(all[i]);
+  std::vector<const Candidate*> any, fit;
+  for (size_t i = 0; i < all.size(); i++) {
+    any.push_back(&all[i]);
+    if (wish == "auto" || matches(all[i], i, wish)) fit.push_back(&all[i]);
+  }
   if (fit.empty())
-    throw Error(Fault::device, text("no OpenCL device matches --device \"", wish, "\". Found:", table(all)));
+    throw Error(Fault::device,
+                text("no OpenCL device matches --device \"", wish, "\". Found:", table(any), found.broken));
   const bool by_kind = wish == "auto" || lower(wish) == "cpu" || lower(wish) == "gpu";
   if (fit.size() > 1 && !by_kind)
     throw Error(Fault::usage,
                 text("--device \"", wish, "\" matches several devices; name one by its number:", table(fit)));
-  return *std::min_element(fit.begin(), fit.end(),
-                           [](const Candidate& a, const Candidate& b) { return rank(a) < rank(b); });
+  return **std::min_element(fit.begin(), fit.end(),
+                            [](const Candidate* a, const Candidate* b) { return rank(*a) < rank(*b); });
 }
 
 DeviceOptions wanted;
@@ -134,13 +152,15 @@ std::optional<ClDevice> chosen;
 void open_device() {
   const char* environment = std::getenv("CLOAM_DEVICE");
   const std::string wish = wanted.device == "auto" && environment ? environment : wanted.device;
-  const Candidate c = choose(candidates(), wish);
+  const Candidates found = candidates();
+  const Candidate& c = choose(found, wish);
   try {
     cl::Context context(c.device);
     cl::CommandQueue queue(context, c.device, debug().kernels ? CL_QUEUE_PROFILING_ENABLE : 0);
     chosen = ClDevice{c.platform, c.device, context, queue, c.info};
-  } catch (const cl::Error& e) {
-    throw Error(Fault::device, text("device ", c.info.name, " refused a context: ", e.what(), " gave ", e.err()));
+    start_watchdog(c.info.is_cpu);
+  } catch (const cl::Error& error) {
+    opening_failed(error, "open the device", text(c.info.name, " (", c.info.platform, ", driver ", c.info.driver, ")"));
   }
 }
 
@@ -174,7 +194,7 @@ bool looking_for_nan() { return nan_is_wanted; }
 
 std::vector<DeviceInfo> list_devices() {
   std::vector<DeviceInfo> out;
-  for (const Candidate& c : candidates()) out.push_back(c.info);
+  for (const Candidate& c : candidates().all) out.push_back(c.info);
   return out;
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "runtime/cl.h"
+#include "runtime/driver.h"
 #include "runtime/ops.h"
 
 namespace cloam {
@@ -11,8 +12,10 @@ namespace {
 
 std::shared_ptr<Buffer> part_of(const std::shared_ptr<Buffer>& whole, size_t from, size_t bytes) {
   cl_buffer_region region{from, bytes};
-  auto part = std::make_shared<Buffer>(
-      whole->mem.createSubBuffer(CL_MEM_READ_WRITE, CL_BUFFER_CREATE_TYPE_REGION, &region), bytes);
+  cl::Buffer mem = called_again_with_room(
+      [&] { return text("make a part of ", bytes, " bytes of a buffer"); },
+      [&] { return whole->mem.createSubBuffer(CL_MEM_READ_WRITE, CL_BUFFER_CREATE_TYPE_REGION, &region); });
+  auto part = std::make_shared<Buffer>(std::move(mem), bytes);
   part->whole = whole;
   return part;
 }
@@ -31,7 +34,9 @@ void check_shapes(const Tensor& tensor, const Tensor& place) {
 }  // namespace
 
 Flat flat_zeros(const std::vector<Shape>& shapes) {
-  const size_t unit = std::max<size_t>(128, cl_device().device.getInfo<CL_DEVICE_MEM_BASE_ADDR_ALIGN>() / 8);
+  const cl_uint bits = called([] { return "ask the device how buffers are aligned"; },
+                              [] { return cl_device().device.getInfo<CL_DEVICE_MEM_BASE_ADDR_ALIGN>(); });
+  const size_t unit = std::max<size_t>(128, bits / 8);
   std::vector<size_t> begins;
   size_t bytes = 0;
   for (const Shape& shape : shapes) {

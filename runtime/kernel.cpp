@@ -1,4 +1,6 @@
 // The kernel cache and launch(): kernels/<stem>.cl by constants, and generated text, each compiled once a process.
+#include <algorithm>
+#include <cctype>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -11,6 +13,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/driver.h"
 #include "runtime/profile.h"
 
 namespace cloam {
@@ -94,23 +97,53 @@ std::function<void(const DeviceStats&)>& build_listener() {
   return listener;
 }
 
+/// The compiler's messages as further lines of an error.
+std::string build_log(const cl::Program& program) {
+  std::string log;
+  try {
+    log = program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device().device);
+  } catch (const cl::Error& error) { log = text("no log: ", code_text(error.err())); }
+  while (!log.empty() && (log.back() == '\0' || std::isspace(static_cast<unsigned char>(log.back())))) log.pop_back();
+  if (log.empty()) log = "the compiler says nothing; PoCL does so when POCL_CACHE_DIR is full or cannot be written";
+  std::string out = "\n    ";
+  for (const char c : log) out += c == '\n' ? "\n    " : std::string(1, c);
+  return out;
+}
+
+[[noreturn]] void build_failed(cl_int code, const std::string& what, const std::string& source, const std::string& with,
+                               const cl::Program& program) {
+  if (debug().kernels) std::fprintf(stderr, "%s", numbered(source).c_str());
+  throw Error(Fault::device,
+              text(what, " does not compile on ", device().name, ": clBuildProgram gave ", code_text(code),
+                   " with the options ", with, build_log(program),
+                   "\n  fix: update the device's driver, or select another device (cloam info lists them); "
+                   "CLOAM_DEBUG=kernels shows the source"));
+}
+
 cl::Program build(const std::string& what, const std::string& source, const Constants& constants) {
   const HostSpan span("build");
+  const WatchedBuild watched;
   const auto start = std::chrono::steady_clock::now();
-  cl::Program program(cl_device().context, source);
-  try {
-    program.build({cl_device().device}, options(constants).c_str());
-  } catch (const cl::Error& e) {
-    throw Error(Fault::device,
-                text("[kernel ", what, "] does not compile on ", device().name, " (", e.err(), "), options ",
-                     options(constants), "\n", program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device().device), "\n",
-                     numbered(source)));
-  }
+  const std::string with = options(constants);
+  const auto doing = [&] { return text("compile ", what); };
+  cl::Program program = called_again_with_room(doing, [&] { return cl::Program(cl_device().context, source); });
+  called_again_with_room(doing, [&] {
+    const cl_device_id on = cl_device().device();
+    const cl_int code = clBuildProgram(program(), 1, &on, with.c_str(), nullptr, nullptr);
+    if (code == CL_BUILD_PROGRAM_FAILURE || code == CL_INVALID_BUILD_OPTIONS)
+      build_failed(code, what, source, with, program);
+    if (code != CL_SUCCESS) throw cl::Error(code, "clBuildProgram");
+  });
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   device_stats().build_seconds += seconds;
   if (debug().kernels) std::fprintf(stderr, "[build] %s %.0f ms\n", what.c_str(), seconds * 1e3);
   if (build_listener()) build_listener()(device_stats());
   return program;
+}
+
+cl::Kernel kernel_in(const cl::Program& program, const std::string& name) {
+  return called_again_with_room([&] { return text("make the kernel ", name); },
+                                [&] { return cl::Kernel(program, name.c_str()); });
 }
 
 }  // namespace
@@ -121,27 +154,26 @@ void on_build(std::function<void(const DeviceStats&)> listener) { build_listener
 
 cl::Kernel& kernel(const char* stem, const char* name, const Constants& constants) {
   Compiled& compiled = cache().files[{stem, constants}];
-  if (!compiled.program()) compiled.program = build(stem, kernel_text("prelude") + kernel_text(stem), constants);
-  auto [at, fresh] = compiled.kernels.try_emplace(name);
-  if (fresh) {
-    at->second = cl::Kernel(compiled.program, name);
-    device_stats().kernels_built++;
-  }
-  return at->second;
+  if (!compiled.program())
+    compiled.program = build(text("kernels/", stem, ".cl"), kernel_text("prelude") + kernel_text(stem), constants);
+  const auto known = compiled.kernels.find(name);
+  if (known != compiled.kernels.end()) return known->second;
+  cl::Kernel fresh = kernel_in(compiled.program, name);
+  device_stats().kernels_built++;
+  return compiled.kernels.emplace(name, std::move(fresh)).first->second;
 }
 
+/// Nothing is kept of kernels that could not be built: a later call tries again.
 void build_generated(const std::vector<Generated>& kernels) {
   std::string source = kernel_text("prelude");
-  std::vector<const Generated*> missing;
+  std::map<std::string, cl::Kernel> made;
   for (const Generated& k : kernels)
-    if (cache().generated.try_emplace(k.name).second) {
-      missing.push_back(&k);
-      source += k.source;
-    }
-  if (missing.empty()) return;
-  cl::Program program = build(text(missing.size(), " generated"), source, {});
-  for (const Generated* k : missing) cache().generated[k->name] = cl::Kernel(program, k->name.c_str());
-  device_stats().kernels_built += static_cast<int64_t>(missing.size());
+    if (!cache().generated.contains(k.name) && made.try_emplace(k.name).second) source += k.source;
+  if (made.empty()) return;
+  const cl::Program program = build(text(made.size(), " generated kernels"), source, {});
+  for (auto& [name, k] : made) k = kernel_in(program, name);
+  for (auto& [name, k] : made) cache().generated.emplace(name, std::move(k));
+  device_stats().kernels_built += static_cast<int64_t>(made.size());
 }
 
 cl::Kernel& generated_kernel(const Generated& wanted) {
@@ -170,10 +202,26 @@ Range range2(int64_t x, int64_t y) {
   return r;
 }
 
+namespace {
+
+std::string name_of(const cl::Kernel& k) {
+  try {
+    return k.getInfo<CL_KERNEL_FUNCTION_NAME>();
+  } catch (const cl::Error&) { return "without a name"; }
+}
+
+}  // namespace
+
+void Arguments::set(size_t bytes, const void* value) {
+  const cl_uint place = next_++;
+  called_again_with_room([&] { return text("set argument ", place, " of the kernel ", name_of(kernel_)); },
+                         [&] { kernel_.setArg(place, bytes, value); });
+}
+
 void Arguments::add(const Tensor& tensor) {
   const Storage& s = tensor.node()->storage;
   if (!s.buffer || s.offset != 0) throw Error(Fault::internal, "[launch] a kernel argument is not evaluated and dense");
-  kernel_.setArg(next_++, s.buffer->mem);
+  set(sizeof(cl_mem), &s.buffer->mem());
   bytes_ += static_cast<double>(tensor.numel()) * static_cast<double>(size_of(tensor.dtype()));
 }
 
@@ -183,7 +231,7 @@ void Arguments::add(Strided strided) {
 }
 
 void Arguments::add_memory(const Tensor& tensor) {
-  kernel_.setArg(next_++, tensor.node()->storage.buffer->mem);
+  set(sizeof(cl_mem), &tensor.node()->storage.buffer->mem());
   bytes_ += static_cast<double>(tensor.numel()) * static_cast<double>(size_of(tensor.dtype()));
 }
 
@@ -198,46 +246,72 @@ cl_int in_31_bits(int64_t value) {
 
 }  // namespace
 
-void Arguments::add_int(int64_t value) { kernel_.setArg(next_++, in_31_bits(value)); }
+void Arguments::add_int(int64_t value) {
+  const cl_int word = in_31_bits(value);
+  set(sizeof word, &word);
+}
 
 void Words::add(int64_t value) { at_[count_++] = in_31_bits(value); }
 
 namespace {
 
+/// A ring of names: who fails may be among the last.
+struct LastLaunches {
+  std::array<const char*, 4> names{};
+  size_t count = 0;
+};
+LastLaunches& last_launched() {
+  static LastLaunches one;
+  return one;
+}
+
+double milliseconds(const cl::Event& event, const char* name) {
+  return called([&] { return text("time the kernel ", name); },
+                [&] {
+                  event.wait();
+                  return 1e-6 * static_cast<double>(event.getProfilingInfo<CL_PROFILING_COMMAND_END>() -
+                                                    event.getProfilingInfo<CL_PROFILING_COMMAND_START>());
+                });
+}
+
 void profile_line(const char* name, const Range& range, double bytes, const cl::Event& event) {
-  event.wait();
-  const double ms = 1e-6 * static_cast<double>(event.getProfilingInfo<CL_PROFILING_COMMAND_END>() -
-                                               event.getProfilingInfo<CL_PROFILING_COMMAND_START>());
+  const double ms = milliseconds(event, name);
   std::fprintf(stderr, "[launch] %-28s %9.3f ms %8.2f GB/s %8.2f GFLOP/s  range %zux%zux%zu\n", name, ms,
                bytes / ms * 1e-6, range.flops / ms * 1e-6, range.global[0], range.global[1], range.global[2]);
 }
 
+std::string words_for(const char* name, const Range& range) {
+  return text("launch the kernel ", name, " over ", range.global[0], "x", range.global[1], "x", range.global[2],
+              " items in groups of ", range.local[0], "x", range.local[1], "x", range.local[2]);
+}
+
 }  // namespace
+
+std::string last_launches() {
+  const LastLaunches& last = last_launched();
+  std::string out;
+  for (size_t i = 0; i < std::min(last.count, last.names.size()); i++)
+    out += text(i > 0 ? ", " : "", last.names[(last.count - 1 - i) % last.names.size()]);
+  return out.empty() ? "nothing" : out;
+}
 
 void enqueue(cl::Kernel& k, const char* name, const Range& range, double bytes) {
   if (range.global[0] * range.global[1] * range.global[2] == 0) return;
-  device_stats().launches++;
   if (recorder) recorder->insert(name_of(k, name));
   const cl::NDRange global(range.global[0], range.global[1], range.global[2]);
   const cl::NDRange local(range.local[0], range.local[1], range.local[2]);
-  try {
-    if (debug().kernels) {
-      cl::Event event;
-      cl_device().queue.enqueueNDRangeKernel(k, cl::NullRange, global, local, nullptr, &event);
-      profile_line(name, range, bytes, event);
-    } else if (profiling()) {
-      cl::Event event;
-      cl_device().queue.enqueueNDRangeKernel(k, cl::NullRange, global, local, nullptr, &event);
-      record_launch(std::move(event), name, range.flops, bytes);
-    } else {
-      cl_device().queue.enqueueNDRangeKernel(k, cl::NullRange, global, local);
-    }
-    if (debug().sync) finish();
-  } catch (const cl::Error& e) {
-    throw Error(Fault::device, text("[launch ", name, "] ", e.what(), " gave ", e.err(), " for a range of ",
-                                    range.global[0], "x", range.global[1], "x", range.global[2], " in groups of ",
-                                    range.local[0], "x", range.local[1], " on ", device().name));
-  }
+  cl::Event event;
+  cl::Event* const timed = debug().kernels || profiling() ? &event : nullptr;
+  called_again_with_room(
+      [&] { return words_for(name, range); },
+      [&] { cl_device().queue.enqueueNDRangeKernel(k, cl::NullRange, global, local, nullptr, timed); });
+  device_stats().launches++;
+  last_launched().names[last_launched().count++ % last_launched().names.size()] = name;
+  if (debug().kernels)
+    profile_line(name, range, bytes, event);
+  else if (timed)
+    record_launch(std::move(event), name, range.flops, bytes);
+  if (debug().sync) finish();
 }
 
 }  // namespace cloam

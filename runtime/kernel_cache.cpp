@@ -12,6 +12,7 @@
 #include <filesystem>
 
 #include "runtime/error.h"
+#include "runtime/kernel_files.h"
 
 namespace cloam {
 namespace {
@@ -31,6 +32,14 @@ fs::path folder_of_pocl() {
   if (const std::string xdg = variable("XDG_CACHE_HOME"); !xdg.empty()) return fs::path(xdg) / "pocl";
   if (const std::string home = variable("HOME"); !home.empty()) return fs::path(home) / ".cache" / "pocl";
   return {};
+}
+
+/// PoCL's own choice has a folder more.
+std::string mended(const fs::path& folder) {
+  const int programs = remove_damaged_kernels(folder) + remove_damaged_kernels(folder / "kcache");
+  return programs == 0
+             ? ""
+             : text(programs, " compiled programs in ", folder.string(), " were damaged and are compiled again");
 }
 
 /// Why the folder, which exists, cannot take kernels; empty if it can. Permission bits do not tell: a try does.
@@ -71,7 +80,7 @@ std::string problem_of_private(const fs::path& folder) {
 KernelCache decide() {
   const fs::path wanted = folder_of_pocl(), temporary = temporary_folder();
   const std::string problem = wanted.empty() ? "HOME is not set" : problem_of(wanted);
-  if (problem.empty()) return {};
+  if (problem.empty()) return {mended(wanted), true};
   const std::string reason = wanted.empty() ? problem : text(wanted.string(), ": ", problem);
   const std::string other = problem_of_private(temporary);
   if (!other.empty()) {
@@ -80,6 +89,7 @@ KernelCache decide() {
             false};
   }
   ::setenv("POCL_CACHE_DIR", temporary.c_str(), 1);
+  (void)mended(temporary);
   return {
       text("compiled kernels are kept in ", temporary.string(), " (", reason, "); POCL_CACHE_DIR names another folder"),
       true};

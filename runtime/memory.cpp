@@ -6,10 +6,12 @@
 #include <bit>
 #include <chrono>
 #include <fstream>
+#include <new>
 #include <optional>
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/driver.h"
 #include "runtime/profile.h"
 
 namespace cloam {
@@ -69,7 +71,12 @@ cl::Buffer guarded(size_t bytes) {
       static_cast<std::byte*>(mmap(nullptr, body + page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
   if (base == MAP_FAILED) throw Error(Fault::memory, text("guarded buffer of ", bytes, " bytes: mmap failed"));
   mprotect(base + body, page, PROT_NONE);
-  return cl::Buffer(cl_device().context, CL_MEM_READ_WRITE | CL_MEM_USE_HOST_PTR, bytes, base + body - bytes);
+  try {
+    return cl::Buffer(cl_device().context, CL_MEM_READ_WRITE | CL_MEM_USE_HOST_PTR, bytes, base + body - bytes);
+  } catch (const cl::Error&) {
+    munmap(base, body + page);
+    throw;
+  }
 }
 
 /// Asks for 2 MiB pages under what lies in host memory anyway: streams and columns of matrices miss fewer translations.
@@ -87,11 +94,11 @@ void prefer_huge_pages(const cl::Buffer& mem, size_t bytes) {
 }
 
 cl::Buffer fresh(size_t bytes) {
-  device_stats().allocated_bytes += bytes;
-  if (!device().is_cpu) return cl::Buffer(cl_device().context, CL_MEM_READ_WRITE, bytes);
+  const ClDevice& cl = cl_device();
+  if (!cl.info.is_cpu) return cl::Buffer(cl.context, CL_MEM_READ_WRITE, bytes);
   if (debug().bounds) return guarded(bytes);
   // A plain buffer is lazy here and aborts the process at first use when memory is short.
-  cl::Buffer mem(cl_device().context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, bytes);
+  cl::Buffer mem(cl.context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, bytes);
   prefer_huge_pages(mem, bytes);
   return mem;
 }
@@ -147,16 +154,15 @@ cl::Buffer obtain(size_t size) {
   keep_at_most(std::max(device_stats().peak_bytes, kKeptAnyway));
   if (device_stats().live_bytes + device_stats().kept_bytes + size > memory_budget()) trim_memory();
   if (device_stats().live_bytes + size > memory_budget()) too_much(size, "over the budget");
-  try {
-    return fresh(size);
-  } catch (const cl::Error&) { trim_memory(); }
-  try {
-    return fresh(size);
-  } catch (const cl::Error& e) { too_much(size, e.what()); }
+  cl::Buffer mem =
+      called_again_with_room([&] { return text("make a buffer of ", size, " bytes"); }, [&] { return fresh(size); });
+  device_stats().allocated_bytes += size;
+  return mem;
 }
 
 void poison(const cl::Buffer& mem, size_t bytes) {
-  cl_device().queue.enqueueFillBuffer(mem, 0x7fc00000u, 0, bytes / 4 * 4);
+  called_again_with_room([&] { return text("fill a buffer of ", bytes, " bytes"); },
+                         [&] { cl_device().queue.enqueueFillBuffer(mem, 0x7fc00000u, 0, bytes / 4 * 4); });
 }
 
 }  // namespace
@@ -171,19 +177,23 @@ std::shared_ptr<Buffer> allocate(size_t bytes) {
   size_t index = size_class(bytes);
   std::optional<cl::Buffer> found = reuse(index);
   const size_t real = class_bytes(index);
-  cl::Buffer mem = found ? std::move(*found) : obtain(real);
+  const auto buffer = std::make_shared<Buffer>(found ? std::move(*found) : obtain(real), real);
   DeviceStats& s = device_stats();
   s.live_bytes += real;
   s.peak_bytes = std::max(s.peak_bytes, s.live_bytes);
-  if (debug().poison) poison(mem, real);
-  return std::make_shared<Buffer>(std::move(mem), real);
+  if (debug().poison) poison(buffer->mem, real);
+  return buffer;
 }
 
 Buffer::~Buffer() {
   if (whole) return;
-  device_stats().live_bytes -= bytes;
-  device_stats().kept_bytes += bytes;
-  pool().free[size_class(bytes)].push_back({std::move(mem), pool().freed++});
+  DeviceStats& s = device_stats();
+  s.live_bytes -= bytes;
+  try {
+    pool().free[size_class(bytes)].push_back({std::move(mem), pool().freed++});
+    s.kept_bytes += bytes;
+  } catch (const std::bad_alloc&) {  // the host has no memory for the list: then it is given back
+  }
 }
 
 void trim_memory() {
@@ -192,32 +202,47 @@ void trim_memory() {
   device_stats().kept_bytes = 0;
 }
 
+bool make_room() {
+  try {
+    trim_memory();
+    return true;
+  } catch (const Error&) { return false; }
+}
+
 namespace {
 
+/// Counts the time in which the host is blocked, whatever comes of it.
 struct WaitTimer {
   HostSpan span{"wait"};
   std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
   ~WaitTimer() {
     device_stats().waits++;
-    collect_launches();
     device_stats().wait_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
 };
 
+std::string after_launches() { return text(" after these launches, the last one first: ", last_launches()); }
+
 }  // namespace
 
 void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to) {
-  WaitTimer timer;
-  if (bytes) cl_device().queue.enqueueReadBuffer(buffer.mem, CL_TRUE, offset, bytes, to);
+  const WaitTimer timer;
+  if (bytes)
+    called([&] { return text("read ", bytes, " bytes of a buffer", after_launches()); },
+           [&] { cl_device().queue.enqueueReadBuffer(buffer.mem, CL_TRUE, offset, bytes, to); });
+  collect_launches();
 }
 
 void write_buffer(const Buffer& buffer, const void* from, size_t bytes) {
-  if (bytes) cl_device().queue.enqueueWriteBuffer(buffer.mem, CL_TRUE, 0, bytes, from);
+  if (bytes)
+    called_again_with_room([&] { return text("write ", bytes, " bytes into a buffer"); },
+                           [&] { cl_device().queue.enqueueWriteBuffer(buffer.mem, CL_TRUE, 0, bytes, from); });
 }
 
 void finish() {
-  WaitTimer timer;
-  cl_device().queue.finish();
+  const WaitTimer timer;
+  called([] { return "wait for the device" + after_launches(); }, [] { cl_device().queue.finish(); });
+  collect_launches();
 }
 
 void synchronize() { finish(); }

@@ -239,15 +239,18 @@ std::string describe(const Step& step, const Plan& plan, const Walk& graph) {
   return group.reduce ? names + " " + group.reduce->name() : names;
 }
 
+/// The nodes that a step gives values.
+std::vector<int> results_of(const Step& step, const Plan& plan) {
+  if (step.kind != Step::group) return {step.index};
+  std::vector<int> results;
+  const Group& group = plan.groups[static_cast<size_t>(step.index)];
+  for (const GroupOutput& out : group.outputs) results.push_back(out.node);
+  if (group.reduce) results.push_back(group.reduce_node);
+  return results;
+}
+
 void check_finite(const Step& step, const Plan& plan, const Walk& graph) {
-  std::vector<int> results = {step.index};
-  if (step.kind == Step::group) {
-    results.clear();
-    const Group& group = plan.groups[static_cast<size_t>(step.index)];
-    for (const GroupOutput& out : group.outputs) results.push_back(out.node);
-    if (group.reduce) results.push_back(group.reduce_node);
-  }
-  for (int i : results) {
+  for (int i : results_of(step, plan)) {
     Node* node = at(graph, i);
     if (node->dtype != DType::f32 || step.kind == Step::view) continue;
     std::vector<float> values(static_cast<size_t>(numel(node->shape)));
@@ -301,16 +304,29 @@ Plan& plan_for(const Walk& graph) {
   return *alike.back();
 }
 
+void run_step(Step& step, const Plan& plan, const Walk& graph) {
+  if (step.kind == Step::group)
+    run_group(plan.groups[static_cast<size_t>(step.index)], step, graph);
+  else if (step.kind == Step::kernel)
+    run_kernel(at(graph, step.index));
+  else
+    run_view(at(graph, step.index));
+  if (debug().nan || looking_for_nan()) check_finite(step, plan, graph);
+  for (int i : step.last_uses) at(graph, i)->storage = {};
+}
+
+/// After a fault all that the plan makes is pending again: some of it lies in memory that was never written.
+void forget_results(const Plan& plan, const Walk& graph) {
+  for (const Step& step : plan.steps)
+    for (int i : results_of(step, plan)) at(graph, i)->storage = {};
+}
+
 void run(Plan& plan, const Walk& graph) {
-  for (Step& step : plan.steps) {
-    if (step.kind == Step::group)
-      run_group(plan.groups[static_cast<size_t>(step.index)], step, graph);
-    else if (step.kind == Step::kernel)
-      run_kernel(at(graph, step.index));
-    else
-      run_view(at(graph, step.index));
-    if (debug().nan || looking_for_nan()) check_finite(step, plan, graph);
-    for (int i : step.last_uses) at(graph, i)->storage = {};
+  try {
+    for (Step& step : plan.steps) run_step(step, plan, graph);
+  } catch (...) {
+    forget_results(plan, graph);
+    throw;
   }
 }
 

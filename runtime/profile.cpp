@@ -5,10 +5,12 @@
 #include <chrono>
 #include <deque>
 #include <map>
+#include <new>
 #include <optional>
 #include <sstream>
 
 #include "runtime/cl.h"
+#include "runtime/driver.h"
 
 namespace cloam {
 namespace {
@@ -24,6 +26,7 @@ struct Launched {
   cl::Event event;
   const char* name;
   double flops, bytes;
+  double at_us;  // of the host's clock
   bool in_step;  // counts for the means of the steps
 };
 
@@ -57,15 +60,29 @@ std::optional<Recorder>& recorder() {
   return one;
 }
 
+template <class Call>
+auto asked_of(const Launched& launched, const Call& call) {
+  return called([&] { return text("time the kernel ", launched.name); }, call);
+}
+
 double stamp_us(const Launched& launched, cl_profiling_info what) {
-  cl_ulong nanoseconds = 0;
-  clGetEventProfilingInfo(launched.event(), what, sizeof nanoseconds, &nanoseconds, nullptr);
-  return 1e-3 * static_cast<double>(nanoseconds);
+  return asked_of(launched, [&] {
+    cl_ulong nanoseconds = 0;
+    const cl_int code = clGetEventProfilingInfo(launched.event(), what, sizeof nanoseconds, &nanoseconds, nullptr);
+    if (code != CL_SUCCESS) throw cl::Error(code, "clGetEventProfilingInfo");
+    return 1e-3 * static_cast<double>(nanoseconds);
+  });
+}
+
+/// CL_COMPLETE, more while it is under way, and below zero the code of what went wrong.
+cl_int status_of(const Launched& launched) {
+  return asked_of(launched, [&] { return launched.event.getInfo<CL_EVENT_COMMAND_EXECUTION_STATUS>(); });
 }
 
 void account(Recorder& r, const Launched& launched) {
   const double begin = stamp_us(launched, CL_PROFILING_COMMAND_START);
   const double length = stamp_us(launched, CL_PROFILING_COMMAND_END) - begin;
+  if (!r.device_to_host_us) r.device_to_host_us = launched.at_us - stamp_us(launched, CL_PROFILING_COMMAND_QUEUED);
   KernelCost& cost = r.kernels[launched.name];
   cost.calls++;
   cost.ms += 1e-3 * length;
@@ -104,7 +121,8 @@ void start_profile(bool keep_timeline) {
   if (profiling()) return;
   finish();
   ClDevice& cl = cl_device();
-  cl.queue = cl::CommandQueue(cl.context, cl.device, CL_QUEUE_PROFILING_ENABLE);
+  cl.queue = called_again_with_room([] { return "make a queue that takes times"; },
+                                    [&] { return cl::CommandQueue(cl.context, cl.device, CL_QUEUE_PROFILING_ENABLE); });
   recorder().emplace();
   recorder()->timeline = keep_timeline;
   recorder()->began_us = host_us();
@@ -113,18 +131,20 @@ void start_profile(bool keep_timeline) {
 
 void record_launch(cl::Event event, const char* name, double flops, double bytes) {
   Recorder& r = *recorder();
-  const double now = host_us();
-  r.pending.push_back({std::move(event), name, flops, bytes, r.steps >= kWarmSteps});
-  if (!r.device_to_host_us) r.device_to_host_us = now - stamp_us(r.pending.back(), CL_PROFILING_COMMAND_QUEUED);
+  r.pending.push_back({std::move(event), name, flops, bytes, host_us(), r.steps >= kWarmSteps});
   if (r.pending.size() % 1024 == 0) collect_launches();
 }
 
 void collect_launches() {
   if (!profiling()) return;
   Recorder& r = *recorder();
-  while (!r.pending.empty() && r.pending.front().event.getInfo<CL_EVENT_COMMAND_EXECUTION_STATUS>() == CL_COMPLETE) {
-    account(r, r.pending.front());
+  while (!r.pending.empty()) {
+    const cl_int status = status_of(r.pending.front());
+    if (status > CL_COMPLETE) return;
+    const Launched done = std::move(r.pending.front());
     r.pending.pop_front();
+    if (status < 0) driver_failed(cl::Error(status, "its event"), text("run the kernel ", done.name));
+    account(r, done);
   }
 }
 
@@ -172,7 +192,10 @@ HostSpan::HostSpan(const char* name) : name_(name), begin_(profiling() && record
 
 HostSpan::~HostSpan() {
   if (begin_ == 0 || recorder()->spans.size() >= kMaxSpans) return;
-  recorder()->spans.push_back({name_, begin_, host_us() - begin_, false});
+  try {
+    recorder()->spans.push_back({name_, begin_, host_us() - begin_, false});
+  } catch (const std::bad_alloc&) {  // a span less in the picture
+  }
 }
 
 }  // namespace cloam

@@ -70,6 +70,7 @@ void walk(const Tensors& outputs, Walk& out) {
   out.shape_ids.clear();
   out.outputs.clear();
   out.signature.clear();
+  stack.clear();  // a walk may have ended by an exception
   visit++;
   shapes.begin();
   for (const Tensor& output : outputs) {

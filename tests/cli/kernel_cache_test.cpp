@@ -3,6 +3,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <functional>
+
 #include "tests/cli/process.h"
 #include "tests/small_disk.h"
 
@@ -57,6 +59,38 @@ TEST_CASE("kernels are compiled into the temporary folder") {
   CHECK_MESSAGE(outcome.code == 0, outcome.err);
   CHECK(contains(outcome.err, kernels_in(temporary).string()));
   CHECK_FALSE(fs::is_empty(kernels_in(temporary)));
+}
+
+TEST_CASE("compiled kernels that are no longer whole are compiled again, and a line says so") {
+  const fs::path temporary = scratch() / "damaged", cache = scratch() / "damaged-kernels";
+  fs::create_directories(temporary);
+  const Words places = environment(temporary, {"POCL_CACHE_DIR=" + cache.string()});
+  const std::string photos = (small_scene() / "test").string();
+  const Words command = {"distance", photos, photos, "--features", "random", "--device", "Portable"};
+  const Outcome sound = cloam_with(command, places);
+  REQUIRE_MESSAGE(sound.code == 0, sound.err);
+  const auto any = [&](const std::string& extension) {
+    for (const auto& entry : fs::recursive_directory_iterator(cache))
+      if (entry.path().extension() == extension) return entry.path();
+    return fs::path();
+  };
+  using Damage = std::function<void(const fs::path&)>;
+  for (const auto& [what, damage] : std::vector<std::pair<const char*, Damage>>{
+           {"empty", [](const fs::path& file) { fs::resize_file(file, 0); }},
+           {"cut in the middle", [](const fs::path& file) { fs::resize_file(file, fs::file_size(file) / 2); }},
+           {"without its end", [](const fs::path& file) { fs::resize_file(file, fs::file_size(file) - 4); }},
+           {"zeros", [](const fs::path& file) { write_text(file, std::string(fs::file_size(file), '\0')); }}})
+    for (const char* extension : {".so", ".bc"}) {
+      CAPTURE(what);
+      CAPTURE(extension);
+      REQUIRE(!any(extension).empty());
+      damage(any(extension));
+      const Outcome outcome = cloam_with(command, places);
+      CHECK_MESSAGE(outcome.code == 0, outcome.code, outcome.err);
+      CHECK(outcome.out == sound.out);
+      CHECK_MESSAGE(contains(outcome.err, "1 compiled programs in " + cache.string() + " were damaged"), outcome.err);
+    }
+  CHECK_FALSE(contains(cloam_with(command, places).err, "damaged"));
 }
 
 TEST_CASE("a full disk under the folder for kernels") {

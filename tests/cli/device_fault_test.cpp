@@ -1,0 +1,224 @@
+// A driver that fails in the middle of a training: each call of each kind fails once (tests/layer), the device is lost
+// at some. The training survives or ends in one error, and the run goes on to the bytes of one without a fault. The
+// suite takes a few calls of each kind; CLOAM_FAULTS=all (script/device-faults) takes every one.
+#include <doctest/doctest.h>
+#include <signal.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <fstream>
+#include <functional>
+#include <sstream>
+#include <thread>
+
+#include "tests/cli/process.h"
+#include "tests/cli/small_street.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+
+namespace {
+
+struct Training {
+  const char* method;
+  std::function<Words(const fs::path& run)> words;
+};
+
+Words with_settings(Words words, const Words& settings) {
+  for (const std::string& setting : settings) words.insert(words.end(), {"--set", setting});
+  return words;
+}
+
+const std::vector<Training> kTrainings = {
+    {"nerf",
+     [](const fs::path& run) {
+       return small_training(small_scene(), run, {"--steps", "4", "--save-every", "2"});
+     }},
+    {"splat",
+     [](const fs::path& run) {
+       return with_settings({"train", "splat", small_scene().string(), "-o", run.string(), "--steps", "4",
+                             "--save-every", "2", "--progress", "plain"},
+                            {"initial=random", "initial.random=100", "growth.start=1", "growth.every=2"});
+     }},
+    {"genassets",
+     [](const fs::path& run) {
+       return with_settings({"train", "genassets", small_street().string(), "-o", run.string(), "--preset",
+                             "genassets-small", "--steps", "2", "--save-every", "1", "--progress", "plain"},
+                            {"background.side=32", "batch.patches=1", "batch.patch_side=8", "batch.lidar_rays=32",
+                             "code.side=4", "weight.perceptual=0"});
+     }},
+    {"diffusion",
+     [](const fs::path& run) {
+       return small_diffusion(two_streets_run(), run, {"--steps", "4", "--save-every", "2"});
+     }},
+};
+
+/// Calls that make something or put work into the queue, and those that wait.
+const char* const kCalls[] = {"clCreateContext",
+                              "clCreateCommandQueue",
+                              "clCreateProgramWithSource",
+                              "clBuildProgram",
+                              "clCreateKernel",
+                              "clCreateBuffer",
+                              "clCreateSubBuffer",
+                              "clSetKernelArg",
+                              "clEnqueueMapBuffer",
+                              "clEnqueueUnmapMemObject",
+                              "clEnqueueWriteBuffer",
+                              "clEnqueueNDRangeKernel",
+                              "clEnqueueReadBuffer",
+                              "clFinish"};
+
+Words layer(const std::string& settings) { return {"OPENCL_LAYERS=" CLOAM_LAYER_LIBRARY, "CLOAM_LAYER=" + settings}; }
+
+/// Ended by force after a minute: a hang.
+Outcome outcome_of(const Words& words, const Words& environment) {
+  Process process(words, environment);
+  const auto began = std::chrono::steady_clock::now();
+  while (process.running()) {
+    if (std::chrono::steady_clock::now() - began > std::chrono::minutes(1)) process.signal(SIGKILL);
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  return process.wait();
+}
+
+std::string last_checkpoint(const fs::path& run) {
+  std::string name = content_of(run / "ckpt" / "latest.txt");
+  while (!name.empty() && name.back() == '\n') name.pop_back();
+  return content_of(run / "ckpt" / name);
+}
+
+struct Tally {
+  int failed = 0, survived = 0, resumed = 0, refused = 0;
+};
+
+/// One error of the documented form: "error: ...  [exit N]", and further lines that are indented.
+void check_told(const Outcome& outcome) {
+  const std::size_t at = outcome.err.find("error: ");
+  REQUIRE_MESSAGE(at != std::string::npos, outcome.err);
+  CHECK_MESSAGE(at == outcome.err.rfind("error: "), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "  [exit " + std::to_string(outcome.code) + "]"), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "\n  fix: "), outcome.err);
+  CHECK_MESSAGE(!contains(outcome.err, "internal error"), outcome.err);
+  std::istringstream lines(outcome.err.substr(at));
+  std::string line;
+  std::getline(lines, line);
+  while (std::getline(lines, line)) CHECK_MESSAGE(line.starts_with("  "), outcome.err);
+}
+
+class Sweep {
+ public:
+  explicit Sweep(const Training& training) : training_(training), golden_(fresh()) {
+    const fs::path counts = scratch() / (std::string(training.method) + "-calls");
+    const Outcome outcome = cloam_with(training.words(golden_), layer("count=" + counts.string()));
+    REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+    std::ifstream file(counts);
+    std::string function;
+    for (int calls = 0; file >> function >> calls;) calls_[function] = calls;
+  }
+
+  /// So many calls of the function, spread evenly; all if there are no more.
+  void let_fail(const std::string& function, int samples, const std::string& how, Tally& tally) {
+    const auto found = calls_.find(function);
+    if (found == calls_.end()) return;
+    const int calls = found->second, taken = std::min(calls, samples);
+    for (int i = 0; i < taken; i++) {
+      const auto call = static_cast<int>((2 * int64_t{i} + 1) * calls / (2 * int64_t{taken})) + 1;
+      try_one(text_of("fail=" + function, call) + how, tally);
+    }
+  }
+
+ private:
+  static std::string text_of(const std::string& call, int number) { return call + ":" + std::to_string(number); }
+  fs::path fresh() { return scratch() / (std::string(training_.method) + "-faults" + std::to_string(made_++)); }
+
+  void try_one(const std::string& fault, Tally& tally) {
+    CAPTURE(training_.method);
+    CAPTURE(fault);
+    const fs::path run = fresh();
+    const Outcome outcome = outcome_of(training_.words(run), layer(fault));
+    tally.failed++;
+    if (outcome.code == 0) {
+      tally.survived++;
+      CHECK_MESSAGE(last_checkpoint(run) == last_checkpoint(golden_), outcome.err);
+    } else {
+      CHECK_MESSAGE((outcome.code == 4 || outcome.code == 5), outcome.code, " ", outcome.err);
+      check_told(outcome);
+      resume(run, outcome, tally);
+    }
+    fs::remove_all(run);
+  }
+
+  /// A run that was begun goes on to the same bytes; before, nothing is written.
+  void resume(const fs::path& run, const Outcome& outcome, Tally& tally) {
+    if (!fs::exists(run / "run.json")) {
+      tally.refused++;
+      CHECK_FALSE(fs::exists(run / "ckpt"));
+      return;
+    }
+    tally.resumed++;
+    const std::string state = json_of(run / "run.json").at("state");
+    CHECK_MESSAGE((state == "failed" || state == "finished"), state);
+    if (state == "failed") CHECK_MESSAGE(contains(outcome.err, "cloam train --resume " + run.string()), outcome.err);
+    const Outcome again = outcome_of({"train", "--resume", run.string(), "--progress", "plain"}, {});
+    CHECK_MESSAGE(again.code == 0, again.err);
+    CHECK_MESSAGE(last_checkpoint(run) == last_checkpoint(golden_), outcome.err, again.err);
+  }
+
+  const Training& training_;
+  int made_ = 0;
+  fs::path golden_;
+  std::map<std::string, int> calls_;
+};
+
+int samples() {
+  const char* given = std::getenv("CLOAM_FAULTS");
+  if (!given) return 1;
+  return std::string(given) == "all" ? 1 << 30 : std::atoi(given);
+}
+
+void tell(const char* method, const char* what, const Tally& tally) {
+  MESSAGE(method, ", ", what, ": ", tally.failed, " calls failed, ", tally.survived, " survived, ", tally.resumed,
+          " ended in an error and were resumed to the same bytes, ", tally.refused,
+          " ended before anything was written");
+}
+
+}  // namespace
+
+TEST_CASE("device faults: each call of a training fails once") {
+  for (const Training& training : kTrainings) {
+    Sweep sweep(training);
+    Tally tally;
+    for (const char* call : kCalls) sweep.let_fail(call, samples(), "", tally);
+    tell(training.method, "each once", tally);
+    CHECK(tally.survived > tally.failed / 3);
+  }
+}
+
+TEST_CASE("device faults: a training whose device is lost ends in one error and is resumed to the same bytes") {
+  for (const Training& training : kTrainings) {
+    Sweep sweep(training);
+    Tally tally;
+    for (const char* call : {"clCreateBuffer", "clEnqueueNDRangeKernel", "clEnqueueReadBuffer"})
+      sweep.let_fail(call, samples() > 1 ? 40 : 1, ",sticky", tally);
+    tell(training.method, "device lost", tally);
+    CHECK(tally.survived == 0);
+    CHECK(tally.resumed > 0);
+  }
+}
+
+TEST_CASE("device faults: a device that hangs ends the training, whose checkpoint is kept") {
+  const Training& training = kTrainings.front();
+  const fs::path run = scratch() / "hung", golden = scratch() / "not-hung";
+  REQUIRE(cloam_with(training.words(golden)).code == 0);
+  Words environment = layer("hang=clEnqueueReadBuffer:20");
+  environment.push_back("CLOAM_WATCHDOG=1");
+  const Outcome outcome = outcome_of(training.words(run), environment);
+  CHECK_MESSAGE(outcome.code == 4, outcome.code, outcome.err);
+  check_told(outcome);
+  CHECK_MESSAGE(contains(outcome.err, "the device has not answered for 1 s: "), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "launched last, the newest first: "), outcome.err);
+  CHECK(json_of(run / "run.json").at("state") == "failed");
+  CHECK(cloam_with({"train", "--resume", run.string()}).code == 0);
+  CHECK(last_checkpoint(run) == last_checkpoint(golden));
+}
