@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <cstring>
+#include <ctime>
 
 namespace cloam {
 
@@ -18,9 +19,24 @@ void tell(const char* words) {
   [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, words, std::strlen(words));
 }
 
+/// Of a clock that any handler may read.
+double seconds_now() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+/// One wish may arrive as several signals: `timeout` and job schedulers signal the process, then its group.
+constexpr double kOneWish = 0.5;
+std::atomic<double> asked_at{0};
+
 extern "C" void ask_to_stop(int signal) {
-  if (stop_signal.load() != 0) _exit(128 + signal);
+  if (stop_signal.load() != 0) {
+    if (seconds_now() - asked_at.load() < kOneWish) return;
+    _exit(128 + signal);
+  }
   stop_signal.store(signal);
+  asked_at.store(seconds_now());
   tell("\nstopping: ");  // a line may be open on a terminal
   tell(what_comes_first.load());
   tell("; press Ctrl-C again to quit at once\n");

@@ -9,7 +9,9 @@ __kernel FAT void peak_fma(__global float* out, int rounds) {
   }
   float16 total = (float16)(0.0f);
   UNROLL for (int i = 0; i < 24; i++) total += acc[i];
-  out[get_global_id(0)] = total.s0 + total.s7 + total.sf;
+  const float8 eight = total.lo + total.hi;  // all of them: a compiler leaves out what nobody asks for
+  const float4 four = eight.lo + eight.hi;
+  out[get_global_id(0)] = four.x + four.y + four.z + four.w;
 }
 
 // Each round writes other numbers, so that none can be left out.

@@ -110,6 +110,7 @@ TEST_CASE("SIGINT and SIGTERM finish the step, save and say how to go on") {
     REQUIRE(wait_for(run / "metrics.jsonl", process));
     std::this_thread::sleep_for(std::chrono::milliseconds(1500));  // some steps on
     process.signal(number);
+    process.signal(number);  // as `timeout` does: once for the process, once for its group
     const Outcome outcome = process.wait();
     CHECK(outcome.code == 128 + number);
     CHECK(contains(outcome.err, "Continue: cloam train --resume " + run.string()));

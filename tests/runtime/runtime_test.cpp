@@ -87,6 +87,13 @@ TEST_CASE("plans and kernels serve other extents") {
   CHECK(device_stats().plans_reused > before.plans_reused);
 }
 
+// Compilers of GPUs contract across statements, PoCL's within one: this is for the former.
+TEST_CASE("the difference of equal products is 0: pointwise kernels contract nothing") {
+  const Tensor x = made({1000}), y = made({1000}) + 0.37f;
+  const Tensor a = from_host(x.to_host(), {1000}), b = from_host(y.to_host(), {1000});
+  CHECK((x * y - a * b).to_host() == std::vector<float>(1000, 0.0f));
+}
+
 TEST_CASE("scalars are no part of a plan") {
   const Tensor x = made({40});
   eval({x * 2.f});
