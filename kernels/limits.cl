@@ -1,5 +1,5 @@
 // What the device can do at most: independent chains of fused multiply-adds, copies, changes in place.
-// version 1: one form for both classes; a CPU work-item keeps 24 registers of 16 floats busy.
+// A CPU work-item keeps 24 registers of 16 floats busy.
 __kernel FAT void peak_fma(__global float* out, int rounds) {
   float16 acc[24];
   const float16 b = (float16)(0.999f), c = (float16)(0.001f + (float)get_global_id(0) * 1e-9f);
@@ -12,6 +12,19 @@ __kernel FAT void peak_fma(__global float* out, int rounds) {
   const float8 eight = total.lo + total.hi;  // all of them: a compiler leaves out what nobody asks for
   const float4 four = eight.lo + eight.hi;
   out[get_global_id(0)] = four.x + four.y + four.z + four.w;
+}
+
+// A lane of a GPU keeps 16 floats busy, which the registers of any hold.
+__kernel void peak_fma_lanes(__global float* out, int rounds) {
+  float acc[16];
+  const float b = 0.999f, c = 0.001f + (float)get_global_id(0) * 1e-9f;
+  UNROLL for (int i = 0; i < 16; i++) acc[i] = (float)i;
+  for (int r = 0; r < rounds; r++) {
+    UNROLL for (int i = 0; i < 16; i++) acc[i] = acc[i] * b + c;
+  }
+  float total = 0.0f;
+  UNROLL for (int i = 0; i < 16; i++) total += acc[i];
+  out[get_global_id(0)] = total;
 }
 
 // Each round writes other numbers, so that none can be left out.

@@ -25,12 +25,14 @@ double best_seconds(const std::function<void()>& work) {
 double gbps_of(double bytes, const std::function<void()>& work) { return bytes / best_seconds(work) * 1e-9; }
 
 double peak_gflops() {
-  const int64_t items = is_cpu_class() ? 8 * int64_t{device().compute_units} : 64 * 1024;
-  const int rounds = is_cpu_class() ? 100000 : 2000;
+  const bool cpu = is_cpu_class();
+  const int64_t items = cpu ? 8 * int64_t{device().compute_units} : 128 * 1024;
+  const int rounds = cpu ? 100000 : 6000;
+  const double operations = 2.0 * 16 * (cpu ? 24 : 1) * rounds * static_cast<double>(items);
+  const char* const name = cpu ? "peak_fma" : "peak_fma_lanes";
   const Tensor sink = empty({items});
-  const Range range = range1(items, is_cpu_class() ? 1 : 64);
-  return 2.0 * 16 * 24 * rounds * static_cast<double>(items) * 1e-9 /
-         best_seconds([&] { launch(kernel("limits", "peak_fma"), "peak_fma", range, sink, rounds); });
+  const Range range = range1(items, cpu ? 1 : 64);
+  return operations * 1e-9 / best_seconds([&] { launch(kernel("limits", name), name, range, sink, rounds); });
 }
 
 /// Fresh pages that were never written are all one page of zeros: reading them would cost nothing.

@@ -2,6 +2,9 @@
 // below has less, the mask shows that.
 #include "tests/layer/profiles.h"
 
+#include <algorithm>
+#include <optional>
+
 #include "tests/layer/settings.h"
 
 namespace cloam::layer {
@@ -37,12 +40,18 @@ constexpr Profile kProfiles[] = {
      true, false, true, true},
 };
 
-const Profile* find() {
+std::optional<Profile> find() {
   const std::string& wanted = settings().profile;
-  if (wanted.empty()) return nullptr;
+  const auto group = static_cast<size_t>(std::max<int64_t>(settings().group, 0));
+  if (wanted.empty() && group > 0) refuse("group=N needs profile=NAME");
+  if (wanted.empty()) return std::nullopt;
   std::string names;
   for (const Profile& row : kProfiles) {
-    if (wanted == row.name) return &row;
+    if (wanted == row.name) {
+      Profile found = row;
+      if (group > 0) found.group = std::min(found.group, group), found.items = std::min(found.items, group);
+      return found;
+    }
     names += std::string(" ") + row.name;
   }
   refuse("\"" + wanted + "\" is no profile; there are" + names);
@@ -51,8 +60,8 @@ const Profile* find() {
 }  // namespace
 
 const Profile* profile() {
-  static const Profile* const found = find();
-  return found;
+  static const std::optional<Profile> found = find();
+  return found ? &*found : nullptr;
 }
 
 }  // namespace cloam::layer

@@ -40,13 +40,16 @@ void parse_setting(const std::string& setting, Settings& out) {
     out.count_file = value;
   else if (name == "profile" && !value.empty())
     out.profile = value;
+  else if (name == "group")
+    out.group = number(value, setting);
   else if (name == "fail")
     out.failures.push_back(parse_call(value, setting));
   else if (name == "hang")
     out.hangs.push_back(parse_call(value, setting));
   else
     refuse("\"" + setting +
-           "\" is no setting; there are count=FILE, fail=FUNCTION:N[+][:CODE], sticky, hang=FUNCTION:N, profile=NAME");
+           "\" is no setting; there are count=FILE, fail=FUNCTION:N[+][:CODE], sticky, hang=FUNCTION:N, profile=NAME, "
+           "group=N");
 }
 
 Settings parse() {

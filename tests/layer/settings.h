@@ -1,9 +1,11 @@
 // What the environment variable CLOAM_LAYER asks of the layer, comma-separated:
 //   count=FILE              at exit, a line a function: its name and how often it was called
 //   fail=FUNCTION:N[:CODE]  the N-th call (from 1) returns the error that a driver would give, or CODE; N+: and all
-//   later sticky                  after the first such call every call that needs the device fails (a lost device)
+//                           later ones
+//   sticky                  after the first such call every call that needs the device fails (a lost device)
 //   hang=FUNCTION:N         that call sleeps for an hour
 //   profile=NAME            the limits and features of another device (profiles.cpp)
+//   group=N                 with a profile: no more than N work-items in a group
 #pragma once
 #include <CL/cl.h>
 
@@ -26,6 +28,7 @@ struct Settings {
   std::string count_file, profile;
   std::vector<CallAt> failures, hangs;
   bool sticky = false;
+  int64_t group = 0;  // 0: the profile's
 };
 
 /// Read once. Ends the process at a word that means nothing.
