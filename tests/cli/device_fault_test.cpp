@@ -130,7 +130,11 @@ class Sweep {
 
  private:
   static std::string text_of(const std::string& call, int number) { return call + ":" + std::to_string(number); }
-  fs::path fresh() { return scratch() / (std::string(training_.method) + "-faults" + std::to_string(made_++)); }
+  /// A folder that no other sweep has.
+  fs::path fresh() {
+    static int made = 0;
+    return scratch() / (std::string(training_.method) + "-faults" + std::to_string(made++));
+  }
 
   void try_one(const std::string& fault, Tally& tally) {
     CAPTURE(training_.method);
@@ -166,7 +170,6 @@ class Sweep {
   }
 
   const Training& training_;
-  int made_ = 0;
   fs::path golden_;
   std::map<std::string, int> calls_;
 };
@@ -177,7 +180,7 @@ int samples() {
   return std::string(given) == "all" ? 1 << 30 : std::atoi(given);
 }
 
-void tell(const char* method, const char* what, const Tally& tally) {
+void tell(const std::string& method, const std::string& what, const Tally& tally) {
   MESSAGE(method, ", ", what, ": ", tally.failed, " calls failed, ", tally.survived, " survived, ", tally.resumed,
           " ended in an error and were resumed to the same bytes, ", tally.refused,
           " ended before anything was written");
