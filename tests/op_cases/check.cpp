@@ -1,6 +1,8 @@
 // Runs one row: values and gradients on the device against float64 on the host.
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <thread>
 
 #include "runtime/error.h"
 #include "runtime/op.h"
@@ -9,7 +11,7 @@
 namespace cloam {
 namespace {
 
-constexpr size_t kProbes = 40;  // elements of an input whose gradient is compared
+constexpr size_t kProbes = 40, kQuickProbes = 20;  // elements of an input whose gradient is compared, at most
 
 /// What the host says, for one set of inputs.
 struct Truth {
@@ -55,13 +57,12 @@ double loss_of(const OpCase& row, const HostArrays& in, const HostArray& weight)
   return total;
 }
 
-std::vector<size_t> choose_probes(size_t count, Numbers& numbers) {
+std::vector<size_t> choose_probes(size_t count, size_t most, Numbers& numbers) {
   std::vector<size_t> probes;
-  if (count <= kProbes)
+  if (count <= most)
     for (size_t i = 0; i < count; i++) probes.push_back(i);
   else
-    for (size_t i = 0; i < kProbes; i++)
-      probes.push_back(static_cast<size_t>(numbers.below(static_cast<int64_t>(count))));
+    for (size_t i = 0; i < most; i++) probes.push_back(static_cast<size_t>(numbers.below(static_cast<int64_t>(count))));
   return probes;
 }
 
@@ -92,14 +93,34 @@ double second_difference(const OpCase& row, const Truth& truth, size_t input, si
   return total / (4 * kStep * kStep);
 }
 
-Truth truth_of(const OpCase& row, const std::vector<InputSpec>& specs) {
+/// Gradients at the probes, on all of the host's cores: this is where the time of a row goes.
+void differentiate(const OpCase& row, Truth& truth) {
+  std::vector<std::pair<size_t, size_t>> jobs;  // input, probe
+  for (size_t i = 0; i < truth.probes.size(); i++)
+    for (size_t p = 0; p < truth.probes[i].size(); p++) jobs.emplace_back(i, p);
+  std::atomic<size_t> next = 0;
+  const auto work = [&](Truth own) {
+    for (size_t k = next++; k < jobs.size(); k = next++) {
+      const auto [i, p] = jobs[k];
+      truth.first[i].values[p] = first_difference(row, own, i, own.probes[i][p]);
+      if (row.second_order) truth.second[i].values[p] = second_difference(row, own, i, own.probes[i][p]);
+    }
+  };
+  std::vector<std::thread> others;
+  for (unsigned k = 1; k < std::min<size_t>(std::thread::hardware_concurrency(), jobs.size()); k++)
+    others.emplace_back(work, truth);
+  work(truth);
+  for (std::thread& other : others) other.join();
+}
+
+Truth truth_of(const OpCase& row, const std::vector<InputSpec>& specs, size_t probes) {
   Truth truth;
   for (size_t i = 0; i < specs.size(); i++) truth.in.push_back(host_input(specs[i], row.name() + std::to_string(i)));
   truth.out = row.reference(truth.in);
   truth.weight = host_input(normal(truth.out.shape), row.name() + "weight");
   Numbers numbers(row.name() + "probes");
   for (size_t i = 0; i < specs.size(); i++) {
-    truth.probes.push_back(differentiable(row, i) ? choose_probes(truth.in[i].values.size(), numbers)
+    truth.probes.push_back(differentiable(row, i) ? choose_probes(truth.in[i].values.size(), probes, numbers)
                                                   : std::vector<size_t>{});
     const auto count = static_cast<int64_t>(truth.probes[i].size());
     truth.first.emplace_back(Shape{count});
@@ -108,11 +129,7 @@ Truth truth_of(const OpCase& row, const std::vector<InputSpec>& specs) {
                                   ? host_input(normal(specs[i].shape), row.name() + "direction" + std::to_string(i))
                                   : HostArray(Shape{0}));
   }
-  for (size_t i = 0; i < specs.size(); i++)
-    for (size_t p = 0; p < truth.probes[i].size(); p++) {
-      truth.first[i].values[p] = first_difference(row, truth, i, truth.probes[i][p]);
-      if (row.second_order) truth.second[i].values[p] = second_difference(row, truth, i, truth.probes[i][p]);
-    }
+  differentiate(row, truth);
   return truth;
 }
 
@@ -221,14 +238,14 @@ void judge_trial(const Truth& truth, const Trial& trial, Judge& judge) {
 void check_zero(const OpCase& row, Judge& judge) {
   OpCase none = row;
   for (size_t i = 0; i < none.inputs.size(); i++) none.inputs[i].shape = row.zero[i];
-  const Truth truth = truth_of(none, none.inputs);
+  const Truth truth = truth_of(none, none.inputs, kProbes);
   const Trial empty = trial(none, truth, Lie::dense, true, judge);
   evaluate({empty});
   judge_trial(truth, empty, judge);
 }
 
 void check_all(const OpCase& row, Thorough how, Judge& judge) {
-  const Truth truth = truth_of(row, row.inputs);
+  const Truth truth = truth_of(row, row.inputs, how == Thorough::full ? kProbes : kQuickProbes);
   std::vector<Trial> trials = {trial(row, truth, Lie::dense, true, judge)};
   if (how == Thorough::full && !row.inputs.empty()) {
     // A vector has no transposed view; its sliced one then brings the gradients.

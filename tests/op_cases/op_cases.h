@@ -60,7 +60,7 @@ struct OpCase {
 /// Every row, grouped by family.
 const std::vector<OpCase>& op_cases();
 
-enum class Thorough { quick, full };  // quick: dense inputs only
+enum class Thorough { quick, full };  // quick: dense inputs only, half as many gradients
 
 struct CaseResult {
   double forward_error = 0, gradient_error = 0;  // relative; see OpCase::relative
