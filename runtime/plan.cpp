@@ -162,9 +162,9 @@ Split split_reduction(const Layout& layout) {
     s.per_item = cpu ? std::min<int64_t>(inner, kReduceColumns) : 1;
     s.items = kept / inner * ((inner + s.per_item - 1) / s.per_item);
   }
-  const int64_t wanted = cpu ? 64 : 4096, least = cpu ? 4096 : 256;
+  const int64_t wanted = cpu ? 64 : 4096, least = cpu ? 4096 : 256, most = cpu ? 64 : 1024;
   const int64_t work = std::max<int64_t>(1, reduced * std::min<int64_t>(s.per_item, kReduceColumns));
-  s.chunks = std::clamp<int64_t>(std::min(wanted / std::max<int64_t>(1, s.items), work / least), 1, 64);
+  s.chunks = std::clamp<int64_t>(std::min(wanted / std::max<int64_t>(1, s.items), work / least), 1, most);
   s.length = std::max<int64_t>(1, (reduced + s.chunks - 1) / s.chunks);
   s.chunks = std::max<int64_t>(1, (reduced + s.length - 1) / s.length);
   return s;
