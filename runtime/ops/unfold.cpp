@@ -21,11 +21,15 @@ struct Unfold final : Op {
   }
   void run(const Tensors& in, Tensor& out) const override {
     const Shape w = windows();
-    const int64_t images = w[0] * w[2], rows = adjoint ? images : images * w[1];
-    const int64_t pieces = is_cpu_class() ? rows : rows * w[5];
     if (out.numel() == 0) return;
-    const Share work = share(pieces, 4096 / ((adjoint ? in[0] : out).numel() / rows + 1));
-    launch(kernel("unfold", name()), name(), work.range, in[0], out, pieces, w[2], image[2], image[3], w[5],
+    if (!is_cpu_class()) {
+      const char* const each = adjoint ? "fold_each" : "unfold_each";
+      return launch(kernel("unfold", each), each, elements(out.numel()), in[0], out, out.numel(), w[2], image[2],
+                    image[3], w[5], window.height, window.width, w[3], w[4], window.stride, window.pad);
+    }
+    const int64_t images = w[0] * w[2], rows = adjoint ? images : images * w[1];
+    const Share work = share(rows, 4096 / ((adjoint ? in[0] : out).numel() / rows + 1));
+    launch(kernel("unfold", name()), name(), work.range, in[0], out, rows, w[2], image[2], image[3], w[5],
            window.height, window.width, w[3], w[4], window.stride, window.pad, work.chunk);
   }
   Tensors vjp(const Tensors&, const Tensor&, const Tensor& g) const override { return {apply(!adjoint, g)}; }
