@@ -135,7 +135,9 @@ TEST_CASE("a device that hangs ends the program and is told with what was launch
   const std::string hung = with_faults("hang=clFinish:1,fail=clCreateBuffer:1", kGraph, "CLOAM_WATCHDOG=0.5");
   CHECK_MESSAGE(has(hung, "error: the device has not answered for 0.5 s: "), hung);
   CHECK_MESSAGE(!has(hung, "value"), hung);
-  const std::string slow = output_of_child("CLOAM_WATCHDOG=0.5", "child: much work and one wait");
-  CHECK_MESSAGE(has(slow, "value "), slow);
+  if (device().is_cpu) {  // nothing is seen of how other devices work
+    const std::string slow = output_of_child("CLOAM_WATCHDOG=0.5", "child: much work and one wait");
+    CHECK_MESSAGE(has(slow, "value "), slow);
+  }
   CHECK_MESSAGE(has(output_of_child("CLOAM_WATCHDOG=soon", kGraph), "fault 2: CLOAM_WATCHDOG=soon: want seconds"), "");
 }
