@@ -73,8 +73,9 @@ void put_table(const std::vector<DeviceInfo>& devices, const std::optional<Devic
     out += "memory budget " + words_for_bytes(memory_budget()) + " (--max-memory changes it), driver " +
            chosen->driver + ", " + chosen->cl_version + "\n";
   }
-  put(out + "version " + kVersion + ", gcc " + __VERSION__ + "; environment:" + environment() +
-      "\ncloam selftest --quick checks that the device computes correctly\n");
+  out += text("version ", kVersion, ", gcc ", __VERSION__, "; environment:", environment(), "\n");
+  if (chosen) out += "cloam selftest --quick checks that the device computes correctly\n";
+  put(out);
 }
 
 Report selftest_of(const DeviceInfo& info) {
