@@ -250,6 +250,23 @@ void add_sampling(OpCases& rows) {
                           });
                         },
                     .gradient = false});
+  rows.push_back({.op = "march",
+                  .label = "rays that are full",
+                  .inputs = {normal({6, 3}), normal({6, 3}), between({6, 1}, 0, 1), between({6}, 0, 1)},
+                  .run =
+                      [](const Tensors& in) {
+                        const MarchOptions every_step{.side = 4, .capacity = 5, .min_step = 0.25f};
+                        const Tensor span = concat({in[2], in[2] + 9.f}, 1);
+                        return march({in[0], in[1], span}, in[3], full({64}, 1), every_step).t;
+                      },
+                  .reference =
+                      [](const HostArrays& in) {
+                        return from_index({30}, [&](const Shape& i) {
+                          const auto ray = static_cast<size_t>(i[0] / 5);
+                          return in[2][ray] + 0.25 * (in[3][ray] + static_cast<double>(i[0] % 5) + 0.5);
+                        });
+                      },
+                  .gradient = false});
 }
 
 /// (-1)^m K P_l^|m|(cos theta) cos or sin of |m| phi, from the definition.

@@ -51,7 +51,8 @@ HostSamples host_march(const Setup& setup, const std::vector<float>& cells, cons
     const auto step = [&](double t) { return std::clamp(t * m.cone, double{m.min_step}, double{m.max_step}); };
     double t = setup.span[2 * r];
     t += setup.jitter[r] * step(t);
-    while (t < setup.span[2 * r + 1]) {
+    const size_t full = out.t.size() + static_cast<size_t>(m.capacity);
+    while (t < setup.span[2 * r + 1] && out.t.size() < full) {
       double point[3];
       const double dt = step(t);
       for (size_t k = 0; k < 3; k++) point[k] = setup.origins[3 * r + k] + (t + dt / 2) * setup.directions[3 * r + k];
@@ -94,6 +95,19 @@ TEST_CASE("marching keeps the steps through occupied cells of a box") {
   const Setup setup;
   const HostSamples want = host_march(setup, checkered_cells(), m);
   CHECK(want.t.size() > 20);
+  compare(device_march(setup, checkered_cells(), m), want);
+}
+
+TEST_CASE("marching keeps as many samples of a ray as it may, to the last") {
+  MarchOptions m;
+  m.side = kSide;
+  m.min_step = 0.0513f;
+  m.threshold = 0.5f;
+  m.capacity = 3;
+  const Setup setup;
+  const HostSamples want = host_march(setup, checkered_cells(), m);
+  CHECK(std::adjacent_find(want.offsets.begin(), want.offsets.end(), [](int a, int b) { return b - a == 3; }) !=
+        want.offsets.end());
   compare(device_march(setup, checkered_cells(), m), want);
 }
 
