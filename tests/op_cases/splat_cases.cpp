@@ -222,9 +222,22 @@ OpCase second_order(OpCase row) {
   return row;
 }
 
+/// A round gaussian in the middle of 3 x 3 tiles that is seen in all of them: a list of one for each.
+OpCase listing() {
+  const double precision = 1.0 / (20 * 20);
+  return {.op = "splat_tiles",
+          .label = "a tile a column and row",
+          .inputs = {given({1, 7}, {24, 24, precision, 0, precision, 0.9, 1})},
+          .run = [](const Tensors& in) { return splat_tiles(in[0], 48, 48).offsets; },
+          .reference = [](const HostArrays&) { return from_index({10}, [](const Shape& i) { return i[0]; }); },
+          .result = DType::i32,
+          .gradient = false};
+}
+
 }  // namespace
 
 void add_splat_cases(OpCases& rows) {
+  rows.push_back(listing());
   rows.push_back(blending("cut tiles", {19, 37, 13, 2, 9, 0.05, 0.95, 23}));
   rows.push_back(blending("long lists", {16, 33, 29, 1, 4, 0.05, 0.15, 300}));
   rows.push_back(blending("opaque", {33, 16, 17, 4, 30, 0.5, 1.2, 40}));
