@@ -165,7 +165,7 @@ cl::Kernel& kernel(const char* stem, const char* name, const Constants& constant
 
 /// Nothing is kept of kernels that could not be built: a later call tries again.
 void build_generated(const std::vector<Generated>& kernels) {
-  // Not contracted: a * b - c * d of equal operands is 0 then, and these kernels wait for memory anyway.
+  // Not contracted: a * b - c * d of equal operands is 0 then.
   std::string source = kernel_text("prelude") + "#pragma OPENCL FP_CONTRACT OFF\n";
   std::map<std::string, cl::Kernel> made;
   for (const Generated& k : kernels)
