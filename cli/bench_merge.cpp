@@ -59,7 +59,7 @@ Bench read_bench(const std::string& file) {
   return out;
 }
 
-/// Mean of log(time of the first / time of this), over the workloads of both.
+/// The geometric mean of time of the first / time of this, over the workloads of both, and how many these are.
 std::string speed_over(const Bench& first, const Bench& other) {
   double sum = 0;
   int count = 0;
