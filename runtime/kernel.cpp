@@ -205,7 +205,7 @@ Range range2(int64_t x, int64_t y) {
 
 namespace {
 
-std::string name_of(const cl::Kernel& k) {
+std::string function_name(const cl::Kernel& k) {
   try {
     return k.getInfo<CL_KERNEL_FUNCTION_NAME>();
   } catch (const cl::Error&) { return "without a name"; }
@@ -215,7 +215,7 @@ std::string name_of(const cl::Kernel& k) {
 
 void Arguments::set(size_t bytes, const void* value) {
   const cl_uint place = next_++;
-  called_again_with_room([&] { return text("set argument ", place, " of the kernel ", name_of(kernel_)); },
+  called_again_with_room([&] { return text("set argument ", place, " of the kernel ", function_name(kernel_)); },
                          [&] { kernel_.setArg(place, bytes, value); });
 }
 

@@ -38,6 +38,15 @@ std::vector<float> checkered_cells() {
   return cells;
 }
 
+/// Steps of this length through the cells that hold 2.
+MarchOptions through_checkers(float step) {
+  MarchOptions m;
+  m.side = kSide;
+  m.min_step = step;
+  m.threshold = 0.5f;
+  return m;
+}
+
 struct Setup {
   std::vector<float> origins = {0, 0, -3, 0.3f, -2.5f, 0.1f, 0.05f, 0.02f, 0.01f, 5, 5, 5};
   std::vector<float> directions = {0, 0, 1, 0.1f, 0.99f, 0.1f, 0.6f, 0, 0.8f, 0, 1, 0};
@@ -88,10 +97,7 @@ void compare(const RaySamples& found, const HostSamples& want) {
 }  // namespace
 
 TEST_CASE("marching keeps the steps through occupied cells of a box") {
-  MarchOptions m;
-  m.side = kSide;
-  m.min_step = 0.0513f;
-  m.threshold = 0.5f;
+  const MarchOptions m = through_checkers(0.0513f);
   const Setup setup;
   const HostSamples want = host_march(setup, checkered_cells(), m);
   CHECK(want.t.size() > 20);
@@ -99,10 +105,7 @@ TEST_CASE("marching keeps the steps through occupied cells of a box") {
 }
 
 TEST_CASE("marching keeps as many samples of a ray as it may, to the last") {
-  MarchOptions m;
-  m.side = kSide;
-  m.min_step = 0.0513f;
-  m.threshold = 0.5f;
+  MarchOptions m = through_checkers(0.0513f);
   m.capacity = 3;
   const Setup setup;
   const HostSamples want = host_march(setup, checkered_cells(), m);
@@ -112,12 +115,9 @@ TEST_CASE("marching keeps as many samples of a ray as it may, to the last") {
 }
 
 TEST_CASE("marching through a contracted scene lengthens its steps") {
-  MarchOptions m;
-  m.side = kSide;
+  MarchOptions m = through_checkers(0.0317f);
   m.contract = true;
-  m.min_step = 0.0317f;
   m.cone = 0.07f;
-  m.threshold = 0.5f;
   const Setup setup;
   const HostSamples want = host_march(setup, checkered_cells(), m);
   CHECK(want.t.size() > 15);
@@ -125,10 +125,7 @@ TEST_CASE("marching through a contracted scene lengthens its steps") {
 }
 
 TEST_CASE("exploring looks into few empty cells, and never leaves out a full one") {
-  MarchOptions m;
-  m.side = kSide;
-  m.min_step = 0.01f;
-  m.threshold = 0.5f;
+  MarchOptions m = through_checkers(0.01f);
   const Setup setup;
   const auto count = [&](int explore) {
     m.explore = explore;
