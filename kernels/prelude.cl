@@ -33,8 +33,21 @@ typedef uchar element;
 typedef ushort element;
 #elif BYTES == 4
 typedef uint element;
+#elif BYTES == 8
+typedef ulong element;
 #endif
 
+#if CLOAM_FLOAT64
+#define m_exp exp
+#define m_log log
+#define m_sin sin
+#define m_cos cos
+#define m_tanh tanh
+#define m_erf erf
+#define m_pow pow
+static inline float m_sigmoid(float x) { return 1.0f / (1.0f + exp(-x)); }
+static inline float m_softplus(float x) { return fmax(x, 0.0f) + log1p(exp(-fabs(x))); }
+#else
 // exp, 2 ulp: 2^n * p(f), |f| <= ln2/2. Saturates to 0 and inf outside the float range.
 static inline float m_exp(float x) {
   const float c = fmin(fmax(x, -104.0f), 89.0f);
@@ -153,6 +166,7 @@ static inline float m_pow(float x, float y) {
   const float r = m_exp(y * m_log(x));
   return y == 0.0f ? 1.0f : (x == 0.0f ? (y > 0.0f ? 0.0f : INFINITY) : r);
 }
+#endif
 
 #if CLOAM_CPU
 // ---- 16 lanes at once, for loops over vectors.

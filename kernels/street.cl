@@ -13,8 +13,7 @@
 #define BLOCK 8
 
 typedef struct {  // ops/street.h: StreetBox
-  float rotation[9], centre[3], half_size[3], cube_scale;
-  int owner;
+  float rotation[9], centre[3], half_size[3], cube_scale, owner;
 } Box;
 
 typedef struct {
@@ -73,7 +72,7 @@ INLINE void add_actor(const Ray* ray, __global const Box* b, float from, float t
       out->rows[at->all] = out->background_count + at->actor;
       vstore3(in_cube(b, p + t * d, 1.0f), at->actor, out->actor_points);
       vstore3(d, at->actor, out->actor_directions);
-      out->owners[at->actor] = b->owner;
+      out->owners[at->actor] = (int)b->owner;
     }
     at->all++;
     at->actor++;
@@ -100,7 +99,7 @@ INLINE void add_shadow(const Ray* ray, __global const Box* b, int r, int write, 
   if (write) {
     vstore3(in_cube(b, hit, 0.5f), at->shadow, out->shadow_points);
     vstore3(d, at->shadow, out->shadow_directions);
-    out->shadow_owners[at->shadow] = b->owner;
+    out->shadow_owners[at->shadow] = (int)b->owner;
     out->shadow_t[at->shadow] = t;
     out->shadow_rays[at->shadow] = r;
   }

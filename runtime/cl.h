@@ -101,7 +101,7 @@ class Arguments {
   void add(const Words& words) { set(words.bytes(), words.data()); }
   /// A tensor read from where the words say, not from its storage's offset.
   void add_memory(const Tensor& tensor);
-  void add(float value) { set(sizeof value, &value); }
+  void add(float value);
   template <std::integral I>
   void add(I value) {
     add_int(static_cast<int64_t>(value));

@@ -1,4 +1,4 @@
-// CLOAM_DEBUG=kernels,nan,poison,bounds,sync: switches read once at the start.
+// CLOAM_DEBUG=kernels,nan,poison,bounds,sync,float64: switches read once at the start.
 #pragma once
 
 namespace cloam {
@@ -9,6 +9,7 @@ struct Debug {
   bool poison = false;   // fresh buffers are filled with NaN
   bool bounds = false;   // buffers end at a guard page (CPU devices)
   bool sync = false;     // wait after each launch
+  bool float64 = false;  // double in the place of float on the device (float64.h); version 1 of each op
 };
 const Debug& debug();
 

@@ -35,6 +35,7 @@ std::string trimmed(std::string s) {
 /// Fat work-items pay where one work-item is a core's loop: PoCL's and Intel's CPU devices. llvmpipe is a CPU that
 /// behaves like a small GPU (32 KiB local memory, lanes), so it runs the GPU shapes.
 DeviceClass class_of(const DeviceInfo& info) {
+  if (debug().float64) return DeviceClass::gpu;  // few of its kernels care how wide a vector of floats is
   if (const char* forced = std::getenv("CLOAM_DEVICE_CLASS"))
     return std::strcmp(forced, "gpu") == 0 ? DeviceClass::gpu : DeviceClass::cpu;
   const bool lanes = lower(info.platform + info.name).find("llvmpipe") != std::string::npos;
@@ -174,6 +175,7 @@ Debug parse_debug() {
     if (word == "poison") out.poison = true;
     if (word == "bounds") out.bounds = true;
     if (word == "sync") out.sync = true;
+    if (word == "float64") out.float64 = true;
   }
   return out;
 }
@@ -214,7 +216,7 @@ bool is_cpu_class() { return device().device_class == DeviceClass::cpu; }
 bool reference_variants() {
   static const bool wanted_reference = [] {
     const char* variant = std::getenv("CLOAM_VARIANT");
-    return variant && std::strcmp(variant, "reference") == 0;
+    return debug().float64 || (variant && std::strcmp(variant, "reference") == 0);
   }();
   return wanted_reference;
 }

@@ -41,10 +41,10 @@ Flat flat_zeros(const std::vector<Shape>& shapes) {
   size_t bytes = 0;
   for (const Shape& shape : shapes) {
     begins.push_back(bytes);
-    bytes += std::max<size_t>(1, (static_cast<size_t>(numel(shape)) * 4 + unit - 1) / unit) * unit;
+    bytes += std::max<size_t>(1, (static_cast<size_t>(numel(shape)) * size_of(DType::f32) + unit - 1) / unit) * unit;
   }
   Flat out;
-  out.all = dense(zeros({static_cast<int64_t>(bytes / 4)}));
+  out.all = dense(zeros({static_cast<int64_t>(bytes / size_of(DType::f32))}));
   const std::shared_ptr<Buffer>& whole = out.all.node()->storage.buffer;
   for (size_t i = 0; i < shapes.size(); i++) {
     const size_t end = i + 1 < shapes.size() ? begins[i + 1] : bytes;

@@ -14,6 +14,7 @@
 #include "runtime/cl.h"
 #include "runtime/debug.h"
 #include "runtime/driver.h"
+#include "runtime/float64.h"
 #include "runtime/profile.h"
 
 namespace cloam {
@@ -78,6 +79,7 @@ std::string name_of(const cl::Kernel& k, const char* label) {
 
 std::string options(const Constants& constants) {
   std::string out = std::string("-cl-std=CL1.2 -w -DCLOAM_CPU=") + (is_cpu_class() ? "1" : "0");
+  if (debug().float64) out += " -DCLOAM_FLOAT64=1";
   for (const auto& [name, value] : constants) out += text(" -D", name, "=", value);
   if (const char* extra = std::getenv("CLOAM_BUILD_OPTIONS")) out += text(" ", extra);
   return out;
@@ -126,7 +128,8 @@ cl::Program build(const std::string& what, const std::string& source, const Cons
   const auto start = std::chrono::steady_clock::now();
   const std::string with = options(constants);
   const auto doing = [&] { return text("compile ", what); };
-  cl::Program program = called_again_with_room(doing, [&] { return cl::Program(cl_device().context, source); });
+  cl::Program program = called_again_with_room(
+      doing, [&] { return cl::Program(cl_device().context, debug().float64 ? in_float64(source) : source); });
   called_again_with_room(doing, [&] {
     const cl_device_id on = cl_device().device();
     const cl_int code = clBuildProgram(program(), 1, &on, with.c_str(), nullptr, nullptr);
@@ -224,6 +227,14 @@ void Arguments::add(const Tensor& tensor) {
   if (!s.buffer || s.offset != 0) throw Error(Fault::internal, "[launch] a kernel argument is not evaluated and dense");
   set(sizeof(cl_mem), &s.buffer->mem());
   bytes_ += static_cast<double>(tensor.numel()) * static_cast<double>(size_of(tensor.dtype()));
+}
+
+void Arguments::add(float value) {
+  const double wide = value;
+  if (debug().float64)
+    set(sizeof wide, &wide);
+  else
+    set(sizeof value, &value);
 }
 
 void Arguments::add(Strided strided) {

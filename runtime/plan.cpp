@@ -253,8 +253,7 @@ void check_finite(const Step& step, const Plan& plan, const Walk& graph) {
   for (int i : results_of(step, plan)) {
     Node* node = at(graph, i);
     if (node->dtype != DType::f32 || step.kind == Step::view) continue;
-    std::vector<float> values(static_cast<size_t>(numel(node->shape)));
-    read_buffer(*node->storage.buffer, 0, values.size() * 4, values.data());
+    const std::vector<float> values = handle(graph, i).to_host();
     for (size_t k = 0; k < values.size(); k++)
       if (std::isnan(values[k]) || (debug().nan && std::isinf(values[k])))
         throw Error(Fault::diverged, text("first non-finite value: ", values[k], " at element ", k, " of ",

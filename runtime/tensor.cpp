@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "runtime/cl.h"
+#include "runtime/debug.h"
 #include "runtime/ops/pointwise.h"
 
 namespace cloam {
@@ -14,6 +15,8 @@ size_t size_of(DType dtype) {
       return 1;
     case DType::f16:
       return 2;
+    case DType::f32:
+      return debug().float64 ? 8 : 4;
     default:
       return 4;
   }
@@ -108,6 +111,12 @@ Tensor empty(const Shape& shape, DType dtype) {
 
 Tensor from_bytes(const void* bytes, DType dtype, const Shape& shape) {
   Tensor out = empty(shape, dtype);
+  if (dtype == DType::f32 && debug().float64) {
+    const auto* const floats = static_cast<const float*>(bytes);
+    const std::vector<double> wide(floats, floats + numel(shape));
+    write_buffer(*out.node()->storage.buffer, wide.data(), wide.size() * sizeof(double));
+    return out;
+  }
   write_buffer(*out.node()->storage.buffer, bytes, static_cast<size_t>(numel(shape)) * size_of(dtype));
   return out;
 }
@@ -135,7 +144,7 @@ float half_to_float(uint16_t h) {
 
 template <class T>
 bool holds(DType dtype) {
-  if constexpr (std::is_same_v<T, float>) return dtype == DType::f32;
+  if constexpr (std::is_floating_point_v<T>) return dtype == DType::f32;
   if constexpr (std::is_same_v<T, int32_t>) return dtype == DType::i32;
   if constexpr (std::is_same_v<T, uint32_t>) return dtype == DType::u32;
   return std::is_same_v<T, uint8_t> && dtype == DType::u8;
@@ -184,9 +193,20 @@ std::vector<T> Tensor::to_host() const {
   if (!holds<T>(packed.dtype()))
     throw Error(Fault::internal,
                 text("[to_host] the tensor holds ", name_of(packed.dtype()), ", another type was asked for"));
+  if constexpr (std::is_same_v<T, float>)
+    if (debug().float64) {
+      const std::vector<double> wide = read_all<double>(packed);
+      return {wide.begin(), wide.end()};
+    }
+  if constexpr (std::is_same_v<T, double>)
+    if (!debug().float64) {
+      const std::vector<float> narrow = read_all<float>(packed);
+      return {narrow.begin(), narrow.end()};
+    }
   return read_all<T>(packed);
 }
 template std::vector<float> Tensor::to_host<float>() const;
+template std::vector<double> Tensor::to_host<double>() const;
 template std::vector<int32_t> Tensor::to_host<int32_t>() const;
 template std::vector<uint32_t> Tensor::to_host<uint32_t>() const;
 template std::vector<uint8_t> Tensor::to_host<uint8_t>() const;

@@ -35,7 +35,8 @@ class Tensor {
   bool tracked() const;  // a gradient can flow through it
   bool evaluated() const;
 
-  /// Evaluates and copies to the host, row-major. T must fit the dtype (float for f32 and f16).
+  /// Evaluates and copies to the host, row-major. T must fit the dtype (float for f32 and f16,
+  /// double for f32: with CLOAM_DEBUG=float64 its digits are those of the device).
   template <class T = float>
   std::vector<T> to_host() const;
   /// The single value of a tensor with one element.

@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "runtime/cl.h"
+#include "runtime/debug.h"
 #include "runtime/hash.h"
 
 namespace cloam {
@@ -32,7 +33,7 @@ bool read_line(const std::string& line, Verdict& into) {
 }  // namespace
 
 std::string verdict_file(const DeviceInfo& device) {
-  const char* device_class = device.device_class == DeviceClass::cpu ? "cpu" : "gpu";
+  const char* device_class = debug().float64 ? "float64" : device.device_class == DeviceClass::cpu ? "cpu" : "gpu";
   const uint64_t hash =
       fnv1a(text(device.platform, '|', device.name, '|', device.driver, '|', device_class), hash_of_kernels());
   char name[40];

@@ -12,7 +12,7 @@ constexpr float kCube = 1.1f;                          // a box's cube over its 
 
 /// Columns of the rotation are rows of its inverse.
 StreetBox box_of(const Eigen::Matrix4d& street_from_box, const Eigen::Vector3d& size, size_t owner) {
-  StreetBox box{{}, {}, {}, cube_scale(size), static_cast<int32_t>(owner)};
+  StreetBox box{{}, {}, {}, cube_scale(size), static_cast<float>(owner)};
   Eigen::Map<Eigen::Matrix3f>(box.box_from_street.data()) = street_from_box.topLeftCorner<3, 3>().cast<float>();
   Eigen::Map<Eigen::Vector3f>(box.centre.data()) = street_from_box.topRightCorner<3, 1>().cast<float>();
   Eigen::Map<Eigen::Vector3f>(box.half_size.data()) = (size / 2).cast<float>() + Eigen::Vector3f(kPadding);

@@ -1,4 +1,8 @@
 // Radix sort of keys with a payload.
+#include <bit>
+#include <cmath>
+
+#include "runtime/debug.h"
 #include "runtime/ops.h"
 #include "runtime/ops/scan.h"
 #include "runtime/ops/share.h"
@@ -72,6 +76,17 @@ void check(const Tensor& keys, int bits, const Tensor& payload) {
                      to_string(keys.shape()), " ", name_of(keys.dtype()), ": want int32 [n] for n keys of integers"));
 }
 
+/// The kernel reads the bits of 32-bit numbers: doubles (CLOAM_DEBUG=float64) go by the float nearest to them.
+Tensor in_32_bits(const Tensor& keys) {
+  if (keys.dtype() != DType::f32 || !debug().float64) return keys;
+  std::vector<uint32_t> ordered;
+  for (const float key : keys.to_host()) {
+    const auto bits = std::bit_cast<uint32_t>(key);
+    ordered.push_back(std::isnan(key) ? 0xffffffffu : bits ^ (bits >> 31 ? 0xffffffffu : 0x80000000u));
+  }
+  return from_host(ordered, keys.shape());
+}
+
 }  // namespace
 
 Sorted sort(const Tensor& keys, int bits, const Tensor& payload) {
@@ -79,7 +94,7 @@ Sorted sort(const Tensor& keys, int bits, const Tensor& payload) {
   check(keys, bits, payload);
   const int64_t n = keys.dim(0), begin = keys_begin(n);
   const Tensor pairs = make(std::make_shared<SortPairs>(bits), {begin + keys.numel()},
-                            payload ? Tensors{keys, payload} : Tensors{keys}, DType::u32);
+                            payload ? Tensors{in_32_bits(keys), payload} : Tensors{in_32_bits(keys)}, DType::u32);
   const Tensor order = bitcast(slice(pairs, 0, 0, n), DType::i32);
   // Keys that a gradient may reach are read again, in their order.
   if (keys.dtype() == DType::f32) return {gather_rows(keys, order), order};

@@ -29,7 +29,7 @@ Marched prepare(const StreetRays& rays, const StreetBoxes& boxes, const StreetGr
                            {"jitter", rays.jitter, "R 2"},
                            {"moments", rays.moments, "R"},
                            {"first", boxes.first, "M"}});
-  if (boxes.boxes.rank() != 2 || boxes.boxes.dim(1) != kBoxNumbers || boxes.boxes.dtype() != DType::u32)
+  if (boxes.boxes.rank() != 2 || boxes.boxes.dim(1) != kBoxNumbers || boxes.boxes.dtype() != DType::f32)
     throw Error(Fault::internal, text("[street_samples] boxes is ", to_string(boxes.boxes.shape()), " ",
                                       name_of(boxes.boxes.dtype()), ", want what pack_boxes() makes"));
   if (grid.numbers.numel() != kGridNumbers)
@@ -55,7 +55,7 @@ StreetBoxes pack_boxes(const std::vector<std::vector<StreetBox>>& moments) {
   }
   if (all.empty()) all.push_back({});  // no buffer without bytes
   return {from_host(first, {static_cast<int64_t>(first.size())}),
-          from_bytes(all.data(), DType::u32, {static_cast<int64_t>(all.size()), kBoxNumbers})};
+          from_bytes(all.data(), DType::f32, {static_cast<int64_t>(all.size()), kBoxNumbers})};
 }
 
 StreetSamples street_samples(const StreetRays& rays, const StreetBoxes& boxes, const StreetGrid& grid,

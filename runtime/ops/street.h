@@ -17,11 +17,11 @@ struct StreetBox {
   std::array<float, 9> box_from_street;  // rotation, row by row
   std::array<float, 3> centre, half_size;
   float cube_scale;  // 0.5 / half side of the cube that the owner's planes fill
-  int32_t owner;
+  float owner;  // its number, which a float holds exactly up to 2^24
 };
 struct StreetBoxes {
   Tensor first;  // int32 [M+1]: the boxes of moment m are first[m] up to first[m+1]
-  Tensor boxes;  // u32 [B, numbers of a StreetBox]; one that nobody meets where there are none
+  Tensor boxes;  // [B, numbers of a StreetBox]; one that nobody meets where there are none
 };
 StreetBoxes pack_boxes(const std::vector<std::vector<StreetBox>>& moments);
 struct StreetRays {

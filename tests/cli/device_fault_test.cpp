@@ -7,51 +7,22 @@
 #include <chrono>
 #include <cstdlib>
 #include <fstream>
-#include <functional>
 #include <sstream>
 #include <thread>
 
 #include "tests/cli/process.h"
-#include "tests/cli/small_street.h"
+#include "tests/cli/small_trainings.h"
 
 using namespace cloam;
 namespace fs = std::filesystem;
 
 namespace {
 
-struct Training {
-  const char* method;
-  std::function<Words(const fs::path& run)> words;
-};
-
-Words with_settings(Words words, const Words& settings) {
-  for (const std::string& setting : settings) words.insert(words.end(), {"--set", setting});
-  return words;
+/// Two checkpoints: at the middle and at the end.
+Words words_of(const SmallTraining& training, const fs::path& run) {
+  const bool street = std::string(training.method) == "genassets";
+  return training.words(run, {"--steps", street ? "2" : "4", "--save-every", street ? "1" : "2"});
 }
-
-const std::vector<Training> kTrainings = {
-    {"nerf",
-     [](const fs::path& run) {
-       return small_training(small_scene(), run, {"--steps", "4", "--save-every", "2"});
-     }},
-    {"splat",
-     [](const fs::path& run) {
-       return with_settings({"train", "splat", small_scene().string(), "-o", run.string(), "--steps", "4",
-                             "--save-every", "2", "--progress", "plain"},
-                            {"initial=random", "initial.random=100", "growth.start=1", "growth.every=2"});
-     }},
-    {"genassets",
-     [](const fs::path& run) {
-       return with_settings({"train", "genassets", small_street().string(), "-o", run.string(), "--preset",
-                             "genassets-small", "--steps", "2", "--save-every", "1", "--progress", "plain"},
-                            {"background.side=32", "batch.patches=1", "batch.patch_side=8", "batch.lidar_rays=32",
-                             "code.side=4", "weight.perceptual=0"});
-     }},
-    {"diffusion",
-     [](const fs::path& run) {
-       return small_diffusion(two_streets_run(), run, {"--steps", "4", "--save-every", "2"});
-     }},
-};
 
 /// Calls that make something or put work into the queue, and those that wait.
 const char* const kCalls[] = {"clCreateContext",
@@ -108,9 +79,9 @@ void check_told(const Outcome& outcome) {
 
 class Sweep {
  public:
-  explicit Sweep(const Training& training) : training_(training), golden_(fresh()) {
+  explicit Sweep(const SmallTraining& training) : training_(training), golden_(fresh()) {
     const fs::path counts = scratch() / (std::string(training.method) + "-calls");
-    const Outcome outcome = cloam_with(training.words(golden_), layer("count=" + counts.string()));
+    const Outcome outcome = cloam_with(words_of(training, golden_), layer("count=" + counts.string()));
     REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
     std::ifstream file(counts);
     std::string function;
@@ -140,7 +111,7 @@ class Sweep {
     CAPTURE(training_.method);
     CAPTURE(fault);
     const fs::path run = fresh();
-    const Outcome outcome = outcome_of(training_.words(run), layer(fault));
+    const Outcome outcome = outcome_of(words_of(training_, run), layer(fault));
     tally.failed++;
     if (outcome.code == 0) {
       tally.survived++;
@@ -169,7 +140,7 @@ class Sweep {
     CHECK_MESSAGE(last_checkpoint(run) == last_checkpoint(golden_), outcome.err, again.err);
   }
 
-  const Training& training_;
+  const SmallTraining& training_;
   fs::path golden_;
   std::map<std::string, int> calls_;
 };
@@ -189,7 +160,7 @@ void tell(const std::string& method, const std::string& what, const Tally& tally
 }  // namespace
 
 TEST_CASE("device faults: each call of a training fails once") {
-  for (const Training& training : kTrainings) {
+  for (const SmallTraining& training : small_trainings()) {
     Sweep sweep(training);
     Tally tally;
     for (const char* call : kCalls) sweep.let_fail(call, samples(), "", tally);
@@ -199,7 +170,7 @@ TEST_CASE("device faults: each call of a training fails once") {
 }
 
 TEST_CASE("device faults: a training whose device is lost ends in one error and is resumed to the same bytes") {
-  for (const Training& training : kTrainings) {
+  for (const SmallTraining& training : small_trainings()) {
     Sweep sweep(training);
     Tally tally;
     for (const char* call : {"clCreateBuffer", "clEnqueueNDRangeKernel", "clEnqueueReadBuffer"})
@@ -211,12 +182,12 @@ TEST_CASE("device faults: a training whose device is lost ends in one error and 
 }
 
 TEST_CASE("device faults: a device that hangs ends the training, whose checkpoint is kept") {
-  const Training& training = kTrainings.front();
+  const SmallTraining& training = small_trainings().front();
   const fs::path run = scratch() / "hung", golden = scratch() / "not-hung";
-  REQUIRE(cloam_with(training.words(golden)).code == 0);
+  REQUIRE(cloam_with(words_of(training, golden)).code == 0);
   Words environment = layer("hang=clEnqueueReadBuffer:20");
   environment.push_back("CLOAM_WATCHDOG=1");
-  const Outcome outcome = outcome_of(training.words(run), environment);
+  const Outcome outcome = outcome_of(words_of(training, run), environment);
   CHECK_MESSAGE(outcome.code == 4, outcome.code, outcome.err);
   check_told(outcome);
   CHECK_MESSAGE(contains(outcome.err, "the device has not answered for 1 s: "), outcome.err);

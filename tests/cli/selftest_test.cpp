@@ -68,6 +68,16 @@ TEST_CASE("selftest: a kernel that nothing can stand for makes the device unusab
   CHECK(contains(report.out, "FAIL  unfold"));
 }
 
+TEST_CASE("in float64 values agree to ten digits and more: no formula hides behind rounding") {
+  const Outcome outcome = cloam_with({"selftest", "--quick", "--only", "matmul", "--only", "conv2d", "--only", "mlp",
+                                      "--only", "hash_grid", "--only", "composite", "--only", "splat_blend", "--json"},
+                                     {"CLOAM_DEBUG=float64", cache_of("c4")});
+  CHECK_MESSAGE(outcome.code == 0, outcome.out, outcome.err);
+  const nlohmann::json found = nlohmann::json::parse(outcome.out);
+  CHECK(found["results"].size() > 50);
+  for (const nlohmann::json& row : found["results"]) CHECK_MESSAGE(row["value_error"] < 1e-8, row.dump());
+}
+
 TEST_CASE("selftest refuses a row that does not exist, and keeps no verdict of a part") {
   const Outcome none = cloam_with({"selftest", "--only", "no-such-row"});
   CHECK(none.code == 2);

@@ -162,8 +162,11 @@ HostArray host_output(const Tensor& tensor) {
     case DType::u8:
       copy(tensor.to_host<uint8_t>());
       break;
-    default:
+    case DType::f16:
       copy(tensor.to_host<float>());
+      break;
+    case DType::f32:
+      copy(tensor.to_host<double>());
   }
   return out;
 }

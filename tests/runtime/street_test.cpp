@@ -212,7 +212,7 @@ StreetSamples samples_of(const World& world, const StreetSteps& steps) {
     packed.emplace_back();
     for (const Box& box : boxes)
       packed.back().push_back({rounded<9>({box.axes[0], box.axes[1], box.axes[2]}), rounded<3>({box.centre}),
-                               rounded<3>({box.half}), static_cast<float>(box.scale), box.owner});
+                               rounded<3>({box.half}), static_cast<float>(box.scale), static_cast<float>(box.owner)});
   }
   std::vector<float> grid;
   append(grid, kCorner);
