@@ -1,11 +1,13 @@
 // A driver that fails in the middle of a training: each call of each kind fails once (tests/layer), the device is lost
 // at some. The training survives or ends in one error, and the run goes on to the bytes of one without a fault. The
-// suite takes a few calls of each kind; CLOAM_FAULTS=all (script/device-faults) takes every one.
+// suite takes a few calls of each kind; CLOAM_FAULTS=all (script/device-faults) takes every one, CLOAM_FAULTS_PART=2/8
+// the third eighth of them, so that programs can share the work.
 #include <doctest/doctest.h>
 #include <signal.h>
 
 #include <chrono>
 #include <cstdlib>
+#include <cstring>
 #include <fstream>
 #include <sstream>
 #include <thread>
@@ -41,6 +43,14 @@ const char* const kCalls[] = {"clCreateContext",
                               "clFinish"};
 
 Words layer(const std::string& settings) { return {"OPENCL_LAYERS=" CLOAM_LAYER_LIBRARY, "CLOAM_LAYER=" + settings}; }
+
+/// Whether the next piece of work is this program's part.
+bool mine() {
+  static int number = 0;
+  const char* part = std::getenv("CLOAM_FAULTS_PART");
+  const int count = part && std::strchr(part, '/') ? std::atoi(std::strchr(part, '/') + 1) : 1;
+  return number++ % std::max(1, count) == (part ? std::atoi(part) : 0);
+}
 
 /// Ended by force after a minute: a hang.
 Outcome outcome_of(const Words& words, const Words& environment) {
@@ -90,14 +100,15 @@ class Sweep {
 
   /// So many calls of the function, spread evenly; all if there are no more.
   void let_fail(const std::string& function, int samples, const std::string& how, Tally& tally) {
-    const auto found = calls_.find(function);
-    if (found == calls_.end()) return;
-    const int calls = found->second, taken = std::min(calls, samples);
+    const int calls = calls_of(function), taken = std::min(calls, samples);
     for (int i = 0; i < taken; i++) {
+      if (!mine()) continue;
       const auto call = static_cast<int>((2 * int64_t{i} + 1) * calls / (2 * int64_t{taken})) + 1;
       try_one(text_of("fail=" + function, call) + how, tally);
     }
   }
+
+  int calls_of(const std::string& function) const { return calls_.contains(function) ? calls_.at(function) : 0; }
 
  private:
   static std::string text_of(const std::string& call, int number) { return call + ":" + std::to_string(number); }
@@ -163,9 +174,14 @@ TEST_CASE("device faults: each call of a training fails once") {
   for (const SmallTraining& training : small_trainings()) {
     Sweep sweep(training);
     Tally tally;
-    for (const char* call : kCalls) sweep.let_fail(call, samples(), "", tally);
+    int calls = 0;
+    for (const char* call : kCalls) {
+      sweep.let_fail(call, samples(), "", tally);
+      calls += sweep.calls_of(call);
+    }
+    MESSAGE(training.method, " makes ", calls, " calls");
     tell(training.method, "each once", tally);
-    CHECK(tally.survived > tally.failed / 3);
+    if (tally.failed > 10) CHECK(tally.survived > tally.failed / 3);
   }
 }
 
@@ -177,7 +193,7 @@ TEST_CASE("device faults: a training whose device is lost ends in one error and 
       sweep.let_fail(call, samples() > 1 ? 40 : 1, ",sticky", tally);
     tell(training.method, "device lost", tally);
     CHECK(tally.survived == 0);
-    CHECK(tally.resumed > 0);
+    if (tally.failed > 2) CHECK(tally.resumed > 0);
   }
 }
 
