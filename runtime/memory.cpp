@@ -85,12 +85,14 @@ void prefer_huge_pages(const cl::Buffer& mem, size_t bytes) {
   constexpr size_t kHuge = size_t{2} << 20;
   if (bytes < 2 * kHuge) return;
   const cl::CommandQueue& queue = cl_device().queue;
-  void* const at = queue.enqueueMapBuffer(mem, CL_TRUE, CL_MAP_WRITE_INVALIDATE_REGION, 0, bytes);
+  const auto doing = [&] { return text("map a new buffer of ", bytes, " bytes"); };
+  void* const at = called_again_with_room(
+      doing, [&] { return queue.enqueueMapBuffer(mem, CL_TRUE, CL_MAP_WRITE_INVALIDATE_REGION, 0, bytes); });
   const auto address = reinterpret_cast<uintptr_t>(at);
   const uintptr_t begin = (address + kHuge - 1) / kHuge * kHuge, end = (address + bytes) / kHuge * kHuge;
   // NOLINTNEXTLINE(performance-no-int-to-ptr): the page that the address lies in
   madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
-  queue.enqueueUnmapMemObject(mem, at);
+  called_again_with_room(doing, [&] { queue.enqueueUnmapMemObject(mem, at); });
 }
 
 cl::Buffer fresh(size_t bytes) {
@@ -98,9 +100,7 @@ cl::Buffer fresh(size_t bytes) {
   if (!cl.info.is_cpu) return cl::Buffer(cl.context, CL_MEM_READ_WRITE, bytes);
   if (debug().bounds) return guarded(bytes);
   // A plain buffer is lazy here and aborts the process at first use when memory is short.
-  cl::Buffer mem(cl.context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, bytes);
-  prefer_huge_pages(mem, bytes);
-  return mem;
+  return {cl.context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, bytes};
 }
 
 [[noreturn]] void too_much(size_t bytes, const char* why) {
@@ -156,6 +156,7 @@ cl::Buffer obtain(size_t size) {
   if (device_stats().live_bytes + size > memory_budget()) too_much(size, "over the budget");
   cl::Buffer mem =
       called_again_with_room([&] { return text("make a buffer of ", size, " bytes"); }, [&] { return fresh(size); });
+  if (device().is_cpu && !debug().bounds) prefer_huge_pages(mem, size);
   device_stats().allocated_bytes += size;
   return mem;
 }

@@ -15,7 +15,7 @@ int64_t number(const std::string& word, const std::string& setting) {
   return value;
 }
 
-/// FUNCTION:N, FUNCTION:N+ or FUNCTION:N:CODE.
+/// FUNCTION:N, FUNCTION:N+ or FUNCTION:N/M, and a CODE after each.
 CallAt parse_call(const std::string& value, const std::string& setting) {
   std::istringstream parts(value);
   CallAt out;
@@ -23,8 +23,13 @@ CallAt parse_call(const std::string& value, const std::string& setting) {
   std::getline(parts, out.function, ':');
   std::getline(parts, call, ':');
   if (std::getline(parts, code)) out.code = static_cast<cl_int>(number(code, setting));
-  out.onward = call.ends_with('+');
-  if (out.onward) call.pop_back();
+  if (call.ends_with('+')) {
+    out.every = 1;
+    call.pop_back();
+  } else if (const size_t slash = call.find('/'); slash != std::string::npos) {
+    out.every = number(call.substr(slash + 1), setting);
+    call.resize(slash);
+  }
   out.call = number(call, setting);
   if (out.call < 1) refuse("\"" + setting + "\": calls are counted from 1");
   return out;
@@ -47,9 +52,10 @@ void parse_setting(const std::string& setting, Settings& out) {
   else if (name == "hang")
     out.hangs.push_back(parse_call(value, setting));
   else
-    refuse("\"" + setting +
-           "\" is no setting; there are count=FILE, fail=FUNCTION:N[+][:CODE], sticky, hang=FUNCTION:N, profile=NAME, "
-           "group=N");
+    refuse(
+        "\"" + setting +
+        "\" is no setting; there are count=FILE, fail=FUNCTION:N[+|/M][:CODE], sticky, hang=FUNCTION:N, profile=NAME, "
+        "group=N");
 }
 
 Settings parse() {

@@ -1,7 +1,7 @@
 // What the environment variable CLOAM_LAYER asks of the layer, comma-separated:
 //   count=FILE              at exit, a line a function: its name and how often it was called
 //   fail=FUNCTION:N[:CODE]  the N-th call (from 1) returns the error that a driver would give, or CODE; N+: and all
-//                           later ones
+//                           later ones; N/M: and each M-th one after it
 //   sticky                  after the first such call every call that needs the device fails (a lost device)
 //   hang=FUNCTION:N         that call sleeps for an hour
 //   profile=NAME            the limits and features of another device (profiles.cpp)
@@ -18,10 +18,12 @@ namespace cloam::layer {
 
 struct CallAt {
   std::string function;
-  int64_t call = 1;  // from 1
-  bool onward = false;
+  int64_t call = 1;   // from 1
+  int64_t every = 0;  // and each so manieth call after it
   std::optional<cl_int> code;
-  bool meets(int64_t number) const { return number == call || (onward && number > call); }
+  bool meets(int64_t number) const {
+    return number == call || (every > 0 && number > call && (number - call) % every == 0);
+  }
 };
 
 struct Settings {
