@@ -10,7 +10,9 @@ namespace cloam {
 namespace {
 
 /// PerceptualSimilarity adds to the length, not to its square: channels that are all 0 stay 0.
-Tensor unit_length(const Tensor& map) { return map / (sqrt(sum(square(map), {{1}, true})) + 1e-10f); }
+/// A product by the inverse, since NVIDIA's compiler fuses the last product within a division with a difference that
+/// follows, whatever FP_CONTRACT says: a picture's distance to itself would not be 0.
+Tensor unit_length(const Tensor& map) { return map * (1.f / (sqrt(sum(square(map), {{1}, true})) + 1e-10f)); }
 
 const char* linear_name(const std::string& network) { return network == kAlexNet ? kLpipsAlex : kLpipsVgg; }
 

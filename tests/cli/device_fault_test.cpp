@@ -144,7 +144,7 @@ class Sweep {
   /// Alone, calls that are made again need no more than some examples.
   int samples_of(const std::string& function) const {
     for (const std::string call : kMadeAgain)
-      if (call.starts_with(function + ":")) return std::min(samples(), 20);
+      if (call.starts_with(function + ":")) return std::min(samples(), 3);
     return samples();
   }
 

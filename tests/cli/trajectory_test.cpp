@@ -1,6 +1,6 @@
 // How far rounding and another device carry a training: the same steps in float64 on the device (CLOAM_DEBUG=float64),
 // which draws the same batches. Distances are those of all parameters, in parts of the way that the float64 training
-// went. The suite takes two steps; CLOAM_TRAJECTORIES=all (script/trajectories) takes 200, and Oclgrind besides.
+// went. The suite takes two steps; CLOAM_TRAJECTORIES=all (script/trajectories) takes up to 200, and Oclgrind besides.
 #include <doctest/doctest.h>
 
 #include <cmath>
@@ -30,11 +30,14 @@ Words oclgrind() {
   return {"OCL_ICD_VENDORS=" + scratch().string(), "CLOAM_WATCHDOG=3600"};
 }
 
-std::vector<Device> devices() {
+/// genassets is chaotic: trainings that differ in the last bit of a double are 1e-13 of the way apart after 50 steps,
+/// and 0.06 of it after 200 (docs/rounding.md).
+std::vector<Device> devices(const std::string& method) {
   const bool all = std::getenv("CLOAM_TRAJECTORIES") != nullptr;
+  const int many = method == "genassets" ? 20 : 200;
   std::vector<Device> out = {
-      {"PoCL", kDrivers / "pocl.icd", kPocl, all ? 200 : 2},
-      {"PoCL, kernels of GPUs", kDrivers / "pocl.icd", {kPocl[0], "CLOAM_DEVICE_CLASS=gpu"}, all ? 200 : 2},
+      {"PoCL", kDrivers / "pocl.icd", kPocl, all ? many : 2},
+      {"PoCL, kernels of GPUs", kDrivers / "pocl.icd", {kPocl[0], "CLOAM_DEVICE_CLASS=gpu"}, all ? many : 2},
       {"rusticl",
        kDrivers / "rusticl.icd",
        {"OCL_ICD_VENDORS=rusticl.icd", "RUSTICL_ENABLE=llvmpipe", "CLOAM_DEVICE=llvmpipe"},
@@ -98,7 +101,7 @@ TEST_CASE("trajectories: each device stays near the training in float64") {
   for (const SmallTraining& training : small_trainings()) {
     const std::string method = training.method;
     std::map<int, Reference> references;
-    for (const Device& device : devices()) {
+    for (const Device& device : devices(method)) {
       if (!fs::exists(device.driver)) continue;
       if (!references.contains(device.steps))
         references.emplace(device.steps, Reference(training, device.steps, kSeed));
