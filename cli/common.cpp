@@ -118,9 +118,23 @@ void heed_verdict(const Common& common) {
 
 }  // namespace
 
+namespace {
+
+/// Options that others gave the compiler may change results, and what selftest found of the device is told without
+/// them.
+void warn_of_build_flags() {
+  static bool warned = false;
+  for (const char* name : {"POCL_EXTRA_BUILD_FLAGS", "CLOAM_BUILD_OPTIONS"})
+    if (const char* flags = std::getenv(name); flags && *flags && !std::exchange(warned, true))
+      warn(text(name, "=", flags, " changes how kernels are compiled: results can differ from those without it"));
+}
+
+}  // namespace
+
 void open_device(const Common& common) {
   open_any_device(common);
   heed_verdict(common);
+  warn_of_build_flags();
 }
 
 void open_any_device(const Common& common) {

@@ -25,7 +25,8 @@ constexpr uint64_t kNeededLocalBytes = 32 << 10;
 constexpr int kNeededWorkGroup = 64;
 const char* const kVariables[] = {"CLOAM_DEVICE",   "CLOAM_DEVICE_CLASS", "CLOAM_DEBUG",    "CLOAM_KERNEL_DIR",
                                   "CLOAM_VARIANT",  "OCL_ICD_VENDORS",    "POCL_CACHE_DIR", "POCL_MAX_PTHREAD_COUNT",
-                                  "RUSTICL_ENABLE", "POCL_MEMORY_LIMIT",  "NO_COLOR"};
+                                  "RUSTICL_ENABLE", "POCL_MEMORY_LIMIT",  "POCL_DEVICES",   "POCL_EXTRA_BUILD_FLAGS",
+                                  "NO_COLOR"};
 
 /// From limits, and what selftest found if it ran here.
 std::string verdict(const DeviceInfo& info) {

@@ -128,7 +128,9 @@ const Candidate& choose(const Candidates& found, const std::string& wish) {
     throw Error(Fault::device,
                 text("no OpenCL device found. Looked for drivers in ",
                      std::getenv("OCL_ICD_VENDORS") ? std::getenv("OCL_ICD_VENDORS") : "/etc/OpenCL/vendors",
-                     " and found none that works.", found.broken,
+                     " and found none that works",
+                     std::getenv("POCL_DEVICES") ? text(" (POCL_DEVICES=", std::getenv("POCL_DEVICES"), ")") : "", ".",
+                     found.broken,
                      "\n  fix: sudo apt install pocl-opencl-icd   (any CPU), or your GPU's "
                      "OpenCL driver; unset OCL_ICD_VENDORS if it points to the wrong place"));
   std::vector<const Candidate*> any, fit;

@@ -9,6 +9,7 @@
 #include <limits>
 #include <map>
 #include <set>
+#include <thread>
 #include <unordered_map>
 
 #include "runtime/cl.h"
@@ -99,13 +100,17 @@ std::function<void(const DeviceStats&)>& build_listener() {
   return listener;
 }
 
-/// The compiler's messages as further lines of an error.
-std::string build_log(const cl::Program& program) {
+std::string log_of(const cl::Program& program) {
   std::string log;
   try {
     log = program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device().device);
   } catch (const cl::Error& error) { log = text("no log: ", code_text(error.err())); }
   while (!log.empty() && (log.back() == '\0' || std::isspace(static_cast<unsigned char>(log.back())))) log.pop_back();
+  return log;
+}
+
+/// The compiler's messages as further lines of an error.
+std::string indented(std::string log) {
   if (log.empty()) log = "the compiler says nothing; PoCL does so when POCL_CACHE_DIR is full or cannot be written";
   std::string out = "\n    ";
   for (const char c : log) out += c == '\n' ? "\n    " : std::string(1, c);
@@ -113,30 +118,47 @@ std::string build_log(const cl::Program& program) {
 }
 
 [[noreturn]] void build_failed(cl_int code, const std::string& what, const std::string& source, const std::string& with,
-                               const cl::Program& program) {
+                               const std::string& log) {
   if (debug().kernels) std::fprintf(stderr, "%s", numbered(source).c_str());
+  const char* const more = std::getenv("POCL_EXTRA_BUILD_FLAGS");
   throw Error(Fault::device,
-              text(what, " does not compile on ", device().name, ": clBuildProgram gave ", code_text(code),
-                   " with the options ", with, build_log(program),
-                   "\n  fix: update the device's driver, or select another device (cloam info lists them); "
+              text("cannot compile ", what, " on ", device().name, ": clBuildProgram gave ", code_text(code),
+                   " with the options ", with, more ? text(" and POCL_EXTRA_BUILD_FLAGS=", more) : "", indented(log),
+                   "\n  fix: ", more ? "unset POCL_EXTRA_BUILD_FLAGS, " : "",
+                   "update the device's driver, or select another device (cloam info lists them); "
                    "CLOAM_DEBUG=kernels shows the source"));
+}
+
+cl_int compiled(const cl::Program& program, const std::string& with) {
+  const cl_device_id on = cl_device().device();
+  const cl_int code = clBuildProgram(program(), 1, &on, with.c_str(), nullptr, nullptr);
+  if (code != CL_SUCCESS && code != CL_BUILD_PROGRAM_FAILURE && code != CL_INVALID_BUILD_OPTIONS)
+    throw cl::Error(code, "clBuildProgram");
+  return code;
+}
+
+/// PoCL's processes share a folder of compiled kernels: one in twenty-five builds failed where eight of them compiled
+/// the same kernels at once, without a word of the compiler, and the next attempt found what the others had made.
+constexpr int kAttempts = 4;
+bool may_succeed_later(cl_int code, const std::string& log) {
+  return code == CL_BUILD_PROGRAM_FAILURE && log.find("error:") == std::string::npos;
 }
 
 cl::Program build(const std::string& what, const std::string& source, const Constants& constants) {
   const HostSpan span("build");
   const WatchedBuild watched;
   const auto start = std::chrono::steady_clock::now();
-  const std::string with = options(constants);
+  const std::string with = options(constants), text_of_kernels = debug().float64 ? in_float64(source) : source;
   const auto doing = [&] { return text("compile ", what); };
-  cl::Program program = called_again_with_room(
-      doing, [&] { return cl::Program(cl_device().context, debug().float64 ? in_float64(source) : source); });
-  called_again_with_room(doing, [&] {
-    const cl_device_id on = cl_device().device();
-    const cl_int code = clBuildProgram(program(), 1, &on, with.c_str(), nullptr, nullptr);
-    if (code == CL_BUILD_PROGRAM_FAILURE || code == CL_INVALID_BUILD_OPTIONS)
-      build_failed(code, what, source, with, program);
-    if (code != CL_SUCCESS) throw cl::Error(code, "clBuildProgram");
-  });
+  cl::Program program;
+  for (int attempt = 1;; attempt++) {
+    program = called_again_with_room(doing, [&] { return cl::Program(cl_device().context, text_of_kernels); });
+    const cl_int code = called_again_with_room(doing, [&] { return compiled(program, with); });
+    if (code == CL_SUCCESS) break;
+    const std::string log = log_of(program);
+    if (attempt == kAttempts || !may_succeed_later(code, log)) build_failed(code, what, source, with, log);
+    std::this_thread::sleep_for(std::chrono::milliseconds(20 << attempt));
+  }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   device_stats().build_seconds += seconds;
   if (debug().kernels) std::fprintf(stderr, "[build] %s %.0f ms\n", what.c_str(), seconds * 1e3);
@@ -174,7 +196,8 @@ void build_generated(const std::vector<Generated>& kernels) {
   for (const Generated& k : kernels)
     if (!cache().generated.contains(k.name) && made.try_emplace(k.name).second) source += k.source;
   if (made.empty()) return;
-  const cl::Program program = build(text(made.size(), " generated kernels"), source, {});
+  const cl::Program program =
+      build(made.size() == 1 ? "a generated kernel" : text(made.size(), " generated kernels"), source, {});
   for (auto& [name, k] : made) k = kernel_in(program, name);
   for (auto& [name, k] : made) cache().generated.emplace(name, std::move(k));
   device_stats().kernels_built += static_cast<int64_t>(made.size());
