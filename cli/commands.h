@@ -21,6 +21,7 @@ Command add_check(CLI::App& program);
 Command add_demo(CLI::App& program);
 Command add_synth(CLI::App& program);
 Command add_info(CLI::App& program);
+Command add_doctor(CLI::App& program);
 Command add_selftest(CLI::App& program);
 Command add_bench(CLI::App& program);
 Command add_tune(CLI::App& program);

@@ -132,7 +132,7 @@ const Candidate& choose(const Candidates& found, const std::string& wish) {
                      std::getenv("POCL_DEVICES") ? text(" (POCL_DEVICES=", std::getenv("POCL_DEVICES"), ")") : "", ".",
                      found.broken,
                      "\n  fix: sudo apt install pocl-opencl-icd   (any CPU), or your GPU's "
-                     "OpenCL driver; unset OCL_ICD_VENDORS if it points to the wrong place"));
+                     "OpenCL driver; unset OCL_ICD_VENDORS if it points to the wrong place; cloam doctor says more"));
   std::vector<const Candidate*> any, fit;
   for (size_t i = 0; i < all.size(); i++) {
     any.push_back(&all[i]);

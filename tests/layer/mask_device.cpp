@@ -3,6 +3,7 @@
 #include <sstream>
 
 #include "tests/layer/mask.h"
+#include "tests/layer/settings.h"
 
 namespace cloam::layer {
 namespace {
@@ -85,9 +86,9 @@ cl_int CL_API_CALL get_device_info(cl_device_id device, cl_device_info name, siz
     case CL_DEVICE_NAME:
       return answer_text(std::string(profile()->name) + " mask of " + text_of(device, CL_DEVICE_NAME), room);
     case CL_DEVICE_VERSION:
-      return answer_text("OpenCL 1.2 cloam-layer", room);
+      return answer_text("OpenCL " + settings().version + " cloam-layer", room);
     case CL_DEVICE_OPENCL_C_VERSION:
-      return answer_text("OpenCL C 1.2 cloam-layer", room);
+      return answer_text("OpenCL C " + settings().version + " cloam-layer", room);
     case CL_DEVICE_EXTENSIONS:
       return answer_text(extensions(device), room);
     case CL_DEVICE_LOCAL_MEM_TYPE:
@@ -99,7 +100,8 @@ cl_int CL_API_CALL get_device_info(cl_device_id device, cl_device_info name, siz
 
 cl_int CL_API_CALL get_platform_info(cl_platform_id platform, cl_platform_info name, size_t bytes, void* to,
                                      size_t* ret) {
-  if (name == CL_PLATFORM_VERSION) return answer_text("OpenCL 1.2 cloam-layer", {bytes, to, ret});
+  if (name == CL_PLATFORM_VERSION)
+    return answer_text("OpenCL " + settings().version + " cloam-layer", {bytes, to, ret});
   return driver().clGetPlatformInfo(platform, name, bytes, to, ret);
 }
 

@@ -43,13 +43,16 @@ constexpr Profile kProfiles[] = {
 std::optional<Profile> find() {
   const std::string& wanted = settings().profile;
   const auto group = static_cast<size_t>(std::max<int64_t>(settings().group, 0));
-  if (wanted.empty() && group > 0) refuse("group=N needs profile=NAME");
+  const auto memory = static_cast<cl_ulong>(std::max<int64_t>(settings().memory, 0)) * kMiB;
+  if (wanted.empty() && (group > 0 || memory > 0)) refuse("group=N and memory=N need profile=NAME");
   if (wanted.empty()) return std::nullopt;
   std::string names;
   for (const Profile& row : kProfiles) {
     if (wanted == row.name) {
       Profile found = row;
       if (group > 0) found.group = std::min(found.group, group), found.items = std::min(found.items, group);
+      if (memory > 0) found.global_bytes = std::min(found.global_bytes, memory);
+      found.largest_bytes = std::min(found.largest_bytes, found.global_bytes);
       return found;
     }
     names += std::string(" ") + row.name;

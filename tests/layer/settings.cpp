@@ -47,6 +47,10 @@ void parse_setting(const std::string& setting, Settings& out) {
     out.profile = value;
   else if (name == "group")
     out.group = number(value, setting);
+  else if (name == "memory")
+    out.memory = number(value, setting);
+  else if (name == "version" && !value.empty())
+    out.version = value;
   else if (name == "fail")
     out.failures.push_back(parse_call(value, setting));
   else if (name == "hang")
@@ -55,7 +59,7 @@ void parse_setting(const std::string& setting, Settings& out) {
     refuse(
         "\"" + setting +
         "\" is no setting; there are count=FILE, fail=FUNCTION:N[+|/M][:CODE], sticky, hang=FUNCTION:N, profile=NAME, "
-        "group=N");
+        "group=N, memory=N, version=N");
 }
 
 Settings parse() {

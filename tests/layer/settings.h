@@ -6,6 +6,8 @@
 //   hang=FUNCTION:N         that call sleeps for an hour
 //   profile=NAME            the limits and features of another device (profiles.cpp)
 //   group=N                 with a profile: no more than N work-items in a group
+//   memory=N                with a profile: no more than N MiB
+//   version=N               with a profile: OpenCL N in the place of 1.2
 #pragma once
 #include <CL/cl.h>
 
@@ -27,10 +29,10 @@ struct CallAt {
 };
 
 struct Settings {
-  std::string count_file, profile;
+  std::string count_file, profile, version = "1.2";
   std::vector<CallAt> failures, hangs;
   bool sticky = false;
-  int64_t group = 0;  // 0: the profile's
+  int64_t group = 0, memory = 0;  // 0: the profile's
 };
 
 /// Read once. Ends the process at a word that means nothing.

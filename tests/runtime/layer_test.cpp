@@ -185,6 +185,7 @@ TEST_CASE("the layer makes the n-th call fail, once, from then on, or all of a d
   prints("fail=clCreateBuffer:2:-6,fail=clCreateBuffer:4", "buffer 0 buffer -6 buffer 0 buffer -4 finish 0\n");
   prints("fail=clCreateBuffer:3,sticky", "buffer 0 buffer 0 buffer -4 buffer -5 finish -5\n");
   prints("fail=clFinish:1", "buffer 0 buffer 0 buffer 0 buffer 0 finish -5\n");
+  prints("fail=clCreateBuffer:1/2", "buffer -4 buffer 0 buffer -4 buffer 0 finish 0\n");
   prints("profile=least,fail=clCreateBuffer:1", "buffer -4 buffer 0 buffer 0 buffer 0 finish 0\n");
 }
 
