@@ -41,6 +41,7 @@ Measure:
   cloam distance samples photos --features FILE   FID and KID between two folders of images
   cloam crops logs/001 -o crops                   the actors of driving logs as images, filtered as in GenAssets
   cloam info                                      the devices, and which one is used
+  cloam doctor                                    why is a device missing, or not working?
   cloam selftest --quick                          does this device compute correctly?
   cloam bench                                     how fast is it? (cloam tune makes it faster)
 
