@@ -1,6 +1,6 @@
 // How far rounding and another device carry a training: the same steps in float64 on the device (CLOAM_DEBUG=float64),
 // which draws the same batches. Distances are those of all parameters, in parts of the way that the float64 training
-// went. The suite takes two steps; CLOAM_TRAJECTORIES=all (script/trajectories) takes up to 200, and Oclgrind besides.
+// went. The suite takes two steps; CLOAM_TRAJECTORIES=all (script/trajectories) takes up to 200.
 #include <doctest/doctest.h>
 
 #include <cmath>
@@ -22,29 +22,20 @@ struct Device {
   int steps;
 };
 
-const fs::path kDrivers = "/etc/OpenCL/vendors", kOclgrind = "/usr/lib/oclgrind/liboclgrind-rt-icd.so";
+const fs::path kDrivers = "/etc/OpenCL/vendors";
 const Words kPocl = {"OCL_ICD_VENDORS=pocl.icd"}, kFloat64 = {"OCL_ICD_VENDORS=pocl.icd", "CLOAM_DEBUG=float64"};
-
-Words oclgrind() {
-  write_text(scratch() / "oclgrind.icd", kOclgrind.string() + "\n");
-  return {"OCL_ICD_VENDORS=" + scratch().string(), "CLOAM_WATCHDOG=3600", "CLOAM_DEVICE_CLASS=gpu", "CLOAM_TUNE=off",
-          "OCLGRIND_LOCAL_MEM_SIZE=1048576"};
-}
 
 /// genassets is chaotic: trainings that differ in the last bit of a double are 1e-13 of the way apart after 50 steps,
 /// and 0.06 of it after 200 (docs/rounding.md).
 std::vector<Device> devices(const std::string& method) {
   const bool all = std::getenv("CLOAM_TRAJECTORIES") != nullptr;
   const int many = method == "genassets" ? 20 : 200;
-  std::vector<Device> out = {
-      {"PoCL", kDrivers / "pocl.icd", kPocl, all ? many : 2},
-      {"PoCL, kernels of GPUs", kDrivers / "pocl.icd", {kPocl[0], "CLOAM_DEVICE_CLASS=gpu"}, all ? many : 2},
-      {"rusticl",
-       kDrivers / "rusticl.icd",
-       {"OCL_ICD_VENDORS=rusticl.icd", "RUSTICL_ENABLE=llvmpipe", "CLOAM_DEVICE=llvmpipe"},
-       all ? 20 : 2}};
-  if (all) out.push_back({"Oclgrind", kOclgrind, oclgrind(), 2});
-  return out;
+  return {{"PoCL", kDrivers / "pocl.icd", kPocl, all ? many : 2},
+          {"PoCL, kernels of GPUs", kDrivers / "pocl.icd", {kPocl[0], "CLOAM_DEVICE_CLASS=gpu"}, all ? many : 2},
+          {"rusticl",
+           kDrivers / "rusticl.icd",
+           {"OCL_ICD_VENDORS=rusticl.icd", "RUSTICL_ENABLE=llvmpipe", "CLOAM_DEVICE=llvmpipe"},
+           all ? 20 : 2}};
 }
 
 fs::path fresh(const std::string& method) {
