@@ -109,6 +109,7 @@ std::vector<std::pair<std::string, std::string>> program_literals() {
 const std::map<std::string, std::string> kForeignOptions = {
     {"--database_path", "colmap"}, {"--image_path", "colmap"},  {"--input_path", "colmap"},
     {"--output_path", "colmap"},   {"--output_type", "colmap"}, {"--output-dir", "ns-process-data"},
+    {"--gpus", "docker"},
 };
 
 /// Those that the documents alone name.
