@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "models/synth/synthetic_scene.h"
+#include "tests/cli/documents.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
 
@@ -82,20 +83,11 @@ const Exception kExceptions[] = {
     {"cloam process frames -o DATA --matching sequential", "the same"},
 };
 
-std::vector<fs::path> documents() {
-  const fs::path source = CLOAM_SOURCE;
-  std::vector<fs::path> files = {source / "README.md"};
-  for (const auto& entry : fs::recursive_directory_iterator(source / "docs"))
-    if (entry.path().extension() == ".md") files.push_back(entry.path());
-  std::sort(files.begin(), files.end());
-  return files;
-}
-
 /// Our commands in a row of a table: what stands in `` in all cells but the first, which is the other program's.
 std::vector<std::string> commands_in_row(const std::string& line) {
   std::vector<std::string> commands;
   static const std::regex ours("`(cloam [^`]*)`");
-  const std::string cells = line.substr(std::min(line.find('|', 1), line.size()));
+  const std::string cells = without_first_cell(line);
   for (std::sregex_iterator match(cells.begin(), cells.end(), ours), end; match != end; ++match)
     commands.push_back((*match)[1]);
   return commands;
@@ -112,7 +104,7 @@ std::vector<std::string> commands_in(const fs::path& document) {
       fence = fence.empty() ? line : "";
       continue;
     }
-    if (fence.empty() && line.starts_with("| ") && document.parent_path().filename() == "coming-from")
+    if (fence.empty() && line.starts_with("| ") && comes_from_elsewhere(document))
       for (const std::string& command : commands_in_row(line)) commands.push_back(command);
     if (fence.empty()) continue;
     CHECK_MESSAGE((fence == "```sh" || !line.starts_with("cloam ")), document.string()

@@ -9,6 +9,7 @@
 
 #include "models/io/image.h"
 #include "models/methods/registry.h"
+#include "tests/cli/documents.h"
 #include "tests/cli/process.h"
 
 using namespace cloam;
@@ -17,13 +18,6 @@ namespace fs = std::filesystem;
 namespace {
 
 const fs::path kSource = CLOAM_SOURCE;
-
-std::vector<fs::path> pages() {
-  std::vector<fs::path> files = {kSource / "README.md", kSource / "CONTRIBUTING.md"};
-  for (const auto& entry : fs::recursive_directory_iterator(kSource / "docs"))
-    if (entry.path().extension() == ".md") files.push_back(entry.path());
-  return files;
-}
 
 /// Without what stands between fences.
 std::string prose_of(const fs::path& page) {
@@ -83,7 +77,7 @@ fs::path file_of(const fs::path& page, const Link& link) {
 
 TEST_CASE("every relative link of the documents leads to a file and to a heading in it") {
   int checked = 0;
-  for (const fs::path& page : pages())
+  for (const fs::path& page : documents())
     for (const Link& link : links_in(page)) {
       if (elsewhere(link)) continue;
       CAPTURE(page.string());
@@ -99,7 +93,7 @@ TEST_CASE("every relative link of the documents leads to a file and to a heading
 
 TEST_CASE("pictures of the documents are read, small, and all used") {
   std::set<fs::path> used;
-  for (const fs::path& page : pages())
+  for (const fs::path& page : documents())
     for (const Link& link : links_in(page)) {
       if (!link.picture || elsewhere(link)) continue;
       const fs::path file = file_of(page, link);
@@ -141,7 +135,7 @@ TEST_CASE("docs/README.md leads to every page, and every method has one of 1,500
   std::set<fs::path> linked = {index, kSource / "README.md"};
   for (const Link& link : links_in(index))
     if (!elsewhere(link)) linked.insert(file_of(index, link));
-  for (const fs::path& page : pages()) CHECK_MESSAGE(linked.contains(page), page.string());
+  for (const fs::path& page : documents()) CHECK_MESSAGE(linked.contains(page), page.string());
   for (const std::string& method : method_names()) {
     std::istringstream text(content_of(kSource / "docs/methods" / (method + ".md")));
     int words = 0;

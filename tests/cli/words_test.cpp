@@ -8,6 +8,7 @@
 
 #include "models/methods/registry.h"
 #include "models/train/config.h"
+#include "tests/cli/documents.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
 
@@ -33,9 +34,9 @@ std::vector<std::string> matches(const std::string& text, const std::string& pat
   return found;
 }
 
-const Words kCommands = {"train",  "eval",    "compare",  "tables",   "distance", "crops",   "render",
-                         "export", "convert", "generate", "edit",     "simulate", "process", "check",
-                         "demo",   "synth",   "info",     "selftest", "bench",    "tune"};
+const Words kCommands = {"train",  "eval",    "compare",  "tables", "distance", "crops",   "render",
+                         "export", "convert", "generate", "edit",   "simulate", "process", "check",
+                         "demo",   "synth",   "info",     "doctor", "selftest", "bench",   "tune"};
 
 /// What --help prints, for each command.
 const std::map<std::string, std::string>& helps() {
@@ -117,13 +118,12 @@ const Names kForeignInDocuments = {"--data-races", "--uniform-writes"};  // Oclg
 
 const std::string kOption = "(?:^|[^A-Za-z0-9_-])(--[a-z][a-z0-9_-]*)";
 
-/// Without the first cell of tables in docs/coming-from, which is another program's.
+/// What a document says of this program: without the cells of others.
 std::string ours_of(const fs::path& document) {
   const std::string text = content_of(document);
-  if (document.parent_path().filename() != "coming-from") return text;
+  if (!comes_from_elsewhere(document)) return text;
   std::string ours;
-  for (const std::string& line : lines_of(text))
-    ours += (line.starts_with("| ") ? line.substr(line.find('|', 1)) : line) + "\n";
+  for (const std::string& line : lines_of(text)) ours += without_first_cell(line) + "\n";
   return ours;
 }
 
@@ -177,10 +177,7 @@ TEST_CASE("every setting that a message names exists") {
 
 TEST_CASE("every option and setting that the documents name exists") {
   const Names options = all_options(), settings = all_settings();
-  std::vector<fs::path> documents = {fs::path(CLOAM_SOURCE) / "README.md", fs::path(CLOAM_SOURCE) / "CONTRIBUTING.md"};
-  for (const auto& entry : fs::recursive_directory_iterator(fs::path(CLOAM_SOURCE) / "docs"))
-    if (entry.path().extension() == ".md") documents.push_back(entry.path());
-  for (const fs::path& document : documents) {
+  for (const fs::path& document : documents()) {
     const std::string text = ours_of(document);
     for (const std::string& option : matches(text, kOption))
       CHECK_MESSAGE((options.contains(option) || kForeignInDocuments.contains(option)), document.string()
@@ -188,6 +185,17 @@ TEST_CASE("every option and setting that the documents name exists") {
     for (const std::string& key : matches(text, "--set ([a-z_]+\\.[a-z0-9_]+)="))
       CHECK_MESSAGE(settings.contains(key), document.string() << " names --set " << key);
   }
+}
+
+TEST_CASE("every command that the documents name exists") {
+  int count = 0;
+  for (const fs::path& document : documents())
+    for (const std::string& command : matches(ours_of(document), "`cloam ([a-z]+)")) {
+      const bool known = helps().contains(command) || command == "help" || command == "version";
+      CHECK_MESSAGE(known, document.string() << " names cloam " << command);
+      ++count;
+    }
+  CHECK(count > 60);
 }
 
 TEST_CASE("help fits a screen, whichever way it is asked for") {
