@@ -1,0 +1,13 @@
+# Writes the text of one file into a C++ source with viewer_page() of cli/view_page.h: as numbers, which any text can be.
+file(READ ${FILE} bytes HEX)
+string(REGEX REPLACE "([0-9a-f][0-9a-f])" "\\\\x\\1" bytes "${bytes}")
+string(LENGTH "${bytes}" length)
+set(out "// Generated from the viewer's page.\n#include \"cli/view_page.h\"\n\nnamespace cloam {\nnamespace {\nconstexpr char kPage[] =\n")
+set(at 0)
+while(at LESS length)
+  string(SUBSTRING "${bytes}" ${at} 32000 piece)
+  string(APPEND out "\"${piece}\"\n")
+  math(EXPR at "${at} + 32000")
+endwhile()
+string(APPEND out "\"\";\n}\n\nstd::string viewer_page() { return {kPage, sizeof kPage - 1}; }\n\n}\n")
+file(WRITE ${OUT} "${out}")
