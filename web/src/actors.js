@@ -1,8 +1,7 @@
 // The list of actors and what is done to the picked one.
+import { element } from './element.js';
 import { drawBox, extentOf } from './overlay.js';
 import { add, column, dot, minus, times } from './vectors.js';
-
-const element = (id) => document.getElementById(id);
 
 export class Actors {
   /** changed(): the overlay must be drawn anew; done(): the scene is another one; camera(), time(), failed(error). */

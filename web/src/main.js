@@ -2,13 +2,13 @@
 import { Actors } from './actors.js';
 import { Camera } from './camera.js';
 import { Controls } from './controls.js';
+import { element } from './element.js';
 import { Frames } from './frames.js';
 import { drawPoints } from './overlay.js';
 import { Ended, Server, storedPage } from './server.js';
 import { SplatView } from './splat_view.js';
 import { Turntable } from './turntable.js';
 
-const element = (id) => document.getElementById(id);
 const stage = element('stage');
 
 class Page {

@@ -1,6 +1,6 @@
 // Gaussians that the browser draws itself: the same face as Frames (frames.js).
 
-const kStill = 200; // milliseconds without a movement
+const kSettled = 200; // milliseconds without a movement
 
 export class SplatView {
   /** splats: of createSplats (web/splats.js). */
@@ -12,7 +12,7 @@ export class SplatView {
     if (moves) {
       this.movedAt = performance.now();
       clearTimeout(this.timer);
-      this.timer = setTimeout(() => this.changed(false), kStill);
+      this.timer = setTimeout(() => this.changed(false), kSettled);
     }
     if (this.wanted) return;
     this.wanted = true;
@@ -23,6 +23,6 @@ export class SplatView {
     });
   }
 
-  get moving() { return performance.now() - this.movedAt < kStill; }
+  get moving() { return performance.now() - this.movedAt < kSettled; }
   get finished() { return !this.wanted && !this.moving && this.splats.sorted(); }
 }
