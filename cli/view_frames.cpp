@@ -16,8 +16,8 @@ namespace {
 constexpr double kLargestSide = 8192, kMostPixels = 1 << 24;
 constexpr double kLongestTime = 1e12;  // seconds
 constexpr double kSecondsOfLevel[] = {0.2, 1};
-constexpr int kScales[] = {1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64};
-constexpr double kKept = 0.8;  // how much a measurement still counts when the next one is made
+constexpr int kScales[] = {1, 2, 3, 4, 6, 8, 12, 16};  // a coarser picture shows nothing
+constexpr double kKept = 0.8;                          // how much a measurement still counts when the next one is made
 const char* const kWhere = "the request";
 
 double number_between(const Json& request, const char* key, double least, double most) {

@@ -82,6 +82,7 @@ RunShown::RunShown(ViewedRun viewed, Events& events)
       recorded_(run_, log_),
       edits_(run_, viewed.prior, viewed.find_prior),
       wears_generated_(!run_.generated.assets.empty()) {
+  if (auto* takes = as<TakesEdits>(*run_.method)) takes->take_actors(run_.scenes);
   events_.tell("revision", {{"revision", revision_}});
 }
 
