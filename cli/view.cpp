@@ -1,4 +1,6 @@
 // cloam view: a page in the browser that shows a run or a file of gaussians, and edits actors.
+#include <fmt/format.h>
+
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
@@ -6,6 +8,7 @@
 #include "cli/commands.h"
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
+#include "cli/view_html.h"
 #include "cli/view_run.h"
 #include "cli/view_scene.h"
 #include "cli/view_server.h"
@@ -23,13 +26,14 @@ Examples:
   cloam view runs/fox                     a page at an address that is printed; Ctrl-C ends it
   cloam view scene.ply                    also .splat, .spz and .glb
   cloam view runs/street --log 1          move, turn, exchange and hide actors; save as the run that edit writes
+  cloam view scene.ply --html scene.html  one file to hand on, which needs neither this program nor a network
   cloam view runs/street --prior runs/assets      where new assets come from
   ssh -L 8017:127.0.0.1:8017 HOST cloam view runs/fox --port 8017 --no-open      from another computer
 
 The address holds a secret, and only programs of this computer can reach it. docs/viewer.md has more.)";
 
 struct ViewRequest {
-  std::string what, log, prior;
+  std::string what, log, prior, html;
   int port = 0;
   bool no_open = false;
 };
@@ -43,7 +47,7 @@ class FileShown final : public Shown {
     gaussians_ = std::move(file.gaussians);
   }
   Answer scene() override { return json_answer(scene_of_gaussians(title_, gaussians_)); }
-  Answer splats() override { return ply_answer(gaussians_); }
+  Gaussians gaussians() const override { return gaussians_; }
 
  private:
   std::string title_;
@@ -84,6 +88,15 @@ void open_browser(const std::string& address) {
   start_apart({opener, {address}});
 }
 
+int write_page(Shown& shown, const ViewRequest& request, const Common& common) {
+  const StopOnSignal signals("finishing this picture");
+  const std::uintmax_t bytes = write_view_html(request.html, shown, listener_of(common));
+  if (common.json) put_json({{"schema_version", 1}, {"path", request.html}, {"bytes", bytes}});
+  say(common, fmt::format("{}: {:.1f} MB; it opens in any browser, without this program and without a network",
+                          request.html, 1e-6 * static_cast<double>(bytes)));
+  return 0;
+}
+
 int run_command(const ViewRequest& request, const Common& common) {
   JobQueue jobs;
   Events events;
@@ -92,6 +105,7 @@ int run_command(const ViewRequest& request, const Common& common) {
     shown = std::make_unique<FileShown>(request.what);
   else
     shown = shown_run(request, common, events);
+  if (!request.html.empty()) return write_page(*shown, request, common);
   const StopOnSignal signals("closing the viewer");
   ViewServer server(*shown, jobs, events, request.port);
   tell_address(server, common);
@@ -107,6 +121,7 @@ Command add_view(CLI::App& program) {
     add("RUN|FILE", r.what, "Run folder, or a file of Gaussians: .ply, .splat, .spz or .glb").required();
     add("--port", r.port, "Port of the address (one that is free)", whole_number(1, 65535));
     add("--no-open", r.no_open, "Do not open a browser");
+    add("--html", r.html, "Write one HTML file that shows it without this program, and end", output_file());
     add("--log", r.log, "Runs on several logs: number (from 0) or name of the log to show (0)");
     add("--prior", r.prior, "Diffusion run that makes new assets (shipped)");
   });

@@ -12,6 +12,9 @@
 #include "models/io/image.h"
 #include "models/latents/shows_assets.h"
 #include "models/runs/actor_names.h"
+#include "models/scene/camera_path.h"
+#include "models/scene/orbit.h"
+#include "models/scene/split.h"
 #include "models/street/takes_edits.h"
 #include "runtime/error.h"
 
@@ -21,7 +24,7 @@ namespace {
 using Report = nlohmann::ordered_json;
 using Eigen::Vector3d;
 
-constexpr int kThumbnail = 128;
+constexpr int kThumbnail = 128, kTourSide = 480, kTourViews = 48;
 const char* const kWhere = "the request";
 
 /// The looks of an actor in words that hold no slash and need no escape: "0-12", or "2-0" of a generated asset.
@@ -56,6 +59,15 @@ std::optional<double> distance_to(const Eigen::Matrix4d& world_from_box, const V
   const Eigen::Array3d a = (-0.5 * size - at).array() / way.array(), b = (0.5 * size - at).array() / way.array();
   const double enter = a.min(b).maxCoeff(), leave = a.max(b).minCoeff();
   return enter <= leave && leave > 0 ? std::optional(std::max(enter, 0.0)) : std::nullopt;
+}
+
+/// For the page to draw gaussians as the method does.
+void add_drawing(const GaussianDrawing& drawing, Report& json) {
+  json["kind"] = "gaussians";
+  json["splats"] = "splats.ply";
+  json["near"] = drawing.near;
+  json["antialiased"] = drawing.antialiased;
+  json["background"] = drawing.white ? "#ffffff" : "#000000";
 }
 
 /// The nearest actor whose box the ray meets before `depth` (0: nothing is there).
@@ -100,7 +112,7 @@ Street& RunShown::street() {
 
 Answer RunShown::scene() {
   Report json = scene_of_captures(title_, run_.record.method, scene_shown(), run_.record.reading.downscale);
-  if (as<ExportsGaussians>(*run_.method)) json["kind"] = "gaussians", json["splats"] = "splats.ply";
+  if (const auto* exports = as<ExportsGaussians>(*run_.method)) add_drawing(exports->drawing(), json);
   json["street"] = as<Street>(*run_.method) != nullptr;
   json["revision"] = revision_;
   json["can_undo"] = edits_.can_undo();
@@ -108,9 +120,26 @@ Answer RunShown::scene() {
   return json_answer(json);
 }
 
-Answer RunShown::splats() {
-  if (const auto* exports = as<ExportsGaussians>(*run_.method)) return ply_answer(exports->gaussians());
-  return Shown::splats();
+Gaussians RunShown::gaussians() const {
+  const auto* exports = as<ExportsGaussians>(*run_.method);
+  return exports ? exports->gaussians() : Shown::gaussians();
+}
+
+std::vector<View> RunShown::tour() const {
+  const Scene& scene = scene_shown();
+  std::vector<View> views;
+  const auto add = [&](const Frame& frame) {
+    const Camera& camera = scene.cameras[static_cast<std::size_t>(frame.camera)];
+    const int shrink = std::max(1, std::max(camera.width, camera.height) / kTourSide);
+    views.push_back(view_of(frame, resized(camera, camera.width / shrink, camera.height / shrink), log_));
+  };
+  if (scene.is_log) {
+    for (const Frame& frame : frames_in_order(scene, front_sensor(scene))) add(frame);
+    return views;
+  }
+  Frame frame = scene.frames.front();
+  for (const Eigen::Matrix4d& pose : orbit_poses(scene, kTourViews)) frame.world_from_camera = pose, add(frame);
+  return views;
 }
 
 Answer RunShown::frame(const FrameRequest& request, const std::function<void()>& between) {

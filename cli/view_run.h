@@ -26,7 +26,8 @@ class RunShown final : public Shown {
   void warm_up();
 
   Answer scene() override;
-  Answer splats() override;
+  Gaussians gaussians() const override;
+  std::vector<View> tour() const override;
   int log() const override { return log_; }
   Answer frame(const FrameRequest& request, const std::function<void()>& between) override;
   Answer actors(double time) override;

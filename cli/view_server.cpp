@@ -186,7 +186,7 @@ Answer ViewServer::Service::frame(const Json& body) {
 void ViewServer::Service::add_views() {
   get("", [](const httplib::Request&) { return Answer{viewer_page(), "text/html; charset=utf-8"}; });
   get("scene.json", [this](const auto&) { return on_device(Urgency::quick, [this] { return shown_.scene(); }); });
-  get("splats.ply", [this](const auto&) { return on_device(Urgency::quick, [this] { return shown_.splats(); }); });
+  get("splats.ply", [this](const auto&) { return on_device(Urgency::quick, [this] { return ply_answer(shown_.gaussians()); }); });
   post("frame", [this](const httplib::Request& request) { return frame(body_of(request)); });
   get(R"(photos/(\d{1,9}))",
       [this](const httplib::Request& request) { return shown_.photo(std::stoul(request.matches[1].str())); });

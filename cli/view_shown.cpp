@@ -14,7 +14,7 @@ constexpr char kNoActors[] = "there are no actors here: they are those of a run 
 
 }  // namespace
 
-Answer Shown::splats() { throw no("there are no Gaussians here: frames are rendered"); }
+Gaussians Shown::gaussians() const { throw no("there are no Gaussians here: frames are rendered"); }
 Answer Shown::frame(const FrameRequest&, const std::function<void()>&) {
   throw no("no frames are rendered of a file: splats.ply has its Gaussians");
 }

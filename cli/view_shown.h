@@ -12,8 +12,11 @@ class Shown {
   virtual ~Shown() = default;
   /// scene.json of docs/viewer.md.
   virtual Answer scene() = 0;
-  /// The gaussians as .ply.
-  virtual Answer splats();
+  /// What splats.ply has.
+  virtual Gaussians gaussians() const;
+  /// What a page shows that has no program to render for it: recorded views of a street in the order of time, else a
+  /// path around what the photos show.
+  virtual std::vector<View> tour() const { return {}; }
   /// Number of the scene that requests are about.
   virtual int log() const { return 0; }
   virtual Answer frame(const FrameRequest& request, const std::function<void()>& between);

@@ -1,7 +1,7 @@
 # Joins FROM/page.html, style.css, the modules of FROM/src and the bundle SPLATS (may be missing) into one file, OUT.
 # The modules become one script: lines that import go, and so does the word export. Their names must therefore differ.
 cmake_minimum_required(VERSION 3.24)
-set(modules element vectors camera server overlay frames splat_view turntable controls actors main)
+set(modules element vectors camera server overlay frames splat_view tour controls actors main)
 set(script "")
 foreach(module ${modules})
   file(READ ${FROM}/src/${module}.js text)

@@ -151,7 +151,7 @@ export async function createSplats(canvas, bytes, options) {
       const p = view.world_from_camera;
       camera.matrix.set(p[0], -p[1], -p[2], p[3], p[4], -p[5], -p[6], p[7], p[8], -p[9], -p[10], p[11], 0, 0, 0, 1);
       camera.matrix.decompose(camera.position, camera.quaternion, camera.scale);
-      camera.near = options.near ?? 0.01;
+      camera.near = options.near;
       camera.projectionMatrix.copy(projection(view, camera.near));
       camera.projectionMatrixInverse.copy(camera.projectionMatrix).invert();
       camera.updateMatrixWorld(true);

@@ -7,7 +7,7 @@ import { Frames } from './frames.js';
 import { drawPoints } from './overlay.js';
 import { Ended, Server, storedPage } from './server.js';
 import { SplatView } from './splat_view.js';
-import { Turntable } from './turntable.js';
+import { Tour } from './tour.js';
 
 const stage = element('stage');
 
@@ -44,16 +44,13 @@ class Page {
   async makeView() {
     const canvas = element('picture');
     const shown = (picture) => this.shown(picture), failed = (error) => this.failed(error);
-    if (this.stored && this.scene.turntable) {
-      document.body.classList.add('turntable');
-      return new Turntable(canvas, this.scene, { camera: () => this.camera, shown });
-    }
+    if (this.scene.tour) return new Tour(canvas, this.scene, { camera: () => this.camera, time: () => this.time, shown });
     if (this.scene.splats && globalThis.cloamSplats) {
       try {
         const bytes = this.stored ? this.stored.bytes('splats') : await this.download(this.scene.splats);
         this.splats = await globalThis.cloamSplats.createSplats(canvas, bytes, {
-          ...this.scene, name: this.scene.splats, near: 0.01 * this.scene.radius, changed: () => this.view?.changed(false) });
-        return new SplatView(this.splats, { view: () => this.seen(), shown });
+          ...this.scene, name: this.scene.splats, near: this.scene.near ?? 0.01 * this.scene.radius, changed: () => this.view?.changed(false) });
+        return new SplatView(this.splats, { view: () => this.camera.view(...this.size().map((side) => Math.round(side * devicePixelRatio))), shown });
       } catch (error) {
         if (this.stored || !this.scene.method) throw error; // nobody else can draw it
         this.say(`This browser cannot draw Gaussians (${error.message}); the program draws them instead.`);
@@ -107,9 +104,9 @@ class Page {
 
   addCameras() {
     const cameras = this.scene.cameras, list = element('cameras');
-    if (!cameras.length || this.scene.turntable) return;
+    if (!cameras.length || this.scene.tour) return;
     element('cameras-row').hidden = false;
-    list.append(new Option('free view', ''), ...cameras.map((camera, i) => new Option(camera.name, String(i))));
+    list.append(new Option('free view', ''), ...withoutCommon(cameras.map((camera) => camera.name)).map((name, i) => new Option(name, String(i))));
     list.onchange = () => { if (list.value !== '') this.jump(Number(list.value)); };
     element('previous').onclick = () => this.step(-1);
     element('next').onclick = () => this.step(1);
@@ -132,7 +129,7 @@ class Page {
   addClock() {
     const [first, last] = this.scene.times, slider = element('time');
     element('clock').hidden = false;
-    element('follow-row').hidden = !this.scene.cameras.length;
+    element('follow-row').hidden = !this.scene.cameras.length || Boolean(this.scene.tour);
     Object.assign(slider, { min: first, max: last, value: this.time });
     slider.oninput = () => { this.setTime(Number(slider.value)); this.ride(); this.changed(); };
     this.play = () => {
@@ -249,9 +246,11 @@ class Page {
   }
 
   drawOver() {
-    const canvas = element('overlay'), [width, height] = this.size();
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    const canvas = element('overlay'), [width, height] = this.size(), dense = devicePixelRatio;
+    const [columns, rows] = [Math.round(width * dense), Math.round(height * dense)];
+    if (canvas.width !== columns || canvas.height !== rows) Object.assign(canvas, { width: columns, height: rows });
     const context = canvas.getContext('2d'), view = this.seen();
+    context.setTransform(dense, 0, 0, dense, 0, 0);
     context.clearRect(0, 0, width, height);
     if (element('lidar').checked) this.drawLidar(context, view);
     this.actors?.draw(context, view, element('boxes').checked);
@@ -333,6 +332,13 @@ class Page {
     const command = this.scene.command ?? `cloam view ${this.scene.title}`;
     this.say(`The program has ended. Start it again with\n  ${command}\nand open the address that it prints.`, { error: true, id: 'end' });
   }
+}
+
+/** Names without the folders that all of them are in. */
+function withoutCommon(names) {
+  let common = names[0].slice(0, names[0].lastIndexOf('/') + 1);
+  while (common && !names.every((name) => name.startsWith(common))) common = common.slice(0, common.slice(0, -1).lastIndexOf('/') + 1);
+  return names.map((name) => name.slice(common.length));
 }
 
 async function begin() {
