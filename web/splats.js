@@ -146,8 +146,8 @@ export async function createSplats(canvas, bytes, options) {
     /** Draws at once; moving: at half the size where the whole takes too long. Gives scale and milliseconds. */
     draw(view, moving) {
       const begin = performance.now(), scale = moving && slow ? 2 : 1;
-      renderer.setPixelRatio(1);
-      renderer.setSize(Math.ceil(view.width / scale), Math.ceil(view.height / scale), false);
+      const width = Math.ceil(view.width / scale), height = Math.ceil(view.height / scale);
+      if (canvas.width !== width || canvas.height !== height) renderer.setSize(width, height, false);
       const p = view.world_from_camera;
       camera.matrix.set(p[0], -p[1], -p[2], p[3], p[4], -p[5], -p[6], p[7], p[8], -p[9], -p[10], p[11], 0, 0, 0, 1);
       camera.matrix.decompose(camera.position, camera.quaternion, camera.scale);
