@@ -164,6 +164,15 @@ class Page {
     await this.mouse('mouseReleased', x1, y1, more);
   }
 
+  /** Fingers: for each moment where they are. */
+  async touch(moments) {
+    const points = (moment) => moment.map(([x, y], id) => ({ x, y, id }));
+    await this.send('Input.dispatchTouchEvent', { type: 'touchStart', touchPoints: points(moments[0]) });
+    for (const moment of moments.slice(1))
+      await this.send('Input.dispatchTouchEvent', { type: 'touchMove', touchPoints: points(moment) });
+    await this.send('Input.dispatchTouchEvent', { type: 'touchEnd', touchPoints: [] });
+  }
+
   async key(key, more = {}) {
     const text = key.length === 1 ? key : undefined;
     await this.send('Input.dispatchKeyEvent', { type: 'keyDown', key, text, ...more });
