@@ -98,7 +98,6 @@ void FramePace::add(double pixels, double seconds) {
 
 /// The line of least squares; proportional where that makes no sense: all of one size, or larger ones were faster.
 double FramePace::seconds_for(double pixels) const {
-  if (weight_ == 0) return 0;
   const double spread = weight_ * squares_ - pixels_ * pixels_;
   const double slope = spread > 1e-9 * weight_ * squares_ ? (weight_ * products_ - pixels_ * seconds_) / spread : 0;
   const double fixed = (seconds_ - slope * pixels_) / weight_;
@@ -135,6 +134,7 @@ void FrameMaker::warm_up(const View& view) {
 
 int FrameMaker::scale_for(const FrameRequest& request) const {
   if (request.level == 2) return 1;
+  if (!pace_.is_known()) return std::end(kScales)[-1];
   for (const int scale : kScales)
     if (pace_.seconds_for(pixels_of(shrunk(request.view.camera, scale))) <= kSecondsOfLevel[request.level])
       return scale;

@@ -26,6 +26,8 @@ FrameRequest frame_request(const Json& request, int scene);
 class FramePace {
  public:
   void add(double pixels, double seconds);
+  bool is_known() const { return weight_ > 0; }
+  /// Once it is known.
   double seconds_for(double pixels) const;
 
  private:

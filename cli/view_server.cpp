@@ -144,7 +144,7 @@ ViewServer::Service::Service(Shown& shown, JobQueue& jobs, Events& events, int w
 
 ViewServer::Service::~Service() {
   jobs_.close();
-  events_.tell("end", {{"end", "the viewer has ended"}});
+  events_.end("the viewer has ended");
   while (!server_.is_running()) std::this_thread::yield();  // else stop() would find nothing to stop
   server_.stop();
   listener_.join();
