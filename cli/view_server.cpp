@@ -59,6 +59,18 @@ void refuse_current(httplib::Response& response) {
   }
 }
 
+using Handler = std::function<Answer(const httplib::Request&)>;
+
+httplib::Server::Handler answering(const Handler& handler) {
+  return [handler](const httplib::Request& request, httplib::Response& response) {
+    try {
+      const Answer answer = handler(request);
+      for (const auto& [name, value] : answer.headers) response.set_header(name, value);
+      response.set_content(answer.body, answer.type);
+    } catch (...) { refuse_current(response); }
+  };
+}
+
 double time_in(const httplib::Request& request) {
   if (!request.has_param("time")) return 0;
   const std::string word = request.get_param_value("time");
@@ -93,8 +105,6 @@ class ViewServer::Service {
   std::atomic<bool> quit = false;
 
  private:
-  using Handler = std::function<Answer(const httplib::Request&)>;
-
   void get(const std::string& path, const Handler& handler);
   void post(const std::string& path, const Handler& handler);
   void add_views();
@@ -151,23 +161,11 @@ ViewServer::Service::~Service() {
 }
 
 void ViewServer::Service::get(const std::string& path, const Handler& handler) {
-  server_.Get(root_ + path, [handler](const httplib::Request& request, httplib::Response& response) {
-    try {
-      const Answer answer = handler(request);
-      for (const auto& [name, value] : answer.headers) response.set_header(name, value);
-      response.set_content(answer.body, answer.type);
-    } catch (...) { refuse_current(response); }
-  });
+  server_.Get(root_ + path, answering(handler));
 }
 
 void ViewServer::Service::post(const std::string& path, const Handler& handler) {
-  server_.Post(root_ + path, [handler](const httplib::Request& request, httplib::Response& response) {
-    try {
-      const Answer answer = handler(request);
-      for (const auto& [name, value] : answer.headers) response.set_header(name, value);
-      response.set_content(answer.body, answer.type);
-    } catch (...) { refuse_current(response); }
-  });
+  server_.Post(root_ + path, answering(handler));
 }
 
 Answer ViewServer::Service::on_device(Urgency urgency, const std::function<Answer()>& make) {
