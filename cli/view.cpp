@@ -110,7 +110,8 @@ int run_command(const ViewRequest& request, const Common& common) {
   ViewServer server(*shown, jobs, events, request.port);
   tell_address(server, common);
   if (!request.no_open) open_browser(server.address());
-  jobs.run_until([&] { return stop_signal.load() != 0 || server.was_asked_to_quit(); });
+  jobs.stop_when([&] { return stop_signal.load() != 0 || server.was_asked_to_quit(); });
+  jobs.run_until_stopped();
   return 0;
 }
 

@@ -21,12 +21,12 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kMostUndone = 200;
 constexpr double kFarthest = 1e4;  // metres
-constexpr double kFinest = 1e-4;   // metres and degrees: what words say
+constexpr double kFinest = 1e4;    // parts of a metre, or a degree, that words tell
 const char* const kWhere = "the request";
 const std::vector<std::string> kOperations = {"hide", "show", "move", "turn", "exchange", "generate"};
 
 /// As short as it can be written: words are to be read.
-std::string number_word(double value) { return fmt::format("{}", std::round(value / kFinest) * kFinest + 0.0); }
+std::string number_word(double value) { return fmt::format("{}", std::round(value * kFinest) / kFinest + 0.0); }
 
 Eigen::Vector3d shift_in(const Json& request) {
   const Json& numbers = array(request, "shift", kWhere);

@@ -12,6 +12,14 @@ void Events::tell(const std::string& kind, const nlohmann::ordered_json& event) 
   more_.notify_all();
 }
 
+void Events::end(const std::string& why) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (latest_.contains("end")) return;
+  }
+  tell("end", {{"end", why}});
+}
+
 Events::News Events::after(uint64_t seen) {
   std::unique_lock lock(mutex_);
   more_.wait_for(lock, std::chrono::seconds(2), [&] { return count_ > seen; });

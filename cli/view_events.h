@@ -14,6 +14,9 @@ class Events {
   /// From any thread. Of each kind ("revision", "training", "end") the last is kept: whoever comes late hears it.
   void tell(const std::string& kind, const nlohmann::ordered_json& event);
 
+  /// Nothing follows it; the first one that is told stays.
+  void end(const std::string& why);
+
   struct News {
     std::string lines;     // as text/event-stream; a comment where there is nothing new
     uint64_t seen = 0;     // up to here

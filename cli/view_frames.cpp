@@ -17,6 +17,7 @@ constexpr double kLargestSide = 8192, kMostPixels = 1 << 24;
 constexpr double kLongestTime = 1e12;  // seconds
 constexpr double kSecondsOfLevel[] = {0.2, 1};
 constexpr int kScales[] = {1, 2, 3, 4, 6, 8, 12, 16};  // a coarser picture shows nothing
+constexpr int kWarmSide = 80;                          // pixels
 constexpr double kKept = 0.8;                          // how much a measurement still counts when the next one is made
 const char* const kWhere = "the request";
 
@@ -98,7 +99,6 @@ void FramePace::add(double pixels, double seconds) {
 
 /// The line of least squares; proportional where that makes no sense: all of one size, or larger ones were faster.
 double FramePace::seconds_for(double pixels) const {
-  if (weight_ == 0) return 0;
   const double spread = weight_ * squares_ - pixels_ * pixels_;
   const double slope = spread > 1e-9 * weight_ * squares_ ? (weight_ * products_ - pixels_ * seconds_) / spread : 0;
   const double fixed = (seconds_ - slope * pixels_) / weight_;
@@ -119,22 +119,18 @@ Picture FrameMaker::render(View view) {
   return picture;
 }
 
-void FrameMaker::warm_up(const View& view) {
-  View small = view;
-  for (const int side : {160, 80, 160}) {
-    const int scale = std::max(1, std::max(view.camera.width, view.camera.height) / side);
-    small.camera = shrunk(view.camera, scale);
-    renders_->render(small);
-  }
-  pace_ = {};
-  for (const int side : {80, 160}) {
-    small.camera = shrunk(view.camera, std::max(1, std::max(view.camera.width, view.camera.height) / side));
-    render(small);
-  }
+void FrameMaker::warm_up(const std::vector<View>& views) {
+  const auto small = [](View view, int side) {
+    view.camera = shrunk(view.camera, std::max(1, std::max(view.camera.width, view.camera.height) / side));
+    return view;
+  };
+  for (const View& view : views) renders_->render(small(view, kWarmSide));
+  for (const int side : {kWarmSide, 2 * kWarmSide}) render(small(views.front(), side));
 }
 
 int FrameMaker::scale_for(const FrameRequest& request) const {
   if (request.level == 2) return 1;
+  if (!pace_.is_known()) return std::end(kScales)[-1];
   for (const int scale : kScales)
     if (pace_.seconds_for(pixels_of(shrunk(request.view.camera, scale))) <= kSecondsOfLevel[request.level])
       return scale;

@@ -2,6 +2,7 @@
 #pragma once
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "cli/view_jobs.h"
 #include "models/io/json.h"
@@ -26,6 +27,8 @@ FrameRequest frame_request(const Json& request, int scene);
 class FramePace {
  public:
   void add(double pixels, double seconds);
+  bool is_known() const { return weight_ > 0; }
+  /// Once it is known.
   double seconds_for(double pixels) const;
 
  private:
@@ -37,8 +40,8 @@ class FrameMaker {
   explicit FrameMaker(RendersViews& renders) : renders_(&renders) {}
   /// Another model of the same kind: what was learned of its pace stays.
   void show(RendersViews& renders) { renders_ = &renders; }
-  /// Compiles what rendering takes and measures its pace, with small pictures of this view.
-  void warm_up(const View& view);
+  /// Compiles what rendering takes and measures its pace, with small pictures of these views, one at least.
+  void warm_up(const std::vector<View>& views);
   /// As JPEG, or PNG if asked for; headers X-Number, X-Scale, X-Milliseconds. The full level is what `render` makes.
   Answer frame(const FrameRequest& request, const std::function<void()>& between);
 

@@ -88,9 +88,8 @@ void JobQueue::pause(const Waiting& running) {
   }
 }
 
-void JobQueue::run_until(const std::function<bool()>& ended) {
-  ended_ = ended;
-  while (!ended()) {
+void JobQueue::run_until_stopped() {
+  while (!ended_()) {
     Place next;
     {
       std::unique_lock lock(mutex_);

@@ -47,8 +47,10 @@ class JobQueue {
   /// From any thread. What make() throws comes through the future; Refused (409) for what is dropped, Refused (503)
   /// once the queue is closed.
   std::future<Answer> add(Job job);
-  /// Does jobs until ended(), which is asked every tenth of a second, and between the parts of a job.
-  void run_until(const std::function<bool()>& ended);
+  /// From here on jobs are refused in their midst, and run_until returns, when ended(). Before the first job.
+  void stop_when(std::function<bool()> ended) { ended_ = std::move(ended); }
+  /// Does jobs until it is to stop, which is asked every tenth of a second.
+  void run_until_stopped();
   /// Does the jobs that wait, but begins none after this many seconds.
   void run_for(double seconds);
   /// From any thread: whatever waits, and whatever comes, is refused.

@@ -25,6 +25,7 @@ using Report = nlohmann::ordered_json;
 using Eigen::Vector3d;
 
 constexpr int kThumbnail = 128, kTourSide = 480, kTourViews = 48;
+constexpr std::size_t kWarmFrames = 8;
 const char* const kWhere = "the request";
 
 /// The looks of an actor in words that hold no slash and need no escape: "0-12", or "2-0" of a generated asset.
@@ -98,11 +99,17 @@ RunShown::RunShown(ViewedRun viewed, Events& events)
   events_.tell("revision", {{"revision", revision_}});
 }
 
+/// Frames from all over the log, so that most of its actors are decoded before the first mouse moves.
 void RunShown::warm_up() {
   const Scene& scene = scene_shown();
-  const Frame& frame = scene.frames.front();
-  frames_.warm_up(view_of(
-      frame, scaled(scene.cameras[static_cast<std::size_t>(frame.camera)], run_.record.reading.downscale), log_));
+  std::vector<View> views;
+  const std::size_t every = std::max<std::size_t>(1, scene.frames.size() / kWarmFrames);
+  for (std::size_t i = 0; i < scene.frames.size(); i += every) {
+    const Frame& frame = scene.frames[i];
+    const Camera& camera = scene.cameras[static_cast<std::size_t>(frame.camera)];
+    views.push_back(view_of(frame, scaled(camera, run_.record.reading.downscale), log_));
+  }
+  frames_.warm_up(views);
 }
 
 Street& RunShown::street() {

@@ -59,6 +59,26 @@ void refuse_current(httplib::Response& response) {
   }
 }
 
+using Handler = std::function<Answer(const httplib::Request&)>;
+
+/// As it is: the library would compress text with Brotli's best, which takes longer than any picture.
+void send(httplib::Response& response, Answer answer) {
+  for (const auto& [name, value] : answer.headers) response.set_header(name, value);
+  const auto body = std::make_shared<const std::string>(std::move(answer.body));
+  response.set_content_provider(body->size(), answer.type,
+                                [body](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
+                                  return sink.write(body->data() + offset, length);
+                                });
+}
+
+httplib::Server::Handler answering(const Handler& handler) {
+  return [handler](const httplib::Request& request, httplib::Response& response) {
+    try {
+      send(response, handler(request));
+    } catch (...) { refuse_current(response); }
+  };
+}
+
 double time_in(const httplib::Request& request) {
   if (!request.has_param("time")) return 0;
   const std::string word = request.get_param_value("time");
@@ -93,8 +113,6 @@ class ViewServer::Service {
   std::atomic<bool> quit = false;
 
  private:
-  using Handler = std::function<Answer(const httplib::Request&)>;
-
   void get(const std::string& path, const Handler& handler);
   void post(const std::string& path, const Handler& handler);
   void add_views();
@@ -144,30 +162,18 @@ ViewServer::Service::Service(Shown& shown, JobQueue& jobs, Events& events, int w
 
 ViewServer::Service::~Service() {
   jobs_.close();
-  events_.tell("end", {{"end", "the viewer has ended"}});
+  events_.end("the viewer has ended");
   while (!server_.is_running()) std::this_thread::yield();  // else stop() would find nothing to stop
   server_.stop();
   listener_.join();
 }
 
 void ViewServer::Service::get(const std::string& path, const Handler& handler) {
-  server_.Get(root_ + path, [handler](const httplib::Request& request, httplib::Response& response) {
-    try {
-      const Answer answer = handler(request);
-      for (const auto& [name, value] : answer.headers) response.set_header(name, value);
-      response.set_content(answer.body, answer.type);
-    } catch (...) { refuse_current(response); }
-  });
+  server_.Get(root_ + path, answering(handler));
 }
 
 void ViewServer::Service::post(const std::string& path, const Handler& handler) {
-  server_.Post(root_ + path, [handler](const httplib::Request& request, httplib::Response& response) {
-    try {
-      const Answer answer = handler(request);
-      for (const auto& [name, value] : answer.headers) response.set_header(name, value);
-      response.set_content(answer.body, answer.type);
-    } catch (...) { refuse_current(response); }
-  });
+  server_.Post(root_ + path, answering(handler));
 }
 
 Answer ViewServer::Service::on_device(Urgency urgency, const std::function<Answer()>& make) {
@@ -186,7 +192,8 @@ Answer ViewServer::Service::frame(const Json& body) {
 void ViewServer::Service::add_views() {
   get("", [](const httplib::Request&) { return Answer{viewer_page(), "text/html; charset=utf-8"}; });
   get("scene.json", [this](const auto&) { return on_device(Urgency::quick, [this] { return shown_.scene(); }); });
-  get("splats.ply", [this](const auto&) { return on_device(Urgency::quick, [this] { return ply_answer(shown_.gaussians()); }); });
+  get("splats.ply",
+      [this](const auto&) { return on_device(Urgency::quick, [this] { return ply_answer(shown_.gaussians()); }); });
   post("frame", [this](const httplib::Request& request) { return frame(body_of(request)); });
   get(R"(photos/(\d{1,9}))",
       [this](const httplib::Request& request) { return shown_.photo(std::stoul(request.matches[1].str())); });

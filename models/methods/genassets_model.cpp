@@ -221,22 +221,25 @@ Condition StreetAssets::condition_of(const std::vector<AssetPlace>& assets) cons
   return asset_condition(classes, nights);
 }
 
+/// One by one where chance has no part: the bits of an asset do not depend on who else is met, and so can be kept.
 DecodedAssets StreetAssets::decode(const HitAssets& hits, const Sampling& how) const {
-  if (hits.assets.empty() || !keeps_ || how.random) return decode_now(hits, how);
+  if (hits.assets.empty() || how.random) return decode_now(hits, how);
   DecodedAssets out;
   out.slots = from_host(hits.slot_of, {static_cast<int64_t>(hits.slot_of.size())});
   Tensors planes;
-  for (const AssetPlace& asset : hits.assets) {
-    Tensor& kept = kept_[{asset.log, asset.actor}];
-    if (!kept) {
-      kept = stop_gradient(decode_now({{0}, {asset}}, how).planes);
-      eval({kept});
-    }
-    planes.push_back(kept);
-  }
+  for (const AssetPlace& asset : hits.assets) planes.push_back(planes_of_one(asset, how));
   out.planes = planes.size() == 1 ? planes.front() : concat(planes, 1);
-  if (static_cast<int64_t>(kept_.size()) * numel(planes.front().shape()) > kMostKept) kept_.clear();
+  if (static_cast<int64_t>(kept_.size()) * planes.front().numel() > kMostKept) kept_.clear();
   return out;
+}
+
+Tensor StreetAssets::planes_of_one(const AssetPlace& asset, const Sampling& how) const {
+  const auto known = kept_.find({asset.log, asset.actor});
+  if (known != kept_.end()) return known->second;
+  const Tensor planes = stop_gradient(decode_now({{0}, {asset}}, how).planes);
+  eval({planes});
+  if (keeps_) kept_[{asset.log, asset.actor}] = planes;
+  return planes;
 }
 
 DecodedAssets StreetAssets::decode_now(const HitAssets& hits, const Sampling& how) const {

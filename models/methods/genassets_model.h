@@ -121,6 +121,7 @@ class StreetAssets {
 
  private:
   DecodedAssets decode_now(const HitAssets& hits, const Sampling& how) const;
+  Tensor planes_of_one(const AssetPlace& asset, const Sampling& how) const;
   bool is_generated(const AssetPlace& place) const { return place.log == logs_.size(); }
   Tensor rows_of(const std::vector<AssetPlace>& assets,
                  const std::function<Tensor(size_t log, const Tensor& rows)>& rows_in) const;

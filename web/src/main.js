@@ -196,7 +196,7 @@ class Page {
       this.scene.revision = news.revision;
       this.sceneChanged().catch((error) => this.failed(error));
     }
-    if (news.end) this.ended();
+    if (news.end) this.ended(news.end);
   }
 
   // What is seen.
@@ -327,10 +327,10 @@ class Page {
     this.say(error.message, { error: true });
   }
 
-  ended() {
+  ended(why = 'the program has ended') {
     if (this.playing) this.play();
     const command = this.scene.command ?? `cloam view ${this.scene.title}`;
-    this.say(`The program has ended. Start it again with\n  ${command}\nand open the address that it prints.`, { error: true, id: 'end' });
+    this.say(`${why[0].toUpperCase()}${why.slice(1)}. To see this again:\n  ${command}\nand open the address that it prints.`, { error: true, id: 'end' });
   }
 }
 
