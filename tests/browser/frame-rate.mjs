@@ -24,7 +24,7 @@ const browser = await Chromium.start(), viewer = await Viewer.start(file);
 try {
   const page = await browser.page(640, 360);
   await page.open(viewer.address);
-  await page.until('window.cloamPage?.view?.finished && document.body.dataset.level == 2', 120);
+  await page.until('window.cloamPage?.view?.finished && document.body.dataset.scale == 1', 120);
   // While the mouse moves, half the size is drawn where the whole takes too long; `slow` off: always the whole.
   for (const whole of [true, false]) {
     const before = processorSeconds(browser);

@@ -113,8 +113,8 @@ export class Actors {
   async run(word, path, body) {
     const done = word ? this.actions.busy(word) : () => {};
     try {
-      await this.server.command(path, body);
-      await this.actions.done();
+      const { revision } = await this.server.command(path, body);
+      await this.actions.done(revision);
       return true;
     } catch (error) {
       this.actions.failed(error);

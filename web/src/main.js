@@ -13,7 +13,7 @@ const stage = element('stage');
 
 class Page {
   constructor(scene, stored) {
-    Object.assign(this, { scene, stored, time: scene.times?.[0] ?? 0 });
+    Object.assign(this, { scene, stored, time: scene.times?.[0] ?? 0, newest: scene.revision });
     this.server = new Server();
     this.server.onEnd = () => this.ended();
     this.camera = new Camera(scene);
@@ -178,8 +178,17 @@ class Page {
     this.actors = new Actors(this.server, this.scene, {
       camera: () => this.camera, time: () => this.time, changed: () => this.drawOver(), moved: () => this.moved(),
       failed: (error) => this.failed(error), said: (words) => this.say(words), busy: (words) => this.busy(words),
-      done: () => this.sceneChanged() });
+      done: (revision) => this.follow(revision) });
     await this.actors.refresh();
+  }
+
+  /** The answer to an edit and the event that all pages get tell of the same revision. */
+  follow(revision) {
+    if (revision > this.newest) {
+      this.newest = revision;
+      this.following = this.sceneChanged();
+    }
+    return this.following;
   }
 
   async sceneChanged() {
@@ -192,10 +201,7 @@ class Page {
 
   hear(news) {
     if (news.training) { this.scene.training = news.training; this.showStatus(); }
-    if (news.revision !== undefined && news.revision !== this.scene.revision) {
-      this.scene.revision = news.revision;
-      this.sceneChanged().catch((error) => this.failed(error));
-    }
+    if (news.revision !== undefined) this.follow(news.revision)?.catch((error) => this.failed(error));
     if (news.end) this.ended(news.end);
   }
 
@@ -212,7 +218,7 @@ class Page {
 
   shown(picture) {
     this.picture = picture;
-    document.body.dataset.level = picture.level; // for tests
+    document.body.dataset.scale = picture.scale; // for tests
     this.showStatus();
   }
 
