@@ -1,5 +1,5 @@
 // The viewer's page in Debian's Chromium, against the real program and small runs: script/browser-test.
-import { existsSync, mkdtempSync, readFileSync, readdirSync, rmSync } from 'node:fs';
+import { existsSync, mkdtempSync, readFileSync, readdirSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { pathToFileURL } from 'node:url';
@@ -61,8 +61,8 @@ const messages = (page) => page.evaluate(`document.getElementById('messages').in
 const actor = (page) => page.evaluate('cloamPage.actors.actor');
 const settled = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
 
-/** An actor whose box lies wholly in the picture, left of the panel, and is not too small: {id, x, y}. */
-const visibleActor = (page) => page.evaluate(`(() => {
+/** The largest actor that is seen at the middle of its box, left of the panel: {id, x, y}; or null. */
+const visibleActor = (page) => page.evaluate(`(async () => {
   const view = cloamPage.seen(), inverse = view.world_from_camera;
   const seen = cloamPage.actors.list.filter((a) => a.box && !a.hidden).map((a) => {
     const d = a.box.centre.map((value, k) => value - inverse[4 * k + 3]);
@@ -70,7 +70,11 @@ const visibleActor = (page) => page.evaluate(`(() => {
     return { id: a.id, x: view.fx * x / z + view.cx, y: view.fy * y / z + view.cy, z, size: view.fx * Math.min(...a.box.size) / z };
   }).filter((a) => a.z > 2 && a.x > 60 && a.x < innerWidth - 350 && a.y > 60 && a.y < innerHeight - 60 && a.size > 6);
   seen.sort((a, b) => b.size - a.size);
-  return seen[0] ?? null;
+  for (const actor of seen) {
+    const { id } = await cloamPage.server.command('pick', { ...view, x: actor.x, y: actor.y, time: cloamPage.time });
+    if (id === actor.id) return actor;
+  }
+  return null;
 })()`);
 
 /** Yellow in the overlay: the outline of the picked actor. */
@@ -190,20 +194,20 @@ test('an actor is picked, hidden, moved, turned, exchanged, undone and saved', a
   await page.click(target.x, target.y);
   await page.until('cloamPage.actors.picked');
   check(await outline(page) > 20, 'no outline');
-  await page.evaluate(`cloamPage.actors.pick(${JSON.stringify(target.id)})`); // boxes overlap: the one that is meant
+  check(await page.evaluate('cloamPage.actors.picked') === target.id, 'another one is picked');
 
-  const edit = async (act) => {
+  const edit = async (act, seen = kSeen) => {
     const revision = await page.evaluate('cloamPage.scene.revision');
     await act();
-    await page.until(`cloamPage.scene.revision > ${revision} && cloamPage.following`);
+    await page.until(`cloamPage.scene.revision > ${revision}`);
     await page.evaluate('cloamPage.following');
-    await page.until(kReady, 60);
+    await page.until(seen, 60);
   };
   const before = await picture(page), centre = (await actor(page)).box.centre;
-  await edit(() => page.press('#hide'));
+  await edit(() => page.press('#hide'), kReady);
   check((await actor(page)).hidden, 'not hidden');
   check(await likeness(page, before, null) < 60, 'the picture shows it still');
-  await edit(() => page.press('#undo'));
+  await edit(() => page.press('#undo'), kReady);
   const decibel = await likeness(page, before, null);
   check(decibel > 60, `not as before: ${decibel} dB`);
 
@@ -297,7 +301,7 @@ test('a wrong token shows nothing', async (browser) => {
 test('the page tells when the program ends, and how to start it', async (browser) => {
   const viewer = await Viewer.start(splats), page = await browser.show(viewer.address, 480, 270);
   check(await viewer.stop() === 0, 'Ctrl-C is a failure');
-  await page.until(`document.getElementById('messages').innerText.includes('The program has ended')`);
+  await page.until(`document.getElementById('messages').innerText.includes('has ended')`);
   check((await messages(page)).includes('cloam view'), `it says: ${await messages(page)}`);
   await page.drag(240, 135, 300, 150); // Gaussians are here already
   await settled(400);
@@ -369,6 +373,16 @@ function lookThrough(pages) {
   }
 }
 
+/** What the pages of a failed case showed, if there is a folder for it. */
+async function keepPictures(name, pages) {
+  const folder = process.env.CLOAM_BROWSER_PICTURES;
+  for (const [i, page] of folder ? pages.entries() : []) {
+    const file = join(folder, `${name.replaceAll(/\W+/g, '-')}-${i}.png`);
+    await page.screenshot().then((bytes) => writeFileSync(file, bytes), () => {});
+    console.log(`      ${file}: ${await messages(page).catch(() => '')}`);
+  }
+}
+
 let passed = 0, failed = 0;
 let browser = null;
 try {
@@ -389,6 +403,7 @@ for (const { name, run } of browser ? cases : []) {
   } catch (error) {
     console.log(`FAIL  ${name}\n      ${error.stack}`);
     ++failed;
+    await keepPictures(name, browser.pages);
   }
   for (const page of browser.pages.splice(0)) await page.close().catch(() => {});
 }

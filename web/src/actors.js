@@ -1,7 +1,9 @@
 // The list of actors and what is done to the picked one.
 import { element } from './element.js';
-import { drawBox, extentOf } from './overlay.js';
+import { drawBox, extentOf, pixelOf } from './overlay.js';
 import { add, column, dot, minus, times } from './vectors.js';
+
+const kFarthest = 300; // scene units: beyond, near the horizon, a pixel is too many metres
 
 export class Actors {
   /** changed(): the overlay must be drawn anew; done(): the scene is another one; camera(), time(), failed(error). */
@@ -137,20 +139,16 @@ export class Actors {
   drag(x, y, size) {
     const actor = this.actor;
     if (!this.grabbing || !actor?.box || actor.hidden) return null;
-    const camera = this.actions.camera(), extent = extentOf(camera.view(...size), actor.box);
+    const camera = this.actions.camera(), view = camera.view(...size), extent = extentOf(view, actor.box);
     if (!extent || x < extent.left || x > extent.right || y < extent.top || y > extent.bottom) return null;
-    const onGround = (px, py) => {
-      const { origin, direction } = camera.ray(px, py, ...size), fall = dot(direction, camera.up);
-      const reach = dot(minus(actor.box.centre, origin), camera.up) / fall;
-      return fall && reach > 0 && reach < 1e3 ? add(origin, times(direction, reach)) : null; // null: the sky
-    };
-    const begin = onGround(x, y);
-    if (!begin) return null;
+    const { centre } = actor.box, [seenX, seenY] = pixelOf(view, centre);
     this.dragged = [0, 0, 0];
     return {
+      // The middle of the box stays under the mouse, at its height over the ground.
       move: (px, py) => {
-        const now = onGround(px, py);
-        if (now) this.dragged = minus(now, begin);
+        const { origin, direction } = camera.ray(seenX + px - x, seenY + py - y, ...size);
+        const reach = dot(minus(centre, origin), camera.up) / dot(direction, camera.up);
+        if (reach > 0 && reach < kFarthest) this.dragged = minus(add(origin, times(direction, reach)), centre);
         this.actions.changed();
       },
       drop: async (far) => {
