@@ -126,6 +126,7 @@ class ViewServer::Service {
   Events& events_;
   const std::string root_ = "/" + new_token() + "/";
   httplib::Server server_;
+  std::atomic<bool> deaf_ = false;  // it listens no more
   std::thread listener_;
 };
 
@@ -157,13 +158,16 @@ ViewServer::Service::Service(Shown& shown, JobQueue& jobs, Events& events, int w
     throw Error(Fault::usage, text("--port ", wanted,
                                    ": another program has this port\n  fix: name another one, or leave --port out"));
   address = text("http://", kHost, ":", port, root_);
-  listener_ = std::thread([this] { server_.listen_after_bind(); });
+  listener_ = std::thread([this] {
+    server_.listen_after_bind();
+    deaf_ = true;
+  });
 }
 
 ViewServer::Service::~Service() {
   jobs_.close();
   events_.end("the viewer has ended");
-  while (!server_.is_running()) std::this_thread::yield();  // else stop() would find nothing to stop
+  while (!server_.is_running() && !deaf_) std::this_thread::yield();  // else stop() would find nothing to stop
   server_.stop();
   listener_.join();
 }
