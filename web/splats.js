@@ -11,6 +11,7 @@ const kPerInstance = 128;
 const kLeastAlpha = 1 / 255;
 const kBlur = 0.3; // square pixels, as in runtime/ops/splat.h
 const kSlowFrame = 150; // milliseconds
+const kMostThinning = 16;
 
 const kVertex = `
 precision highp float;
@@ -25,11 +26,11 @@ uniform vec3 renderToViewPos;
 uniform float preBlurAmount, blurAmount;
 uniform usampler2D ordering;
 uniform usampler2DArray extSplats, extSplats2;
-uniform int splatCount;
+uniform int splatCount, thinning;
 
 void main() {
   gl_Position = vec4(0.0, 0.0, 2.0, 1.0);  // seen by nobody
-  int rank = gl_InstanceID * ${kPerInstance} + gl_VertexID / 4;
+  int rank = (gl_InstanceID * ${kPerInstance} + gl_VertexID / 4) * thinning;
   if (rank >= splatCount) return;
   uint index = texelFetch(ordering, ivec2((rank >> 2) & 4095, rank >> 14), 0)[rank & 3];
   if (index == 0xffffffffu) return;
@@ -53,6 +54,8 @@ void main() {
   vec3 px = focal.x / -t.z * (vec3(n[0].x, n[1].x, n[2].x) + slope.x * vec3(n[0].z, n[1].z, n[2].z));
   vec3 py = focal.y / -t.z * (vec3(n[0].y, n[1].y, n[2].y) + slope.y * vec3(n[0].z, n[1].z, n[2].z));
 
+  // Where some stand for all, they cover as much.
+  px *= sqrt(float(thinning)), py *= sqrt(float(thinning));
   float xx = dot(px, px) + preBlurAmount, yy = dot(py, py) + preBlurAmount, xy = dot(px, py);
   float sharp = xx * yy - xy * xy;
   xx += blurAmount, yy += blurAmount;
@@ -81,8 +84,8 @@ void main() {
   result = vec4(colour.rgb * alpha, alpha);
 }`;
 
-/** Quads by the hundred; `count`: a uniform, of all splats. */
-function manyAnInstance(count) {
+/** Quads by the hundred; uniforms: how many splats there are, and of how many each one is drawn. */
+function manyAnInstance({ splatCount, thinning }) {
   const corners = new Float32Array(12 * kPerInstance), order = new Uint16Array(6 * kPerInstance);
   for (let i = 0; i < kPerInstance; ++i) {
     corners.set([-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0], 12 * i);
@@ -92,8 +95,8 @@ function manyAnInstance(count) {
   geometry.setAttribute('position', new THREE.BufferAttribute(corners, 3));
   geometry.setIndex(new THREE.BufferAttribute(order, 1));
   Object.defineProperty(geometry, 'instanceCount', { // Spark writes the number of splats here
-    get: () => Math.ceil(count.value / kPerInstance),
-    set: (splats) => { count.value = splats; },
+    get: () => Math.ceil(splatCount.value / thinning.value / kPerInstance),
+    set: (splats) => { splatCount.value = splats; },
   });
   return geometry;
 }
@@ -118,9 +121,9 @@ export async function createSplats(canvas, bytes, options) {
   renderer.setClearColor(new THREE.Color(options.background ?? '#000000'), 1);
   const scene = new THREE.Scene();
   const spark = new SparkRenderer({ renderer, onDirty: options.changed, vertexShader: kVertex, fragmentShader: kFragment,
-    extraUniforms: { splatCount: { value: 0 } }, depthTest: false, accumExtSplats: true, sortRadial: false,
+    extraUniforms: { splatCount: { value: 0 }, thinning: { value: 1 } }, depthTest: false, accumExtSplats: true, sortRadial: false,
     minAlpha: kLeastAlpha, preBlurAmount: options.antialiased ? 0 : kBlur, blurAmount: options.antialiased ? kBlur : 0 });
-  spark.geometry = manyAnInstance(spark.uniforms.splatCount);
+  spark.geometry = manyAnInstance(spark.uniforms);
   scene.add(spark);
 
   const camera = new THREE.PerspectiveCamera();
@@ -139,13 +142,17 @@ export async function createSplats(canvas, bytes, options) {
   }
   await load(bytes);
 
-  let slow = false;
+  let whole = 0; // milliseconds that all of it takes
   return {
     load,
     count: () => mesh.numSplats,
-    /** Draws at once; moving: at half the size where the whole takes too long. Gives scale and milliseconds. */
+    /**
+     * Draws at once; moving: at half the size where the whole takes too long, and where it takes far too long, some of
+     * the Gaussians for all. Gives scale and milliseconds.
+     */
     draw(view, moving) {
-      const begin = performance.now(), scale = moving && slow ? 2 : 1;
+      const begin = performance.now(), scale = moving && whole > kSlowFrame ? 2 : 1;
+      spark.uniforms.thinning.value = scale === 1 ? 1 : Math.min(kMostThinning, Math.max(1, Math.round(whole / (2 * kSlowFrame))));
       const width = Math.ceil(view.width / scale), height = Math.ceil(view.height / scale);
       if (canvas.width !== width || canvas.height !== height) renderer.setSize(width, height, false);
       const p = view.world_from_camera;
@@ -159,7 +166,7 @@ export async function createSplats(canvas, bytes, options) {
       renderer.getContext().readPixels(0, 0, 1, 1, WebGL2RenderingContext.RGBA, WebGL2RenderingContext.UNSIGNED_BYTE,
         new Uint8Array(4)); // waits until it is drawn: else frames pile up where drawing is slow
       const milliseconds = performance.now() - begin;
-      if (scale === 1 && spark.activeSplats > 0) slow = milliseconds > kSlowFrame;
+      if (scale === 1 && spark.activeSplats > 0) whole = milliseconds;
       return { scale, milliseconds };
     },
     sorted: () => !spark.sorting && spark.activeSplats > 0,

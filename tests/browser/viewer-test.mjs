@@ -114,6 +114,21 @@ test('Gaussians look as render makes them', async (browser) => {
   check(other < 38, `camera 2 looks like camera 0: ${other} dB`);
 });
 
+test('a browser without WebGL 2 shows Gaussians, too: the program draws them', async (browser) => {
+  const viewer = await Viewer.start(splats), page = await browser.page(320, 180);
+  viewers.again = viewer;
+  await page.send('Page.addScriptToEvaluateOnNewDocument', { source: `{
+    const real = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...more) { return kind.startsWith('webgl') ? null : real.call(this, kind, ...more); };
+  }` });
+  await page.open(viewer.address);
+  await page.until(kReady, 60);
+  const decibel = await likeness(page, null, rendered(splats, 320, 180)[0]); // JPEG
+  check(decibel > 33, `${decibel} dB`);
+  check((await messages(page)).includes('the program draws them'), `it says: ${await messages(page)}`);
+  page.complaints = page.complaints.filter((words) => !words.includes('WebGL'));
+});
+
 test('a street looks as render makes it', async (browser) => {
   const truth = rendered(street, 320, 180);
   const { page } = await opened(browser, street, 320, 180);

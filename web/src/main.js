@@ -255,12 +255,15 @@ class Page {
     const canvas = element('overlay'), [width, height] = this.size(), dense = devicePixelRatio;
     const [columns, rows] = [Math.round(width * dense), Math.round(height * dense)];
     if (canvas.width !== columns || canvas.height !== rows) Object.assign(canvas, { width: columns, height: rows });
+    const lidar = element('lidar').checked, boxes = element('boxes').checked;
+    canvas.hidden = !lidar && !boxes && !this.actors?.picked; // a layer costs time where there is no GPU
+    this.placePhoto();
+    if (canvas.hidden) return;
     const context = canvas.getContext('2d'), view = this.seen();
     context.setTransform(dense, 0, 0, dense, 0, 0);
     context.clearRect(0, 0, width, height);
-    if (element('lidar').checked) this.drawLidar(context, view);
-    this.actors?.draw(context, view, element('boxes').checked);
-    this.placePhoto();
+    if (lidar) this.drawLidar(context, view);
+    this.actors?.draw(context, view, boxes);
   }
 
   drawLidar(context, view) {
