@@ -151,4 +151,21 @@ ChildEnd run_child(const ChildProgram& program, const std::function<void(const s
   return end;
 }
 
+void start_apart(const ChildProgram& program) {
+  std::vector<std::string> words = {program.path.string()}, variables = merged_environment(program.environment);
+  words.insert(words.end(), program.arguments.begin(), program.arguments.end());
+  const auto argv = pointers(words), envp = pointers(variables);
+  const int nothing = open("/dev/null", O_RDWR | O_CLOEXEC);
+  const pid_t id = fork();
+  if (id == 0) {  // only calls that are safe after a fork of a process with threads
+    setsid();
+    if (fork() != 0) _exit(0);  // what is left is no child of ours
+    for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) dup2(nothing, stream);
+    execve(argv[0], argv.data(), envp.data());
+    _exit(127);
+  }
+  close(nothing);
+  while (id > 0 && waitpid(id, nullptr, 0) < 0 && errno == EINTR) {}
+}
+
 }  // namespace cloam

@@ -32,4 +32,7 @@ struct ChildEnd {
 ChildEnd run_child(
     const ChildProgram& program, const std::function<void(const std::string& line)>& seen = [](const std::string&) {});
 
+/// Starts it and lets it live on without us: it sees and says nothing. Nothing tells whether it could be started.
+void start_apart(const ChildProgram& program);
+
 }  // namespace cloam

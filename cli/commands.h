@@ -11,6 +11,7 @@ Command add_tables(CLI::App& program);
 Command add_distance(CLI::App& program);
 Command add_crops(CLI::App& program);
 Command add_render(CLI::App& program);
+Command add_view(CLI::App& program);
 Command add_export(CLI::App& program);
 Command add_convert(CLI::App& program);
 Command add_generate(CLI::App& program);

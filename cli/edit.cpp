@@ -3,17 +3,14 @@
 
 #include <fmt/format.h>
 
-#include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
 #include "cli/commands.h"
 #include "cli/shipped.h"
-#include "models/data/path_file.h"
 #include "models/eval/actor_list.h"
 #include "models/io/words.h"
+#include "models/runs/actor_edits.h"
 #include "models/runs/actor_names.h"
-#include "models/runs/asset_maker.h"
 #include "models/runs/edit_run.h"
 #include "runtime/error.h"
 
@@ -22,7 +19,6 @@ namespace {
 
 using Report = nlohmann::ordered_json;
 
-constexpr char kGenerated[] = "generated";
 constexpr char kExamples[] = R"(List the actors of a trained street, or move, turn, remove or replace them in a new run.
 
 Examples:
@@ -41,7 +37,8 @@ Examples:
   replace=OTHER   give it the appearance and size of another actor ([LOG:]ID), on the same ground
   replace=generated
                   replace it with a new asset of its class, for the log's time of day, from the diffusion run
-                  --prior: of eight samples, the one with the most similar box
+                  --prior: of eight samples, the one with the most similar box; generated:7 has the
+                  seed 7 instead of --seed
   path=FILE       move it along a CSV or JSON file of time, x, y, z, yaw in the log's world
                   (docs/formats.md); its name may not contain a comma
 ID is any unique part of an actor's id; LOG is the number or name of its log, if there are several.)";
@@ -51,99 +48,6 @@ struct EditRequest {
   MakerRequest wish;
   std::vector<std::string> actors;
   bool list = false;
-};
-
-[[noreturn]] void bad_operation(const std::string& given, const std::string& why) {
-  throw Error(Fault::usage, text("--actor ", given, ": ", why,
-                                 "\n  example: --actor 3f2a:shift=2,0,0,rotate=90\n  see cloam edit --help"));
-}
-
-bool is_number_start(char c) { return std::isdigit(static_cast<unsigned char>(c)) || c == '-' || c == '+' || c == '.'; }
-
-/// "shift=1,0,0,remove" -> "shift=1,0,0", "remove": a comma before a number continues the operation.
-std::vector<std::string> split_operations(const std::string& list) {
-  std::vector<std::string> operations;
-  for (const std::string& piece : comma_separated(list)) {
-    if (!operations.empty() && !piece.empty() && is_number_start(piece[0]))
-      operations.back() += "," + piece;
-    else
-      operations.push_back(piece);
-  }
-  return operations;
-}
-
-std::vector<double> numbers_of(const std::string& list, std::size_t count, const std::string& given) {
-  std::string spaced = list;
-  std::replace(spaced.begin(), spaced.end(), '/', ',');
-  std::vector<double> values;
-  for (const std::string& word : comma_separated(spaced)) {
-    std::size_t used = 0;
-    try {
-      values.push_back(std::stod(word, &used));
-    } catch (const std::exception&) {}
-    if (used == 0 || used != word.size() || !std::isfinite(values.back()))
-      bad_operation(given, word + " is not a number");
-  }
-  if (values.size() != count) bad_operation(given, text("want ", count, " numbers, found ", values.size()));
-  return values;
-}
-
-class Editor {
- public:
-  Editor(const EditRequest& request, const Common& common)
-      : request_(request),
-        common_(common),
-        run_(read_run(request.run)),
-        before_(run_.scenes),
-        logs_(log_names(run_.record)) {}
-
-  /// "[LOG:]ID:OPERATION,..."
-  void apply_all(const std::string& given) {
-    // An operand may have colons of its own (a log, a path): the last one before it ends the actor's name.
-    const std::size_t colon = given.rfind(':', given.find_first_of("=,"));
-    if (colon == std::string::npos) bad_operation(given, "want [LOG:]ID:OPERATION");
-    const AssetName actor = find_actor(run_.scenes, logs_, given.substr(0, colon));
-    for (const std::string& operation : split_operations(given.substr(colon + 1))) {
-      apply(parse(operation, actor, given), run_.scenes, actor);
-    }
-  }
-  const StoredRun& run() const { return run_; }
-
- private:
-  ActorEdit parse(const std::string& operation, const AssetName& actor, const std::string& given) {
-    const std::size_t equals = operation.find('=');
-    const std::string name = operation.substr(0, equals);
-    const std::string operand = equals == std::string::npos ? "" : operation.substr(equals + 1);
-    const std::vector<std::string> known = {"shift", "rotate", "remove", "replace", "path"};
-    if (std::find(known.begin(), known.end(), name) == known.end())
-      bad_operation(given, text("there is no operation '", name, "'; want shift, rotate, remove, replace or path",
-                                did_you_mean(name, known)));
-    if ((name == "remove") != (equals == std::string::npos)) {
-      bad_operation(given, name + (name == "remove" ? " takes no operand" : " needs an operand after ="));
-    }
-    if (name == "remove") return Remove{};
-    if (name == "replace" && operand == kGenerated) return generated(actor);
-    if (name == "replace") return replace_by(before_, find_actor(before_, logs_, operand));
-    if (name == "path") return Follow{read_path_file(operand)};
-    const std::vector<double> v = numbers_of(operand, name == "shift" ? 3 : 1, given);
-    if (name == "shift") return Shift{{v[0], v[1], v[2]}};
-    return Turn{v[0] * std::numbers::pi / 180};
-  }
-
-  Replace generated(const AssetName& actor) {
-    if (!maker_) {
-      open_device(common_);
-      maker_.emplace(prior_named(request_.prior.empty() ? kShipped : request_.prior), run_);
-    }
-    return maker_->make(run_, actor, request_.wish);
-  }
-
-  const EditRequest& request_;
-  const Common& common_;
-  StoredRun run_;
-  const Scenes before_;  // what replace takes looks from, so that two actors can be swapped
-  std::vector<std::string> logs_;
-  std::optional<AssetMaker> maker_;
 };
 
 void put_table(const Report& report) {
@@ -192,9 +96,13 @@ void check_prior(const EditRequest& request) {
 int edit_actors(const EditRequest& request, const Common& common) {
   check_has_views(read_record(request.run));
   if (!request.prior.empty()) check_prior(request);
-  Editor editor(request, common);
-  for (const std::string& given : request.actors) editor.apply_all(given);
-  write_edited_run(editor.run(), request.out, command_line());
+  StoredRun run = read_run(request.run);
+  ActorEdits edits(run, [&] {
+    open_device(common);
+    return prior_named(request.prior.empty() ? kShipped : request.prior);
+  });
+  for (const std::string& given : request.actors) edits.apply_all(given, request.wish);
+  write_edited_run(run, request.out, command_line());
   if (common.json) put_json({{"schema_version", 1}, {"run", request.out}});
   say(common, text("the edited run is ", request.out, "\n  cloam render ", quoted(request.out),
                    " -o pictures, cloam simulate ", quoted(request.out), " -o LOG"));

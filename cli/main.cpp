@@ -26,6 +26,7 @@ Photos:
   cloam train splat DATA -o runs/my --time-budget 5m
   cloam eval runs/my                              PSNR and SSIM on held-out photos
   cloam render runs/my -o pictures --path orbit   new views, and a turntable
+  cloam view runs/my                              look around in the browser
   cloam export runs/my -o scene.ply               Gaussian splats as a file
   cloam convert scene.ply scene.spz               ... in another format
 Driving logs:

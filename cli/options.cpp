@@ -162,12 +162,12 @@ template Option Options::operator()(const std::string&, std::optional<double>&, 
 
 void Options::with_or_without(const std::string& name, const char* word, const std::string& help,
                               const std::function<void(const std::string&)>& typed) const {
-  const CLI::Option* option = parser.add_option(name, help)->expected(0, 1)->option_text(word);
-  parser.callback([=] {
-    if (option->count() == 0) return;
-    const std::string given = option->results().empty() ? "" : option->results().front();
+  const auto take = [typed](const CLI::results_t& words) {
+    const std::string given = words.empty() ? "" : words.front();
     typed(given == "{}" || given == "true" ? "" : given);  // what CLI11 has for none
-  });
+    return true;
+  };
+  parser.add_option(name, take, help)->expected(0, 1)->option_text(word);
 }
 
 void Options::group(const char* heading) const { parser.option_defaults()->group(heading); }

@@ -24,10 +24,12 @@ figure { margin: 0 } figcaption { color: #666; font-size: .85rem } img { max-wid
 pre { background: #f4f4f4; padding: 1rem; white-space: pre-wrap; overflow-wrap: anywhere }
 )";
 
-/// RFC 4648.
-std::string base64(const std::vector<std::uint8_t>& bytes) {
+}  // namespace
+
+std::string base64(std::span<const std::uint8_t> bytes) {
   constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string out;
+  out.reserve(bytes.size() / 3 * 4 + 4);
   for (std::size_t i = 0; i < bytes.size(); i += 3) {
     const std::size_t count = std::min<std::size_t>(3, bytes.size() - i);
     uint32_t bits = 0;
@@ -36,8 +38,6 @@ std::string base64(const std::vector<std::uint8_t>& bytes) {
   }
   return out;
 }
-
-}  // namespace
 
 std::string escaped(const std::string& words) {
   std::string out;

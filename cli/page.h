@@ -1,10 +1,15 @@
 // Parts of the pages that commands write: one HTML file without scripts that holds its pictures.
 #pragma once
+#include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
 #include <vector>
 
 namespace cloam {
+
+/// RFC 4648.
+std::string base64(std::span<const std::uint8_t> bytes);
 
 /// Words as HTML shows them.
 std::string escaped(const std::string& words);

@@ -11,6 +11,7 @@
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
 #include "cli/train_plan.h"
+#include "cli/view_training.h"
 #include "models/eval/evaluate.h"
 #include "models/eval/pictures.h"
 #include "models/io/checkpoint.h"
@@ -184,16 +185,25 @@ TrainResult recorded(TrainJob& job, const int64_t& saved, ProgressView& view, Ev
   } catch (...) { throw failed(job, current_error(), saved, view, log); }
 }
 
+/// How a training is followed: on the terminal, and in the browser where that is wanted.
+struct Watching {
+  ProgressView& view;
+  bool verbose = false;
+  TrainingView* pages = nullptr;
+};
+
 TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOptions& options, int64_t& saved,
-                             bool verbose, ProgressView& view) {
+                             const Watching& watching) {
+  ProgressView& view = watching.view;
   TrainListener listener;
   listener.step = [&](const StepReport& report) {
     job.record.step = report.progress.step;
     view.step(report);
+    if (watching.pages) watching.pages->step(report);
   };
   listener.checkpoint = [&](int64_t step, const fs::path& path) {
     saved = step;
-    view.checkpoint(step, path, verbose);
+    view.checkpoint(step, path, watching.verbose);
   };
   listener.warning = [&](const std::string& warning) { view.warning(warning); };
   const StopOnSignal signals("finishing this step, then saving");
@@ -240,6 +250,14 @@ void log_end(const TrainJob& job, const TrainResult& result, EventLog& log) {
                     {"checkpoint", result.checkpoint.filename().string()}});
 }
 
+/// The address is told whatever else is not: nothing is seen without it.
+std::unique_ptr<TrainingView> followed(TrainJob& job, const Scene& scene, int port) {
+  auto pages = std::make_unique<TrainingView>(
+      FollowedTraining{job.folder.lexically_normal().string(), job.record, scene, *job.method, port});
+  std::fprintf(stderr, "follow the training in a browser of this computer: %s\n", pages->address().c_str());
+  return pages;
+}
+
 /// From here on files are written. Everything was read and checked before.
 int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>& now, const TrainRequest& request,
                     const Common& common, EventLog& log, ProgressView& view) {
@@ -252,6 +270,7 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   if (auto* learns = as<LearnsFromCaptures>(*job.method)) learns->load_data(std::move(data));
   const FolderLock lock(job.folder);
   if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
+  const auto pages = request.view ? followed(job, scenes.front(), *request.view) : nullptr;
   const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
   job.record.step = 0;
   if (checkpoint) take_progress(job, *checkpoint, request);
@@ -266,7 +285,7 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
     TrainRun run{*job.method, RunPaths{job.folder}.checkpoints(), checkpoint_metadata(job.record)};
     run.resume = checkpoint ? &checkpoint->file : nullptr;
     run.stop = &stop_signal;
-    return train_and_record(job, run, options, saved, common.verbose, view);
+    return train_and_record(job, run, options, saved, {view, common.verbose, pages.get()});
   });
   std::optional<Error> trouble;
   if (preview && has_time_for_preview(result, options, result.seconds))
@@ -312,6 +331,8 @@ int run_command(TrainRequest request, const Common& common) {
   request.prior = prior_named(request.prior);
   if (request.resume && request.out.empty())
     throw Error(Fault::usage, "--resume needs a run folder: cloam train --resume RUN");
+  if (request.view && (*request.view < 0 || *request.view > 65535))
+    throw Error(Fault::usage, "--view takes a port from 1 to 65535, or nothing: cloam train nerf DATA --view");
   const ProgressStyle style = progress_style(request.progress, common);
   TrainJob job = request.resume ? resumed_job(request) : new_job(request, listener_of(common));
   if (job.finished) return end_finished(job, common);
@@ -363,6 +384,8 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add("--overwrite", r.overwrite, "Replace an existing run in the folder");
   add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
   add("--progress", r.progress, "auto, bar, plain, jsonl or none", one_of({"auto", "bar", "plain", "jsonl", "none"}));
+  add.with_or_without("--view", "[PORT]", "Follow the training in the browser, at an address that is printed",
+                      [&r](const std::string& port) { r.view = port.empty() ? 0 : number_in<int>(port).value_or(-1); });
   // The run folder may be told by it or by -o.
   add.with_or_without("--resume", "[RUN]", "Continue a run that was interrupted or stopped",
                       [&r](const std::string& run) {

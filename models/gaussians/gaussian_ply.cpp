@@ -149,8 +149,12 @@ SplatFile read_gaussian_ply(const std::filesystem::path& path) {
 }
 
 void write_gaussian_ply(const std::filesystem::path& path, const Gaussians& gaussians) {
+  commit_stream(path, [&](const ByteSink& sink) { write_gaussian_ply(gaussians, sink); });
+}
+
+void write_gaussian_ply(const Gaussians& gaussians, const ByteSink& sink) {
   const std::size_t coefficients = rest_of_degree(degree_of(gaussians));
-  write_ply_rows(path, header_of(gaussians, coefficients), [&](std::size_t g, std::span<float> row) {
+  const auto fill = [&](std::size_t g, std::span<float> row) {
     auto at = row.begin();
     const auto put = [&](const std::vector<float>& values, std::size_t width) {
       at = std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(g * width), width, at);
@@ -166,7 +170,8 @@ void write_gaussian_ply(const std::filesystem::path& path, const Gaussians& gaus
     put(gaussians.opacities, 1);
     put(gaussians.scales, 3);
     put(gaussians.rotations, 4);
-  });
+  };
+  ply_rows(header_of(gaussians, coefficients), fill, sink);
 }
 
 }  // namespace cloam

@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "models/gaussians/formats.h"
+#include "models/io/commit.h"
 
 namespace cloam {
 
@@ -15,5 +16,7 @@ SplatFile read_gaussian_ply(const std::filesystem::path& path);
 
 /// In the world's own axes, every value with all its bits; the degree is the least that holds all coefficients.
 void write_gaussian_ply(const std::filesystem::path& path, const Gaussians& gaussians);
+/// The bytes of that file, part by part.
+void write_gaussian_ply(const Gaussians& gaussians, const ByteSink& sink);
 
 }  // namespace cloam

@@ -225,11 +225,14 @@ SplatFile read_spz(const std::filesystem::path& path) {
   return unpack(is_gzip(bytes) ? gunzip(bytes, kMaxBytes, path.string()) : bytes, path.string());
 }
 
+std::vector<std::uint8_t> spz_bytes(const Gaussians& gaussians, int version, const std::string& name) {
+  if (version != 2 && version != 3)
+    throw Error(Fault::usage, text(name, ": want version 2 or 3 of .spz, not ", version));
+  return gzip(pack(turned(gaussians, Eigen::Vector3d::UnitY()), version, name));
+}
+
 void write_spz(const std::filesystem::path& path, const Gaussians& gaussians, int version) {
-  if (version != 2 && version != 3) {
-    throw Error(Fault::usage, text(path.string(), ": want version 2 or 3 of .spz, not ", version));
-  }
-  const Bytes bytes = gzip(pack(turned(gaussians, Eigen::Vector3d::UnitY()), version, path.string()));
+  const Bytes bytes = spz_bytes(gaussians, version, path.string());
   commit_bytes(path, std::as_bytes(std::span<const std::uint8_t>(bytes)));
 }
 

@@ -72,7 +72,9 @@ void turn_harmonics(std::vector<float>& rest, const Matrix3d& rotation) {
   }
 }
 
-Matrix3d rotation_between(const Vector3d& from, const Vector3d& to) {
+}  // namespace
+
+Matrix3d turn_between(const Vector3d& from, const Vector3d& to) {
   if (from.dot(to) < -1 + 1e-9) {
     // Half a turn about x where that is across; else about another axis across.
     const Vector3d across = std::abs(from.x()) < 0.9 ? Vector3d::UnitX() : Vector3d::UnitY();
@@ -81,8 +83,6 @@ Matrix3d rotation_between(const Vector3d& from, const Vector3d& to) {
   }
   return Eigen::Quaterniond::FromTwoVectors(from, to).toRotationMatrix();
 }
-
-}  // namespace
 
 void transform(Gaussians& gaussians, const Similarity& new_from_old) {
   const Eigen::Quaterniond turn(new_from_old.rotation);
@@ -104,7 +104,7 @@ void transform(Gaussians& gaussians, const Similarity& new_from_old) {
 Gaussians turned(const Gaussians& gaussians, const Eigen::Vector3d& up) {
   Gaussians result = gaussians;
   const Vector3d from = gaussians.up.normalized(), to = up.normalized();
-  if ((from - to).norm() > 1e-9) transform(result, {rotation_between(from, to)});
+  if ((from - to).norm() > 1e-9) transform(result, {turn_between(from, to)});
   result.up = up;
   return result;
 }

@@ -16,9 +16,11 @@ struct Similarity {
 /// Moves means, deviations, rotations, harmonics and `up`.
 void transform(Gaussians& gaussians, const Similarity& new_from_old);
 
-/// The same scene with `up` as its up axis, by the shortest rotation; where the two are opposite, by half a turn about
-/// x, which takes COLMAP's axes (x right, y down, z forward) to OpenGL's (x right, y up, z back). Not a bit changes
-/// where `up` is its up axis already.
+/// The shortest rotation that takes a unit vector to another; where the two are opposite, half a turn about x, which
+/// takes COLMAP's axes (x right, y down, z forward) to OpenGL's (x right, y up, z back).
+Eigen::Matrix3d turn_between(const Eigen::Vector3d& from, const Eigen::Vector3d& to);
+
+/// The same scene with `up` as its up axis, by turn_between. Not a bit changes where `up` is its up axis already.
 Gaussians turned(const Gaussians& gaussians, const Eigen::Vector3d& up);
 
 }  // namespace cloam

@@ -320,16 +320,33 @@ Bytes straight_8_bit(Decoder& decoder) {
 
 /// Encoded in memory: OpenImageIO's writers do not tell when the disk refuses what they have buffered.
 template <class Value>
-void write(const std::filesystem::path& path, const char* format, const OIIO::ImageSpec& spec, const Value* values) {
+Bytes encoded(const std::string& name, const char* format, const OIIO::ImageSpec& spec, const Value* values) {
   OIIO::Filesystem::IOVecOutput memory;
   const auto output = OIIO::ImageOutput::create(format);
-  const bool done = output && output->set_ioproxy(&memory) && output->open(path.string(), spec) &&
+  const bool done = output && output->set_ioproxy(&memory) && output->open(name, spec) &&
                     output->write_image(OIIO::BaseTypeFromC<Value>::value, values) && output->close();
-  if (!done) {
-    throw Error(Fault::write,
-                text(path.string(), ": cannot be encoded: ", output ? output->geterror() : OIIO::geterror()));
-  }
-  commit_bytes(path, std::as_bytes(std::span(memory.buffer())));
+  if (!done)
+    throw Error(Fault::write, text(name, ": cannot be encoded: ", output ? output->geterror() : OIIO::geterror()));
+  return memory.buffer();
+}
+
+template <class Value>
+void write(const std::filesystem::path& path, const char* format, const OIIO::ImageSpec& spec, const Value* values) {
+  const Bytes bytes = encoded(path.string(), format, spec, values);
+  commit_bytes(path, std::as_bytes(std::span(bytes)));
+}
+
+OIIO::ImageSpec png_spec(const Image& image) {
+  OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
+  spec.attribute("oiio:UnassociatedAlpha", 1);
+  return spec;
+}
+
+OIIO::ImageSpec jpeg_spec(const Image& image) {
+  OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
+  spec.attribute("Compression", "jpeg:95");
+  spec.attribute("jpeg:subsampling", "4:4:4");
+  return spec;
 }
 
 }  // namespace
@@ -388,8 +405,7 @@ std::vector<float> read_exr_layer(const std::filesystem::path& path, const std::
 }
 
 void write_png(const std::filesystem::path& path, const Image& image, const std::string& description) {
-  OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
-  spec.attribute("oiio:UnassociatedAlpha", 1);
+  OIIO::ImageSpec spec = png_spec(image);
   if (!description.empty()) spec.attribute("ImageDescription", description);
   write(path, "png", spec, image.pixels.data());
 }
@@ -402,11 +418,12 @@ void write_labels(const std::filesystem::path& path, const Labels& labels) {
 }
 
 void write_jpeg(const std::filesystem::path& path, const Image& image) {
-  OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
-  spec.attribute("Compression", "jpeg:95");
-  spec.attribute("jpeg:subsampling", "4:4:4");
-  write(path, "jpeg", spec, image.pixels.data());
+  write(path, "jpeg", jpeg_spec(image), image.pixels.data());
 }
+
+Bytes png_bytes(const Image& image) { return encoded("a picture", "png", png_spec(image), image.pixels.data()); }
+
+Bytes jpeg_bytes(const Image& image) { return encoded("a picture", "jpeg", jpeg_spec(image), image.pixels.data()); }
 
 void write_exr(const std::filesystem::path& path, int width, int height, const std::vector<Layer>& layers) {
   const int channels = static_cast<int>(layers.size());

@@ -265,8 +265,8 @@ PlyVertices read_ply_vertices(const std::filesystem::path& path) {
   return vertices;
 }
 
-void write_ply_rows(const std::filesystem::path& path, const PlyHeader& header,
-                    const std::function<void(std::size_t, std::span<float>)>& fill) {
+void ply_rows(const PlyHeader& header, const std::function<void(std::size_t, std::span<float>)>& fill,
+              const ByteSink& sink) {
   std::string start = "ply\nformat binary_little_endian 1.0\n";
   for (const std::string& comment : header.comments) start += "comment " + comment + "\n";
   start += text("element vertex ", header.count, "\n");
@@ -274,16 +274,19 @@ void write_ply_rows(const std::filesystem::path& path, const PlyHeader& header,
   start += "end_header\n";
   const std::size_t width = header.properties.size();
   const std::size_t rows = std::max<std::size_t>(1, kBlock / sizeof(float) / std::max<std::size_t>(1, width));
-  commit_stream(path, [&](const ByteSink& sink) {
-    sink(std::as_bytes(std::span(start)));
-    std::vector<float> block;
-    for (std::size_t done = 0; done < header.count; done += rows) {
-      const std::size_t count = std::min<std::size_t>(rows, header.count - done);
-      block.resize(count * width);
-      for (std::size_t row = 0; row < count; ++row) fill(done + row, std::span(block).subspan(row * width, width));
-      sink(std::as_bytes(std::span(block)));
-    }
-  });
+  sink(std::as_bytes(std::span(start)));
+  std::vector<float> block;
+  for (std::size_t done = 0; done < header.count; done += rows) {
+    const std::size_t count = std::min<std::size_t>(rows, header.count - done);
+    block.resize(count * width);
+    for (std::size_t row = 0; row < count; ++row) fill(done + row, std::span(block).subspan(row * width, width));
+    sink(std::as_bytes(std::span(block)));
+  }
+}
+
+void write_ply_rows(const std::filesystem::path& path, const PlyHeader& header,
+                    const std::function<void(std::size_t, std::span<float>)>& fill) {
+  commit_stream(path, [&](const ByteSink& sink) { ply_rows(header, fill, sink); });
 }
 
 void write_ply_vertices(const std::filesystem::path& path, const std::vector<PlyColumn>& columns) {

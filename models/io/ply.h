@@ -10,6 +10,8 @@
 #include <string_view>
 #include <vector>
 
+#include "models/io/commit.h"
+
 namespace cloam {
 
 struct PlyProperty {
@@ -40,6 +42,10 @@ void read_ply(const std::filesystem::path& path, const std::function<PlyRow(cons
 /// Fault::write.
 void write_ply_rows(const std::filesystem::path& path, const PlyHeader& header,
                     const std::function<void(std::size_t row, std::span<float> values)>& fill);
+
+/// The bytes of such a file, part by part.
+void ply_rows(const PlyHeader& header, const std::function<void(std::size_t row, std::span<float> values)>& fill,
+              const ByteSink& sink);
 
 struct PlyColumn {
   std::string name;           // "x"

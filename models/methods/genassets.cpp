@@ -211,6 +211,12 @@ AssetSamples GenAssets::sample_asset(const AssetName& asset, const std::vector<f
   return model_->sample_asset(model_->assets().place_of(asset), points);
 }
 
+void GenAssets::take_actors(const Scenes& scenes) {
+  for (size_t i = 0; i < scenes.size(); ++i) model_->logs().at(i).scene.actors = scenes[i].actors;
+  model_->assets().find_appearance();
+  model_->assets().keep_decoded();
+}
+
 std::vector<AssetName> GenAssets::show_assets(const std::vector<NewAsset>& assets) {
   model_->assets().set_generated(assets);
   std::vector<AssetName> names;

@@ -6,6 +6,7 @@
 #include "models/latents/takes_prior.h"
 #include "models/methods/genassets_training.h"
 #include "models/street/street.h"
+#include "models/street/takes_edits.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/renders_views.h"
 #include "models/train/shares_networks.h"
@@ -22,6 +23,7 @@ class GenAssets final : public Method,
                         public LearnsFromCaptures,
                         public RendersViews,
                         public Street,
+                        public TakesEdits,
                         public SharesNetworks,
                         public TakesPrior,
                         public ShowsAssets {
@@ -41,6 +43,7 @@ class GenAssets final : public Method,
   LidarReturns measure(const WorldRays& rays) override;
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
+  void take_actors(const Scenes& scenes) override;
   void adopt_networks(const TensorMap& parameters) override;
   void adopt_prior(const CodeDenoiser& denoiser) override;
   std::vector<AssetName> show_assets(const std::vector<NewAsset>& assets) override;

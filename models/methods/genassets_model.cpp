@@ -19,8 +19,9 @@ constexpr float kCodeDeviation = 0.05f;  // of codes' means at the start
 constexpr float kShadowSlack = 0.3f;     // metres behind the background at which ground still counts as seen
 constexpr float kBright = 4;             // shadows begin as sigmoid(kBright)
 constexpr float kMinTransmittance = 1e-3f;
-constexpr int64_t kHeights = 9;       // at which a log's texels have something in common
-constexpr float kNormalStep = 0.01f;  // metres
+constexpr int64_t kHeights = 9;         // at which a log's texels have something in common
+constexpr float kNormalStep = 0.01f;    // metres
+constexpr int64_t kMostKept = 1 << 26;  // numbers of decoded planes
 
 // Streams of random numbers within a step.
 enum Stream : uint32_t { kJitter = 0, kCodes = 1 };
@@ -167,6 +168,7 @@ void StreetAssets::set_generated(const std::vector<NewAsset>& assets) {
     rows.resize(rows.size() + width - numbers);
   }
   generated_ = assets;
+  std::erase_if(kept_, [this](const auto& kept) { return kept.first.first == logs_.size(); });
   generated_codes_ =
       assets.empty() ? Tensor() : from_host(rows, {static_cast<int64_t>(assets.size()), static_cast<int64_t>(width)});
   find_appearance();
@@ -219,7 +221,28 @@ Condition StreetAssets::condition_of(const std::vector<AssetPlace>& assets) cons
   return asset_condition(classes, nights);
 }
 
+/// One by one where chance has no part: the bits of an asset do not depend on who else is met, and so can be kept.
 DecodedAssets StreetAssets::decode(const HitAssets& hits, const Sampling& how) const {
+  if (hits.assets.empty() || how.random) return decode_now(hits, how);
+  DecodedAssets out;
+  out.slots = from_host(hits.slot_of, {static_cast<int64_t>(hits.slot_of.size())});
+  Tensors planes;
+  for (const AssetPlace& asset : hits.assets) planes.push_back(planes_of_one(asset, how));
+  out.planes = planes.size() == 1 ? planes.front() : concat(planes, 1);
+  if (static_cast<int64_t>(kept_.size()) * planes.front().numel() > kMostKept) kept_.clear();
+  return out;
+}
+
+Tensor StreetAssets::planes_of_one(const AssetPlace& asset, const Sampling& how) const {
+  const auto known = kept_.find({asset.log, asset.actor});
+  if (known != kept_.end()) return known->second;
+  const Tensor planes = stop_gradient(decode_now({{0}, {asset}}, how).planes);
+  eval({planes});
+  if (keeps_) kept_[{asset.log, asset.actor}] = planes;
+  return planes;
+}
+
+DecodedAssets StreetAssets::decode_now(const HitAssets& hits, const Sampling& how) const {
   if (hits.assets.empty()) return {};
   const auto count = static_cast<int64_t>(hits.assets.size());
   const int64_t side = planes_side(options_), channels = options_.field.plane_channels;

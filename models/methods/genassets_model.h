@@ -2,6 +2,7 @@
 // along rays. One set of networks for all logs.
 #pragma once
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 
@@ -115,8 +116,12 @@ class StreetAssets {
   /// Class and time of day.
   Condition condition_of(const std::vector<AssetPlace>& assets) const;
   DecodedAssets decode(const HitAssets& hits, const Sampling& how) const;
+  /// Parameters stand still from here on: an asset that was decoded without chance is not decoded again.
+  void keep_decoded() { keeps_ = true; }
 
  private:
+  DecodedAssets decode_now(const HitAssets& hits, const Sampling& how) const;
+  Tensor planes_of_one(const AssetPlace& asset, const Sampling& how) const;
   bool is_generated(const AssetPlace& place) const { return place.log == logs_.size(); }
   Tensor rows_of(const std::vector<AssetPlace>& assets,
                  const std::function<Tensor(size_t log, const Tensor& rows)>& rows_in) const;
@@ -127,6 +132,8 @@ class StreetAssets {
   std::unique_ptr<AssetDecoder> decoder_;
   std::vector<NewAsset> generated_;
   Tensor generated_codes_;  // [G, ...] as rows of StreetLog::assets
+  bool keeps_ = false;
+  mutable std::map<std::pair<size_t, size_t>, Tensor> kept_;  // planes [3,1,...] by log and actor
 };
 
 class StreetModel {

@@ -131,6 +131,7 @@ Picture NerfRenderer::picture(const View& view, float back) const {
   out.height = view.camera.height;
   int64_t block = marching() ? 2048 : 512;
   for (int64_t begin = 0; begin < count;) {
+    if (begin > 0) view.between();
     const int64_t end = std::min(count, begin + block);
     const auto part = [&](const Tensor& x) { return slice(x, 0, begin, end); };
     const Rendered seen = shade({part(all.origins), part(all.directions), part(all.span)}, {});

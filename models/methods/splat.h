@@ -30,6 +30,7 @@ class Splat final : public Method,
   RowMoves grow(const Progress& progress) override;
   Picture render(const View& view) override { return renderer_->picture(view); }
   Gaussians gaussians() const override { return gaussians_in(params_, common_); }
+  GaussianDrawing drawing() const override { return renderer_->drawing(); }
   int64_t grows_until(const Progress& progress) const override { return growth_->until(progress); }
   void fit_to(const TensorMap& parameters) override;
   TensorMap state() const override { return observed_.state(); }

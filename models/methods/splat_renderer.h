@@ -1,6 +1,7 @@
 // How a splat training draws: a photograph and what the gaussians show of it, and the picture of a view.
 #pragma once
 #include "models/batches/image_source.h"
+#include "models/gaussians/exports_gaussians.h"
 #include "models/nn/params.h"
 #include "models/scene/view.h"
 #include "models/splat/draw.h"
@@ -37,6 +38,7 @@ class SplatRenderer {
   /// As the gaussians show a photograph (with its exposure, that of row `exposure`). probe: see DrawOptions.
   Compared compare(const Photograph& photograph, size_t exposure, const Progress& progress, const Tensor& probe) const;
   Picture picture(const View& view) const;
+  GaussianDrawing drawing() const { return {near_, config_.antialiased, bright()}; }
   /// Of the harmonics that are learned at a step: a degree more each time; in a short training the last one shall still
   /// be learned for most of it.
   int degree_at(const Progress& progress) const;

@@ -28,6 +28,7 @@ struct TrainRequest {
   bool skip_bad = false, allow_outside = false, resume = false, overwrite = false, dry_run = false;
   std::vector<std::string> settings;  // key=value
   std::string progress = "auto";
+  std::optional<int> view;  // --view: the port; 0: any
 };
 
 struct TrainJob {

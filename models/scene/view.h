@@ -1,5 +1,6 @@
 // What a camera is asked to show, and what it shows.
 #pragma once
+#include <functional>
 #include <vector>
 
 #include "models/scene/scene.h"
@@ -18,6 +19,8 @@ struct View {
   Eigen::Matrix4d world_from_camera;
   int scene = 0;    // of the run's scenes
   double time = 0;  // seconds on that scene's clock; where actors are
+  /// Called between two parts of a rendering that takes long; what it throws gives the picture up.
+  std::function<void()> between = [] {};
 };
 
 /// What a frame shows, with a camera of the size wanted.

@@ -24,9 +24,11 @@ void append(std::vector<float>& to, const Tensor& from) {
   to.insert(to.end(), values.begin(), values.end());
 }
 
-Everything look(const StreetPainter& painter, const RayList& rays) {
+Everything look(
+    const StreetPainter& painter, const RayList& rays, const std::function<void()>& between = [] {}) {
   Everything all;
   for (int64_t begin = 0; begin < rays.count(); begin += kBlock) {
+    if (begin > 0) between();
     const int64_t end = std::min(rays.count(), begin + kBlock);
     const SeenByRays seen = painter.look(part_of(rays, begin, end));
     append(all.features, seen.features);
@@ -97,7 +99,7 @@ Picture street_picture(const StreetPainter& painter, const View& view, const Str
   const Region cells = cells_of(size, painter.scale);
   RayList rays;
   add_cells(rays, size, space.street_from_world() * view.world_from_camera, view.time, cells, painter.scale);
-  const Everything all = look(painter, rays);
+  const Everything all = look(painter, rays, view.between);
   const auto map = [&](const std::vector<float>& values) { return map_of(values, cells); };
   Picture out{size.width, size.height, {}, {}, {}, {}};
   out.rgb = pixels_of(painter.image(map(all.features), map(all.light)), size);

@@ -79,6 +79,8 @@ struct Exception {
 const Exception kExceptions[] = {
     {"script/demo", "builds the program; demo_test.cpp runs cloam demo"},
     {"script/test", "runs this test"},
+    {"cloam view", "serves until it is ended; view_test.cpp runs it"},
+    {"ssh -L", "needs another computer"},
     {"cloam process photos -o DATA", "needs COLMAP and photos of one thing; colmap_test.cpp runs it"},
     {"cloam process frames -o DATA --matching sequential", "the same"},
 };

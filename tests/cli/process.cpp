@@ -91,6 +91,8 @@ Process::~Process() {
 void Process::reap(int options) { ended_ = ended_ || waitpid(id_, &status_, options) == id_; }
 void Process::signal(int number) const { kill(id_, number); }
 
+std::string Process::said() const { return content_of(err_); }
+
 bool Process::running() {
   reap(WNOHANG);
   return !ended_;

@@ -29,6 +29,8 @@ class Process {
   Process& operator=(const Process&) = delete;
   void signal(int number) const;
   bool running();
+  /// Its stderr so far.
+  std::string said() const;
   Outcome wait();
 
  private:

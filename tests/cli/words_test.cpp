@@ -34,9 +34,9 @@ std::vector<std::string> matches(const std::string& text, const std::string& pat
   return found;
 }
 
-const Words kCommands = {"train",  "eval",    "compare",  "tables", "distance", "crops",   "render",
-                         "export", "convert", "generate", "edit",   "simulate", "process", "check",
-                         "demo",   "synth",   "info",     "doctor", "selftest", "bench",   "tune"};
+const Words kCommands = {"train",   "eval",     "compare",  "tables",   "distance", "crops", "render", "export",
+                         "convert", "generate", "edit",     "simulate", "process",  "check", "demo",   "synth",
+                         "info",    "doctor",   "selftest", "bench",    "tune",     "view"};
 
 /// What --help prints, for each command.
 const std::map<std::string, std::string>& helps() {
