@@ -40,9 +40,9 @@ OptionEntry entry_of(const CLI::Option& option) {
   for (const std::string& name : option.get_lnames()) entry.names.push_back("--" + name);
   if (option.get_positional()) entry.names = {option.get_name()};
   entry.help = option.get_description();
-  const bool flag = option.get_type_size() == 0 && option.get_option_text().empty();
-  const std::string type = option.get_type_name();
-  if (!flag) entry.word = type == "INT" || type == "UINT" || type == "FLOAT" || type == "N" ? "N" : "WORD";
+  const std::string type = option.get_type_name();  // none: a flag
+  if (!type.empty() || !option.get_option_text().empty())
+    entry.word = type == "INT" || type == "UINT" || type == "FLOAT" || type == "N" ? "N" : "WORD";
   entry.offers = offered(option);
   entry.repeats = option.get_expected_max() > 1;
   return entry;

@@ -60,6 +60,9 @@ TEST_CASE("completion: bash completes commands, options, methods, presets and wo
   CHECK(offered_by_bash({"train", "nerf", "DATA", "--preset", "nerf"}) == Offers{"nerf", "nerf-paper"});
   CHECK(offered_by_bash({"train", "nerf", "DATA", "--masks", ""}) == Offers{"ignore", "transparent"});
   CHECK(offered_by_bash({"eval", "runs/fox", "--pro"}) == Offers{"--protocol", "--profile", "--profile-trace"});
+  CHECK(offered_by_bash({"train", "nerf", "DATA", "--dry-run", "--time"}) ==
+        Offers{"--time-budget"});                                                  // no word follows
+  CHECK(offered_by_bash({"train", "nerf", "DATA", "--steps", "--time"}).empty());  // one does
   CHECK(offered_by_bash({"help", "sim"}) == Offers{"simulate"});
   CHECK(offered_by_bash({"config", "sch"}) == Offers{"schema"});
   CHECK(offered_by_bash({"train", "nerf", ""}).empty());  // files: bash's own
@@ -81,7 +84,8 @@ TEST_CASE("completion: the man page has every command and option, and groff has 
   if (!is_there("groff")) return;
   CHECK(output_of("groff -man -Tascii -ww -z '" + page.string() + "'") == "");
   const std::string shown = output_of("groff -man -Tascii -P-cbou '" + page.string() + "'");
-  for (const char* words :
-       {"NAME", "SYNOPSIS", "cloam train METHOD DATA", "--time-budget", "EXIT STATUS", "--require-gpu"})
+  for (const char* words : {"NAME", "SYNOPSIS", "cloam train METHOD DATA", "--time-budget", "EXIT STATUS",
+                            "--require-gpu", "--seed N", "-o, --out WORD"})
     CHECK_MESSAGE(contains(shown, words), words);
+  CHECK_FALSE(contains(shown, "--json WORD"));
 }
