@@ -5,7 +5,9 @@
 #include "cli/bench_merge.h"
 #include "cli/commands.h"
 #include "models/io/commit.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
+#include "tests/op_cases/op_cases.h"
 
 namespace cloam {
 namespace {
@@ -36,12 +38,18 @@ Workloads workloads_of(const std::string& suite) {
   return all;
 }
 
+std::vector<std::string> op_names() {
+  std::vector<std::string> names;
+  for (const OpCase& row : op_cases()) names.push_back(row.op);
+  return names;
+}
+
 int explain_command(const std::string& op, const Common& common) {
   open_device(common);
   const std::string found = explain(op, op_workloads());
   if (found.empty())
-    throw Error(Fault::usage, text("no workload's name contains \"", op,
-                                   "\", and no op has that name\n  names: ", "cloam bench, cloam selftest"));
+    throw Error(Fault::usage, text("no workload's name contains \"", op, "\", and no op has that name",
+                                   did_you_mean(op, op_names()), "\n  names: ", "cloam bench, cloam selftest"));
   put(found);
   return 0;
 }

@@ -26,6 +26,8 @@ Command add_doctor(CLI::App& program);
 Command add_selftest(CLI::App& program);
 Command add_bench(CLI::App& program);
 Command add_tune(CLI::App& program);
+Command add_config(CLI::App& program);
+Command add_completion(CLI::App& program);
 
 /// All commands, in the order in which --help lists them.
 std::vector<Command> add_commands(CLI::App& program);

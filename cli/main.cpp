@@ -3,6 +3,7 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <map>
 
 #include "cli/commands.h"
 #include "cli/failure.h"
@@ -45,6 +46,8 @@ Measure:
   cloam doctor                                    why is a device missing, or not working?
   cloam selftest --quick                          does this device compute correctly?
   cloam bench                                     how fast is it? (cloam tune makes it faster)
+  cloam config show nerf                          every setting; cloam config diff compares runs
+  cloam completion bash                           completes words in a shell; also zsh, fish, and a man page
 
 DATA is a folder that process made, one with a COLMAP model, transforms.json (instant-ngp, nerfstudio) or
 transforms_train.json (NeRF-synthetic), or a driving log (PandaSet, KITTI raw, rig.json).
@@ -67,7 +70,23 @@ std::vector<std::string> option_names(const CLI::App& parser) {
   return names;
 }
 
+/// What options are called in other programs.
+const std::map<std::string, std::string> kElsewhere = {{"--iterations", "--steps"},
+                                                       {"--max-num-iterations", "--steps"},
+                                                       {"--total-steps", "--steps"},
+                                                       {"--max-steps", "--steps"},
+                                                       {"--output", "--out"},
+                                                       {"--output-dir", "--out"},
+                                                       {"--model_path", "--out"},
+                                                       {"--resolution", "--downscale"},
+                                                       {"--data-factor", "--downscale"},
+                                                       {"--test-every", "--holdout"}};
+
 std::string hint(const std::string& word, const std::vector<std::string>& names) {
+  const auto elsewhere = kElsewhere.find(word.substr(0, word.find('=')));
+  const bool known =
+      elsewhere != kElsewhere.end() && std::find(names.begin(), names.end(), elsewhere->second) != names.end();
+  if (known) return "; here it is called " + elsewhere->second;
   return did_you_mean(word.substr(0, word.find('=')), names);
 }
 

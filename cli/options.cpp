@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
+#include <map>
 #include <sstream>
 
 #include "models/io/commit.h"
@@ -11,6 +12,12 @@
 #include "runtime/error.h"
 
 namespace cloam {
+
+struct WordCheck {
+  CLI::Validator validator;
+  std::vector<std::string> words = {};  // that it takes, if it is by a list
+};
+
 namespace {
 
 template <class Value>
@@ -27,7 +34,13 @@ std::string range_words(int64_t least, int64_t most) {
 
 /// A check without a description, which --help would show.
 Check check(std::function<std::string(std::string&)> wrong) {
-  return std::make_shared<CLI::Validator>(std::move(wrong), "");
+  return std::make_shared<WordCheck>(WordCheck{CLI::Validator(std::move(wrong), "")});
+}
+
+/// What Option::offers said.
+std::map<const CLI::Option*, std::vector<std::string>>& offers() {
+  static std::map<const CLI::Option*, std::vector<std::string>> all;
+  return all;
 }
 
 std::string either(const std::vector<std::string>& words) {
@@ -135,6 +148,16 @@ Option Option::expected(int words) const { return Option(option_->expected(words
 Option Option::one_word() const { return Option(option_->allow_extra_args(false)); }
 Option Option::shown_as(const char* word) const { return Option(option_->type_name(word)); }
 
+Option Option::offers(const std::vector<std::string>& words) const {
+  cloam::offers()[option_] = words;
+  return *this;
+}
+
+std::vector<std::string> offered(const CLI::Option& option) {
+  const auto found = offers().find(&option);
+  return found == offers().end() ? std::vector<std::string>() : found->second;
+}
+
 template <class Value>
 Option Options::operator()(const std::string& name, Value& value, const std::string& help, const Check& check) const {
   CLI::Option* option = nullptr;
@@ -142,7 +165,8 @@ Option Options::operator()(const std::string& name, Value& value, const std::str
     option = parser.add_flag(name, value, help);
   else
     option = parser.add_option(name, value, help);
-  if (check) option->transform(*check);  // before CLI11 reads the value: a duration becomes seconds
+  if (check && !check->words.empty()) offers()[option] = check->words;
+  if (check) option->transform(check->validator);  // before CLI11 reads the value: a duration becomes seconds
   return Option(option);
 }
 
@@ -190,7 +214,7 @@ void add_common(CLI::App& parser, Common& common) {
   add("--profile-trace", common.profile_trace, "Also write a timeline for Perfetto to this file", output_file());
   // Of the commands' own -o alone that of export may be a file, and it knows more of it.
   if (CLI::Option* out = parser.get_option_no_throw("--out"))
-    out->check(*(parser.get_name() == "export" ? output_path() : output_folder()));
+    out->check((parser.get_name() == "export" ? output_path() : output_folder())->validator);
 }
 
 void add_allow_outside(const Options& add, bool& allowed) {
@@ -224,10 +248,11 @@ Check duration() {
 }
 
 Check one_of(const std::vector<std::string>& words) {
-  return check([=](std::string& word) {
+  const auto wrong = [=](std::string& word) {
     if (std::find(words.begin(), words.end(), word) != words.end()) return std::string();
     return text(word, ": want ", either(words), did_you_mean(word, words));
-  });
+  };
+  return std::make_shared<WordCheck>(WordCheck{CLI::Validator(wrong, ""), words});
 }
 
 Check output_folder() { return check(problem_of_folder); }
@@ -236,7 +261,7 @@ Check output_path() {
   return check([](const std::string& given) { return problem_of_place(given, "a file or folder"); });
 }
 
-std::string problem_of(const Check& check, std::string word) { return (*check)(word); }
+std::string problem_of(const Check& check, std::string word) { return check->validator(word); }
 
 fs::path with_format(const fs::path& path, const std::string& format) {
   const std::string extension = "." + format;

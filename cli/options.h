@@ -1,5 +1,5 @@
 // What all options have in common: how their values are checked, how --help shows them, and what is said of words that
-// cannot be taken. CLI11 itself is included in three files alone: it costs each seconds of compiling.
+// cannot be taken. CLI11 itself is included in four files alone: it costs each seconds of compiling.
 #pragma once
 #include <cstdint>
 #include <filesystem>
@@ -16,13 +16,13 @@ class App;
 class Formatter;
 class Option;
 class ParseError;
-class Validator;
 }  // namespace CLI
 
 namespace cloam {
 
 /// What the word after an option must be, or what is made of it.
-using Check = std::shared_ptr<CLI::Validator>;
+struct WordCheck;
+using Check = std::shared_ptr<const WordCheck>;
 
 /// An option that is declared, to say more of it.
 class Option {
@@ -34,6 +34,8 @@ class Option {
   Option one_word() const;
   /// What --help shows for the word, where the value's type would say "N".
   Option shown_as(const char* word) const;
+  /// What shells complete the word to, where no check lists the words.
+  Option offers(const std::vector<std::string>& words) const;
 
  private:
   CLI::Option* option_;
@@ -94,6 +96,9 @@ std::string problem_of(const Check& check, std::string word);
 /// The file that --format and its name give together: with the format's extension where it has none that is a file's.
 /// Fault::usage where they contradict each other. format: as "glb"; empty: what the name says.
 fs::path with_format(const fs::path& path, const std::string& format);
+
+/// The words that an option takes, as far as they are known: those of one_of and of Option::offers.
+std::vector<std::string> offered(const CLI::Option& option);
 
 /// Lines of --help: N for any number, nothing of how values are checked.
 std::shared_ptr<CLI::Formatter> help_format();

@@ -39,7 +39,8 @@ void check_camera_name(const Scene& scene, const std::string& name) {
   for (const Frame& frame : scene.frames)
     if (std::find(names.begin(), names.end(), frame.sensor) == names.end()) names.push_back(frame.sensor);
   if (std::find(names.begin(), names.end(), name) != names.end()) return;
-  throw Error(Fault::usage, text("--camera-name ", name, ": the cameras are ", joined(names, " ")));
+  throw Error(Fault::usage,
+              text("--camera-name ", name, ": the cameras are ", joined(names), did_you_mean(name, names)));
 }
 
 std::vector<std::size_t> frames_of_choice(const Scene& scene, const RenderRequest& request) {

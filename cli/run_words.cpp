@@ -13,7 +13,7 @@ std::vector<Command> add_commands(CLI::App& program) {
   for (const auto add :
        {add_train,   add_eval,     add_compare, add_tables,   add_distance, add_crops,   add_render, add_export,
         add_convert, add_generate, add_edit,    add_view,     add_simulate, add_process, add_check,  add_demo,
-        add_synth,   add_info,     add_doctor,  add_selftest, add_bench,    add_tune}) {
+        add_synth,   add_info,     add_doctor,  add_selftest, add_bench,    add_tune,    add_config, add_completion}) {
     commands.push_back(add(program));
   }
   return commands;

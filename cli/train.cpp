@@ -86,7 +86,9 @@ void begin_record(TrainJob& job, const std::vector<DataNow>& data, const TrainRe
 
 void write_settings(const TrainJob& job, const Scenes& scenes) {
   const RunRecord& r = job.record;
-  write_config(job.folder, job.config, text("Settings of ", r.method, ", preset ", r.preset, "; use with --config"));
+  write_config(job.folder, job.config,
+               text("Settings of ", r.method, ", preset ", r.preset, "; the run again: cloam train ", r.method,
+                    " DATA --preset ", r.preset, " --seed ", r.seed, " --config FILE"));
   write_scenes(RunPaths{job.folder}.scene(), scenes);
 }
 
@@ -357,12 +359,10 @@ int run_command(TrainRequest request, const Common& common) {
 }
 
 void add_method_options(const Options& add, TrainRequest& r) {
-  std::vector<std::string> names;
-  for (const Preset& preset : presets()) names.push_back(preset.name);
-  add("METHOD", r.method, joined(method_names()));
+  add("METHOD", r.method, joined(method_names())).offers(method_names());
   add("DATA", r.data, "Folder of the capture; several driving logs make one run; for diffusion, a genassets run");
   add.group("Method");
-  add("--preset", r.preset, joined(names) + " (default: the method's name)");
+  add("--preset", r.preset, joined(preset_names()) + " (default: the method's name)").offers(preset_names());
   add("--networks", r.networks,
       "Freeze the networks of this genassets run (or: shipped) and learn only what is new in DATA");
   add("--prior", r.prior,

@@ -11,7 +11,9 @@
 #include "runtime/cl.h"
 #include "runtime/debug.h"
 #include "runtime/driver.h"
+#include "runtime/environment.h"
 #include "runtime/kernel_cache.h"
+#include "runtime/nearest_name.h"
 
 namespace cloam {
 namespace {
@@ -111,6 +113,18 @@ std::string table(const std::vector<const Candidate*>& rows) {
   return out;
 }
 
+/// What --device may name: for typing mistakes.
+std::vector<std::string> words_of(const std::vector<const Candidate*>& rows) {
+  std::vector<std::string> words = {"auto", "cpu", "gpu"};
+  for (const Candidate* c : rows) {
+    std::string names = lower(c->info.name + " " + c->info.platform);
+    std::replace(names.begin(), names.end(), '-', ' ');
+    std::istringstream stream(names);
+    for (std::string word; stream >> word;) words.push_back(word);
+  }
+  return words;
+}
+
 bool matches(const Candidate& c, size_t position, const std::string& wish) {
   const std::string want = lower(wish);
   if (want == "cpu") return c.info.is_cpu;
@@ -139,8 +153,10 @@ const Candidate& choose(const Candidates& found, const std::string& wish) {
     if (wish == "auto" || matches(all[i], i, wish)) fit.push_back(&all[i]);
   }
   if (fit.empty())
-    throw Error(Fault::device,
-                text("no OpenCL device matches --device \"", wish, "\". Found:", table(any), found.broken));
+    throw Error(Fault::device, text("no OpenCL device matches --device \"", wish, "\"",
+                                    did_you_mean(lower(wish), words_of(any)), "\n  found:", table(any), found.broken,
+                                    "\n  fix: name one of these by its number or a part of its name (in "
+                                    "CLOAM_DEVICE too); cloam doctor says why a device is missing"));
   const bool by_kind = wish == "auto" || lower(wish) == "cpu" || lower(wish) == "gpu";
   if (fit.size() > 1 && !by_kind)
     throw Error(Fault::usage,
@@ -155,6 +171,7 @@ std::optional<ClDevice> chosen;
 void open_device() {
   const char* environment = std::getenv("CLOAM_DEVICE");
   const std::string wish = wanted.device == "auto" && environment ? environment : wanted.device;
+  check_environment();
   const Candidates found = candidates();
   const Candidate& c = choose(found, wish);
   try {

@@ -120,7 +120,9 @@ class Loader {
     const std::string sizes = text(frame.image, ": ", image.width, "x", image.height, " pixels, listed as ",
                                    camera.width, "x", camera.height);
     if (!has_aspect(camera, image.width, image.height))
-      bad_data(sizes, ": the aspect ratio differs, so the intrinsics cannot be scaled to it");
+      bad_data(sizes,
+               ": the aspect ratio differs, so the intrinsics cannot be scaled to it; correct w and h "
+               "there, or give the images that it was made for");
     resized_.add(sizes);
     return resized(camera, image.width, image.height);
   }

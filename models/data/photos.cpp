@@ -63,7 +63,8 @@ void finish_photos(Scene& scene, const std::vector<std::string>& missing, const 
     throw Error(
         Fault::data,
         text(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed, ", missing.size(), " missing",
-             missing.empty() ? "" : " (first: " + missing.front() + ")", near_misses(scene.root, missing)));
+             missing.empty() ? "" : " (first: " + missing.front() + ")", near_misses(scene.root, missing),
+             "\n  fix: copy the images to where the list has them, or correct the list"));
   }
   add_masks(scene);
   scene.has_alpha = first_image_has_alpha(scene, options);

@@ -132,6 +132,9 @@ std::string advice_on_files(const fs::path& root, const std::vector<fs::path>& c
 
 std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
   std::error_code error;
+  if (is_file(root / "run.json"))
+    return text("this is a run, not data: cloam train --resume ", root.string(),
+                " continues it; run.json says where its data are");
   for (const fs::path& path : content)
     if (fs::is_directory(path, error) && reader_of(path)) return "give the folder inside it: " + path.string();
   for (const fs::path& path : content)
@@ -172,11 +175,7 @@ std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
   std::error_code error;
   if (!fs::is_directory(parent, error))
     bad_data("no such folder: ", path.string(), " (", parent.string(), " does not exist either)");
-  std::vector<std::string> names;
-  for (const fs::path& entry : entries(parent)) names.push_back(entry.filename().string());
-  const std::string near = nearest_name(clean.filename().string(), names);
-  const std::string hint = near.empty() ? "" : "; did you mean " + (clean.parent_path() / near).string() + "?";
-  bad_data("no such folder: ", path.string(), hint);
+  bad_data("no such folder: ", path.string(), did_you_mean_path(path));
 }
 
 }  // namespace

@@ -37,8 +37,8 @@ std::vector<fs::path> images_in(const fs::path& folder) {
   for (const auto& entry : fs::directory_iterator(folder))
     if (is_image_name(entry.path())) files.push_back(entry.path());
   if (files.size() < 2)
-    throw Error(Fault::data,
-                text(folder.string(), ": at least two images (.png, .jpg, .exr) are needed, found ", files.size()));
+    throw Error(Fault::data, text(folder.string(), ": at least two images (.png, .jpg, .exr) are needed, found ",
+                                  files.size(), "; name a folder that holds them itself, not in folders below it"));
   std::sort(files.begin(), files.end());
   return files;
 }

@@ -76,12 +76,14 @@ std::span<const SplatFormat> splat_formats() { return kFormats; }
 
 const SplatFormat& splat_format(const fs::path& path, bool write) {
   const std::string extension = lower_case(path.extension().string());
+  std::vector<std::string> names;
   for (const SplatFormat& format : kFormats) {
     if (extension == format.extension) return format;
+    names.push_back(format.extension);
   }
-  throw Error(Fault::usage,
-              text(path.string(), ": cannot ", write ? "write " : "read ",
-                   extension.empty() ? "a file without an extension" : extension, "; supported: ", extensions(write)));
+  throw Error(Fault::usage, text(path.string(), ": cannot ", write ? "write " : "read ",
+                                 extension.empty() ? "a file without an extension" : extension,
+                                 "; supported: ", extensions(write), did_you_mean(extension, names)));
 }
 
 SplatFile read_gaussians(const fs::path& path) {

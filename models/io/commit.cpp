@@ -59,7 +59,8 @@ bool is_about_space(int code) { return code == ENOSPC || code == EDQUOT || code 
     if (needed > 0) message += text("; needs ", needed, " bytes");
     message += "; " + space_advice(folder_of(path));
   }
-  if (code == EACCES || code == EPERM || code == EROFS) message += "; choose a folder that you may write to";
+  if (code == EACCES || code == EPERM || code == EROFS || code == ENOENT)
+    message += "; choose a folder that you may write to";
   const fs::path file = code == ENOTDIR || code == EEXIST ? file_in_the_way(path) : fs::path();
   if (!file.empty()) message += text("; ", file.string(), " is a file: name another folder");
   throw Error(Fault::write, message);

@@ -24,7 +24,7 @@ constexpr std::size_t kLongestReason = 300;
 [[noreturn]] void wrong(const std::string& where, const std::string& key, const std::string& wanted,
                         const Json& found) {
   bad_data(where, ": ", key, " is ", found.type_name(), ", want ", wanted,
-           found.is_null() ? " (NaN and Infinity are not numbers)" : "");
+           found.is_null() ? " (NaN and Infinity are not numbers); correct or remove it" : "");
 }
 
 // Where the string that begins at `start` ends, behind its quote.
@@ -97,7 +97,7 @@ class Builder : public nlohmann::json_sax<Json> {
     const std::size_t after = said.find("] ");
     const std::string reason = said.substr(after == said.npos ? 0 : after + 2, kLongestReason);
     if (error.id == kOutOfRange) fail(text(place(content_, position - token.size()), ": ", reason));
-    fail("not valid JSON: " + reason);
+    fail("not valid JSON: " + reason + "\n  fix: correct it there, or copy or export the file again");
   }
 
  private:

@@ -5,6 +5,7 @@
 
 #include "models/io/bytes.h"
 #include "models/io/safetensors_header.h"  // printable
+#include "runtime/nearest_name.h"
 
 namespace cloam {
 namespace {
@@ -65,6 +66,15 @@ std::vector<fs::path> entries_of(const fs::path& folder) {
   }
   std::sort(entries.begin(), entries.end());
   return entries;
+}
+
+std::string did_you_mean_path(const fs::path& missing) {
+  const fs::path clean = missing.has_filename() ? missing : missing.parent_path();  // "data/fox/" ends in an empty name
+  const fs::path folder = clean.parent_path();
+  std::vector<std::string> names;
+  for (const fs::path& entry : entries_of(folder.empty() ? "." : folder)) names.push_back(entry.filename().string());
+  const std::string near = nearest_name(clean.filename().string(), names);
+  return near.empty() ? "" : "; did you mean " + (folder / near).string() + "?";
 }
 
 bool has_file(const fs::path& path) {

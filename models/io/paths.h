@@ -19,6 +19,9 @@ std::string path_named(const std::filesystem::path& root, const std::string& nam
 /// A regular file, or a link to one. Never throws.
 bool is_file(const std::filesystem::path& path);
 
+/// "; did you mean PATH?", what is named most like it in its folder, or "". Never throws.
+std::string did_you_mean_path(const std::filesystem::path& missing);
+
 /// What lies in a folder, sorted; nothing where it cannot be read. Never throws.
 std::vector<std::filesystem::path> entries_of(const std::filesystem::path& folder);
 

@@ -104,7 +104,8 @@ class Parser {
     std::size_t left = kLongestHeader;
     for (bool first = true;; first = false) {
       const std::string found = line(left).value_or("");
-      if (first && found != "ply\n" && found != "ply\r\n") fail("is not a .ply file: its first line is not 'ply'");
+      if (first && found != "ply\n" && found != "ply\r\n")
+        fail("is not a .ply file: its first line is not 'ply'" + other_kind(found));
       if (!found.ends_with('\n')) fail(text("the .ply header has no end within ", kLongestHeader, " bytes"));
       left -= found.size();
       const auto words = words_of(found);

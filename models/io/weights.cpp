@@ -41,6 +41,13 @@ Format format_of(const fs::path& path) {
   return braced && !error ? Format::safetensors : Format::none;
 }
 
+std::string beginning_of(const fs::path& path) {
+  std::string start(64, '\0');
+  std::ifstream file(path, std::ios::binary);
+  file.read(start.data(), static_cast<std::streamsize>(start.size()));
+  return start.substr(0, static_cast<std::size_t>(file.gcount()));
+}
+
 fs::path the_file(const fs::path& path) {
   std::error_code error;
   if (!fs::is_directory(path, error)) return path;
@@ -91,8 +98,10 @@ Weights read_weights(const fs::path& path) {
   const fs::path file = the_file(path);
   const Format format = format_of(file);
   if (format == Format::none)
-    bad_data(file.string(), ": want a file of weights (.npz, .pth or safetensors), found ",
-             fs::exists(file) ? "something else" : "no file");
+    bad_data(
+        file.string(), ": want a file of weights (.npz, .pth or safetensors), found ",
+        fs::exists(file) ? "something else" + other_kind(beginning_of(file)) : "no file" + did_you_mean_path(file),
+        "\n  fix: name the file that the network's authors publish (docs/formats.md, Weights of feature networks)");
   return {file, tensors_of(file, format), sha256_of_file(file)};
 }
 

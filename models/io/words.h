@@ -9,6 +9,8 @@
 #include <string_view>
 #include <vector>
 
+#include "runtime/nearest_name.h"
+
 namespace cloam {
 
 /// ASCII letters alone; others stay as they are.
@@ -34,11 +36,6 @@ std::optional<Number> number_in(std::string_view word) {
   const bool whole = error == std::errc() && end == word.data() + word.size();
   return whole ? std::optional(number) : std::nullopt;
 }
-
-/// The name among `names` that is most like `wanted`, or "" if none is near: for "did you mean".
-std::string nearest_name(const std::string& wanted, const std::vector<std::string>& names);
-/// "; did you mean NAME?", or "".
-std::string did_you_mean(const std::string& wanted, const std::vector<std::string>& names);
 
 /// "a,b" -> a and b; one empty word for "".
 std::vector<std::string> comma_separated(const std::string& list);

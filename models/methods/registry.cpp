@@ -64,11 +64,8 @@ Preset::Settings settings_in(const std::string& words) {
 }
 
 [[noreturn]] void unknown(const char* what, const std::string& name, const std::vector<std::string>& names) {
-  const std::string nearest = nearest_name(name, names);
-  std::string known;
-  for (const std::string& one : names) known += (known.empty() ? "" : ", ") + one;
-  throw Error(Fault::usage, text("unknown ", what, " ", name, nearest.empty() ? "" : "; did you mean " + nearest + "?",
-                                 "\n  want one of ", known));
+  throw Error(Fault::usage,
+              text("unknown ", what, " ", name, did_you_mean(name, names), "\n  want one of ", joined(names)));
 }
 
 }  // namespace
@@ -127,6 +124,19 @@ std::vector<std::string> methods_with(std::type_index capability) {
   std::vector<std::string> names;
   for (const MethodRow& row : methods())
     if (row.capabilities.contains(capability)) names.push_back(row.name);
+  return names;
+}
+
+std::vector<std::string> preset_names() {
+  std::vector<std::string> names;
+  for (const Preset& preset : presets()) names.push_back(preset.name);
+  return names;
+}
+
+std::vector<std::string> presets_of(const std::string& method) {
+  std::vector<std::string> names;
+  for (const Preset& preset : presets())
+    if (method == preset.method) names.push_back(preset.name);
   return names;
 }
 

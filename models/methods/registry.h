@@ -25,6 +25,9 @@ struct Preset {
 };
 
 const std::vector<Preset>& presets();
+std::vector<std::string> preset_names();
+/// Those of a method, in the table's order.
+std::vector<std::string> presets_of(const std::string& method);
 /// Fault::usage with the known names.
 const Preset& find_preset(const std::string& name);
 std::unique_ptr<Method> make_method(const std::string& name);

@@ -64,7 +64,8 @@ int find_log(const std::vector<std::string>& logs, const std::string& word) {
   }
   std::vector<std::string> known;
   for (const std::string& log : logs) known.push_back(text(known.size(), " (", log, ")"));
-  throw Error(Fault::usage, text("the run has no log ", word, "; its logs are ", joined(known)));
+  throw Error(Fault::usage,
+              text("the run has no log ", word, "; its logs are ", joined(known), did_you_mean(word, logs)));
 }
 
 AssetName find_actor(const Scenes& scenes, const std::vector<std::string>& logs, const std::string& word) {

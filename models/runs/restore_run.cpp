@@ -85,7 +85,10 @@ void check_is_prior(const RunRecord& record, const std::filesystem::path& folder
   if (learned_from_run(record)) return;
   throw Error(Fault::usage,
               text(folder.string(), " is a run of ", record.method, "; new assets come from a run of diffusion",
-                   "\n  fix: cloam train diffusion ", folder.string(), " -o RUN2, and name RUN2"));
+                   record.method == "genassets"
+                       ? text("\n  fix: cloam train diffusion ", folder.string(), " -o RUN2, and name RUN2")
+                       : "\n  fix: leave RUN out to use the one that comes with the program, or train one on a "
+                         "genassets run"));
 }
 
 StoredRun read_run(const std::filesystem::path& folder) {

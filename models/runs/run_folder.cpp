@@ -7,7 +7,9 @@
 
 #include "models/io/commit.h"
 #include "models/io/json.h"
+#include "models/io/paths.h"
 #include "models/io/words.h"
+#include "models/runs/settings.h"
 #include "models/train/old_names.h"
 #include "runtime/error.h"
 
@@ -83,6 +85,20 @@ void read_options(RunRecord& record, const Json& options, const std::string& whe
   record.time_budget_seconds = optional_number(options, "time_budget_seconds", where);
 }
 
+/// Version 1 had one capture, and beside its place how it is read.
+Json as_of_now(Json json, const std::string& where) {
+  if (whole(json, "schema_version", where) != 1) return json;
+  Json data = member(json, "data", where);
+  json["reading"] = {{"downscale", member(data, "downscale", where)},
+                     {"holdout", member(data, "holdout", where)},
+                     {"skip_bad", member(data, "skip_bad", where)},
+                     {"protocol", ""},
+                     {"sparse_every", 0}};
+  json["data"] = Json::array({data});
+  json["schema_version"] = kSchema;
+  return json;
+}
+
 std::vector<std::string> names_in(const fs::path& folder) {
   std::vector<std::string> names;
   std::error_code error;
@@ -93,23 +109,15 @@ std::vector<std::string> names_in(const fs::path& folder) {
 }
 
 [[noreturn]] void no_folder(const fs::path& folder) {
-  const fs::path clean = folder.has_filename() ? folder : folder.parent_path();
-  const fs::path parent = clean.has_parent_path() ? clean.parent_path() : fs::path(".");
-  const std::string near = nearest_name(clean.filename().string(), names_in(parent));
-  const std::string hint = near.empty() ? "" : "; did you mean " + (clean.parent_path() / near).string() + "?";
-  throw Error(Fault::usage, text("no such run folder: ", folder.string(), hint));
+  std::error_code error;
+  if (fs::exists(folder, error))
+    throw Error(Fault::usage, text(folder.string(), " is a file; name a run folder, which cloam train makes"));
+  throw Error(Fault::usage, text("no such run folder: ", folder.string(), did_you_mean_path(folder)));
 }
 
 uint64_t mixed(uint64_t hash, const std::string& bytes) {  // FNV-1a
   for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3;
   return hash;
-}
-
-std::string toml_value(const ConfigValue& value) {
-  const std::string plain = to_string(value);
-  if (std::holds_alternative<std::string>(value)) return Json(plain).dump();
-  const bool bare = std::holds_alternative<double>(value) && plain.find_first_of(".en") == std::string::npos;
-  return bare ? plain + ".0" : plain;
 }
 
 }  // namespace
@@ -139,10 +147,12 @@ RunRecord read_record(const fs::path& folder) {
     throw Error(Fault::data, text(folder.string(), " is not a run folder: looked for run.json, found ",
                                   names_in(folder).size(), " other entries; train first, or name another folder"));
   }
-  const Json json = parse_json_file(path);
   const std::string where = path.string();
+  const Json json = as_of_now(parse_json_file(path), where);
   if (whole(json, "schema_version", where) != kSchema)
-    throw Error(Fault::data, where + ": written by another version of the program; train again");
+    throw Error(Fault::data, text(where, ": looked for schema_version ", kSchema, ", found ",
+                                  json["schema_version"].dump(), ": it was written by another version of the program",
+                                  "\n  fix: use the version that wrote it, or train again"));
   RunRecord record;
   for (const auto& [key, word] : kWords) record.*word = string(json, key, where);
   record.seed = seed_of(json, where);
@@ -181,11 +191,7 @@ void write_record(const fs::path& folder, const RunRecord& r) {
 }
 
 void write_config(const fs::path& folder, const Config& config, const std::string& head) {
-  std::string content = "# " + head + "\n";
-  for (const ConfigEntry& entry : config.entries()) {
-    content += text(entry.key, " = ", toml_value(entry.value), "  # ", entry.origin, ": ", entry.help, "\n");
-  }
-  commit_text(RunPaths{folder}.config(), content);
+  commit_text(RunPaths{folder}.config(), config_text(config.entries(), head));
 }
 
 fs::path find_data(const fs::path& folder, const RunData& data) {

@@ -53,7 +53,8 @@ void keep_cameras(Scene& log, std::vector<std::string> wanted) {
     };
     if (!is_known(name) && is_known(name + "_camera")) name += "_camera";
     if (is_known(name)) continue;
-    throw Error(Fault::usage, text("--cameras: the log has no camera '", name, "'; it has ", joined(known)));
+    throw Error(Fault::usage, text("--cameras: the log has no camera '", name, "'; it has ", joined(known),
+                                   did_you_mean(name, known)));
   }
   std::erase_if(log.frames, [&](const Frame& frame) {
     return std::find(wanted.begin(), wanted.end(), frame.sensor) == wanted.end();

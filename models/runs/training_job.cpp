@@ -1,13 +1,11 @@
 // See training_job.h.
 #include "models/runs/training_job.h"
 
-#include <toml++/toml.h>
-
 #include <algorithm>
 
-#include "models/io/bytes.h"
 #include "models/io/words.h"
 #include "models/methods/registry.h"
+#include "models/runs/settings.h"
 #include "models/train/learns_from_run.h"
 #include "models/train/old_names.h"
 #include "models/train/shares_networks.h"
@@ -17,58 +15,6 @@ namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
-using Settings = std::vector<std::pair<std::string, std::string>>;
-
-constexpr uint64_t kLargest = 1 << 20;
-
-std::string value_text(const toml::node& node, const std::string& where) {
-  if (const auto* value = node.as_string()) return value->get();
-  if (const auto* value = node.as_integer()) return to_string(ConfigValue(value->get()));
-  if (const auto* value = node.as_floating_point()) return to_string(ConfigValue(value->get()));
-  if (const auto* value = node.as_boolean()) return value->get() ? "true" : "false";
-  throw Error(Fault::usage, where + ": want a number, a string, true or false");
-}
-
-void collect(const toml::table& table, const std::string& prefix, const std::string& where, Settings& settings) {
-  for (const auto& [key, node] : table) {
-    const std::string name = prefix + std::string(key.str());
-    if (const auto* inner = node.as_table())
-      collect(*inner, name + ".", where, settings);
-    else
-      settings.emplace_back(name, value_text(node, where + ", " + name));
-  }
-}
-
-std::string content_of(const std::filesystem::path& path) {
-  try {
-    const auto bytes = read_file(path, kLargest);
-    return {bytes.begin(), bytes.end()};
-  } catch (const Error& error) { throw Error(Fault::usage, error.what()); }
-}
-
-/// The keys of a TOML file with their values as --set would take them; tables become dotted keys. Fault::usage for a
-/// file that cannot be read, is no TOML (with line and column), or holds lists or dates.
-Settings read_settings(const std::filesystem::path& path) {
-  Settings settings;
-  try {
-    collect(toml::parse(content_of(path), path.string()), "", path.string(), settings);
-  } catch (const toml::parse_error& error) {
-    const auto& place = error.source().begin;
-    throw Error(Fault::usage,
-                text(path.string(), ", line ", place.line, ", column ", place.column, ": ", error.description()));
-  }
-  return settings;
-}
-
-/// "key=value" -> both.
-std::pair<std::string, std::string> split_setting(const std::string& setting) {
-  const std::size_t equals = setting.find('=');
-  if (equals == std::string::npos || equals == 0) {
-    throw Error(Fault::usage, text("--set ", setting, ": want key=value, such as --set train.rate=0.01"));
-  }
-  return {setting.substr(0, equals), setting.substr(equals + 1)};
-}
-
 bool holds_files(const fs::path& folder) {
   std::error_code error;
   for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
@@ -92,26 +38,6 @@ fs::path default_folder(const TrainRequest& request) {
   const std::size_t more = request.data.size() - 1;
   const std::string rest = more > 0 ? text("+", more) : "";
   return fs::path("runs") / (name_of_data(request.data.front()) + rest + "-" + request.method);
-}
-
-/// As Config::set, with a note for names of earlier versions.
-void set(Config& config, const std::string& key, const std::string& value, const std::string& origin,
-         const Listener& listener) {
-  if (current_setting(key) != key) listener.warn(text("the setting ", key, " is now called ", current_setting(key)));
-  config.set(key, value, origin);
-}
-
-void apply_settings(const TrainRequest& request, Config& config, const Listener& listener) {
-  if (!request.config_file.empty()) {
-    for (const auto& [key, value] : read_settings(request.config_file))
-      set(config, key, value, "file " + fs::path(request.config_file).filename().string(), listener);
-  }
-  for (const std::string& setting : request.settings) {
-    const auto [key, value] = split_setting(setting);
-    if (key == kNetworksFrozen)
-      throw Error(Fault::usage, text("--set ", key, ": it follows from --networks alone; leave it out"));
-    set(config, key, value, "--set", listener);
-  }
 }
 
 template <class Value>
@@ -239,7 +165,7 @@ void check_same(const TrainRequest& request, const RunRecord& record) {
   same("--image", if_given(request.image), record.reading.image.empty() ? "none" : record.reading.image);
   if (!request.prior.empty() && !record.prior) same("--prior", if_given(request.prior), std::string("none"));
   check_steps(request, record);
-  auto wanted = request.config_file.empty() ? decltype(read_settings("")){} : read_settings(request.config_file);
+  Settings wanted = request.config_file.empty() ? Settings{} : read_settings(request.config_file);
   for (const std::string& setting : request.settings) wanted.push_back(split_setting(setting));
   Config config;
   const auto method = configured_method(record, config);
@@ -304,7 +230,9 @@ TrainJob new_job(const TrainRequest& request, const Listener& listener) {
   if (!request.networks.empty()) take_networks(request, job);
   const Preset& preset = find_preset(job.record.preset);
   if (request.method != preset.method) {
-    throw Error(Fault::usage, text("preset ", preset.name, " belongs to ", preset.method, ", not to ", request.method));
+    throw Error(Fault::usage,
+                text("preset ", preset.name, " belongs to ", preset.method, ", not to ", request.method,
+                     "\n  fix: train ", preset.method, ", or choose one of ", joined(presets_of(request.method))));
   }
   job.record.method = request.method;
   job.default_steps = preset.steps;
@@ -313,7 +241,7 @@ TrainJob new_job(const TrainRequest& request, const Listener& listener) {
     for (const auto& [key, value] : preset.settings) job.config.set(key, value, text("preset ", preset.name));
   take_source(request, job);
   take_prior(request, job);
-  apply_settings(request, job.config, listener);
+  apply_settings({request.config_file, request.settings}, job.config, listener);
   // Whatever a file of settings says, which may be another run's.
   if (has<SharesNetworks>(request.method))
     job.config.set(kNetworksFrozen, request.networks.empty() ? "false" : "true", "--networks");

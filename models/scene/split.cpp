@@ -6,6 +6,7 @@
 #include <numeric>
 #include <set>
 
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -90,9 +91,14 @@ std::size_t frame_named(const Scene& scene, const std::string& image) {
     range = {std::min(range.first, frame.step), std::max(range.second, frame.step)};
   }
   std::string there;
-  for (const auto& [name, range] : known)
+  std::vector<std::string> names;
+  for (const auto& [name, range] : known) {
+    names.push_back(name);
     there += text(there.empty() ? "" : ", ", name, "/", range.first, " to ", name, "/", range.second);
-  throw Error(Fault::usage, text("--image ", image, ": ", scene.root.string(), " has no such image; it has ", there));
+  }
+  const std::string hint = known.contains(sensor) ? "" : did_you_mean(sensor, names);
+  throw Error(Fault::usage,
+              text("--image ", image, ": ", scene.root.string(), " has no such image; it has ", there, hint));
 }
 
 void apply_image(Scene& scene, const std::string& image) {

@@ -88,9 +88,8 @@ void Config::set(const std::string& given, const std::string& value, const std::
   if (found == entries_.end()) {
     std::vector<std::string> known;
     for (const ConfigEntry& e : entries_) known.push_back(e.key);
-    const std::string nearest = nearest_name(key, known);
     throw Error(Fault::usage,
-                text("there is no setting ", key, nearest.empty() ? "" : "; did you mean " + nearest + "?"));
+                text("there is no setting ", key, did_you_mean(key, known), "\n  cloam config show METHOD lists them"));
   }
   found->value = parse(*found, value);
   found->origin = origin;

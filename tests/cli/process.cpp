@@ -14,6 +14,7 @@
 #include <thread>
 
 #include "models/synth/synthetic_scene.h"
+#include "tests/cli/schemas.h"
 
 extern char** environ;
 
@@ -109,7 +110,9 @@ Outcome Process::wait() {
 }
 
 Outcome cloam_with(const Words& arguments, const Words& environment, const std::string& stdout_to) {
-  return Process(arguments, environment, stdout_to).wait();
+  const Outcome outcome = Process(arguments, environment, stdout_to).wait();
+  check_by_schemas(arguments, outcome);
+  return outcome;
 }
 
 const fs::path& scratch() {

@@ -36,7 +36,7 @@ std::vector<std::string> matches(const std::string& text, const std::string& pat
 
 const Words kCommands = {"train",   "eval",     "compare",  "tables",   "distance", "crops", "render", "export",
                          "convert", "generate", "edit",     "simulate", "process",  "check", "demo",   "synth",
-                         "info",    "doctor",   "selftest", "bench",    "tune",     "view"};
+                         "info",    "doctor",   "selftest", "bench",    "tune",     "view",  "config", "completion"};
 
 /// What --help prints, for each command.
 const std::map<std::string, std::string>& helps() {
@@ -110,7 +110,9 @@ std::vector<std::pair<std::string, std::string>> program_literals() {
 const std::map<std::string, std::string> kForeignOptions = {
     {"--database_path", "colmap"}, {"--image_path", "colmap"},  {"--input_path", "colmap"},
     {"--output_path", "colmap"},   {"--output_type", "colmap"}, {"--output-dir", "ns-process-data"},
-    {"--gpus", "docker"},
+    {"--gpus", "docker"},          {"--iterations", "3dgs"},    {"--max-num-iterations", "nerfstudio"},
+    {"--total-steps", "brush"},    {"--max-steps", "gsplat"},   {"--output", "COLMAP and others"},
+    {"--model_path", "3dgs"},      {"--data-factor", "gsplat"}, {"--test-every", "gsplat"},
 };
 
 /// Those that the documents alone name.

@@ -11,6 +11,7 @@
 
 #include "runtime/device.h"
 #include "runtime/error.h"
+#include "runtime/nearest_name.h"
 #include "tests/op_cases/candidates.h"
 
 namespace cloam {
@@ -135,7 +136,12 @@ std::vector<const OpCase*> rows_named(const std::vector<std::string>& parts) {
     const auto named = [&](const std::string& part) { return row.name().find(part) != std::string::npos; };
     if (parts.empty() || std::any_of(parts.begin(), parts.end(), named)) rows.push_back(&row);
   }
-  if (rows.empty()) throw Error(Fault::usage, text("no op row's name contains \"", parts[0], "\""));
+  if (rows.empty()) {
+    std::vector<std::string> ops;
+    for (const OpCase& row : op_cases()) ops.push_back(row.op);
+    throw Error(Fault::usage, text("no op row's name contains \"", parts[0], "\"", did_you_mean(parts[0], ops),
+                                   "\n  fix: name an op, such as conv2d; without --only all are tested"));
+  }
   return rows;
 }
 
