@@ -25,6 +25,7 @@ Photos:
   cloam train nerf DATA -o runs/my                learn the scene; Ctrl-C saves, --resume continues
   cloam train splat DATA -o runs/my --time-budget 5m
   cloam eval runs/my                              PSNR and SSIM on held-out photos
+  cloam report runs/my                            one page: curves, pictures, metrics
   cloam render runs/my -o pictures --path orbit   new views, and a turntable
   cloam export runs/my -o scene.ply               Gaussian splats as a file
   cloam convert scene.ply scene.spz               ... in another format

@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "models/io/image.h"
+
 namespace cloam {
 
 /// Words as HTML shows them.
@@ -11,6 +13,12 @@ std::string escaped(const std::string& words);
 
 /// A picture with a line below it, that wide on the page. Fault::data if the file is missing.
 std::string figure(const std::filesystem::path& file, const std::string& caption, int width);
+
+/// The same of a picture that lies in no file: a JPEG, smaller than a PNG.
+std::string figure(const Image& image, const std::string& caption, int width);
+
+/// RFC 4648.
+std::string base64(const std::vector<std::uint8_t>& bytes);
 
 /// Figures side by side.
 std::string row_of(const std::string& figures);

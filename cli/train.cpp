@@ -6,13 +6,15 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/curves.h"
 #include "cli/failure.h"
-#include "cli/progress.h"
+#include "cli/preview.h"
+#include "cli/report_page.h"
+#include "cli/run_pictures.h"
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
+#include "cli/tensorboard.h"
 #include "cli/train_plan.h"
-#include "models/eval/evaluate.h"
-#include "models/eval/pictures.h"
 #include "models/io/checkpoint.h"
 #include "models/io/commit.h"
 #include "models/methods/registry.h"
@@ -38,24 +40,10 @@ Examples:
   cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets --image front_camera/05
   cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
 
-constexpr double kPreviewUntil = 0.9;  // share of a time budget
-
-/// The photo that the preview is compared with: the first that is held out, else the first.
-struct PreviewFrame {
-  FramePixels photo;
-  View view;
-};
-
-PreviewFrame preview_frame(const Captures& captures) {
-  const auto held_out = std::find_if(captures.begin(), captures.end(),
-                                     [](const Capture& capture) { return !capture.test.frames.empty(); });
-  const bool any = held_out != captures.end();
-  const Capture& capture = any ? *held_out : captures.front();
-  const Pixels& pixels = any ? capture.test : capture.train;
-  const FramePixels& photo = pixels.frames.front();
-  return {photo, view_of(capture.scene.frames[photo.frame], pixels.cameras[static_cast<std::size_t>(photo.camera)],
-                         any ? static_cast<int>(held_out - captures.begin()) : 0)};
-}
+constexpr double kPicturesUntil = 0.9;                          // share of a time budget
+constexpr double kPictureShare = 0.05;                          // of the time that was trained, for pictures at its end
+constexpr double kPartOfBudget = 0.02;                          // of a time budget, kept for them
+constexpr double kLeastForPictures = 1, kMostForPictures = 20;  // seconds
 
 /// A checkpoint to go on from; none (with a warning) if the run was ended before its first.
 std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView& view) {
@@ -89,10 +77,15 @@ void write_settings(const TrainJob& job, const Scenes& scenes) {
   write_scenes(RunPaths{job.folder}.scene(), scenes);
 }
 
+/// What is kept of a time budget for pictures at its end.
+double kept_for_pictures(double budget) { return std::min(kMostForPictures, kPartOfBudget * budget); }
+
 TrainOptions options_of(const TrainJob& job, const TrainRequest& request) {
   TrainOptions options;
   options.steps = job.record.steps;
   options.time_budget_seconds = job.record.time_budget_seconds;
+  if (options.time_budget_seconds && request.pictures == "on")
+    *options.time_budget_seconds -= kept_for_pictures(*options.time_budget_seconds);
   options.seconds_before = seconds_since_start();
   options.stop_after = request.stop_after;
   options.save_every = job.record.save_every;
@@ -113,22 +106,6 @@ void end_record(TrainJob& job, const std::string& state, const TrainResult& resu
   if (result.step > 0) job.record.step = result.step;
   if (result.horizon > 0) job.record.horizon = result.horizon;
   write_record(job.folder, job.record);
-}
-
-/// Render and photo side by side. After the run is recorded: an interruption here loses nothing.
-void write_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& result, const Common& common,
-                   EventLog& log) {
-  say(common, text("rendering the preview, ", frame.view.camera.width, "x", frame.view.camera.height, " pixels"));
-  const Picture picture = as<RendersViews>(*job.method)->render(frame.view);
-  const std::vector<float> truth = on_white(frame.photo);
-  const ImageScore score = score_image(picture.rgb, truth, frame.photo);
-  const int w = picture.width, h = picture.height;
-  const fs::path path = RunPaths{job.folder}.preview() / fmt::format("step_{:06}.png", result.step);
-  write_png(path, contact_sheet({to_image(picture.rgb, w, h), to_image(truth, w, h)}, 2));
-  log.write(
-      "eval",
-      {{"step", result.step}, {"images", 1}, {"psnr", score.psnr}, {"ssim", score.ssim}, {"picture", path.string()}});
-  say(common, text("preview ", path.string(), "  (render | photo)"));
 }
 
 void tell_end(const TrainJob& job, const TrainResult& result, const Common& common) {
@@ -184,16 +161,51 @@ TrainResult recorded(TrainJob& job, const int64_t& saved, ProgressView& view, Ev
   } catch (...) { throw failed(job, current_error(), saved, view, log); }
 }
 
-TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOptions& options, int64_t& saved,
-                             bool verbose, ProgressView& view) {
+/// Previews that are made while a training goes on; the first that fails is the last.
+class TrainingPreviews {
+ public:
+  TrainingPreviews(Previews* previews, const PreviewWish& wish, ProgressView& view)
+      : previews_(previews), pace_(wish), view_(view) {}
+  void after_step(const StepReport& report, const fs::path& run) {
+    const int64_t step = report.progress.step;
+    if (!previews_ || step == report.end || stop_signal != 0) return;
+    const double begun = steady_seconds();
+    try {
+      if (!pace_.is_due(step, report.seconds, report.seconds_left, [&] { return previews_->cost(); })) return;
+      view_.tell();
+      previews_->make(step);
+      write_curves(run);
+    } catch (...) {
+      view_.warning(text("no more previews while this training goes on: ", current_error().what()));
+      previews_ = nullptr;
+    }
+    pace_.made(report.seconds + steady_seconds() - begun);
+  }
+
+ private:
+  Previews* previews_;
+  PreviewPace pace_;
+  ProgressView& view_;
+};
+
+struct Watched {
+  int64_t& saved;  // the step of the last checkpoint
+  TrainingPreviews& previews;
+  ProgressView& view;
+  bool verbose;
+};
+
+TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOptions& options, const Watched& watched) {
+  ProgressView& view = watched.view;
   TrainListener listener;
   listener.step = [&](const StepReport& report) {
     job.record.step = report.progress.step;
     view.step(report);
+    watched.previews.after_step(report, job.folder);
   };
   listener.checkpoint = [&](int64_t step, const fs::path& path) {
-    saved = step;
-    view.checkpoint(step, path, verbose);
+    watched.saved = step;
+    view.checkpoint(step, path, watched.verbose);
   };
   listener.warning = [&](const std::string& warning) { view.warning(warning); };
   const StopOnSignal signals("finishing this step, then saving");
@@ -212,23 +224,53 @@ void take_progress(TrainJob& job, const LoadedCheckpoint& checkpoint, const Trai
   if (job.record.horizon > 0 && !request.time_budget) job.record.time_budget_seconds.reset();
 }
 
-/// A preview is no reason to miss a time budget.
-bool has_time_for_preview(const TrainResult& result, const TrainOptions& options, double seconds_after_start) {
-  if (result.interrupted) return false;
-  const double used = options.seconds_before + seconds_after_start;
-  return !options.time_budget_seconds || used < kPreviewUntil * *options.time_budget_seconds;
+/// Pictures are no reason to miss a time budget, nor to keep those waiting who asked to stop. Seconds for them; 0:
+/// none.
+double time_for_pictures(const TrainResult& result, const std::optional<double>& budget) {
+  if (result.interrupted) return 0;
+  const double wanted = std::clamp(kPictureShare * result.seconds, kLeastForPictures, kMostForPictures);
+  return budget ? std::clamp(*budget - seconds_since_start(), 0.0, wanted) : wanted;
 }
 
-/// The preview is no part of the training, which is recorded: it may fail.
-std::optional<Error> try_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& result,
-                                 const Common& common, EventLog& log) {
+/// The last preview, and pictures from all around. After the run is recorded: an interruption here loses nothing.
+void make_last_pictures(TrainJob& job, Scenes scenes, Previews* previews, double seconds, const Common& common) {
+  const double begun = steady_seconds();
+  if (previews && (!job.record.time_budget_seconds || previews->cost() < seconds)) {
+    const Camera& camera = previews->view().camera;
+    say(common, text("rendering the preview, ", camera.width, "x", camera.height, " pixels"));
+    say(common, text("preview ", previews->make(job.record.step).string(), "  (render | photo | error)"));
+  }
+  seconds -= job.record.time_budget_seconds ? steady_seconds() - begun : 0;
+  if (learned_from_run(job.record)) {  // what shows its assets is the run that it learned from
+    RestoredRun run = restore_run(job.folder);
+    make_pictures(run, seconds, common);
+    return;
+  }
+  RestoredRun run;
+  run.folder = job.folder;
+  run.record = job.record;
+  run.scenes = std::move(scenes);
+  run.method = std::move(job.method);
+  make_pictures(run, seconds, common);
+}
+
+/// Pictures are no part of the training, which is recorded: they may fail.
+std::optional<Error> try_pictures(const std::function<void()>& make) {
   try {
-    write_preview(job, frame, result, common, log);
+    make();
     return std::nullopt;
+  } catch (const Interrupted&) {
+    return std::nullopt;  // by who does not want to wait for them
   } catch (...) {
     const Error error = current_error();
-    return Error(error.fault(), text("the run is whole, but its preview failed: ", error.what()));
+    return Error(error.fault(), text("the run is whole, but its pictures failed: ", error.what()));
   }
+}
+
+void write_report(const TrainJob& job, const Common& common) {
+  write_curves(job.folder);
+  write_report_page(job.folder, RunPaths{job.folder}.report());
+  say(common, "report " + RunPaths{job.folder}.report().string());
 }
 
 void log_end(const TrainJob& job, const TrainResult& result, EventLog& log) {
@@ -245,8 +287,10 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
                     const Common& common, EventLog& log, ProgressView& view) {
   const Scenes scenes = job.source ? std::move(job.source->scenes) : scenes_of(captures);
   job.source.reset();  // loaded long since, and large
-  std::optional<PreviewFrame> preview;
-  if (!captures.empty() && as<RendersViews>(*job.method)) preview = preview_frame(captures);
+  const PreviewWish wish = request.pictures == "off" ? PreviewWish{true} : preview_wish(request.preview_every);
+  std::optional<Previews> previews;
+  if (auto* renders = as<RendersViews>(*job.method); renders && !captures.empty() && !wish.off)
+    previews.emplace(*renders, preview_frame(captures), job.folder, log);
   std::vector<TrainingData> data;
   for (Capture& capture : captures) data.push_back({capture.scene, std::move(capture.train)});
   if (auto* learns = as<LearnsFromCaptures>(*job.method)) learns->load_data(std::move(data));
@@ -258,20 +302,32 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   int64_t saved = job.record.step;
   begin_record(job, now, request);
   const TrainOptions options = options_of(job, request);
+  TrainingPreviews while_training(previews ? &*previews : nullptr, wish, view);
+  std::optional<TensorBoardFile> event_file;
   const TrainResult result = recorded(job, saved, view, log, [&] {
     if (!fs::exists(RunPaths{job.folder}.scene())) write_settings(job, scenes);
     mend_log(RunPaths{job.folder}.events());
     log.open(RunPaths{job.folder}.events());
+    if (request.tensorboard || !event_files(job.folder).empty()) {
+      event_file.emplace(job.folder, job.record.step);
+      log.also = [&](const std::string& name, const Event& fields) { event_file->take(name, fields); };
+    }
     log.write("start", {{"step", job.record.step}, {"command_line", command_line()}, {"device", job.record.device}});
     TrainRun run{*job.method, RunPaths{job.folder}.checkpoints(), checkpoint_metadata(job.record)};
     run.resume = checkpoint ? &checkpoint->file : nullptr;
     run.stop = &stop_signal;
-    return train_and_record(job, run, options, saved, common.verbose, view);
+    return train_and_record(job, run, options, {saved, while_training, view, common.verbose});
   });
   std::optional<Error> trouble;
-  if (preview && has_time_for_preview(result, options, result.seconds))
-    trouble = try_preview(job, *preview, result, common, log);
+  if (request.pictures == "on") {
+    const double seconds = time_for_pictures(result, job.record.time_budget_seconds);
+    const StopOnSignal signals("finishing this picture");
+    if (seconds > 0)
+      trouble =
+          try_pictures([&] { make_last_pictures(job, scenes, previews ? &*previews : nullptr, seconds, common); });
+  }
   log_end(job, result, log);
+  if (request.pictures == "on" && !trouble) trouble = try_pictures([&] { write_report(job, common); });
   tell_end(job, result, common);
   if (trouble) throw Error(*trouble);
   const bool ended_early = result.interrupted && job.record.state != "finished";
@@ -308,6 +364,7 @@ int end_finished(TrainJob& job, const Common& common) {
 
 int run_command(TrainRequest request, const Common& common) {
   resolve_alias(request, common);
+  preview_wish(request.preview_every);  // typing errors are told first
   request.networks = networks_named(request.networks);
   request.prior = prior_named(request.prior);
   if (request.resume && request.out.empty())
@@ -361,6 +418,10 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add("--save-every", r.save_every, "Save a checkpoint every N steps", whole_number(1));
   add("--seed", r.seed, "Random seed (42)", whole_number(0));
   add("--overwrite", r.overwrite, "Replace an existing run in the folder");
+  add("--preview-every", r.preview_every,
+      "Steps or time (500, 30s) between pictures in RUN/preview; auto (at most 2 % of the time, the default) or off");
+  add("--pictures", r.pictures, "off: no previews, curves, turntable and report (on)", one_of({"on", "off"}));
+  add("--tb", r.tensorboard, "Also write event files for TensorBoard to the run folder");
   add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
   add("--progress", r.progress, "auto, bar, plain, jsonl or none", one_of({"auto", "bar", "plain", "jsonl", "none"}));
   // The run folder may be told by it or by -o.

@@ -320,7 +320,8 @@ Bytes straight_8_bit(Decoder& decoder) {
 
 /// Encoded in memory: OpenImageIO's writers do not tell when the disk refuses what they have buffered.
 template <class Value>
-void write(const std::filesystem::path& path, const char* format, const OIIO::ImageSpec& spec, const Value* values) {
+std::vector<unsigned char> encoded(const std::filesystem::path& path, const char* format, const OIIO::ImageSpec& spec,
+                                   const Value* values) {
   OIIO::Filesystem::IOVecOutput memory;
   const auto output = OIIO::ImageOutput::create(format);
   const bool done = output && output->set_ioproxy(&memory) && output->open(path.string(), spec) &&
@@ -329,7 +330,20 @@ void write(const std::filesystem::path& path, const char* format, const OIIO::Im
     throw Error(Fault::write,
                 text(path.string(), ": cannot be encoded: ", output ? output->geterror() : OIIO::geterror()));
   }
-  commit_bytes(path, std::as_bytes(std::span(memory.buffer())));
+  return memory.buffer();
+}
+
+template <class Value>
+void write(const std::filesystem::path& path, const char* format, const OIIO::ImageSpec& spec, const Value* values) {
+  const std::vector<unsigned char> file = encoded(path, format, spec, values);
+  commit_bytes(path, std::as_bytes(std::span(file)));
+}
+
+OIIO::ImageSpec jpeg_spec(const Image& image, int quality) {
+  OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
+  spec.attribute("Compression", text("jpeg:", quality));
+  spec.attribute("jpeg:subsampling", "4:4:4");
+  return spec;
 }
 
 }  // namespace
@@ -402,10 +416,11 @@ void write_labels(const std::filesystem::path& path, const Labels& labels) {
 }
 
 void write_jpeg(const std::filesystem::path& path, const Image& image) {
-  OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
-  spec.attribute("Compression", "jpeg:95");
-  spec.attribute("jpeg:subsampling", "4:4:4");
-  write(path, "jpeg", spec, image.pixels.data());
+  write(path, "jpeg", jpeg_spec(image, 95), image.pixels.data());
+}
+
+std::vector<std::uint8_t> jpeg_bytes(const Image& image, int quality) {
+  return encoded("picture.jpg", "jpeg", jpeg_spec(image, quality), image.pixels.data());
 }
 
 void write_exr(const std::filesystem::path& path, int width, int height, const std::vector<Layer>& layers) {

@@ -75,6 +75,9 @@ void write_png(const std::filesystem::path& path, const Image& image, const std:
 /// RGB or grey at quality 95, colours not thinned out. Replaces `path` in one step. Fault::write if that fails.
 void write_jpeg(const std::filesystem::path& path, const Image& image);
 
+/// The same as bytes: a whole file, smaller the lower the quality (1 to 100).
+std::vector<std::uint8_t> jpeg_bytes(const Image& image, int quality);
+
 /// One float channel of an EXR: "R", "G", "B", "A", "depth.Z", "opacity.A"; values are [height, width].
 struct Layer {
   std::string name;

@@ -35,7 +35,8 @@ std::vector<std::string> matches(const std::string& text, const std::string& pat
 
 const Words kCommands = {"train",  "eval",    "compare",  "tables",   "distance", "crops",   "render",
                          "export", "convert", "generate", "edit",     "simulate", "process", "check",
-                         "demo",   "synth",   "info",     "selftest", "bench",    "tune"};
+                         "demo",   "synth",   "info",     "selftest", "bench",    "tune",
+                         "report"};
 
 /// What --help prints, for each command.
 const std::map<std::string, std::string>& helps() {
