@@ -146,7 +146,8 @@ std::string previews_over_time(const fs::path& run) {
   const std::size_t count = std::min(files.size(), kPreviewsShown);
   for (std::size_t i = 0; i < count; ++i) {
     const fs::path& file = files[(files.size() - 1) * i / (count - 1)];
-    figures += figure(render_of(file), step_words(file), 380);
+    const Image render = render_of(file);
+    figures += figure(render, step_words(file), std::min(render.width, 380));
   }
   return row_of(figures);
 }
@@ -246,8 +247,9 @@ std::string warnings_of(const RunHistory& history) {
   return items.empty() ? "" : "<ul>\n" + items + "</ul>\n";
 }
 
-std::string commands(const fs::path& run, const RunRecord& record) {
-  std::string lines = record.command_line + "\n";
+std::string commands(const fs::path& run, const RunRecord& record, const RunHistory& history) {
+  std::string lines = history.commands.empty() ? record.command_line + "\n" : "";
+  for (const std::string& command : history.commands) lines += command + "\n";
   const std::string folder = quoted(run.string());
   if (record.edited_from) {
     lines += "cloam render " + folder + " -o pictures\n";
@@ -317,7 +319,7 @@ void write_report_page(const fs::path& run, const fs::path& page) {
           facts(record, history) + section("Course of the training", curves_svg(history)) +
           section("The same view over time", previews_over_time(run)) + section("Measured", evaluation(run, record)) +
           section("Held-out views", held_out_sheets(run)) + section("Settings", other_settings(record)) +
-          section("Warnings", warnings_of(history)) + section("How to reproduce it", commands(run, record)) +
+          section("Warnings", warnings_of(history)) + section("How to reproduce it", commands(run, record, history)) +
           section("Files", files(run));
   commit_text(page, html_page(run.lexically_normal().filename().string() + ": " + record.method, body));
 }

@@ -35,6 +35,7 @@ void take(RunHistory& history, const Json& event, double& last_time) {
   if (name == "warning") history.warnings.push_back(event.at("message"));
   if (name == "start") {
     ++history.trainings;
+    if (event.contains("command_line")) history.commands.push_back(event.at("command_line"));
     cut(history, event.at("step"));
     last_time = 0;
   }

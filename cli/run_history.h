@@ -19,6 +19,7 @@ struct RunHistory {
   double seconds = 0;       // of all trainings of the run, with those parts that were lost
   int trainings = 0;        // 1, and one more each time that it went on
   std::vector<std::string> warnings;
+  std::vector<std::string> commands;  // that began and continued it
 };
 
 /// Steps that a kill lost and a later training made again count once. No file: an empty history. A last line that a

@@ -154,12 +154,12 @@ TEST_CASE("what a kill lost is no part of the curves") {
 
 TEST_CASE("no more than a hundred previews stay, the first and the last among them") {
   const fs::path run = scratch() / "many";
-  const Outcome outcome = cloam_with(small_training(small_scene(), run, {"--steps", "130", "--preview-every", "1"}));
+  const Outcome outcome = cloam_with(small_training(small_scene(), run, {"--steps", "110", "--preview-every", "1"}));
   REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
   const auto names = names_in(run / "preview");
   CHECK(names.size() == 100);
   CHECK(*names.begin() == "step_000001.png");
-  CHECK(*names.rbegin() == "step_000130.png");
+  CHECK(*names.rbegin() == "step_000110.png");
   int last = 0, widest = 0;
   for (const std::string& name : names) {
     const int step = std::stoi(name.substr(5));
@@ -184,7 +184,7 @@ TEST_CASE("the report of a run is one file, with what it is, its curves and pict
   const std::string page = content_of(shown_run() / "report.html");
   for (const char* words :
        {"Finished: 12 of 12 steps", "nerf, preset nerf", "<svg", "turntable", "step 4", "step 12",
-        "<td>batch.rays</td><td><b>64</b></td><td>4096</td>", "Not evaluated yet", "--stop-after 7", "ckpt/ ("})
+        "<td>batch.rays</td><td><b>64</b></td><td>1024</td>", "Not evaluated yet", "--stop-after 7", "ckpt/ ("})
     CHECK_MESSAGE(contains(page, words), words);
   CHECK(contains(page, json_of(shown_run() / "run.json").at("device").get<std::string>()));
   const std::regex source("(src|href)=\"([^\"]{0,16})");
