@@ -36,7 +36,6 @@ Examples:
   cloam train --resume runs/fox
   cloam train nerf data/pandaset/001 --protocol sparse
   cloam train diffusion runs/street -o runs/assets --preset diffusion-small
-  cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets -o runs/009
   cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets --image front_camera/05
   cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
 
@@ -318,6 +317,7 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
     run.stop = &stop_signal;
     return train_and_record(job, run, options, {saved, while_training, view, common.verbose});
   });
+  const int stopped_by = stop_signal.load();  // whoever makes pictures begins anew
   std::optional<Error> trouble;
   if (request.pictures == "on") {
     const double seconds = time_for_pictures(result, job.record.time_budget_seconds);
@@ -331,7 +331,7 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   tell_end(job, result, common);
   if (trouble) throw Error(*trouble);
   const bool ended_early = result.interrupted && job.record.state != "finished";
-  return ended_early ? 128 + stop_signal.load() : 0;
+  return ended_early ? 128 + stopped_by : 0;
 }
 
 void resolve_alias(TrainRequest& request, const Common& common) {
@@ -401,8 +401,7 @@ void add_method_options(const Options& add, TrainRequest& r) {
   add("--preset", r.preset, joined(names) + " (default: the method's name)");
   add("--networks", r.networks,
       "Freeze the networks of this genassets run (or: shipped) and learn only what is new in DATA");
-  add("--prior", r.prior,
-      "With --networks: a diffusion run trained on that run (or: shipped), as a prior for new actors");
+  add("--prior", r.prior, "With --networks: a diffusion run trained on it (or: shipped), as a prior for new actors");
   add("--config", r.config_file, "TOML file with settings");
   add("--set", r.settings, "Setting key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
       .one_word();
@@ -419,7 +418,7 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add("--seed", r.seed, "Random seed (42)", whole_number(0));
   add("--overwrite", r.overwrite, "Replace an existing run in the folder");
   add("--preview-every", r.preview_every,
-      "Steps or time (500, 30s) between pictures in RUN/preview; auto (at most 2 % of the time, the default) or off");
+      "Steps or time (500, 30s) between previews; off; auto: at most 2 % of the time (auto)");
   add("--pictures", r.pictures, "off: no previews, curves, turntable and report (on)", one_of({"on", "off"}));
   add("--tb", r.tensorboard, "Also write event files for TensorBoard to the run folder");
   add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
