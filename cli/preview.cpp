@@ -17,14 +17,19 @@ namespace cloam {
 namespace {
 
 constexpr double kFirstAfter = 10, kLeastBetween = 15;  // seconds
-constexpr double kShare = 0.02;                         // of the time, at most
-constexpr double kPartOfCourse = 0.02;                  // of a long training passes between two
-constexpr int kProbe = 4;                               // of a preview's sides, to tell what it takes
+constexpr double kShortest = 30;        // seconds: of a training that is shorter a preview may take more
+constexpr double kShare = 0.02;         // of the time, at most
+constexpr double kShareOfFirst = 0.05;  // of the time that the training will take
+constexpr double kPartOfCourse = 0.02;  // of a long training passes between two
+constexpr double kProbe = 80;           // pixels of the longer side, to tell what a preview takes
 constexpr std::size_t kMostKept = 100;
 
-/// The same photo and view with so many pixels.
-void shrink(PreviewFrame& frame, int width, int height) {
+int scaled_side(int pixels, double scale) { return std::max(1, static_cast<int>(std::lround(scale * pixels))); }
+
+/// The same photo and view with fewer pixels.
+void shrink(PreviewFrame& frame, double scale) {
   FramePixels& photo = frame.photo;
+  const int width = scaled_side(photo.width, scale), height = scaled_side(photo.height, scale);
   photo.rgba = resized({photo.width, photo.height, 4, photo.rgba}, width, height).pixels;
   if (!photo.mask.empty()) {
     photo.mask = resized({photo.width, photo.height, 1, photo.mask}, width, height).pixels;
@@ -70,16 +75,15 @@ PreviewWish preview_wish(const std::string& word) {
 }
 
 bool PreviewPace::is_due(int64_t step, double now, std::optional<double> left,
-                         const std::function<double()>& cost) const {
+                         const std::function<double(double allowed)>& cost) const {
   if (wish_.off) return false;
   if (wish_.steps > 0) return step % wish_.steps == 0;
-  const double since = now - made_at_;
-  if (wish_.seconds > 0) return since >= wish_.seconds && (!left || *left > 2 * cost());
+  const double since = now - made_at_, allowed = kShare * std::max(kShortest, now + left.value_or(0));
+  if (wish_.seconds > 0) return since >= wish_.seconds && (!left || *left > 2 * cost(allowed));
   if (since < (any_ ? std::max(kLeastBetween, now * kPartOfCourse) : kFirstAfter)) return false;
-  if (left && *left < 2 * cost()) return false;
-  // The first may come early where the time that is left will make up for it.
-  const double earned = any_ ? since : now + left.value_or(0);
-  return earned >= cost() / kShare || (!any_ && !left);
+  if (left && *left < 2 * cost(allowed)) return false;
+  if (!any_) return !left || cost(allowed) <= kShareOfFirst * (now + *left);
+  return since >= cost(allowed) / kShare;
 }
 
 void PreviewPace::made(double now) {
@@ -100,22 +104,28 @@ PreviewFrame preview_frame(const Captures& captures) {
                                any ? static_cast<int>(held_out - captures.begin()) : 0),
                        frame.image, any};
   const double scale = static_cast<double>(kLargestPreview) / std::max(photo.width, photo.height);
-  const auto side = [&](int pixels_before) {
-    return std::max(1, static_cast<int>(std::lround(scale * pixels_before)));
-  };
-  if (scale < 1) shrink(preview, side(photo.width), side(photo.height));
+  if (scale < 1) shrink(preview, scale);
   return preview;
 }
 
-double Previews::cost() {
-  if (cost_ > 0) return cost_;
+double Previews::probed_cost() {
+  const Camera& camera = frame_.view.camera;
+  const double scale = std::min(1.0, kProbe / std::max(camera.width, camera.height));
   View few = frame_.view;
-  few.camera = resized(few.camera, std::max(1, few.camera.width / kProbe), std::max(1, few.camera.height / kProbe));
+  few.camera = resized(camera, scaled_side(camera.width, scale), scaled_side(camera.height, scale));
   method_.render(few);  // may compile kernels
   const double begun = steady_seconds();
   method_.render(few);
-  cost_ = (steady_seconds() - begun) * kProbe * kProbe;
-  return cost_;
+  return std::max(1e-6, (steady_seconds() - begun) / (scale * scale));
+}
+
+double Previews::cost(double allowed) {
+  if (cost_ == 0) cost_ = probed_cost();
+  const double least = static_cast<double>(kLeastPreview) / std::max(frame_.photo.width, frame_.photo.height);
+  const double scale = std::max(least, std::sqrt(allowed / cost_));
+  if (scale >= 1) return cost_;
+  shrink(frame_, scale);
+  return cost_ *= scale * scale;
 }
 
 fs::path Previews::make(int64_t step) {

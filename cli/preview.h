@@ -26,8 +26,9 @@ class PreviewPace {
  public:
   explicit PreviewPace(const PreviewWish& wish) : wish_(wish) {}
   /// now: seconds since training began. left: until it ends, if known: near the end only the last preview is made.
-  /// cost: seconds that a preview takes; asked for when one may be due.
-  bool is_due(int64_t step, double now, std::optional<double> left, const std::function<double()>& cost) const;
+  /// cost: seconds that a preview takes, which may be made to take no more than `allowed`; asked when one may be due.
+  bool is_due(int64_t step, double now, std::optional<double> left,
+              const std::function<double(double allowed)>& cost) const;
   void made(double now);
 
  private:
@@ -36,8 +37,9 @@ class PreviewPace {
   bool any_ = false;
 };
 
-/// The view that is shown: the first that is held out, else the first; at most kLargestPreview pixels wide and high.
-constexpr int kLargestPreview = 640;
+/// The view that is shown: the first that is held out, else the first; at most kLargestPreview pixels wide and high,
+/// fewer where rendering is slow.
+constexpr int kLargestPreview = 640, kLeastPreview = 96;
 struct PreviewFrame {
   FramePixels photo;
   View view;
@@ -54,10 +56,13 @@ class Previews {
   /// nothing of the training. The file. Errors of the device and Fault::write.
   std::filesystem::path make(int64_t step);
   const View& view() const { return frame_.view; }
-  /// Seconds that a preview takes: as the last did, else told from a few pixels of it, which are rendered for that.
-  double cost();
+  /// Seconds that a preview takes: as the last did; of the first it is told from a few pixels, which are rendered for
+  /// that. Where it would take longer than `allowed`, previews are smaller from then on, down to kLeastPreview pixels.
+  double cost(double allowed);
 
  private:
+  double probed_cost();
+
   double cost_ = 0;
   RendersViews& method_;
   PreviewFrame frame_;

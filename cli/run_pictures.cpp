@@ -22,29 +22,44 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr int kFrames = 36, kFewest = 8, kFramesPerSecond = 12;
-constexpr int kLargest = 240;                    // pixels of a view's longer side
+constexpr int kFrames = 36, kGood = 18, kFewest = 8, kFramesPerSecond = 12;
+constexpr int kLargest = 240, kLeast = 80;       // pixels of a view's longer side
 constexpr int kAssetPixels = 128, kColumns = 6;  // of turntables of assets and of sheets
 constexpr std::size_t kMostActors = 24;
 constexpr int kGenerated = 8, kGeneratedColumns = 4, kDenoisingSteps = 20;
 
-/// A film of one frame after the other: shown(i, count) is frame i of so many; the first is the same for any count.
-/// Empty where `seconds` are too few for kFewest.
+Camera with_sides(const Camera& camera, double scale) {
+  const auto side = [&](int pixels) { return std::max(1, static_cast<int>(std::lround(scale * pixels))); };
+  return resized(camera, side(camera.width), side(camera.height));
+}
+
+/// A film of one frame after the other: shown(camera, i, count) is frame i of so many. Where all would take longer than
+/// `seconds`, told from a few pixels, the frames get smaller, then fewer. Empty where even kFewest would take longer.
 template <class Shown>
-std::vector<Image> film(double seconds, const Shown& shown) {
-  std::vector<Image> images;
-  double each = 0;
-  for (int tries = 0; tries < 2 && (tries == 0 || kFewest * each > seconds);
-       ++tries) {  // the first may compile kernels
-    const double begun = steady_seconds();
-    images = {shown(0, kFrames)};
-    each = std::max(1e-6, steady_seconds() - begun);
-  }
-  const int count = std::min(kFrames, static_cast<int>(std::min(1e6, seconds / each)));
-  if (count < kFewest) return {};
-  for (int i = 1; i < count; ++i) {
+std::vector<Image> film(const Camera& wanted, double seconds, const Shown& shown) {
+  const double start = steady_seconds();
+  const auto check = [] {
     check_stop([] { return std::string("the run is whole, but not all of its pictures were made"); });
-    images.push_back(shown(i, count));
+  };
+  double each = 0;
+  const double least = std::min(1.0, static_cast<double>(kLeast) / std::max(wanted.width, wanted.height));
+  const Camera few = with_sides(wanted, least);
+  for (int tries = 0; tries < 2; ++tries) {  // the first may compile kernels
+    check();
+    const double begun = steady_seconds();
+    shown(few, 0, kFrames);
+    each = std::max(1e-6, (steady_seconds() - begun) / (least * least));
+    if (each * least * least > seconds) return {};
+  }
+  const double left = seconds - (steady_seconds() - start);
+  const double scale = std::clamp(std::sqrt(std::max(0.0, left) / (kGood * each)), least, 1.0);
+  const Camera camera = with_sides(wanted, scale);
+  const int count = static_cast<int>(std::clamp(left / (each * scale * scale), 0.0, static_cast<double>(kFrames)));
+  if (count < kFewest) return {};
+  std::vector<Image> images;
+  for (int i = 0; i < count; ++i) {
+    check();
+    images.push_back(shown(camera, i, count));
   }
   return images;
 }
@@ -53,7 +68,8 @@ std::vector<Image> film(double seconds, const Shown& shown) {
 void write(const std::vector<Image>& images, const fs::path& path, const Common& common,
            std::vector<fs::path>& written) {
   if (images.empty())
-    return say(common, text("no ", path.filename().string(), ": its pictures take too long on this device"));
+    return say(common,
+               text("no ", path.filename().string(), ": it would take too long now; cloam report makes it later"));
   write_gif(path, images, kFramesPerSecond);
   written.push_back(path);
 }
@@ -61,8 +77,7 @@ void write(const std::vector<Image>& images, const fs::path& path, const Common&
 Camera small_camera(const RestoredRun& run, const Scene& scene, const Frame& frame) {
   const Camera camera = scaled(scene.cameras[static_cast<std::size_t>(frame.camera)], run.record.reading.downscale);
   const double scale = std::min(1.0, static_cast<double>(kLargest) / std::max(camera.width, camera.height));
-  const auto side = [&](int pixels) { return std::max(1, static_cast<int>(std::lround(scale * pixels))); };
-  return resized(camera, side(camera.width), side(camera.height));
+  return with_sides(camera, scale);
 }
 
 Image shown(RestoredRun& run, const View& view) {
@@ -73,8 +88,7 @@ Image shown(RestoredRun& run, const View& view) {
 std::vector<Image> orbit(RestoredRun& run, double seconds) {
   const Scene& scene = run.scenes.front();
   const Frame& first = scene.frames.front();
-  const Camera camera = small_camera(run, scene, first);
-  return film(seconds, [&](int i, int count) {
+  return film(small_camera(run, scene, first), seconds, [&](const Camera& camera, int i, int count) {
     const auto pose = orbit_poses(scene, count)[static_cast<std::size_t>(i)];
     return shown(run, {camera, pose, 0, first.timestamp.value_or(0)});
   });
@@ -84,8 +98,7 @@ std::vector<Image> orbit(RestoredRun& run, double seconds) {
 std::vector<Image> drive(RestoredRun& run, double seconds) {
   const Scene& scene = run.scenes.front();
   const std::vector<Frame> stops = frames_in_order(scene, front_sensor(scene));
-  const Camera camera = small_camera(run, scene, stops.front());
-  return film(seconds, [&](int i, int count) {
+  return film(small_camera(run, scene, stops.front()), seconds, [&](const Camera& camera, int i, int count) {
     const CameraMoment moment = interpolated_path(stops, count)[static_cast<std::size_t>(i)];
     return shown(run, {camera, moment.world_from_camera, 0, moment.time});
   });
@@ -132,8 +145,8 @@ void show_assets(Street& street, const std::vector<ShownAsset>& assets, int colu
   write_png(RunPaths{run}.assets(), contact_sheet(images, columns, captions));
   written.push_back(RunPaths{run}.assets());
   const ShownAsset& first = assets.front();
-  const Camera camera = turntable_camera(kAssetPixels, kAssetPixels);
-  const std::vector<Image> turn = film(seconds / 2, [&](int i, int count) {
+  const Camera square = turntable_camera(kAssetPixels, kAssetPixels);
+  const std::vector<Image> turn = film(square, seconds / 2, [&](const Camera& camera, int i, int count) {
     const Picture picture = street.render_asset(
         first.name, camera, turntable_poses(first.size, camera, count)[static_cast<std::size_t>(i)]);
     return to_image(picture.rgb, picture.width, picture.height);

@@ -41,7 +41,7 @@ Examples:
 
 constexpr double kPicturesUntil = 0.9;                          // share of a time budget
 constexpr double kPictureShare = 0.05;                          // of the time that was trained, for pictures at its end
-constexpr double kPartOfBudget = 0.02;                          // of a time budget, kept for them
+constexpr double kPartOfBudget = 0.04;                          // of a time budget, kept for them
 constexpr double kLeastForPictures = 1, kMostForPictures = 20;  // seconds
 
 /// A checkpoint to go on from; none (with a warning) if the run was ended before its first.
@@ -170,7 +170,9 @@ class TrainingPreviews {
     if (!previews_ || step == report.end || stop_signal != 0) return;
     const double begun = steady_seconds();
     try {
-      if (!pace_.is_due(step, report.seconds, report.seconds_left, [&] { return previews_->cost(); })) return;
+      if (!pace_.is_due(step, report.seconds, report.seconds_left,
+                        [&](double allowed) { return previews_->cost(allowed); }))
+        return;
       view_.tell();
       previews_->make(step);
       write_curves(run);
@@ -234,7 +236,7 @@ double time_for_pictures(const TrainResult& result, const std::optional<double>&
 /// The last preview, and pictures from all around. After the run is recorded: an interruption here loses nothing.
 void make_last_pictures(TrainJob& job, Scenes scenes, Previews* previews, double seconds, const Common& common) {
   const double begun = steady_seconds();
-  if (previews && (!job.record.time_budget_seconds || previews->cost() < seconds)) {
+  if (previews && (!job.record.time_budget_seconds || previews->cost(seconds / 2) < seconds)) {
     const Camera& camera = previews->view().camera;
     say(common, text("rendering the preview, ", camera.width, "x", camera.height, " pixels"));
     say(common, text("preview ", previews->make(job.record.step).string(), "  (render | photo | error)"));
