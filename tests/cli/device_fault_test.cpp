@@ -24,7 +24,8 @@ namespace {
 Words words_of(const SmallTraining& training, const fs::path& run) {
   const bool street = std::string(training.method) == "genassets";
   Words words = {"--steps", street ? "2" : "4", "--save-every", street ? "1" : "2"};
-  if (street) words.insert(words.end(), {"--pictures", "off"});  // whose calls would outnumber those of the steps
+  if (std::string(training.method) != "nerf")  // the calls of pictures would outnumber those of the steps
+    words.insert(words.end(), {"--pictures", "off"});
   return training.words(run, words);
 }
 
