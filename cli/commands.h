@@ -6,6 +6,7 @@ namespace cloam {
 
 Command add_train(CLI::App& program);
 Command add_eval(CLI::App& program);
+Command add_report(CLI::App& program);
 Command add_compare(CLI::App& program);
 Command add_tables(CLI::App& program);
 Command add_distance(CLI::App& program);

@@ -7,6 +7,7 @@
 
 #include "cli/commands.h"
 #include "cli/shipped.h"
+#include "cli/terminal_picture.h"
 #include "models/eval/actor_list.h"
 #include "models/io/words.h"
 #include "models/runs/actor_edits.h"
@@ -44,7 +45,7 @@ Examples:
 ID is any unique part of an actor's id; LOG is the number or name of its log, if there are several.)";
 
 struct EditRequest {
-  std::string run, out, prior;
+  std::string run, out, prior, show;
   MakerRequest wish;
   std::vector<std::string> actors;
   bool list = false;
@@ -80,6 +81,7 @@ int list_actors(const EditRequest& request, const Common& common) {
   else
     put_table(report);
   say(common, text("thumbnails with their numbers are in ", sheet.string()));
+  show_picture(request.show, sheet, common);
   return 0;
 }
 
@@ -125,6 +127,7 @@ Command add_edit(CLI::App& program) {
   return command<EditRequest>(program, "edit", kExamples, run_command, [](const Options& add, EditRequest& r) {
     add("RUN", r.run, "Run folder").required();
     add("--list", r.list, "List the actors and draw a sheet of thumbnails");
+    add_show(add, r.show);
     add("--actor", r.actors, "Edit of one actor, [LOG:]ID:OPERATION,... (may be repeated)").one_word();
     add("--prior", r.prior, "Diffusion run, for replace=generated (shipped)");
     add("--seed", r.wish.seed, "Random seed, for replace=generated (0)", whole_number(0));

@@ -5,6 +5,7 @@
 #include "cli/commands.h"
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
+#include "cli/terminal_picture.h"
 #include "models/eval/asset_files.h"
 #include "models/io/words.h"
 #include "models/scene/asset_class.h"
@@ -42,7 +43,7 @@ struct GenerateRequest {
   std::string run = kShipped, asset_class, time, codes = "sampled";
   AssetRequest wish;
   AssetFiles files;
-  std::string out;
+  std::string out, show;
   bool no_meshes = false;
 };
 
@@ -71,6 +72,7 @@ int run_command(GenerateRequest request, const Common& common) {
   }
   say(common,
       text(made.assets.size(), " assets in ", request.out, ", shown together in ", request.files.grid().string()));
+  show_picture(request.show, request.files.grid(), common);
   return 0;
 }
 
@@ -90,6 +92,7 @@ Command add_generate(CLI::App& program) {
         add("--steps", r.wish.steps, "DDIM denoising steps (50)", whole_number(1));
         add("--codes", r.codes, kCodesHelp, one_of({"sampled", "gaussian", "mean", "random", "training"}));
         add("--pictures", r.files.pictures, "Also write the turntables' pictures as PNG, to DIR/pictures");
+        add_show(add, r.show);
         add("--no-meshes", r.no_meshes, "Write no meshes (GLB)");
         add("--frames", r.files.frames, "Number of pictures of a turntable (12)", whole_number(1, 10000));
         add("--size", r.files.size, "Width and height of the pictures (128)", whole_number(16, 4096));

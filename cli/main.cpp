@@ -26,6 +26,7 @@ Photos:
   cloam train nerf DATA -o runs/my                learn the scene; Ctrl-C saves, --resume continues
   cloam train splat DATA -o runs/my --time-budget 5m
   cloam eval runs/my                              PSNR and SSIM on held-out photos
+  cloam report runs/my                            one page: curves, pictures, metrics
   cloam render runs/my -o pictures --path orbit   new views, and a turntable
   cloam view runs/my                              look around in the browser
   cloam export runs/my -o scene.ply               Gaussian splats as a file

@@ -194,6 +194,11 @@ void Options::with_or_without(const std::string& name, const char* word, const s
   parser.add_option(name, take, help)->expected(0, 1)->option_text(word);
 }
 
+void Options::flag_or_word(const std::string& name, const std::string& alone, std::string& value,
+                           const std::string& help, const Check& check) const {
+  parser.add_flag(name + "{" + alone + "}", value, help)->transform(check->validator);
+}
+
 void Options::group(const char* heading) const { parser.option_defaults()->group(heading); }
 
 CLI::App* add_parser(CLI::App& program, const char* name, const char* examples) {
@@ -212,9 +217,13 @@ void add_common(CLI::App& parser, Common& common) {
   add("--force", common.force, "Use the device even if selftest found that its results are wrong");
   add("--profile", common.profile, "At the end, print the cost of each kernel and each step");
   add("--profile-trace", common.profile_trace, "Also write a timeline for Perfetto to this file", output_file());
-  // Of the commands' own -o alone that of export may be a file, and it knows more of it.
+  // Of the commands' own -o those of export and report may be files; export knows more of it.
+  const std::string command = parser.get_name();
   if (CLI::Option* out = parser.get_option_no_throw("--out"))
-    out->check((parser.get_name() == "export" ? output_path() : output_folder())->validator);
+    out->check((command == "export"   ? output_path()
+                : command == "report" ? output_file()
+                                      : output_folder())
+                   ->validator);
 }
 
 void add_allow_outside(const Options& add, bool& allowed) {

@@ -51,6 +51,9 @@ struct Options {
   /// One with or without a word, [NAME] in the help; typed(word) is called when it was typed, "" for none.
   void with_or_without(const std::string& name, const char* word, const std::string& help,
                        const std::function<void(const std::string&)>& typed) const;
+  /// "" where it is not typed, `alone` for --name, WORD for --name=WORD. A word behind a blank is another argument.
+  void flag_or_word(const std::string& name, const std::string& alone, std::string& value, const std::string& help,
+                    const Check& check) const;
   /// The heading of those that follow.
   void group(const char* heading) const;
 };

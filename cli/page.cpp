@@ -14,6 +14,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kLargestPicture = 64 << 20;
+constexpr int kQuality = 85;  // of JPEGs
 constexpr char kStyle[] = R"(
 body { font: 16px/1.5 sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
 table { border-collapse: collapse; margin: 1rem 0 }
@@ -22,7 +23,19 @@ td.number { text-align: right; white-space: nowrap }
 .row { display: flex; flex-wrap: wrap; gap: .6rem; align-items: flex-end }
 figure { margin: 0 } figcaption { color: #666; font-size: .85rem } img { max-width: 100%; display: block }
 pre { background: #f4f4f4; padding: 1rem; white-space: pre-wrap; overflow-wrap: anywhere }
+svg { max-width: 100%; height: auto }
+@media (prefers-color-scheme: dark) {
+  body { background: #16181c; color: #ddd } figcaption { color: #aaa } pre { background: #24272d }
+  td, th { border-color: #444 }
+}
 )";
+
+std::string figure_of(const std::string& type, const std::vector<std::uint8_t>& bytes, const std::string& caption,
+                      int width) {
+  return fmt::format(
+      "<figure><img width=\"{}\" alt=\"{}\" src=\"data:image/{};base64,{}\"><figcaption>{}</figcaption></figure>\n",
+      width, escaped(caption), type, base64(bytes), escaped(caption));
+}
 
 }  // namespace
 
@@ -48,9 +61,11 @@ std::string escaped(const std::string& words) {
 
 std::string figure(const fs::path& file, const std::string& caption, int width) {
   const std::string type = file.extension() == ".jpg" ? "jpeg" : file.extension().string().substr(1);
-  return fmt::format(
-      "<figure><img width=\"{}\" alt=\"{}\" src=\"data:image/{};base64,{}\"><figcaption>{}</figcaption></figure>\n",
-      width, escaped(caption), type, base64(read_file(file, kLargestPicture)), escaped(caption));
+  return figure_of(type, read_file(file, kLargestPicture), caption, width);
+}
+
+std::string figure(const Image& image, const std::string& caption, int width) {
+  return figure_of("jpeg", jpeg_bytes(image, kQuality), caption, width);
 }
 
 std::string row_of(const std::string& figures) { return "<div class=\"row\">\n" + figures + "</div>\n"; }

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "models/io/image.h"
+
 namespace cloam {
 
 /// RFC 4648.
@@ -16,6 +18,9 @@ std::string escaped(const std::string& words);
 
 /// A picture with a line below it, that wide on the page. Fault::data if the file is missing.
 std::string figure(const std::filesystem::path& file, const std::string& caption, int width);
+
+/// The same of a picture that lies in no file: a JPEG, smaller than a PNG.
+std::string figure(const Image& image, const std::string& caption, int width);
 
 /// Figures side by side.
 std::string row_of(const std::string& figures);

@@ -42,6 +42,7 @@ Event step_event(const StepReport& report, double loss, double step_seconds) {
   event["seconds_left"] = nullptr;
   if (report.seconds_left) event["seconds_left"] = *report.seconds_left;
   event["memory_bytes"] = device_stats().live_bytes;
+  event["learning_rate"] = report.rate;
   event["metrics"] = report.metrics;
   return event;
 }
@@ -83,6 +84,7 @@ void EventLog::write(const std::string& name, const Event& fields) {
     write_line(line);
   else
     before_open_ += line;
+  also(name, fields);
 }
 
 void EventLog::write_line(const std::string& line) {

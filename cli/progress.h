@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
@@ -45,6 +46,8 @@ class EventLog {
   /// Adds schema_version, event and t (seconds since the program's start) in front. What comes before open() is kept
   /// for it.
   void write(const std::string& name, const Event& fields);
+  /// Is given each event after it was written.
+  std::function<void(const std::string& name, const Event& fields)> also = [](const std::string&, const Event&) {};
 
  private:
   void write_line(const std::string& line);
@@ -62,6 +65,8 @@ class ProgressView {
   void step(const StepReport& report);
   void checkpoint(int64_t step, const fs::path& path, bool tell);
   void warning(const std::string& text);
+  /// The event of the steps since the last one.
+  void tell();
   /// Leaves the rewritten line, so that other text can follow. Tells the last steps, if some were not told.
   void finish();
 
@@ -78,7 +83,6 @@ class ProgressView {
   bool draws() const { return style_ == ProgressStyle::bar || style_ == ProgressStyle::plain; }
   std::string line() const;
   void draw();
-  void tell();
   void end_line();
   double since(Clock::time_point when) const { return std::chrono::duration<double>(Clock::now() - when).count(); }
 

@@ -6,6 +6,7 @@
 #include "cli/commands.h"
 #include "cli/render_views.h"
 #include "cli/stop_signal.h"
+#include "cli/terminal_picture.h"
 #include "models/eval/pictures.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
@@ -210,6 +211,7 @@ int run_command(const RenderRequest& request, const Common& common) {
   const std::string moving = write_moving(images, film_name(views, request), request.out, common);
   if (common.json) put_json({{"schema_version", 1}, {"images", views.size()}, {"folder", request.out}});
   say(common, text(views.size(), " pictures in ", request.out, moving));
+  show_picture(request.show, fs::path(request.out) / (views.front().name + ".png"), common);
   return 0;
 }
 
@@ -233,6 +235,7 @@ Command add_render(CLI::App& program) {
     add("--exr", r.exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");
     add("--data", r.data, "Render the views of another capture in the same coordinates");
     add_allow_outside(add, r.allow_outside);
+    add_show(add, r.show);
     add("--camera", r.camera, "Cameras from a JSON file like transforms.json; several also make a GIF and an MP4");
   });
 }

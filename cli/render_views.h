@@ -11,6 +11,7 @@
 namespace cloam {
 
 struct RenderRequest {
+  std::string show;  // the first picture in the terminal, as add_show has it
   std::string run, out, split = "test", path, data, camera;
   int frames = 60;
   bool exr = false, allow_outside = false;

@@ -10,10 +10,10 @@ namespace cloam {
 std::vector<Command> add_commands(CLI::App& program) {
   std::vector<Command> commands;
   program.formatter(help_format());  // before the commands are added: they take it over
-  for (const auto add :
-       {add_train,   add_eval,     add_compare, add_tables,   add_distance, add_crops,   add_render, add_export,
-        add_convert, add_generate, add_edit,    add_view,     add_simulate, add_process, add_check,  add_demo,
-        add_synth,   add_info,     add_doctor,  add_selftest, add_bench,    add_tune,    add_config, add_completion}) {
+  for (const auto add : {add_train,  add_eval,    add_compare,    add_tables, add_distance, add_crops,    add_render,
+                         add_export, add_convert, add_generate,   add_edit,   add_view,     add_simulate, add_process,
+                         add_check,  add_demo,    add_synth,      add_info,   add_doctor,   add_selftest, add_bench,
+                         add_tune,   add_config,  add_completion, add_report}) {
     commands.push_back(add(program));
   }
   return commands;

@@ -7,13 +7,12 @@
 
 #include "cli/commands.h"
 #include "cli/failure.h"
-#include "cli/progress.h"
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
+#include "cli/tensorboard.h"
+#include "cli/train_pictures.h"
 #include "cli/train_plan.h"
 #include "cli/view_training.h"
-#include "models/eval/evaluate.h"
-#include "models/eval/pictures.h"
 #include "models/io/checkpoint.h"
 #include "models/io/commit.h"
 #include "models/methods/registry.h"
@@ -30,33 +29,12 @@ namespace {
 constexpr char kExamples[] = R"(Train a scene from photos or driving logs.
 
 Examples:
-  cloam train nerf data/fox -o runs/fox --downscale 4 --holdout 8
-  cloam train nerf data/fox -o runs/fox --time-budget 5m
+  cloam train nerf data/fox -o runs/fox --downscale 4 --holdout 8 --time-budget 5m
   cloam train --resume runs/fox
   cloam train nerf data/pandaset/001 --protocol sparse
   cloam train diffusion runs/street -o runs/assets --preset diffusion-small
-  cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets -o runs/009
   cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets --image front_camera/05
   cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
-
-constexpr double kPreviewUntil = 0.9;  // share of a time budget
-
-/// The photo that the preview is compared with: the first that is held out, else the first.
-struct PreviewFrame {
-  FramePixels photo;
-  View view;
-};
-
-PreviewFrame preview_frame(const Captures& captures) {
-  const auto held_out = std::find_if(captures.begin(), captures.end(),
-                                     [](const Capture& capture) { return !capture.test.frames.empty(); });
-  const bool any = held_out != captures.end();
-  const Capture& capture = any ? *held_out : captures.front();
-  const Pixels& pixels = any ? capture.test : capture.train;
-  const FramePixels& photo = pixels.frames.front();
-  return {photo, view_of(capture.scene.frames[photo.frame], pixels.cameras[static_cast<std::size_t>(photo.camera)],
-                         any ? static_cast<int>(held_out - captures.begin()) : 0)};
-}
 
 /// A checkpoint to go on from; none (with a warning) if the run was ended before its first.
 std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView& view) {
@@ -96,6 +74,8 @@ TrainOptions options_of(const TrainJob& job, const TrainRequest& request) {
   TrainOptions options;
   options.steps = job.record.steps;
   options.time_budget_seconds = job.record.time_budget_seconds;
+  if (options.time_budget_seconds && request.pictures == "on")
+    *options.time_budget_seconds -= kept_for_pictures(*options.time_budget_seconds);
   options.seconds_before = seconds_since_start();
   options.stop_after = request.stop_after;
   options.save_every = job.record.save_every;
@@ -116,22 +96,6 @@ void end_record(TrainJob& job, const std::string& state, const TrainResult& resu
   if (result.step > 0) job.record.step = result.step;
   if (result.horizon > 0) job.record.horizon = result.horizon;
   write_record(job.folder, job.record);
-}
-
-/// Render and photo side by side. After the run is recorded: an interruption here loses nothing.
-void write_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& result, const Common& common,
-                   EventLog& log) {
-  say(common, text("rendering the preview, ", frame.view.camera.width, "x", frame.view.camera.height, " pixels"));
-  const Picture picture = as<RendersViews>(*job.method)->render(frame.view);
-  const std::vector<float> truth = on_white(frame.photo);
-  const ImageScore score = score_image(picture.rgb, truth, frame.photo);
-  const int w = picture.width, h = picture.height;
-  const fs::path path = RunPaths{job.folder}.preview() / fmt::format("step_{:06}.png", result.step);
-  write_png(path, contact_sheet({to_image(picture.rgb, w, h), to_image(truth, w, h)}, 2));
-  log.write(
-      "eval",
-      {{"step", result.step}, {"images", 1}, {"psnr", score.psnr}, {"ssim", score.ssim}, {"picture", path.string()}});
-  say(common, text("preview ", path.string(), "  (render | photo)"));
 }
 
 void tell_end(const TrainJob& job, const TrainResult& result, const Common& common) {
@@ -187,25 +151,27 @@ TrainResult recorded(TrainJob& job, const int64_t& saved, ProgressView& view, Ev
   } catch (...) { throw failed(job, current_error(), saved, view, log); }
 }
 
-/// How a training is followed: on the terminal, and in the browser where that is wanted.
-struct Watching {
+/// How a training is followed: on the terminal, by pictures in its folder, and in the browser where that is wanted.
+struct Watched {
+  int64_t& saved;  // the step of the last checkpoint
+  TrainingPreviews& previews;
   ProgressView& view;
-  bool verbose = false;
-  TrainingView* pages = nullptr;
+  bool verbose;
+  TrainingView* pages;
 };
 
-TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOptions& options, int64_t& saved,
-                             const Watching& watching) {
-  ProgressView& view = watching.view;
+TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOptions& options, const Watched& watched) {
+  ProgressView& view = watched.view;
   TrainListener listener;
   listener.step = [&](const StepReport& report) {
     job.record.step = report.progress.step;
     view.step(report);
-    if (watching.pages) watching.pages->step(report);
+    watched.previews.after_step(report, job.folder);
+    if (watched.pages) watched.pages->step(report);
   };
   listener.checkpoint = [&](int64_t step, const fs::path& path) {
-    saved = step;
-    view.checkpoint(step, path, watching.verbose);
+    watched.saved = step;
+    view.checkpoint(step, path, watched.verbose);
   };
   listener.warning = [&](const std::string& warning) { view.warning(warning); };
   const StopOnSignal signals("finishing this step, then saving");
@@ -222,25 +188,6 @@ void take_progress(TrainJob& job, const LoadedCheckpoint& checkpoint, const Trai
     job.record.horizon = std::strtoll(horizon->second.c_str(), nullptr, 10);
   // The horizon that a budget chose stands; only a new budget limits what is left of it.
   if (job.record.horizon > 0 && !request.time_budget) job.record.time_budget_seconds.reset();
-}
-
-/// A preview is no reason to miss a time budget.
-bool has_time_for_preview(const TrainResult& result, const TrainOptions& options, double seconds_after_start) {
-  if (result.interrupted) return false;
-  const double used = options.seconds_before + seconds_after_start;
-  return !options.time_budget_seconds || used < kPreviewUntil * *options.time_budget_seconds;
-}
-
-/// The preview is no part of the training, which is recorded: it may fail.
-std::optional<Error> try_preview(TrainJob& job, const PreviewFrame& frame, const TrainResult& result,
-                                 const Common& common, EventLog& log) {
-  try {
-    write_preview(job, frame, result, common, log);
-    return std::nullopt;
-  } catch (...) {
-    const Error error = current_error();
-    return Error(error.fault(), text("the run is whole, but its preview failed: ", error.what()));
-  }
 }
 
 void log_end(const TrainJob& job, const TrainResult& result, EventLog& log) {
@@ -265,38 +212,54 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
                     const Common& common, EventLog& log, ProgressView& view) {
   const Scenes scenes = job.source ? std::move(job.source->scenes) : scenes_of(captures);
   job.source.reset();  // loaded long since, and large
-  std::optional<PreviewFrame> preview;
-  if (!captures.empty() && as<RendersViews>(*job.method)) preview = preview_frame(captures);
+  const PreviewWish wish = request.pictures == "off" ? PreviewWish{true} : preview_wish(request.preview_every);
+  std::optional<Previews> previews;
+  if (auto* renders = as<RendersViews>(*job.method); renders && !captures.empty() && !wish.off)
+    previews.emplace(*renders, preview_frame(captures), job.folder, log);
   std::vector<TrainingData> data;
   for (Capture& capture : captures) data.push_back({capture.scene, std::move(capture.train)});
   if (auto* learns = as<LearnsFromCaptures>(*job.method)) learns->load_data(std::move(data));
   const FolderLock lock(job.folder);
   if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
-  const auto pages = request.view ? followed(job, scenes.front(), *request.view) : nullptr;
+  auto pages = request.view ? followed(job, scenes.front(), *request.view) : nullptr;
   const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
   job.record.step = 0;
   if (checkpoint) take_progress(job, *checkpoint, request);
   int64_t saved = job.record.step;
   begin_record(job, now, request);
   const TrainOptions options = options_of(job, request);
+  TrainingPreviews while_training(previews ? &*previews : nullptr, wish, view);
+  std::optional<TensorBoardFile> event_file;
   const TrainResult result = recorded(job, saved, view, log, [&] {
     if (!fs::exists(RunPaths{job.folder}.scene())) write_settings(job, scenes);
     mend_log(RunPaths{job.folder}.events());
     log.open(RunPaths{job.folder}.events());
+    if (request.tensorboard || !event_files(job.folder).empty()) {
+      event_file.emplace(job.folder, job.record.step);
+      log.also = [&](const std::string& name, const Event& fields) { event_file->take(name, fields); };
+    }
     log.write("start", {{"step", job.record.step}, {"command_line", command_line()}, {"device", job.record.device}});
     TrainRun run{*job.method, RunPaths{job.folder}.checkpoints(), checkpoint_metadata(job.record)};
     run.resume = checkpoint ? &checkpoint->file : nullptr;
     run.stop = &stop_signal;
-    return train_and_record(job, run, options, saved, {view, common.verbose, pages.get()});
+    return train_and_record(job, run, options, {saved, while_training, view, common.verbose, pages.get()});
   });
+  pages.reset();                              // what it shows is about to be used
+  const int stopped_by = stop_signal.load();  // whoever makes pictures begins anew
   std::optional<Error> trouble;
-  if (preview && has_time_for_preview(result, options, result.seconds))
-    trouble = try_preview(job, *preview, result, common, log);
+  if (request.pictures == "on") {
+    const double seconds = time_for_pictures(result, job.record.time_budget_seconds);
+    const StopOnSignal signals("finishing this picture");
+    if (seconds > 0)
+      trouble =
+          try_pictures([&] { make_last_pictures(job, scenes, previews ? &*previews : nullptr, seconds, common); });
+  }
   log_end(job, result, log);
+  if (request.pictures == "on" && !trouble) trouble = try_pictures([&] { write_report(job, common); });
   tell_end(job, result, common);
   if (trouble) throw Error(*trouble);
   const bool ended_early = result.interrupted && job.record.state != "finished";
-  return ended_early ? 128 + stop_signal.load() : 0;
+  return ended_early ? 128 + stopped_by : 0;
 }
 
 void resolve_alias(TrainRequest& request, const Common& common) {
@@ -329,6 +292,7 @@ int end_finished(TrainJob& job, const Common& common) {
 
 int run_command(TrainRequest request, const Common& common) {
   resolve_alias(request, common);
+  preview_wish(request.preview_every);  // typing errors are told first
   request.networks = networks_named(request.networks);
   request.prior = prior_named(request.prior);
   if (request.resume && request.out.empty())
@@ -365,8 +329,7 @@ void add_method_options(const Options& add, TrainRequest& r) {
   add("--preset", r.preset, joined(preset_names()) + " (default: the method's name)").offers(preset_names());
   add("--networks", r.networks,
       "Freeze the networks of this genassets run (or: shipped) and learn only what is new in DATA");
-  add("--prior", r.prior,
-      "With --networks: a diffusion run trained on that run (or: shipped), as a prior for new actors");
+  add("--prior", r.prior, "With --networks: a diffusion run trained on it (or: shipped), as a prior for new actors");
   add("--config", r.config_file, "TOML file with settings");
   add("--set", r.settings, "Setting key=value, may be repeated; --dry-run -v and RUN/config.toml list the keys")
       .one_word();
@@ -382,6 +345,10 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add("--save-every", r.save_every, "Save a checkpoint every N steps", whole_number(1));
   add("--seed", r.seed, "Random seed (42)", whole_number(0));
   add("--overwrite", r.overwrite, "Replace an existing run in the folder");
+  add("--preview-every", r.preview_every,
+      "Steps or time (500, 30s) between previews; off; auto: at most 2 % of the time (auto)");
+  add("--pictures", r.pictures, "off: no previews, curves, turntable and report (on)", one_of({"on", "off"}));
+  add("--tb", r.tensorboard, "Also write event files for TensorBoard to the run folder");
   add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
   add("--progress", r.progress, "auto, bar, plain, jsonl or none", one_of({"auto", "bar", "plain", "jsonl", "none"}));
   add.with_or_without("--view", "[PORT]", "Follow the training in the browser, at an address that is printed",

@@ -342,9 +342,9 @@ OIIO::ImageSpec png_spec(const Image& image) {
   return spec;
 }
 
-OIIO::ImageSpec jpeg_spec(const Image& image) {
+OIIO::ImageSpec jpeg_spec(const Image& image, int quality) {
   OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
-  spec.attribute("Compression", "jpeg:95");
+  spec.attribute("Compression", text("jpeg:", quality));
   spec.attribute("jpeg:subsampling", "4:4:4");
   return spec;
 }
@@ -418,12 +418,14 @@ void write_labels(const std::filesystem::path& path, const Labels& labels) {
 }
 
 void write_jpeg(const std::filesystem::path& path, const Image& image) {
-  write(path, "jpeg", jpeg_spec(image), image.pixels.data());
+  write(path, "jpeg", jpeg_spec(image, kJpegQuality), image.pixels.data());
 }
 
 Bytes png_bytes(const Image& image) { return encoded("a picture", "png", png_spec(image), image.pixels.data()); }
 
-Bytes jpeg_bytes(const Image& image) { return encoded("a picture", "jpeg", jpeg_spec(image), image.pixels.data()); }
+Bytes jpeg_bytes(const Image& image, int quality) {
+  return encoded("a picture", "jpeg", jpeg_spec(image, quality), image.pixels.data());
+}
 
 void write_exr(const std::filesystem::path& path, int width, int height, const std::vector<Layer>& layers) {
   const int channels = static_cast<int>(layers.size());

@@ -72,12 +72,13 @@ Image resized(const Image& image, int width, int height);
 /// Replaces `path` in one step. Fault::write if that fails. description: kept in the file as text; empty: none.
 void write_png(const std::filesystem::path& path, const Image& image, const std::string& description = "");
 
-/// RGB or grey at quality 95, colours not thinned out. Replaces `path` in one step. Fault::write if that fails.
+constexpr int kJpegQuality = 95;
+/// RGB or grey at that quality, colours not thinned out. Replaces `path` in one step. Fault::write if that fails.
 void write_jpeg(const std::filesystem::path& path, const Image& image);
 
-/// What write_png and write_jpeg write.
+/// What write_png and write_jpeg write; a JPEG file is smaller the lower the quality (1 to 100).
 std::vector<std::uint8_t> png_bytes(const Image& image);
-std::vector<std::uint8_t> jpeg_bytes(const Image& image);
+std::vector<std::uint8_t> jpeg_bytes(const Image& image, int quality = kJpegQuality);
 
 /// One float channel of an EXR: "R", "G", "B", "A", "depth.Z", "opacity.A"; values are [height, width].
 struct Layer {

@@ -225,11 +225,23 @@ std::string fingerprint(const Scene& scene) {
   return out.str();
 }
 
+std::vector<fs::path> event_files(const fs::path& folder) {
+  std::vector<fs::path> found;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error))
+    if (entry->path().filename().string().starts_with(kEventFile)) found.push_back(entry->path());
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
 void clear_run(const fs::path& folder) {
   const RunPaths paths{folder};
   std::error_code error;
-  for (const fs::path& path : {paths.checkpoints(), paths.preview(), paths.eval(), paths.edit(), paths.events(),
-                               paths.config(), paths.generated(), paths.scene(), paths.record()}) {
+  std::vector<fs::path> written = event_files(folder);
+  written.insert(written.end(), {paths.checkpoints(), paths.preview(), paths.eval(), paths.edit(), paths.events(),
+                                 paths.curves(), paths.report(), paths.turntable(), paths.drive(), paths.assets(),
+                                 paths.config(), paths.generated(), paths.scene(), paths.record()});
+  for (const fs::path& path : written) {
     fs::remove_all(path, error);
     if (error) throw Error(Fault::write, text(path.string(), ": cannot be removed: ", error.message()));
   }

@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "models/scene/split.h"
 #include "models/train/config.h"
@@ -22,6 +23,11 @@ struct RunPaths {
   std::filesystem::path preview() const { return root / "preview"; }
   std::filesystem::path eval() const { return root / "eval"; }
   std::filesystem::path edit() const { return root / "edit"; }
+  std::filesystem::path curves() const { return root / "curves.svg"; }
+  std::filesystem::path report() const { return root / "report.html"; }
+  std::filesystem::path turntable() const { return root / "turntable.gif"; }
+  std::filesystem::path drive() const { return root / "drive.gif"; }
+  std::filesystem::path assets() const { return root / "assets.png"; }
 };
 
 /// A folder that a run was made from.
@@ -88,6 +94,10 @@ std::string relative_to_run(const std::filesystem::path& path, const std::filesy
 
 /// Number, names and sizes of the images, as a short text. Equal after copying the data elsewhere.
 std::string fingerprint(const Scene& scene);
+
+/// The event files for TensorBoard in a run folder, the newest last.
+std::vector<std::filesystem::path> event_files(const std::filesystem::path& folder);
+constexpr char kEventFile[] = "events.out.tfevents.";  // how their names begin
 
 /// Removes what a run wrote (checkpoints, records, pictures), and nothing else.
 void clear_run(const std::filesystem::path& folder);

@@ -29,6 +29,8 @@ struct TrainRequest {
   std::vector<std::string> settings;  // key=value
   std::string progress = "auto";
   std::optional<int> view;  // --view: the port; 0: any
+  std::string preview_every = "auto", pictures = "on";  // as typed
+  bool tensorboard = false;                             // event files, too
 };
 
 struct TrainJob {

@@ -147,6 +147,7 @@ class Loop {
   void go_back(const NotFinite& why);
   void end_search();
   void save();
+  double learning_rate() const;
   std::optional<double> seconds_left() const;
 
   const TrainRun& run_;
@@ -268,6 +269,12 @@ void Loop::save() {
   listener_.checkpoint(progress_.step, result_.checkpoint);
 }
 
+double Loop::learning_rate() const {
+  for (const ParameterGroup& group : run_.method.groups())
+    if (!group.frozen) return static_cast<double>(group.rate_at(progress_));
+  return 0;
+}
+
 std::optional<double> Loop::seconds_left() const {
   if (progress_.horizon == 0) return time_.budget_left();
   const int64_t last = options_.stop_after > 0 ? std::min(options_.stop_after, end()) : end();
@@ -283,7 +290,8 @@ TrainResult Loop::train() {
     now = time_.seconds();
     if (progress_.step > warm) time_.add_step(now - before);
     if (planning_) time_.choose_horizon(progress_, saving_.seconds());
-    listener_.step({progress_, end(), result_.loss, time_.seconds(), step_seconds_, seconds_left(), figures_});
+    listener_.step(
+        {progress_, end(), result_.loss, time_.seconds(), step_seconds_, learning_rate(), seconds_left(), figures_});
     if (saving_.is_due(progress_.step, time_.seconds())) save();
   }
   if (saved_step_ != progress_.step) save();

@@ -32,6 +32,7 @@ struct StepReport {
   int64_t end = 0;                     // the last step; 0 while unknown
   double loss = 0, seconds = 0;        // seconds since train() was called
   double step_seconds = 0;             // of this step
+  double rate = 0;                     // learning rate of the first group of parameters that is not frozen
   std::optional<double> seconds_left;  // until the checkpoint is saved; none until it can be told honestly
   std::map<std::string, double> metrics;
 };

@@ -23,7 +23,10 @@ namespace {
 /// Two checkpoints: at the middle and at the end.
 Words words_of(const SmallTraining& training, const fs::path& run) {
   const bool street = std::string(training.method) == "genassets";
-  return training.words(run, {"--steps", street ? "2" : "4", "--save-every", street ? "1" : "2"});
+  Words words = {"--steps", street ? "2" : "4", "--save-every", street ? "1" : "2"};
+  if (std::string(training.method) != "nerf")  // the calls of pictures would outnumber those of the steps
+    words.insert(words.end(), {"--pictures", "off"});
+  return training.words(run, words);
 }
 
 /// Calls that make something or put work into the queue, and those that wait.

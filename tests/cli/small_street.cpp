@@ -3,6 +3,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cstring>
 
 #include "models/io/safetensors.h"
@@ -78,6 +79,8 @@ Words small_diffusion(const fs::path& source, const fs::path& run, const Words& 
   Words words = {"train", "diffusion", source.string(), "-o", run.string(), "--preset", "diffusion-small", "-q"};
   for (const char* setting : {"unet.base=8", "unet.groups=4", "batch.codes=8"})
     words.insert(words.end(), {"--set", setting});
+  // Its pictures restore the run it learned from: they take longer than the training.
+  if (std::find(more.begin(), more.end(), "--pictures") == more.end()) words.insert(words.end(), {"--pictures", "off"});
   words.insert(words.end(), more.begin(), more.end());
   return words;
 }

@@ -14,7 +14,8 @@ const std::filesystem::path& small_street_run();
 const std::filesystem::path& two_streets_run();
 /// Eight steps leave space empty: matter wherever the field begins, for what needs a surface.
 void give_surfaces(const std::filesystem::path& checkpoint);
-/// `train diffusion` on the run `source` into `run`, in the least sizes.
+/// `train diffusion` on the run `source` into `run`, in the least sizes; without pictures, unless `more` says
+/// --pictures.
 Words small_diffusion(const std::filesystem::path& source, const std::filesystem::path& run, const Words& more = {});
 const Words kDiffusionSteps = {"--steps", "60", "--save-every", "20"};
 /// What that makes of two_streets_run() when it is left alone.

@@ -34,9 +34,10 @@ std::vector<std::string> matches(const std::string& text, const std::string& pat
   return found;
 }
 
-const Words kCommands = {"train",   "eval",     "compare",  "tables",   "distance", "crops", "render", "export",
-                         "convert", "generate", "edit",     "simulate", "process",  "check", "demo",   "synth",
-                         "info",    "doctor",   "selftest", "bench",    "tune",     "view",  "config", "completion"};
+const Words kCommands = {"train",  "eval",    "compare",    "tables", "distance", "crops",   "render",
+                         "export", "convert", "generate",   "edit",   "simulate", "process", "check",
+                         "demo",   "synth",   "info",       "doctor", "selftest", "bench",   "tune",
+                         "view",   "config",  "completion", "report"};
 
 /// What --help prints, for each command.
 const std::map<std::string, std::string>& helps() {
@@ -116,7 +117,8 @@ const std::map<std::string, std::string> kForeignOptions = {
 };
 
 /// Those that the documents alone name.
-const Names kForeignInDocuments = {"--data-races", "--uniform-writes"};  // Oclgrind's
+const Names kForeignInDocuments = {"--data-races", "--uniform-writes",  // Oclgrind's
+                                   "--logdir"};                         // TensorBoard's
 
 const std::string kOption = "(?:^|[^A-Za-z0-9_-])(--[a-z][a-z0-9_-]*)";
 

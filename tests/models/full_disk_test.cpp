@@ -202,6 +202,7 @@ TEST_CASE("no other code writes files") {
       "cli/process.cpp create_hard_link",           // likewise
       "cli/process.cpp std::ofstream",              // COLMAP's log, line by line
       "cli/progress.cpp fopen(",                    // metrics.jsonl, line by line
+      "cli/tensorboard.cpp fopen(",                 // event files, event by event
       "models/io/commit.cpp O_CREAT",               // the one way
       "models/io/commit.cpp O_WRONLY",              // likewise
       "models/io/gif.cpp ImageOutput",              // to memory
