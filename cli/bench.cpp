@@ -12,7 +12,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] =
+constexpr char kBenchExamples[] =
     R"(Time kernels and training steps against the device's measured limits and other libraries.
 Run it on an otherwise idle machine.
 
@@ -63,7 +63,7 @@ int merge_command(const BenchArguments& arguments) {
   return 0;
 }
 
-int run_command(const BenchArguments& arguments, const Common& common) {
+int run_bench_command(const BenchArguments& arguments, const Common& common) {
   if (!arguments.merged.empty()) return merge_command(arguments);
   if (!arguments.explained.empty()) return explain_command(arguments.explained, common);
   BenchRequest request = arguments.request;
@@ -82,18 +82,19 @@ int run_command(const BenchArguments& arguments, const Common& common) {
 }  // namespace
 
 Command add_bench(CLI::App& program) {
-  return command<BenchArguments>(program, "bench", kExamples, run_command, [](const Options& add, BenchArguments& r) {
-    BenchOptions& options = r.request.options;
-    add("PATTERN", options.patterns, "Parts of workload names (all)");
-    add("--peers", options.peers, "Also time other libraries, in turn (those found by the build)");
-    add("--filter", options.patterns, "The same as PATTERN").one_word();
-    add("--budget", r.budget, "Begin no further workload after this time (90s, 5m)", duration());
-    add("--suite", r.suite, "ops, train or all (all)", one_of({"ops", "train", "all"}));
-    add("--rounds", options.rounds, "Samples per workload (9; 5 for slow ones)", whole_number(1, 1000));
-    add("--report", r.request.report, "Write a Markdown report, with a plot beside it", output_file());
-    add("--merge", r.merged, "Compare devices: files that --json wrote, one a device");
-    add("--explain", r.explained, "Show which kernel variants an operation or workload uses, and why");
-  });
+  return command<BenchArguments>(
+      program, "bench", kBenchExamples, run_bench_command, [](const Options& add, BenchArguments& r) {
+        BenchOptions& options = r.request.options;
+        add("PATTERN", options.patterns, "Parts of workload names (all)");
+        add("--peers", options.peers, "Also time other libraries, in turn (those found by the build)");
+        add("--filter", options.patterns, "The same as PATTERN").one_word();
+        add("--budget", r.budget, "Begin no further workload after this time (90s, 5m)", duration());
+        add("--suite", r.suite, "ops, train or all (all)", one_of({"ops", "train", "all"}));
+        add("--rounds", options.rounds, "Samples per workload (9; 5 for slow ones)", whole_number(1, 1000));
+        add("--report", r.request.report, "Write a Markdown report, with a plot beside it", output_file());
+        add("--merge", r.merged, "Compare devices: files that --json wrote, one a device");
+        add("--explain", r.explained, "Show which kernel variants an operation or workload uses, and why");
+      });
 }
 
 }  // namespace cloam

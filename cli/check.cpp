@@ -13,7 +13,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Check a capture and show what training would use.
+constexpr char kCheckExamples[] = R"(Check a capture and show what training would use.
 
 Examples:
   cloam check data/fox
@@ -87,7 +87,7 @@ std::string log_text(const LogReport& log) {
 
 constexpr double kPoorFit = 4;  // pixels; what COLMAP finds itself is below 2, as a rule
 
-int run_command(const CheckRequest& request, const Common& common) {
+int run_check(const CheckRequest& request, const Common& common) {
   Reading how = request.how;
   how.masks = mask_meaning(request.masks);
   const Scene scene = read_split_scene(request.data, how);
@@ -139,7 +139,7 @@ int run_command(const CheckRequest& request, const Common& common) {
 }  // namespace
 
 Command add_check(CLI::App& program) {
-  return command<CheckRequest>(program, "check", kExamples, run_command, [](const Options& add, CheckRequest& r) {
+  return command<CheckRequest>(program, "check", kCheckExamples, run_check, [](const Options& add, CheckRequest& r) {
     add("DATA", r.data, "Folder of the capture").required();
     add("--downscale", r.how.downscale, "As for train: shrink the images by this factor (1)", whole_number(1, 256));
     add("--holdout", r.how.holdout, "As for train: hold out every Nth image", whole_number(2, 1 << 20));

@@ -22,7 +22,7 @@ namespace {
 using Report = nlohmann::ordered_json;
 using Cells = std::vector<std::string>;
 
-constexpr char kExamples[] = R"(Show the evaluations of runs side by side; runs without one are evaluated first.
+constexpr char kCompareExamples[] = R"(Show the evaluations of runs side by side; runs without one are evaluated first.
 
 Examples:
   cloam compare runs/a runs/b
@@ -114,7 +114,7 @@ std::vector<ComparedFigure> used_columns(const std::vector<ComparedRun>& runs) {
   return used;
 }
 
-Cells row_of(const ComparedRun& run, const std::vector<ComparedFigure>& columns) {
+Cells cells_of(const ComparedRun& run, const std::vector<ComparedFigure>& columns) {
   Cells cells = {run.run,          run.record.method,         run.record.preset, text(run.record.seed),
                  steps_of({&run}), word(run.eval, "protocol")};
   for (const ComparedFigure& column : columns) {
@@ -124,8 +124,8 @@ Cells row_of(const ComparedRun& run, const std::vector<ComparedFigure>& columns)
   return cells;
 }
 
-Cells row_of(const RunGroup& group, const std::vector<ComparedFigure>& columns) {
-  Cells cells = row_of(*group.front(), {});
+Cells cells_of(const RunGroup& group, const std::vector<ComparedFigure>& columns) {
+  Cells cells = cells_of(*group.front(), {});
   cells[0] = text("mean of ", group.size());
   cells[3] = "";
   cells[4] = steps_of(group);
@@ -158,8 +158,8 @@ std::string table(const std::vector<ComparedRun>& runs, const std::vector<RunGro
   Cells head = {"run", "method", "preset", "seed", "steps", "protocol"};
   for (const ComparedFigure& column : columns) head.push_back(column.heading);
   std::vector<Cells> rows = {head}, means = {head};
-  for (const ComparedRun& run : runs) rows.push_back(row_of(run, columns));
-  for (const RunGroup& group : groups) means.push_back(row_of(group, columns));
+  for (const ComparedRun& run : runs) rows.push_back(cells_of(run, columns));
+  for (const RunGroup& group : groups) means.push_back(cells_of(group, columns));
   return aligned(rows) + (groups.empty() ? "" : "\n" + aligned(means));
 }
 
@@ -173,7 +173,7 @@ void warn_of_differences(const std::vector<ComparedRun>& runs) {
   }
 }
 
-int run_command(const CompareRequest& request, const Common& common) {
+int run_compare(const CompareRequest& request, const Common& common) {
   const std::vector<ComparedRun> runs = read_runs(request, common);
   const std::vector<RunGroup> groups = groups_of(runs, request.across_data);
   warn_of_differences(runs);
@@ -190,14 +190,16 @@ int run_command(const CompareRequest& request, const Common& common) {
 }  // namespace
 
 Command add_compare(CLI::App& program) {
-  return command<CompareRequest>(program, "compare", kExamples, run_command, [](const Options& add, CompareRequest& r) {
-    add("RUN", r.runs, "Run folders").required();
-    add("--protocol", r.protocol, "Compare sparse, novel or rotate360; runs without it are evaluated first",
-        one_of(protocol_names()));
-    add("--features", r.features, "Also compare feature distances; a file with network weights, or random");
-    add("--lpips", r.lpips, "Also compare LPIPS; weights of AlexNet or VGG-16, a comma, those of the linear layers");
-    add("--across-data", r.across_data, "Also average over runs on different data");
-  });
+  return command<CompareRequest>(
+      program, "compare", kCompareExamples, run_compare, [](const Options& add, CompareRequest& r) {
+        add("RUN", r.runs, "Run folders").required();
+        add("--protocol", r.protocol, "Compare sparse, novel or rotate360; runs without it are evaluated first",
+            one_of(protocol_names()));
+        add("--features", r.features, "Also compare feature distances; a file with network weights, or random");
+        add("--lpips", r.lpips,
+            "Also compare LPIPS; weights of AlexNet or VGG-16, a comma, those of the linear layers");
+        add("--across-data", r.across_data, "Also average over runs on different data");
+      });
 }
 
 }  // namespace cloam

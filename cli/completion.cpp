@@ -10,7 +10,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] =
+constexpr char kCompletionExamples[] =
     R"(Print a script that completes commands, options and their words in a shell, or a man page.
 
 Examples:
@@ -329,7 +329,7 @@ Command add_completion(CLI::App& program) {
     return 0;
   };
   return command<CompletionRequest>(
-      program, "completion", kExamples, run, [](const Options& add, CompletionRequest& r) {
+      program, "completion", kCompletionExamples, run, [](const Options& add, CompletionRequest& r) {
         add("SHELL", r.shell, "bash, zsh, fish, or man", one_of({"bash", "zsh", "fish", "man"})).required();
       });
 }

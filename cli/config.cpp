@@ -12,7 +12,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] =
+constexpr char kConfigExamples[] =
     R"(Show settings with where each value comes from, how two runs differ, and the schemas of JSON output.
 
 Examples:
@@ -33,13 +33,13 @@ struct ConfigRequest {
   bool exit_code = false;
 };
 
-using Json = nlohmann::ordered_json;
+using Report = nlohmann::ordered_json;
 
-Json value_of(const ConfigValue& value) {
-  return std::visit([](const auto& plain) { return Json(plain); }, value);
+Report value_of(const ConfigValue& value) {
+  return std::visit([](const auto& plain) { return Report(plain); }, value);
 }
 
-Json head_of(const ResolvedSettings& settings) {
+Report head_of(const ResolvedSettings& settings) {
   return {{"name", settings.name}, {"method", settings.method}, {"preset", settings.preset}};
 }
 
@@ -63,9 +63,9 @@ int show(const ConfigRequest& request, const Common& common) {
                     text("Settings of ", found.method, ", preset ", found.preset, "; use with --config")));
     return 0;
   }
-  Json json = {{"schema_version", 1}};
+  Report json = {{"schema_version", 1}};
   json.update(head_of(found));
-  json["settings"] = Json::array();
+  json["settings"] = Report::array();
   for (const ConfigEntry& entry : found.entries)
     json["settings"].push_back(
         {{"key", entry.key}, {"value", value_of(entry.value)}, {"origin", entry.origin}, {"help", entry.help}});
@@ -143,7 +143,7 @@ int diff(const ConfigRequest& request, const Common& common) {
   const ResolvedSettings b = side(request.names[1], request.names[0], listener);
   const std::vector<Difference> found = differences(a, b);
   if (common.json) {
-    Json json = {{"schema_version", 1}, {"a", head_of(a)}, {"b", head_of(b)}, {"differences", Json::array()}};
+    Report json = {{"schema_version", 1}, {"a", head_of(a)}, {"b", head_of(b)}, {"differences", Report::array()}};
     for (const Difference& one : found) json["differences"].push_back({{"key", one.key}, {"a", one.a}, {"b", one.b}});
     put_json(json);
   } else {
@@ -167,7 +167,7 @@ int schema(const ConfigRequest& request, const Common& common) {
   return 0;
 }
 
-int run_command(const ConfigRequest& request, const Common& common) {
+int run_config(const ConfigRequest& request, const Common& common) {
   if (request.action == "show") return show(request, common);
   return request.action == "diff" ? diff(request, common) : schema(request, common);
 }
@@ -175,14 +175,15 @@ int run_command(const ConfigRequest& request, const Common& common) {
 }  // namespace
 
 Command add_config(CLI::App& program) {
-  return command<ConfigRequest>(program, "config", kExamples, run_command, [](const Options& add, ConfigRequest& r) {
-    add("ACTION", r.action, "show, diff or schema", one_of({"show", "diff", "schema"})).required();
-    add("NAME", r.names, "Methods, presets, run folders or files of settings; a schema");
-    add("--preset", r.preset, "With show: a preset of the method").offers(preset_names());
-    add("--config", r.given.file, "With show: a TOML file with settings, over the preset");
-    add("--set", r.given.settings, "With show: setting key=value, may be repeated").one_word();
-    add("--exit-code", r.exit_code, "With diff: exit 7 if there is a difference");
-  });
+  return command<ConfigRequest>(
+      program, "config", kConfigExamples, run_config, [](const Options& add, ConfigRequest& r) {
+        add("ACTION", r.action, "show, diff or schema", one_of({"show", "diff", "schema"})).required();
+        add("NAME", r.names, "Methods, presets, run folders or files of settings; a schema");
+        add("--preset", r.preset, "With show: a preset of the method").offers(preset_names());
+        add("--config", r.given.file, "With show: a TOML file with settings, over the preset");
+        add("--set", r.given.settings, "With show: setting key=value, may be repeated").one_word();
+        add("--exit-code", r.exit_code, "With diff: exit 7 if there is a difference");
+      });
 }
 
 }  // namespace cloam

@@ -13,7 +13,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] =
+constexpr char kConvertExamples[] =
     R"(Convert Gaussian splats between .ply, .splat, .spz and .glb; the extensions choose the formats.
 
 Examples:
@@ -61,7 +61,7 @@ void check_other_file(const ConvertRequest& request) {
     throw Error(Fault::usage, text(request.out, " is the input file; name another file to write"));
 }
 
-int run_command(const ConvertRequest& request, const Common& common) {
+int run_convert(const ConvertRequest& request, const Common& common) {
   splat_format(request.out);  // an unknown name is told before anything is read
   check_other_file(request);
   SplatFile file = read_gaussians(request.in);
@@ -91,12 +91,14 @@ int run_command(const ConvertRequest& request, const Common& common) {
 }  // namespace
 
 Command add_convert(CLI::App& program) {
-  return command<ConvertRequest>(program, "convert", kExamples, run_command, [](const Options& add, ConvertRequest& r) {
-    add("IN", r.in, "Input file: .ply, .splat, .spz or .glb").required();
-    add("OUT", r.out, "Output file: .ply, .splat, .spz or .glb", output_file()).required();
-    add("--up", r.up, "Axis of IN that points up: x, y, z, -x, -y or -z (default: as IN states, else -y)");
-    add("--spz-version", r.spz_version, "Version of .spz to write: 3, or 2 for old readers (3)", whole_number(2, 3));
-  });
+  return command<ConvertRequest>(
+      program, "convert", kConvertExamples, run_convert, [](const Options& add, ConvertRequest& r) {
+        add("IN", r.in, "Input file: .ply, .splat, .spz or .glb").required();
+        add("OUT", r.out, "Output file: .ply, .splat, .spz or .glb", output_file()).required();
+        add("--up", r.up, "Axis of IN that points up: x, y, z, -x, -y or -z (default: as IN states, else -y)");
+        add("--spz-version", r.spz_version, "Version of .spz to write: 3, or 2 for old readers (3)",
+            whole_number(2, 3));
+      });
 }
 
 }  // namespace cloam

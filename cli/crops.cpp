@@ -10,7 +10,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Cut the actors of driving logs out of the images, one picture each, with an index.
+constexpr char kCropsExamples[] = R"(Cut the actors of driving logs out of the images, one picture each, with an index.
 
 Examples:
   cloam crops logs/001 -o crops
@@ -23,7 +23,7 @@ The object benchmark of the GenAssets paper: an actor is kept unless more than 3
 mask, or the mask has fewer than 100 pixels; with --training also unless nearer boxes cover more than half of its 2-D box.
 Crops are square RGBA images; alpha is the mask. docs/formats.md describes crops.json and the files of --masks.)";
 
-int run_command(const CropRequest& request, const Common& common) {
+int run_crops(const CropRequest& request, const Common& common) {
   if (!request.how.protocol.name.empty() && request.how.holdout > 0)
     throw Error(Fault::usage, "--protocol and --holdout both choose the training images; give only one");
   const StopOnSignal signals("finishing this image");
@@ -42,7 +42,7 @@ int run_command(const CropRequest& request, const Common& common) {
 }  // namespace
 
 Command add_crops(CLI::App& program) {
-  return command<CropRequest>(program, "crops", kExamples, run_command, [](const Options& add, CropRequest& r) {
+  return command<CropRequest>(program, "crops", kCropsExamples, run_crops, [](const Options& add, CropRequest& r) {
     add("LOG", r.logs, "Folders of driving logs").required();
     add("-o,--out", r.out, "New folder for the crops and crops.json", output_folder()).required();
     add("--split", r.split, "Images to use: train, test or all (all)", one_of({"train", "test", "all"}));

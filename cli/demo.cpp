@@ -29,14 +29,14 @@
 namespace cloam {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using Report = nlohmann::ordered_json;
 using Words = std::vector<std::string>;
 
 constexpr double kStreetShare = 0.7, kPriorShare = 0.3;  // of the time budget
 constexpr std::size_t kClasses = 3, kSwapped = 6;
 constexpr int kAllOfTraining = 1000;
 constexpr char kEach[] = "2";  // new vehicles of a class and time of day
-constexpr char kExamples[] =
+constexpr char kDemoExamples[] =
     R"(Make synthetic streets, reconstruct them, learn what their vehicles are like, generate new ones and put
 them into a street. The result is a page of pictures and metrics: demo/index.html.
 
@@ -150,8 +150,8 @@ void clear(const DemoFolders& f) {
   }
 }
 
-Json record_of(const DemoRecord& made, double seconds) {
-  Json json = {{"schema_version", 1}, {"page", nullptr}, {"seconds", seconds}};
+Report record_of(const DemoRecord& made, double seconds) {
+  Report json = {{"schema_version", 1}, {"page", nullptr}, {"seconds", seconds}};
   if (fs::exists(made.folders.page())) json["page"] = made.folders.page().string();
   json["street"] = made.street;
   json["prior"] = made.prior;
@@ -159,7 +159,7 @@ Json record_of(const DemoRecord& made, double seconds) {
   json["distance_of_gaussian_codes"] = made.gaussian;
   json["distance_of_random_latents"] = made.random;
   json["swapped"] = {{"log", made.swapped_log}, {"actors", made.swapped}};
-  json["commands"] = Json::array();
+  json["commands"] = Report::array();
   for (const DemoCommand& command : made.commands)
     json["commands"].push_back({{"command", command.line}, {"seconds", command.seconds}});
   return json;
@@ -168,7 +168,7 @@ Json record_of(const DemoRecord& made, double seconds) {
 /// For signals between commands, which handle them themselves; every file is whole at any time.
 extern "C" void leave(int signal) {
   constexpr char kTold[] = "\nstopped: the finished parts are in the demo's folder\n";
-  [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, kTold, sizeof kTold - 1);
+  [[maybe_unused]] const ssize_t written = ::write(STDERR_FILENO, kTold, sizeof kTold - 1);
   _exit(128 + signal);
 }
 
@@ -201,8 +201,8 @@ class Demo {
 
   /// Runs a command and notes it. Talkative ones are told to be quiet.
   int run_noted(const Words& words, bool talks = false);
-  Json evaluated(const fs::path& run);
-  Json distance(const fs::path& set);
+  Report evaluated(const fs::path& run);
+  Report distance(const fs::path& set);
   void note(const Words& words, double seconds_before);
   void tell(std::size_t part) const;
   std::string time_left(std::size_t part) const;
@@ -246,20 +246,20 @@ int Demo::run_noted(const Words& words, bool talks) {
   return code;
 }
 
-Json Demo::evaluated(const fs::path& run) {
+Report Demo::evaluated(const fs::path& run) {
   const double before = seconds();
   Common quiet = common_;
   quiet.quiet = !common_.verbose;
-  Json found = measure_run({.run = run.string()}, quiet);
+  Report found = measure_run({.run = run.string()}, quiet);
   note({"eval", run.string()}, before);
   return found;
 }
 
-Json Demo::distance(const fs::path& set) {
+Report Demo::distance(const fs::path& set) {
   const double before = seconds();
   const DistanceRequest request{{(set / "pictures").string(), (made_.folders.training() / "pictures").string()},
                                 request_.features};
-  Json found = measure_distance(request, common_);
+  Report found = measure_distance(request, common_);
   note({"distance", request.folders[0], request.folders[1], "--features", request.features}, before);
   return found;
 }
@@ -271,8 +271,6 @@ int Demo::show_shipped() {
   for (const char* kind : kShown)
     run_noted({"generate", "-o", (made_.folders.first() / kind).string(), "-n", "2", "--class", kind, "--time", "day",
                "--size", "160", "--frames", "12", "--no-meshes"});
-  write_first_page(made_);
-  say(common_, text("to see now: ", made_.folders.page().string()));
   return 0;
 }
 
@@ -378,8 +376,14 @@ void Demo::tell(std::size_t part) const {
 int Demo::run() {
   clear(made_.folders);
   commit_text(made_.folders.record(), record_of(made_, seconds()).dump(2) + "\n");
+  std::vector<std::string> parts;
+  for (const Part& part : kParts) parts.emplace_back(part.what);
+  GrowingPage page({made_.folders, parts});
+  say(common_, text("to be seen while it fills: ", made_.folders.page().string()));
   for (std::size_t i = 0; i < kParts.size(); ++i) {
     tell(i);
+    page.begin_part(i);
+    if (i + 1 == kParts.size()) page.end();  // this part writes it whole
     const int code = (this->*kParts[i].run)();
     commit_text(made_.folders.record(), record_of(made_, seconds()).dump(2) + "\n");
     if (code != 0) {
@@ -393,7 +397,7 @@ int Demo::run() {
   return 0;
 }
 
-int run_command(const DemoRequest& request, const Common& common) {
+int run_demo(const DemoRequest& request, const Common& common) {
   open_device(common);
   features_named(request.features);  // a wrong file is told before minutes of work
   std::signal(SIGINT, leave);
@@ -408,7 +412,7 @@ int run_command(const DemoRequest& request, const Common& common) {
 }  // namespace
 
 Command add_demo(CLI::App& program) {
-  return command<DemoRequest>(program, "demo", kExamples, run_command, [](const Options& add, DemoRequest& r) {
+  return command<DemoRequest>(program, "demo", kDemoExamples, run_demo, [](const Options& add, DemoRequest& r) {
     add("-o,--out", r.out, "Output folder (demo)");
     add("--time-budget", r.time_budget, "For both training runs together (9m); the rest takes a few minutes more");
     add("--features", r.features, "Weights of the feature network for distances (random)");

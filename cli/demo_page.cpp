@@ -4,11 +4,16 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <condition_variable>
+#include <functional>
+#include <mutex>
 #include <nlohmann/json.hpp>
 
 #include "cli/common.h"
 #include "cli/page.h"
+#include "cli/report_page.h"
 #include "models/io/commit.h"
 #include "models/io/image.h"
 #include "runtime/error.h"
@@ -16,10 +21,11 @@
 namespace cloam {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using Report = nlohmann::ordered_json;
 
-constexpr char kTitle[] = "cloam: streets, reconstructed and with new vehicles";
+constexpr char kDemoTitle[] = "cloam: streets, reconstructed and with new vehicles";
 constexpr std::size_t kFramesShown = 4;
+constexpr int kSecondsBetween = 4;  // that a browser waits before it reads the page again
 
 /// Near is bright; black where there is nothing. Returns the picture's file, beside the render's EXR and PNG.
 fs::path depth_picture(const fs::path& exr) {
@@ -39,13 +45,13 @@ struct Figure {
   std::string what, here, other, wanted;
 };
 
-std::string decibels(const Json& json, const char* key) {
+std::string decibels(const Report& json, const char* key) {
   return json.at(key).is_number() ? fmt::format("{:.2f} dB", json.at(key).get<double>()) : "-";
 }
 
 std::vector<Figure> figures_of(const DemoRecord& r) {
   const double samples = frechet_of(r.samples), random = frechet_of(r.random);
-  const Json& metres = r.street.at("lidar_median_error_m");
+  const Report& metres = r.street.at("lidar_median_error_m");
   return {
       {"Held-out images, PSNR", decibels(r.street, "psnr"),
        decibels(r.street, "baseline_blend_psnr") + " (blend of the images before and after)", "22 dB or more"},
@@ -85,11 +91,49 @@ std::string turntables(const fs::path& folder) {
 }
 
 /// Nothing where the program came without a prior.
-std::string first(const DemoRecord& r) {
-  if (!fs::exists(r.folders.first())) return "";
+std::string first(const DemoFolders& folders) {
+  if (!fs::exists(folders.first())) return "";
   return "<h2>New vehicles, from all sides</h2>\n<p>Sampled from the prior that comes with the program. It learned "
          "from made logs for hours; the models below learn for minutes.</p>\n" +
-         turntables(r.folders.first());
+         turntables(folders.first());
+}
+
+/// What one part of the page shows; nothing where its files are not there yet.
+std::string so_far(const std::function<std::string()>& section) {
+  try {
+    return section();
+  } catch (const std::exception&) { return ""; }
+}
+
+std::string list_of(const DemoProgress& progress) {
+  std::string out = "<ol>\n";
+  for (std::size_t i = 0; i < progress.parts.size(); ++i) {
+    const std::string words = escaped(progress.parts[i]);
+    const char* now = progress.is_over ? "stopped here" : "being made now";
+    out += i < progress.now    ? "<li>" + words + " &#10003;</li>\n"
+           : i == progress.now ? "<li><b>" + words + "</b>: " + now + "</li>\n"
+                               : "<li>" + words + "</li>\n";
+  }
+  return out + "</ol>\n";
+}
+
+std::string photos_of_logs(const fs::path& logs) {
+  std::string figures;
+  for (const fs::directory_entry& log : fs::directory_iterator(logs)) {
+    const std::vector<fs::path> photos = files_in(log.path() / "camera" / "front_camera", "", ".jpg");
+    if (!photos.empty()) figures += figure(photos.front(), log.path().filename().string(), 280);
+  }
+  return "<h2>The streets, as their cameras see them</h2>\n" + row_of(figures);
+}
+
+std::string newest_of(const fs::path& run, const std::string& title, const std::string& caption) {
+  const fs::path picture = main_picture(run);
+  return picture.empty() ? "" : "<h2>" + title + "</h2>\n" + figure(picture, caption, 1100);
+}
+
+std::string first_grid(const DemoFolders& folders) {
+  return "<h2>New assets, of the diffusion model that learned for minutes</h2>\n" +
+         figure(folders.samples() / "grid.png", "generated", 380);
 }
 
 std::string streets(const DemoRecord& r) {
@@ -145,17 +189,61 @@ std::string commands(const DemoRecord& r) {
 
 }  // namespace
 
-double frechet_of(const Json& distance) {
+double frechet_of(const Report& distance) {
   return distance.at(distance.contains("fid") ? "fid" : "frechet_feature_distance").get<double>();
 }
 
-void write_first_page(const DemoRecord& r) {
-  commit_text(r.folders.page(), html_page(kTitle, first(r) + "<p>The rest of this page is still being made.</p>\n"));
+void write_progress_page(const DemoProgress& progress) {
+  const DemoFolders& f = progress.folders;
+  std::string body = "<p>This page fills while the demo goes on, and shows itself anew every few seconds.</p>\n";
+  if (progress.is_over) body = "<p>The demo ended early; this is what was finished.</p>\n";
+  body += list_of(progress);
+  body += so_far([&] { return first(f); });
+  body += so_far([&] {
+    return newest_of(f.street(), "The reconstruction so far", "reconstruction, photo and error of one held-out image");
+  });
+  body += so_far([&] { return photos_of_logs(f.logs()); });
+  body += so_far([&] { return first_grid(f); });
+  body += so_far([&] { return "<h2>New vehicles, by class and time of day</h2>\n" + turntables(f.assets()); });
+  commit_text(f.page(), html_page(kDemoTitle, body, progress.is_over ? 0 : kSecondsBetween));
+}
+
+GrowingPage::GrowingPage(DemoProgress progress)
+    : progress_(std::move(progress)), writer_([this](const std::stop_token& stop) { keep_writing(stop); }) {}
+
+GrowingPage::~GrowingPage() {
+  if (!writer_.joinable()) return;
+  end();
+  progress_.is_over = true;
+  write();
+}
+
+void GrowingPage::end() {
+  writer_.request_stop();
+  writer_.join();
+}
+
+void GrowingPage::keep_writing(const std::stop_token& stop) {
+  std::mutex unused;
+  std::condition_variable_any asked_to_stop;
+  std::unique_lock lock(unused);
+  do write();
+  while (!asked_to_stop.wait_for(lock, stop, std::chrono::seconds(kSecondsBetween),
+                                 [&] { return stop.stop_requested(); }));
+}
+
+/// The page so far is no part of what the demo makes: where the disk is full, the demo itself says so.
+void GrowingPage::write() noexcept {
+  try {
+    progress_.now = now_;
+    write_progress_page(progress_);
+  } catch (const std::exception&) {}
 }
 
 void write_demo_page(const DemoRecord& r) {
-  const std::string body = first(r) + table(figures_of(r)) + streets(r) + sets(r) + assets(r) + swap(r) + commands(r);
-  commit_text(r.folders.page(), html_page(kTitle, body));
+  const std::string body =
+      first(r.folders) + table(figures_of(r)) + streets(r) + sets(r) + assets(r) + swap(r) + commands(r);
+  commit_text(r.folders.page(), html_page(kDemoTitle, body));
 }
 
 }  // namespace cloam

@@ -1,8 +1,10 @@
 // What a demo made, as a page for people: one HTML file that holds its pictures and needs nothing else.
 #pragma once
+#include <atomic>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <thread>
 #include <vector>
 
 namespace cloam {
@@ -40,8 +42,39 @@ struct DemoRecord {  // NOLINT(bugprone-exception-escape): what moving JSON thro
   std::vector<DemoCommand> commands;
 };
 
-/// Writes folders.page() with the vehicles of folders.first() alone: all that there is to see in the first minute.
-void write_first_page(const DemoRecord& record);
+/// What there is to see while a demo goes on.
+struct DemoProgress {
+  DemoFolders folders;
+  std::vector<std::string> parts;  // in words
+  std::size_t now = 0;             // the number of the part that is being made, from 0
+  bool is_over = false;            // it ended before the last part
+};
+
+/// Writes folders.page() with what lies in the folders so far; it reads itself again every few seconds until is_over.
+/// Files that are missing or not whole are left out. Fault::write.
+void write_progress_page(const DemoProgress& progress);
+
+/// Writes the page of a demo again and again, on a thread of its own, as long as it lives. At its end the page says
+/// that the demo ended early, unless end() came before.
+class GrowingPage {
+ public:
+  explicit GrowingPage(DemoProgress progress);
+  ~GrowingPage();
+  GrowingPage(const GrowingPage&) = delete;
+  GrowingPage& operator=(const GrowingPage&) = delete;
+
+  void begin_part(std::size_t part) { now_ = part; }
+  /// Others write the page from here on.
+  void end();
+
+ private:
+  void keep_writing(const std::stop_token& stop);
+  void write() noexcept;
+
+  DemoProgress progress_;
+  std::atomic<std::size_t> now_ = 0;
+  std::jthread writer_;
+};
 
 /// Writes folders.page(). Fault::data for pictures that are missing; Fault::write.
 void write_demo_page(const DemoRecord& record);

@@ -10,7 +10,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Measure the distance between two sets of images, a folder each: FID and KID.
+constexpr char kDistanceExamples[] = R"(Measure the distance between two sets of images, a folder each: FID and KID.
 
 Examples:
   cloam distance samples photos --features pt_inception-2015-12-05-6726825d.pth
@@ -41,7 +41,7 @@ nlohmann::ordered_json to_json(const Measured& measured) {
   return json;
 }
 
-int run_command(const DistanceRequest& request, const Common& common) {
+int run_distance(const DistanceRequest& request, const Common& common) {
   const Measured measured = measure(request, common);
   common.json ? put_json(to_json(measured), 2) : put(set_lines(measured.network, measured.sets));
   return 0;
@@ -54,7 +54,7 @@ nlohmann::ordered_json measure_distance(const DistanceRequest& request, const Co
 }
 
 Command add_distance(CLI::App& program) {
-  return command<DistanceRequest>(program, "distance", kExamples, run_command,
+  return command<DistanceRequest>(program, "distance", kDistanceExamples, run_distance,
                                   [](const Options& add, DistanceRequest& r) {
                                     add("FOLDER", r.folders, "Two folders of images").required().expected(2);
                                     add("--features", r.features, "Weights of a feature network, or random").required();

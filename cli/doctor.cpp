@@ -13,7 +13,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Find out why an OpenCL device is missing or does not work, and what to do.
+constexpr char kDoctorExamples[] = R"(Find out why an OpenCL device is missing or does not work, and what to do.
 
 Examples:
   cloam doctor
@@ -78,7 +78,7 @@ void put_report(const Findings& all, bool healthy) {
   put_json(json, 2);
 }
 
-int run_command(const DoctorRequest&, const Common& common) {
+int run_doctor(const DoctorRequest&, const Common& common) {
   const Findings all = examine(common);
   const auto problems =
       std::count_if(all.begin(), all.end(), [](const Finding& one) { return one.state == Finding::problem; });
@@ -96,7 +96,7 @@ int run_command(const DoctorRequest&, const Common& common) {
 }  // namespace
 
 Command add_doctor(CLI::App& program) {
-  return command<DoctorRequest>(program, "doctor", kExamples, run_command, [](const Options&, DoctorRequest&) {});
+  return command<DoctorRequest>(program, "doctor", kDoctorExamples, run_doctor, [](const Options&, DoctorRequest&) {});
 }
 
 }  // namespace cloam

@@ -20,7 +20,8 @@ namespace {
 
 using Report = nlohmann::ordered_json;
 
-constexpr char kExamples[] = R"(List the actors of a trained street, or move, turn, remove or replace them in a new run.
+constexpr char kEditExamples[] =
+    R"(List the actors of a trained street, or move, turn, remove or replace them in a new run.
 
 Examples:
   cloam edit runs/street --list                                    the actors; thumbnails in runs/street/edit
@@ -111,7 +112,7 @@ int edit_actors(const EditRequest& request, const Common& common) {
   return 0;
 }
 
-int run_command(const EditRequest& request, const Common& common) {
+int run_edit(const EditRequest& request, const Common& common) {
   if (request.list == !request.actors.empty()) {
     throw Error(Fault::usage, "want either --list, or --actor [LOG:]ID:OPERATION and -o RUN2; see cloam edit --help");
   }
@@ -124,7 +125,7 @@ int run_command(const EditRequest& request, const Common& common) {
 }  // namespace
 
 Command add_edit(CLI::App& program) {
-  return command<EditRequest>(program, "edit", kExamples, run_command, [](const Options& add, EditRequest& r) {
+  return command<EditRequest>(program, "edit", kEditExamples, run_edit, [](const Options& add, EditRequest& r) {
     add("RUN", r.run, "Run folder").required();
     add("--list", r.list, "List the actors and draw a sheet of thumbnails");
     add_show(add, r.show);

@@ -14,7 +14,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Measure a run on held-out photos: PSNR, SSIM and baselines.
+constexpr char kEvalExamples[] = R"(Measure a run on held-out photos: PSNR, SSIM and baselines.
 
 Examples:
   cloam eval runs/fox
@@ -76,7 +76,7 @@ nlohmann::ordered_json measure_run(const EvalRequest& request, const Common& com
 }
 
 Command add_eval(CLI::App& program) {
-  return command<EvalRequest>(program, "eval", kExamples, run_eval, [](const Options& add, EvalRequest& r) {
+  return command<EvalRequest>(program, "eval", kEvalExamples, run_eval, [](const Options& add, EvalRequest& r) {
     add("RUN", r.run, "Run folder").required();
     add("--data", r.other, "Other photos in the same coordinate frame: their test split, or all");
     add_allow_outside(add, r.allow_outside);

@@ -26,7 +26,7 @@ namespace {
 
 constexpr int kFramesPerSecond = 12;
 constexpr char kPrior[] = "prior";
-constexpr char kExamples[] =
+constexpr char kExportExamples[] =
     R"(Write the actors of a street, or Gaussian splats, as files for other programs.
 
 Examples:
@@ -151,7 +151,7 @@ void take_file(ExportRequest& request) {
   request.out = with_format(request.out, request.format).string();
 }
 
-void check_folder(ExportRequest& request) {
+void check_export_folder(ExportRequest& request) {
   if (request.format.empty()) request.format = "glb";
   if (const std::string problem = problem_of(output_folder(), request.out); !problem.empty())
     throw Error(Fault::usage, text("--out: ", problem, request.actor.empty() ? "; or one actor: --actor ID" : ""));
@@ -163,7 +163,7 @@ int export_actors(const RestoredRun& run, ExportRequest request, const Common& c
     throw Error(Fault::usage,
                 text("--format ", request.format, ": this run has actors, not Gaussians; want glb, ply or turntable"));
   const bool is_file = !request.actor.empty() && request.format != "turntable";
-  is_file ? take_file(request) : check_folder(request);
+  is_file ? take_file(request) : check_export_folder(request);
   if (request.actor.empty()) {
     tell(run.scenes, export_all(run, request, common), common);
     return 0;
@@ -227,7 +227,7 @@ int export_prior(const ExportRequest& request, const Common& common) {
   return 0;
 }
 
-int run_command(const ExportRequest& request, const Common& common) {
+int run_export(const ExportRequest& request, const Common& common) {
   const RunRecord record = read_record(request.run);  // a wrong folder is told before a missing device
   if (request.format == kPrior) return export_prior(request, common);
   if (learned_from_run(record))
@@ -246,7 +246,8 @@ int run_command(const ExportRequest& request, const Common& common) {
 }  // namespace
 
 Command add_export(CLI::App& program) {
-  return command<ExportRequest>(program, "export", kExamples, run_command, [](const Options& add, ExportRequest& r) {
+  return command<
+      ExportRequest>(program, "export", kExportExamples, run_export, [](const Options& add, ExportRequest& r) {
     add("RUN", r.run, "Run folder").required();
     add("-o,--out", r.out, "Output file; a folder for turntables, for all actors and for a prior").required();
     add("--format", r.format,

@@ -14,7 +14,7 @@
 namespace cloam {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using Report = nlohmann::ordered_json;
 
 const std::map<std::string, CodeSource> kCodeSources = {{"sampled", CodeSource::sampled},
                                                         {"gaussian", CodeSource::gaussian},
@@ -26,7 +26,7 @@ constexpr char kCodesHelp[] =
     "sampled; to compare: gaussian (of class and time of day), mean (of that), random (white noise) and training (the "
     "codes trained on) (sampled)";
 
-constexpr char kExamples[] = R"(Generate new assets with a diffusion run.
+constexpr char kGenerateExamples[] = R"(Generate new assets with a diffusion run.
 
 Examples:
   cloam generate -n 16 -o assets                               with the prior that comes with the program
@@ -54,7 +54,7 @@ int class_named(const std::string& given) {
   throw Error(Fault::usage, text("--class ", given, ": want one of ", joined(names), did_you_mean(given, names)));
 }
 
-int run_command(GenerateRequest request, const Common& common) {
+int run_generate(GenerateRequest request, const Common& common) {
   if (!request.asset_class.empty()) request.wish.asset_class = class_named(request.asset_class);
   if (!request.time.empty()) request.wish.night = request.time == "night";
   request.wish.codes = kCodeSources.at(request.codes);
@@ -64,7 +64,7 @@ int run_command(GenerateRequest request, const Common& common) {
   check_is_prior(read_record(request.run), request.run);
   const GeneratedAssets made = generate_assets(restored(request.run, common), request.wish, {kVersion, request.codes});
   const StopOnSignal signals("finishing this asset");
-  Json all = write_assets(made, request.files, listener_of(common));
+  Report all = write_assets(made, request.files, listener_of(common));
   warn_without_font();
   if (common.json) {
     all["folder"] = request.out;
@@ -80,7 +80,7 @@ int run_command(GenerateRequest request, const Common& common) {
 
 Command add_generate(CLI::App& program) {
   return command<GenerateRequest>(
-      program, "generate", kExamples, run_command, [](const Options& add, GenerateRequest& r) {
+      program, "generate", kGenerateExamples, run_generate, [](const Options& add, GenerateRequest& r) {
         add("RUN", r.run, "Folder of a diffusion run (shipped: the one that comes with the program)");
         add("-o,--out", r.out, "Folder for the files").required();
         add("-n,--count", r.wish.count, "Number of assets (1)", whole_number(1, 1000));

@@ -14,7 +14,7 @@ namespace {
 
 using Report = nlohmann::ordered_json;
 
-constexpr char kExamples[] = R"(Show the OpenCL devices and which one is used.
+constexpr char kInfoExamples[] = R"(Show the OpenCL devices and which one is used.
 
 Examples:
   cloam info
@@ -120,7 +120,7 @@ void put_report(const std::vector<DeviceInfo>& devices, const std::optional<Devi
 
 struct InfoRequest {};
 
-int run_command(const InfoRequest&, const Common& common) {
+int run_info(const InfoRequest&, const Common& common) {
   const std::vector<DeviceInfo> devices = list_devices();
   std::optional<Error> why_not;
   const std::optional<DeviceInfo> chosen = chosen_device(common, why_not);
@@ -135,7 +135,7 @@ int run_command(const InfoRequest&, const Common& common) {
 }  // namespace
 
 Command add_info(CLI::App& program) {
-  return command<InfoRequest>(program, "info", kExamples, run_command, [](const Options&, InfoRequest&) {});
+  return command<InfoRequest>(program, "info", kInfoExamples, run_info, [](const Options&, InfoRequest&) {});
 }
 
 }  // namespace cloam

@@ -86,13 +86,13 @@ class HelpFormat : public CLI::Formatter {
   }
   /// Descriptions that are long go on below themselves.
   std::string make_option(const CLI::Option* option, bool is_positional) const override {
-    constexpr std::size_t kWidth = 120;
+    constexpr std::size_t kTextWidth = 120;
     const std::size_t indent = get_column_width();
     std::string out = "  " + make_option_name(option, is_positional) + make_option_opts(option), line;
     out += out.size() < indent ? std::string(indent - out.size(), ' ') : "\n" + std::string(indent, ' ');
     std::istringstream words(make_option_desc(option));
     for (std::string word; words >> word;) {
-      if (!line.empty() && indent + line.size() + word.size() >= kWidth) {
+      if (!line.empty() && indent + line.size() + word.size() >= kTextWidth) {
         out += line + "\n" + std::string(indent, ' ');
         line.clear();
       }

@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "models/io/bytes.h"
+#include "runtime/error.h"
 
 namespace cloam {
 namespace {
@@ -15,7 +16,7 @@ namespace fs = std::filesystem;
 
 constexpr uint64_t kLargestPicture = 64 << 20;
 constexpr int kQuality = 85;  // of JPEGs
-constexpr char kStyle[] = R"(
+constexpr char kPageStyle[] = R"(
 body { font: 16px/1.5 sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
 table { border-collapse: collapse; margin: 1rem 0 }
 td, th { padding: .3rem .8rem; border-bottom: 1px solid #ccc; text-align: left }
@@ -80,9 +81,11 @@ std::vector<fs::path> files_in(const fs::path& folder, const std::string& beginn
   return found;
 }
 
-std::string html_page(const std::string& title, const std::string& body) {
-  return "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + escaped(title) +
-         "</title><style>" + kStyle + "</style></head><body>\n<h1>" + escaped(title) + "</h1>\n" + body +
+std::string html_page(const std::string& title, const std::string& body, int refresh_seconds) {
+  const std::string refresh =
+      refresh_seconds > 0 ? text("<meta http-equiv=\"refresh\" content=\"", refresh_seconds, "\">") : "";
+  return "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">" + refresh + "<title>" + escaped(title) +
+         "</title><style>" + kPageStyle + "</style></head><body>\n<h1>" + escaped(title) + "</h1>\n" + body +
          "</body></html>\n";
 }
 

@@ -25,7 +25,8 @@ std::string figure(const Image& image, const std::string& caption, int width);
 /// Figures side by side.
 std::string row_of(const std::string& figures);
 
-std::string html_page(const std::string& title, const std::string& body);
+/// refresh_seconds: after which a browser reads the page again; 0: never.
+std::string html_page(const std::string& title, const std::string& body, int refresh_seconds = 0);
 
 /// Files in a folder whose names begin and end so, sorted.
 std::vector<std::filesystem::path> files_in(const std::filesystem::path& folder, const std::string& beginning,

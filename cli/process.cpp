@@ -25,7 +25,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Find the camera poses of photos with COLMAP (apt-get install colmap), on the CPU.
+constexpr char kProcessExamples[] = R"(Find the camera poses of photos with COLMAP (apt-get install colmap), on the CPU.
 The result is a capture for train and check: images/, and sparse/0 with cameras, poses and points.
 
 Examples:
@@ -111,9 +111,9 @@ std::optional<double> share_in(const std::string& line, std::size_t images) {
   return std::nullopt;
 }
 
-class Progress {
+class PhotoProgress {
  public:
-  Progress(const Common& common, int stages) : common_(common), stages_(stages), line_(common) {}
+  PhotoProgress(const Common& common, int stages) : common_(common), stages_(stages), line_(common) {}
 
   void begin(const std::string& stage) {
     line_.end();
@@ -142,7 +142,7 @@ struct Colmap {
   fs::path program;
   const Layout& layout;
   std::size_t images;
-  Progress& progress;
+  PhotoProgress& progress;
   bool verbose;
 
   /// Ends with the stage done, or with stop_signal set. Fault::data with COLMAP's last words.
@@ -292,7 +292,7 @@ void tell_result(const Layout& layout, std::size_t given, std::size_t models, co
   say(common, "next: cloam check " + quoted(layout.root.string()));
 }
 
-int run_command(const ProcessRequest& request, const Common& common) {
+int run_process(const ProcessRequest& request, const Common& common) {
   const std::vector<std::string> names = image_names(request.images);
   const bool one_camera = all_of_one_size(request.images, names);
   const fs::path program = colmap_program();
@@ -301,7 +301,7 @@ int run_command(const ProcessRequest& request, const Common& common) {
   const FolderLock lock(layout.work());
   const StopOnSignal signals("ending COLMAP");
   say(common, text(names.size(), " photos, ", one_camera ? "one camera" : "several cameras"));
-  Progress progress(common, request.undistort ? 4 : 3);
+  PhotoProgress progress(common, request.undistort ? 4 : 3);
   Colmap colmap{program, layout, names.size(), progress, common.verbose};
   for (const Stage& stage : stages_of(request, layout, names.size(), one_camera)) {
     colmap.run(stage);
@@ -325,19 +325,20 @@ int run_command(const ProcessRequest& request, const Common& common) {
 }  // namespace
 
 Command add_process(CLI::App& program) {
-  return command<ProcessRequest>(program, "process", kExamples, run_command, [](const Options& add, ProcessRequest& r) {
-    add("IMAGES", r.images, "Folder of photos, including its subfolders").required();
-    add("-o,--out", r.out, "Output folder for the capture").required();
-    add("--matching", r.matching,
-        "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos) (auto)",
-        one_of({"auto", "exhaustive", "sequential"}));
-    add("--camera-model", r.camera_model, "COLMAP's camera model, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)",
-        one_of({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV",
-                "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
-    add("--max-size", r.max_size, "Longest image side for finding features (1600)", whole_number(100, 1 << 14));
-    add("--undistort", r.undistort, "Undistort the images");
-    add("--overwrite", r.overwrite, "Start over in a folder that already holds a model or part of one");
-  });
+  return command<ProcessRequest>(
+      program, "process", kProcessExamples, run_process, [](const Options& add, ProcessRequest& r) {
+        add("IMAGES", r.images, "Folder of photos, including its subfolders").required();
+        add("-o,--out", r.out, "Output folder for the capture").required();
+        add("--matching", r.matching,
+            "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos) (auto)",
+            one_of({"auto", "exhaustive", "sequential"}));
+        add("--camera-model", r.camera_model, "COLMAP's camera model, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)",
+            one_of({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV",
+                    "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
+        add("--max-size", r.max_size, "Longest image side for finding features (1600)", whole_number(100, 1 << 14));
+        add("--undistort", r.undistort, "Undistort the images");
+        add("--overwrite", r.overwrite, "Start over in a folder that already holds a model or part of one");
+      });
 }
 
 }  // namespace cloam

@@ -17,7 +17,7 @@
 namespace cloam {
 namespace {
 
-constexpr int kSchema = 1;
+constexpr int kEventSchema = 1;
 constexpr double kBarSeconds = 0.2, kPlainSeconds = 5, kEventSeconds = 1;
 constexpr int64_t kFirstSteps = 3;  // always told: they show that it runs
 
@@ -75,7 +75,7 @@ void EventLog::open(const fs::path& path) {
 }
 
 void EventLog::write(const std::string& name, const Event& fields) {
-  Event event = {{"schema_version", kSchema}, {"event", name}, {"t", seconds_since_start()}};
+  Event event = {{"schema_version", kEventSchema}, {"event", name}, {"t", seconds_since_start()}};
   event.update(fields);
   const std::string line = event.dump(-1, ' ', false, Event::error_handler_t::replace) + "\n";
   if (on_stdout_) std::fwrite(line.data(), 1, line.size(), stdout);

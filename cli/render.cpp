@@ -21,8 +21,8 @@
 namespace cloam {
 namespace {
 
-constexpr int kFramesPerSecond = 20;
-constexpr char kExamples[] = R"(Render views of a trained scene.
+constexpr int kFilmRate = 20;
+constexpr char kRenderExamples[] = R"(Render views of a trained scene.
 
 Examples:
   cloam render runs/fox -o pictures                          the held-out views
@@ -183,8 +183,8 @@ std::string write_moving(const std::vector<Image>& images, const std::string& na
                          const Common& common) {
   if (images.empty()) return "";
   const fs::path gif = folder / (name + ".gif");
-  write_gif(gif, images, kFramesPerSecond);
-  const bool film = write_film(folder, name, images.size(), kFramesPerSecond, common);
+  write_gif(gif, images, kFilmRate);
+  const bool film = write_film(folder, name, images.size(), kFilmRate, common);
   return ", " + gif.string() + (film ? " and " + name + ".mp4" : "");
 }
 
@@ -196,7 +196,7 @@ void check_request(const RenderRequest& request) {
     throw Error(Fault::usage, "--lidar renders recorded sweeps: choose them with --split, --step and --log");
 }
 
-int run_command(const RenderRequest& request, const Common& common) {
+int run_render(const RenderRequest& request, const Common& common) {
   check_request(request);
   check_has_views(read_record(request.run));  // a wrong folder is told before a missing device
   const RestoredRun run = restored(request.run, common);
@@ -218,26 +218,28 @@ int run_command(const RenderRequest& request, const Common& common) {
 }  // namespace
 
 Command add_render(CLI::App& program) {
-  return command<RenderRequest>(program, "render", kExamples, run_command, [](const Options& add, RenderRequest& r) {
-    add("RUN", r.run, "Run folder").required();
-    add("-o,--out", r.out, "Folder for the pictures").required();
-    add("--split", r.split, "test (held-out views), train or all (test)", one_of({"test", "train", "all"}));
-    add("--path", r.path, "orbit: a circle around what the cameras look at; interpolated: from camera to camera",
-        one_of({"orbit", "interpolated"}));
-    add("--frames", r.frames, "Number of pictures along the path (60)", whole_number(1, 10000));
-    add("--log", r.log, "Runs on several logs: number (from 0) or name of one log");
-    add("--camera-name", r.camera_name, "Driving logs: only this camera, such as front_camera");
-    add("--step", r.step, "Driving logs: only this step, whatever the split", whole_number(0));
-    add("--time", r.time, "Driving logs: one camera at this time (seconds of the log, or +1.5 after its first image)");
-    add("--size", r.size, "Picture size, WIDTHxHEIGHT (that of the training images)");
-    add("--masks", r.masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
-    add("--lidar", r.lidar, "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");
-    add("--exr", r.exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");
-    add("--data", r.data, "Render the views of another capture in the same coordinates");
-    add_allow_outside(add, r.allow_outside);
-    add_show(add, r.show);
-    add("--camera", r.camera, "Cameras from a JSON file like transforms.json; several also make a GIF and an MP4");
-  });
+  return command<RenderRequest>(
+      program, "render", kRenderExamples, run_render, [](const Options& add, RenderRequest& r) {
+        add("RUN", r.run, "Run folder").required();
+        add("-o,--out", r.out, "Folder for the pictures").required();
+        add("--split", r.split, "test (held-out views), train or all (test)", one_of({"test", "train", "all"}));
+        add("--path", r.path, "orbit: a circle around what the cameras look at; interpolated: from camera to camera",
+            one_of({"orbit", "interpolated"}));
+        add("--frames", r.frames, "Number of pictures along the path (60)", whole_number(1, 10000));
+        add("--log", r.log, "Runs on several logs: number (from 0) or name of one log");
+        add("--camera-name", r.camera_name, "Driving logs: only this camera, such as front_camera");
+        add("--step", r.step, "Driving logs: only this step, whatever the split", whole_number(0));
+        add("--time", r.time,
+            "Driving logs: one camera at this time (seconds of the log, or +1.5 after its first image)");
+        add("--size", r.size, "Picture size, WIDTHxHEIGHT (that of the training images)");
+        add("--masks", r.masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
+        add("--lidar", r.lidar, "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");
+        add("--exr", r.exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");
+        add("--data", r.data, "Render the views of another capture in the same coordinates");
+        add_allow_outside(add, r.allow_outside);
+        add_show(add, r.show);
+        add("--camera", r.camera, "Cameras from a JSON file like transforms.json; several also make a GIF and an MP4");
+      });
 }
 
 }  // namespace cloam

@@ -14,7 +14,7 @@ namespace cloam {
 namespace {
 
 constexpr double kPictureSeconds = 30;  // for those that are missing
-constexpr char kExamples[] =
+constexpr char kReportExamples[] =
     R"(Write one page on a run: what it learned from, curves, pictures, metrics, and how to reproduce it.
 
 Examples:
@@ -44,7 +44,7 @@ void add_pictures(const ReportRequest& request, const Common& common) {
   make_pictures(run, kPictureSeconds, common);
 }
 
-int run_command(ReportRequest request, const Common& common) {
+int run_report(ReportRequest request, const Common& common) {
   const RunRecord record = read_record(request.run);
   if (request.out.empty()) request.out = RunPaths{request.run}.report().string();
   if (request.pictures == "on" && record.state != "running" && lacks_pictures(request.run))
@@ -61,13 +61,14 @@ int run_command(ReportRequest request, const Common& common) {
 }  // namespace
 
 Command add_report(CLI::App& program) {
-  return command<ReportRequest>(program, "report", kExamples, run_command, [](const Options& add, ReportRequest& r) {
-    add("RUN", r.run, "Run folder").required();
-    add("-o,--out", r.out, "The page (RUN/report.html)");
-    add("--pictures", r.pictures, "on: make those that are missing; off: only what is there (on)",
-        one_of({"on", "off"}));
-    add_show(add, r.show);
-  });
+  return command<ReportRequest>(
+      program, "report", kReportExamples, run_report, [](const Options& add, ReportRequest& r) {
+        add("RUN", r.run, "Run folder").required();
+        add("-o,--out", r.out, "The page (RUN/report.html)");
+        add("--pictures", r.pictures, "on: make those that are missing; off: only what is there (on)",
+            one_of({"on", "off"}));
+        add_show(add, r.show);
+      });
 }
 
 }  // namespace cloam

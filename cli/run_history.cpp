@@ -12,11 +12,10 @@ namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 constexpr uint64_t kLargest = uint64_t{1} << 30;
 
-void add(RunHistory::Series& series, int64_t step, const Json& fields, const char* key) {
+void add(RunHistory::Series& series, int64_t step, const nlohmann::json& fields, const char* key) {
   const auto found = fields.find(key);
   if (found == fields.end() || !found->is_number()) return;
   series.push_back({step, found->get<double>()});
@@ -28,7 +27,7 @@ void cut(RunHistory& history, int64_t step) {
     std::erase_if(*series, [step](const RunHistory::Point& point) { return point.step > step; });
 }
 
-void take(RunHistory& history, const Json& event, double& last_time) {
+void take(RunHistory& history, const nlohmann::json& event, double& last_time) {
   const std::string name = event.at("event");
   const double time = event.at("t");
   if (name == "plan") last_time = 0;
@@ -63,8 +62,8 @@ RunHistory read_history(const fs::path& log) {
   for (std::string line; std::getline(lines, line); ++number) {
     if (lines.eof()) break;  // without an end: a kill cut it
     try {
-      take(history, Json::parse(line), last_time);
-    } catch (const Json::exception&) {
+      take(history, nlohmann::json::parse(line), last_time);
+    } catch (const nlohmann::json::exception&) {
       throw Error(Fault::data, text(log.string(), ", line ", number, " is no event of a training: ", line.substr(0, 80),
                                     "\n  fix: remove that line; the log is not needed to go on"));
     }

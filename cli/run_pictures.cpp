@@ -20,13 +20,13 @@
 namespace cloam {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using Report = nlohmann::ordered_json;
 
-constexpr int kFrames = 36, kGood = 18, kFewest = 8, kFramesPerSecond = 12;
-constexpr int kLargest = 240, kLeast = 80;       // pixels of a view's longer side
-constexpr int kAssetPixels = 128, kColumns = 6;  // of turntables of assets and of sheets
+constexpr int kFrames = 36, kGood = 18, kFewestFrames = 8, kTurntableRate = 12;
+constexpr int kLargestView = 240, kLeastView = 80;    // pixels of a view's longer side
+constexpr int kAssetPixels = 128, kSheetColumns = 6;  // of turntables of assets and of sheets
 constexpr std::size_t kMostActors = 24;
-constexpr int kGenerated = 8, kGeneratedColumns = 4, kDenoisingSteps = 20;
+constexpr int kGeneratedAssets = 8, kGeneratedColumns = 4, kDenoisingSteps = 20;
 
 Camera with_sides(const Camera& camera, double scale) {
   const auto side = [&](int pixels) { return std::max(1, static_cast<int>(std::lround(scale * pixels))); };
@@ -34,7 +34,8 @@ Camera with_sides(const Camera& camera, double scale) {
 }
 
 /// A film of one frame after the other: shown(camera, i, count) is frame i of so many. Where all would take longer than
-/// `seconds`, told from a few pixels, the frames get smaller, then fewer. Empty where even kFewest would take longer.
+/// `seconds`, told from a few pixels, the frames get smaller, then fewer. Empty where even kFewestFrames would take
+/// longer.
 template <class Shown>
 std::vector<Image> film(const Camera& wanted, double seconds, const Shown& shown) {
   const double start = steady_seconds();
@@ -42,7 +43,7 @@ std::vector<Image> film(const Camera& wanted, double seconds, const Shown& shown
     check_stop([] { return std::string("the run is whole, but not all of its pictures were made"); });
   };
   double each = 0;
-  const double least = std::min(1.0, static_cast<double>(kLeast) / std::max(wanted.width, wanted.height));
+  const double least = std::min(1.0, static_cast<double>(kLeastView) / std::max(wanted.width, wanted.height));
   const Camera few = with_sides(wanted, least);
   for (int tries = 0; tries < 2; ++tries) {  // the first may compile kernels
     check();
@@ -55,7 +56,7 @@ std::vector<Image> film(const Camera& wanted, double seconds, const Shown& shown
   const double scale = std::clamp(std::sqrt(std::max(0.0, left) / (kGood * each)), least, 1.0);
   const Camera camera = with_sides(wanted, scale);
   const int count = static_cast<int>(std::clamp(left / (each * scale * scale), 0.0, static_cast<double>(kFrames)));
-  if (count < kFewest) return {};
+  if (count < kFewestFrames) return {};
   std::vector<Image> images;
   for (int i = 0; i < count; ++i) {
     check();
@@ -70,13 +71,13 @@ void write(const std::vector<Image>& images, const fs::path& path, const Common&
   if (images.empty())
     return say(common,
                text("no ", path.filename().string(), ": it would take too long now; cloam report makes it later"));
-  write_gif(path, images, kFramesPerSecond);
+  write_gif(path, images, kTurntableRate);
   written.push_back(path);
 }
 
 Camera small_camera(const RestoredRun& run, const Scene& scene, const Frame& frame) {
   const Camera camera = scaled(scene.cameras[static_cast<std::size_t>(frame.camera)], run.record.reading.downscale);
-  const double scale = std::min(1.0, static_cast<double>(kLargest) / std::max(camera.width, camera.height));
+  const double scale = std::min(1.0, static_cast<double>(kLargestView) / std::max(camera.width, camera.height));
   return with_sides(camera, scale);
 }
 
@@ -112,12 +113,12 @@ struct ShownAsset {
 
 /// The actors that most images show.
 std::vector<ShownAsset> actors_of(const RestoredRun& run) {
-  const Json list = list_of_actors(run);
+  const Report list = list_of_actors(run);
   std::vector<std::pair<int64_t, ShownAsset>> actors;
   std::size_t place = 0;
   for (std::size_t log = 0; log < run.scenes.size(); ++log)
     for (const Actor& actor : run.scenes[log].actors) {
-      const Json& row = list.at("actors").at(place++);
+      const Report& row = list.at("actors").at(place++);
       if (actor.boxes.empty()) continue;  // removed
       actors.push_back({row.at("images"),
                         {actor.asset.value_or(AssetName{static_cast<int>(log), actor.id}),
@@ -156,7 +157,7 @@ void show_assets(Street& street, const std::vector<ShownAsset>& assets, int colu
 
 void show_generated(const RestoredRun& prior, double seconds, const Common& common, std::vector<fs::path>& written) {
   const GeneratedAssets made =
-      generate_assets(prior, {.count = kGenerated, .steps = kDenoisingSteps}, {kVersion, "sampled"});
+      generate_assets(prior, {.count = kGeneratedAssets, .steps = kDenoisingSteps}, {kVersion, "sampled"});
   std::vector<ShownAsset> assets;
   for (std::size_t i = 0; i < made.assets.size(); ++i)
     assets.push_back({made.names[i],
@@ -175,7 +176,7 @@ std::vector<fs::path> make_pictures(RestoredRun& run, double seconds, const Comm
     show_generated(run, seconds, common, written);
   } else if (street) {
     write(drive(run, seconds / 2), paths.drive(), common, written);
-    show_assets(*street, actors_of(run), kColumns, seconds / 2, run.folder, common, written);
+    show_assets(*street, actors_of(run), kSheetColumns, seconds / 2, run.folder, common, written);
   } else if (as<RendersViews>(*run.method)) {
     write(orbit(run, seconds), paths.turntable(), common, written);
   }

@@ -12,7 +12,8 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Compare every operation on the device with float64 on the host. What is found is kept:
+constexpr char kSelftestExamples[] =
+    R"(Compare every operation on the device with float64 on the host. What is found is kept:
 cloam info shows it, and a device that computes wrong results is refused from then on.
 
 Examples:
@@ -54,7 +55,7 @@ void keep(Verdict verdict) {
   }
 }
 
-int run_command(const SelftestRequest& request, const Common& common) {
+int run_selftest_command(const SelftestRequest& request, const Common& common) {
   open_any_device(common);
   say(common, text("device ", device().name, " (", device().platform, "); to select it: ", device_spelling(device())));
   const bool lines = !common.json && !request.report;
@@ -79,7 +80,7 @@ int run_command(const SelftestRequest& request, const Common& common) {
 
 Command add_selftest(CLI::App& program) {
   return command<SelftestRequest>(
-      program, "selftest", kExamples, run_command, [](const Options& add, SelftestRequest& r) {
+      program, "selftest", kSelftestExamples, run_selftest_command, [](const Options& add, SelftestRequest& r) {
         add("--only", r.wish.only, "Only rows whose names contain one of these; the result is not kept");
         add("--quick", r.wish.quick, "Test dense inputs and the built-in kernel variants only");
         add("--report", r.report, "Print Markdown for a bug report: device, limits, and what failed");

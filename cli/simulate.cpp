@@ -23,7 +23,7 @@ namespace {
 
 using Report = nlohmann::ordered_json;
 
-constexpr char kExamples[] =
+constexpr char kSimulateExamples[] =
     R"(Write a trained, edited street as a driving log in PandaSet's layout: consistent images, LiDAR and boxes.
 
 Examples:
@@ -164,7 +164,7 @@ void check_request(const SimulateRequest& request) {
   check_new_folder(request.out);
 }
 
-int run_command(SimulateRequest request, const Common& common) {
+int run_simulate(SimulateRequest request, const Common& common) {
   if (request.augment > 0 && request.prior.empty()) request.prior = kShipped;
   request.prior = prior_named(request.prior);
   check_request(request);  // a wrong folder is told before a missing device
@@ -191,7 +191,7 @@ int run_command(SimulateRequest request, const Common& common) {
 
 Command add_simulate(CLI::App& program) {
   return command<SimulateRequest>(
-      program, "simulate", kExamples, run_command, [](const Options& add, SimulateRequest& r) {
+      program, "simulate", kSimulateExamples, run_simulate, [](const Options& add, SimulateRequest& r) {
         add("RUN", r.run, "Run folder, edited or not").required();
         add("-o,--out", r.out, "Folder for the log; with --augment, for the logs").required();
         add("--log", r.log, "Number or name of one of the run's logs (0)");

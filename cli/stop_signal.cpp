@@ -16,7 +16,7 @@ std::atomic<const char*> what_comes_first{""};
 
 /// Only what may be called in a handler of signals.
 void tell(const char* words) {
-  [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, words, std::strlen(words));
+  [[maybe_unused]] const ssize_t written = ::write(STDERR_FILENO, words, std::strlen(words));
 }
 
 /// Of a clock that any handler may read.

@@ -15,7 +15,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] =
+constexpr char kSynthExamples[] =
     R"(Make synthetic driving logs in PandaSet's layout, with ground truth: actor masks, depth, and
 the same frames with all actors rotated. Equal options give equal bytes.
 
@@ -75,9 +75,9 @@ void check_folders(const SynthRequest& request) {
 }
 
 /// On a terminal after each picture, elsewhere a line a log.
-class Progress {
+class PictureProgress {
  public:
-  Progress(int pictures, const Common& common) : pictures_(pictures), common_(common), line_(common) {}
+  PictureProgress(int pictures, const Common& common) : pictures_(pictures), common_(common), line_(common) {}
 
   void count(const fs::path& log) {
     ++done_;
@@ -108,7 +108,7 @@ void check_stop_in(const fs::path& folder, const SynthRequest& request, std::siz
   });
 }
 
-int run_command(SynthRequest request, const Common& common) {
+int run_synth(SynthRequest request, const Common& common) {
   request.log.cameras = camera_list(request.cameras);
   const ImageSize size = parse_size(request.size);
   request.log.width = size.width, request.log.height = size.height;
@@ -117,7 +117,7 @@ int run_command(SynthRequest request, const Common& common) {
   std::vector<std::string> folders;
   {
     const StopOnSignal signals("finishing this picture");
-    Progress progress(request.logs * street_log_pictures(request.log), common);
+    PictureProgress progress(request.logs * street_log_pictures(request.log), common);
     for (int log = 0; log < request.logs; ++log) {
       const fs::path folder = log_folder(request, log);
       StreetLogOptions options = request.log;
@@ -139,7 +139,7 @@ int run_command(SynthRequest request, const Common& common) {
 }  // namespace
 
 Command add_synth(CLI::App& program) {
-  return command<SynthRequest>(program, "synth", kExamples, run_command, [](const Options& add, SynthRequest& r) {
+  return command<SynthRequest>(program, "synth", kSynthExamples, run_synth, [](const Options& add, SynthRequest& r) {
     add("-o,--out", r.out, "Folder for the logs 001, 002, ...").required();
     add("--logs", r.logs, "Number of logs (2)", whole_number(1, 999));
     add("--frames", r.log.frames, "Time steps of each log (20)", whole_number(1, 200));

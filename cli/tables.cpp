@@ -20,7 +20,7 @@ namespace {
 
 using Names = std::vector<std::string>;
 
-constexpr char kExamples[] =
+constexpr char kTablesExamples[] =
     R"(Train and measure all rows of the GenAssets paper's tables and show them beside the paper's.
 
 Examples:
@@ -187,7 +187,7 @@ nlohmann::ordered_json json_of(const TablePlan& plan, const TableFolder& folder)
   return json;
 }
 
-int run_command(const TablesRequest& request, const Common& common) {
+int run_tables_command(const TablesRequest& request, const Common& common) {
   const TableFolder folder{request.out};
   const TablePlan plan = plan_of(request);
   check_same_table(folder, plan);
@@ -200,31 +200,33 @@ int run_command(const TablesRequest& request, const Common& common) {
 }  // namespace
 
 Command add_tables(CLI::App& program) {
-  return command<TablesRequest>(program, "tables", kExamples, run_command, [](const Options& add, TablesRequest& r) {
-    add("LOGS_ROOT", r.logs.root, "Folder of driving logs: PandaSet's 001, 002, ...");
-    add("-o,--out", r.out, "Folder for runs, figures and page; one that a table was begun in is continued",
-        output_folder())
-        .required();
-    add("--size", r.size, "paper (the default), or small: minutes a run; without logs it makes some",
-        one_of({"paper", "small"}));
-    add("--train", r.logs.train,
-        "Logs to train on, a list (default: all in LOGS_ROOT that are not measured; small without it: made ones)");
-    add("--measure", r.logs.measure, "Logs to measure, a list (" + joined(paper_logs(), ",") + ")");
-    Names rows;
-    for (const TableRow& row : genassets_rows()) rows.push_back(row.key);
-    add("--rows", r.rows, "Rows of GenAssets, a list of " + joined(rows) + " (all but the last)");
-    add("--methods", r.methods, "Other methods, a list of " + joined(table_methods()) + ", or none (small: none)");
-    add("--protocols", r.protocols, "List of " + joined(table_protocols()) + " (all)");
-    add("--seeds", r.seeds, "List of random seeds (1)");
-    add("--steps", r.steps, "List such as train=2000,fit=300; also assets=N and methods=N");
-    add("--features", r.features, "To measure by: weights of a feature network, or random (the default)");
-    add("--lpips", r.lpips, "Also measure LPIPS: weights of AlexNet or VGG-16, a comma, those of the linear layers");
-    add("--perceptual", r.perceptual, "To train by: weights for the perceptual loss (default: random features)");
-    add("--set", r.settings, "Setting key=value for the trainings of stage 1; may be repeated").one_word();
-    add("--jobs", r.jobs, "Commands to run side by side (1); each gets its share of cores and memory",
-        whole_number(1, 64));
-    add("--dry-run", r.dry_run, "List the commands with their hours; write nothing");
-  });
+  return command<TablesRequest>(
+      program, "tables", kTablesExamples, run_tables_command, [](const Options& add, TablesRequest& r) {
+        add("LOGS_ROOT", r.logs.root, "Folder of driving logs: PandaSet's 001, 002, ...");
+        add("-o,--out", r.out, "Folder for runs, figures and page; one that a table was begun in is continued",
+            output_folder())
+            .required();
+        add("--size", r.size, "paper (the default), or small: minutes a run; without logs it makes some",
+            one_of({"paper", "small"}));
+        add("--train", r.logs.train,
+            "Logs to train on, a list (default: all in LOGS_ROOT that are not measured; small without it: made ones)");
+        add("--measure", r.logs.measure, "Logs to measure, a list (" + joined(paper_logs(), ",") + ")");
+        Names rows;
+        for (const TableRow& row : genassets_rows()) rows.push_back(row.key);
+        add("--rows", r.rows, "Rows of GenAssets, a list of " + joined(rows) + " (all but the last)");
+        add("--methods", r.methods, "Other methods, a list of " + joined(table_methods()) + ", or none (small: none)");
+        add("--protocols", r.protocols, "List of " + joined(table_protocols()) + " (all)");
+        add("--seeds", r.seeds, "List of random seeds (1)");
+        add("--steps", r.steps, "List such as train=2000,fit=300; also assets=N and methods=N");
+        add("--features", r.features, "To measure by: weights of a feature network, or random (the default)");
+        add("--lpips", r.lpips,
+            "Also measure LPIPS: weights of AlexNet or VGG-16, a comma, those of the linear layers");
+        add("--perceptual", r.perceptual, "To train by: weights for the perceptual loss (default: random features)");
+        add("--set", r.settings, "Setting key=value for the trainings of stage 1; may be repeated").one_word();
+        add("--jobs", r.jobs, "Commands to run side by side (1); each gets its share of cores and memory",
+            whole_number(1, 64));
+        add("--dry-run", r.dry_run, "List the commands with their hours; write nothing");
+      });
 }
 
 }  // namespace cloam

@@ -16,7 +16,7 @@
 namespace cloam {
 namespace {
 
-constexpr int kWidest = 480;             // of a picture on the page
+constexpr int kWidestImage = 480;        // of a picture on the page
 constexpr std::size_t kImagesShown = 2;  // of a log and protocol
 constexpr char kReading[] =
     "Means over the measured logs and the seeds, &plusmn; the standard deviation of the seeds. <i>Guess</i> is the "
@@ -98,7 +98,7 @@ std::string title_of(const TablePlan& plan, const std::string& row) {
 /// A picture at the size of the page, as a file and on it.
 std::string shown(const TableFolder& folder, const std::string& name, const Image& image, const std::string& caption) {
   const fs::path file = folder.pictures() / (name + ".jpg");
-  const double scale = std::min(1.0, static_cast<double>(kWidest) / image.width);
+  const double scale = std::min(1.0, static_cast<double>(kWidestImage) / image.width);
   const int width = std::max(1, static_cast<int>(std::lround(image.width * scale)));
   const int height = std::max(1, static_cast<int>(std::lround(image.height * scale)));
   Image small = resized(image, width, height);

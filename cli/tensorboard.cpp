@@ -17,7 +17,7 @@
 namespace cloam {
 namespace {
 
-constexpr uint64_t kLargestPicture = 64 << 20;
+constexpr uint64_t kLargestEventPicture = 64 << 20;
 
 double seconds_since_1970() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -66,7 +66,7 @@ void TensorBoardFile::take(const std::string& name, const Event& fields) {
   const fs::path picture = fields.at("picture").get<std::string>();
   const ImageSize size = read_image_size(picture);
   write(event_scalars(when, scalars) +
-        event_picture(when, "preview", read_file(picture, kLargestPicture), size.width, size.height));
+        event_picture(when, "preview", read_file(picture, kLargestEventPicture), size.width, size.height));
 }
 
 void TensorBoardFile::write(const std::string& records) {

@@ -26,7 +26,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] = R"(Train a scene from photos or driving logs.
+constexpr char kTrainExamples[] = R"(Train a scene from photos or driving logs.
 
 Examples:
   cloam train nerf data/fox -o runs/fox --downscale 4 --holdout 8 --time-budget 5m
@@ -290,7 +290,7 @@ int end_finished(TrainJob& job, const Common& common) {
   return 0;
 }
 
-int run_command(TrainRequest request, const Common& common) {
+int run_train(TrainRequest request, const Common& common) {
   resolve_alias(request, common);
   preview_wish(request.preview_every);  // typing errors are told first
   request.networks = networks_named(request.networks);
@@ -382,7 +382,7 @@ void add_data_options(const Options& add, TrainRequest& r) {
 }  // namespace
 
 Command add_train(CLI::App& program) {
-  return command<TrainRequest>(program, "train", kExamples, run_command, [](const Options& add, TrainRequest& r) {
+  return command<TrainRequest>(program, "train", kTrainExamples, run_train, [](const Options& add, TrainRequest& r) {
     add_method_options(add, r);
     add_run_options(add, r);
     add_data_options(add, r);

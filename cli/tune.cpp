@@ -14,7 +14,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] =
+constexpr char kTuneExamples[] =
     R"(Measure the kernel variants on this device and keep the fastest. Results stay the same, bit for bit.
 
 Examples:
@@ -72,7 +72,7 @@ void keep(const std::string& choices) {
   }
 }
 
-int run_command(const TuneRequest& request, const Common& common) {
+int run_tune(const TuneRequest& request, const Common& common) {
   open_device(common);
   if (request.forget) return forget(common);
   const auto before = [&](const std::string& what, size_t done, size_t all) {
@@ -94,7 +94,7 @@ int run_command(const TuneRequest& request, const Common& common) {
 }  // namespace
 
 Command add_tune(CLI::App& program) {
-  return command<TuneRequest>(program, "tune", kExamples, run_command, [](const Options& add, TuneRequest& r) {
+  return command<TuneRequest>(program, "tune", kTuneExamples, run_tune, [](const Options& add, TuneRequest& r) {
     add("PATTERN", r.pattern, "Only workloads whose name contains this (all)");
     add("--rounds", r.rounds, "Alternating rounds per candidate (5)", whole_number(1, 99));
     add("--forget", r.forget, "Delete the choices kept for this device");

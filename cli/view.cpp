@@ -19,7 +19,7 @@
 namespace cloam {
 namespace {
 
-constexpr char kExamples[] =
+constexpr char kViewExamples[] =
     R"(Look at a run, or at a file of Gaussian splats, in the browser; edit the actors of a street.
 
 Examples:
@@ -97,7 +97,7 @@ int write_page(Shown& shown, const ViewRequest& request, const Common& common) {
   return 0;
 }
 
-int run_command(const ViewRequest& request, const Common& common) {
+int run_view(const ViewRequest& request, const Common& common) {
   JobQueue jobs;
   Events events;
   std::unique_ptr<Shown> shown;
@@ -118,7 +118,7 @@ int run_command(const ViewRequest& request, const Common& common) {
 }  // namespace
 
 Command add_view(CLI::App& program) {
-  return command<ViewRequest>(program, "view", kExamples, run_command, [](const Options& add, ViewRequest& r) {
+  return command<ViewRequest>(program, "view", kViewExamples, run_view, [](const Options& add, ViewRequest& r) {
     add("RUN|FILE", r.what, "Run folder, or a file of Gaussians: .ply, .splat, .spz or .glb").required();
     add("--port", r.port, "Port of the address (one that is free)", whole_number(1, 65535));
     add("--no-open", r.no_open, "Do not open a browser");

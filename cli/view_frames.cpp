@@ -19,32 +19,32 @@ constexpr double kSecondsOfLevel[] = {0.2, 1};
 constexpr int kScales[] = {1, 2, 3, 4, 6, 8, 12, 16};  // a coarser picture shows nothing
 constexpr int kWarmSide = 80;                          // pixels
 constexpr double kKept = 0.8;                          // how much a measurement still counts when the next one is made
-const char* const kWhere = "the request";
+const char* const kFrameRequest = "the request";
 
 double number_between(const Json& request, const char* key, double least, double most) {
-  const double value = number(request, key, kWhere);
+  const double value = number(request, key, kFrameRequest);
   if (value >= least && value <= most) return value;
-  bad_data(kWhere, ": \"", key, "\" is ", value, ", want ", least, " to ", most);
+  bad_data(kFrameRequest, ": \"", key, "\" is ", value, ", want ", least, " to ", most);
 }
 
 int whole_between(const Json& request, const char* key, double least, double most) {
   const double value = number_between(request, key, least, most);
   if (value == std::floor(value)) return static_cast<int>(value);
-  bad_data(kWhere, ": \"", key, "\" is ", value, ", want a whole number");
+  bad_data(kFrameRequest, ": \"", key, "\" is ", value, ", want a whole number");
 }
 
 Eigen::Matrix4d pose_in(const Json& request) {
-  const Json& numbers = array(request, "world_from_camera", kWhere);
+  const Json& numbers = array(request, "world_from_camera", kFrameRequest);
   Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
   if (numbers.size() != 12)
-    bad_data(kWhere, ": \"world_from_camera\" has ", numbers.size(), " numbers, want 12: three rows of four");
+    bad_data(kFrameRequest, ": \"world_from_camera\" has ", numbers.size(), " numbers, want 12: three rows of four");
   for (int i = 0; i < 12; ++i) {
     const Json& value = numbers[static_cast<std::size_t>(i)];
     if (!value.is_number() || !std::isfinite(value.get<double>()))
-      bad_data(kWhere, ": \"world_from_camera\" holds ", value.dump().substr(0, 40), ", want 12 finite numbers");
+      bad_data(kFrameRequest, ": \"world_from_camera\" holds ", value.dump().substr(0, 40), ", want 12 finite numbers");
     pose(i / 4, i % 4) = value.get<double>();
   }
-  return rigid(pose, kWhere);
+  return rigid(pose, kFrameRequest);
 }
 
 Camera shrunk(const Camera& camera, int scale) {
@@ -54,7 +54,7 @@ Camera shrunk(const Camera& camera, int scale) {
 double pixels_of(const Camera& camera) { return static_cast<double>(camera.width) * camera.height; }
 
 /// Without what compiling took, which happens once.
-double seconds_now() { return seconds_since_start() - device_stats().build_seconds; }
+double seconds_without_builds() { return seconds_since_start() - device_stats().build_seconds; }
 
 }  // namespace
 
@@ -63,12 +63,12 @@ View view_in(const Json& request, int scene) {
   camera.width = whole_between(request, "width", 1, kLargestSide);
   camera.height = whole_between(request, "height", 1, kLargestSide);
   if (pixels_of(camera) > kMostPixels)
-    bad_data(kWhere, ": ", camera.width, "x", camera.height, " pixels, want ", kMostPixels, " at most");
-  camera.fx = number(request, "fx", kWhere);
-  camera.fy = number(request, "fy", kWhere);
-  camera.cx = number(request, "cx", kWhere);
-  camera.cy = number(request, "cy", kWhere);
-  require_sound(camera, kWhere);
+    bad_data(kFrameRequest, ": ", camera.width, "x", camera.height, " pixels, want ", kMostPixels, " at most");
+  camera.fx = number(request, "fx", kFrameRequest);
+  camera.fy = number(request, "fy", kFrameRequest);
+  camera.cx = number(request, "cx", kFrameRequest);
+  camera.cy = number(request, "cy", kFrameRequest);
+  require_sound(camera, kFrameRequest);
   const double time = request.contains("time") && !request["time"].is_null()
                           ? number_between(request, "time", -kLongestTime, kLongestTime)
                           : 0;
@@ -77,13 +77,13 @@ View view_in(const Json& request, int scene) {
 
 FrameRequest frame_request(const Json& request, int scene) {
   FrameRequest out;
-  out.client = string(request, "client", kWhere);
+  out.client = string(request, "client", kFrameRequest);
   if (out.client.empty() || out.client.size() > 100)
-    bad_data(kWhere, ": \"client\" has ", out.client.size(), " letters, want 1 to 100");
+    bad_data(kFrameRequest, ": \"client\" has ", out.client.size(), " letters, want 1 to 100");
   out.number = static_cast<int64_t>(number_between(request, "number", 0, 9e15));
   out.level = whole_between(request, "level", 0, 2);
-  const std::string format = optional_string(request, "format", kWhere).value_or("jpeg");
-  if (format != "jpeg" && format != "png") bad_data(kWhere, ": \"format\" is ", format, ", want jpeg or png");
+  const std::string format = optional_string(request, "format", kFrameRequest).value_or("jpeg");
+  if (format != "jpeg" && format != "png") bad_data(kFrameRequest, ": \"format\" is ", format, ", want jpeg or png");
   out.png = format == "png";
   out.view = view_in(request, scene);
   return out;
@@ -108,14 +108,14 @@ double FramePace::seconds_for(double pixels) const {
 
 /// What others did between the parts takes no part in its pace.
 Picture FrameMaker::render(View view) {
-  double begin = seconds_now();
+  double begin = seconds_without_builds();
   view.between = [&begin, between = view.between] {
-    const double before = seconds_now();
+    const double before = seconds_without_builds();
     between();
-    begin += seconds_now() - before;
+    begin += seconds_without_builds() - before;
   };
   Picture picture = renders_->render(view);
-  pace_.add(pixels_of(view.camera), seconds_now() - begin);
+  pace_.add(pixels_of(view.camera), seconds_without_builds() - begin);
   return picture;
 }
 

@@ -12,7 +12,7 @@
 namespace cloam {
 namespace {
 
-constexpr int kLargestSide = 1920;
+constexpr int kLargestPhotoSide = 1920;
 
 /// Whole, upright as it is stored, on white.
 Image opaque(const Image& image) {
@@ -46,7 +46,7 @@ Answer Recorded::photo(std::size_t frame) {
       std::find_if(scene.frames.begin(), scene.frames.end(), [&](const Frame& f) { return f.name == names_[frame]; });
   if (found == scene.frames.end()) bad_data(scene.root.string(), ": the image ", names_[frame], " is missing");
   Image image = opaque(read_image(scene.root / found->image));
-  const double shrink = std::max(1.0, std::max(image.width, image.height) / static_cast<double>(kLargestSide));
+  const double shrink = std::max(1.0, std::max(image.width, image.height) / static_cast<double>(kLargestPhotoSide));
   if (shrink > 1)
     image = resized(image, static_cast<int>(std::lround(image.width / shrink)),
                     static_cast<int>(std::lround(image.height / shrink)));

@@ -26,7 +26,7 @@ using Eigen::Vector3d;
 
 constexpr int kThumbnail = 128, kTourSide = 480, kTourViews = 48;
 constexpr std::size_t kWarmFrames = 8;
-const char* const kWhere = "the request";
+const char* const kRequestOfPage = "the request";
 
 /// The looks of an actor in words that hold no slash and need no escape: "0-12", or "2-0" of a generated asset.
 std::string looks_word(const Scenes& scenes, const AssetName& looks) {
@@ -196,7 +196,7 @@ Answer RunShown::pick(const Json& request) {
   const View view = view_in(request, log_);
   const Vector3d ray =
       view.world_from_camera.topLeftCorner<3, 3>() *
-      direction(view.camera, {number(request, "x", kWhere), number(request, "y", kWhere)}).normalized();
+      direction(view.camera, {number(request, "x", kRequestOfPage), number(request, "y", kRequestOfPage)}).normalized();
   const Vector3d origin = view.world_from_camera.topRightCorner<3, 1>();
   const Eigen::Vector3f o = origin.cast<float>(), d = ray.cast<float>();
   const LidarReturns seen = street().measure({log_, view.time, {o.begin(), o.end()}, {d.begin(), d.end()}});
@@ -242,7 +242,7 @@ Answer RunShown::undo() {
 
 Answer RunShown::save(const Json& request) {
   street();
-  const std::string folder = string(request, "path", kWhere);
+  const std::string folder = string(request, "path", kRequestOfPage);
   edits_.save(folder);
   return json_answer({{"run", folder}});
 }

@@ -12,7 +12,7 @@
 namespace cloam {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using Report = nlohmann::ordered_json;
 using Eigen::Vector3d;
 
 constexpr double kAhead = 15, kAround = 20;  // metres, in a street
@@ -24,17 +24,17 @@ double quantile(std::vector<double> values, double share) {
 }
 
 /// What all kinds of scenes have; the rest is filled in by whoever knows more.
-Json begin_scene(const std::string& title, const char* kind, const std::string& method) {
+Report begin_scene(const std::string& title, const char* kind, const std::string& method) {
   return {{"schema_version", 1},
           {"title", title},
           {"kind", kind},
-          {"method", method.empty() ? Json() : Json(method)},
-          {"up", Json::array({0, 0, 1})},
-          {"centre", Json::array({0, 0, 0})},
+          {"method", method.empty() ? Report() : Report(method)},
+          {"up", Report::array({0, 0, 1})},
+          {"centre", Report::array({0, 0, 0})},
           {"radius", 1},
           {"background", "#000000"},
           {"splats", nullptr},
-          {"cameras", Json::array()},
+          {"cameras", Report::array()},
           {"times", nullptr},
           {"street", false},
           {"lidar", false},
@@ -51,7 +51,7 @@ const char* word_for(CameraModel model) {
                                          : "fov";
 }
 
-Json camera_json(const Scene& scene, std::size_t place, int downscale) {
+Report camera_json(const Scene& scene, std::size_t place, int downscale) {
   const Frame& frame = scene.frames[place];
   const Camera camera = scaled(scene.cameras[static_cast<std::size_t>(frame.camera)], downscale);
   return {{"name", frame.name},
@@ -64,14 +64,14 @@ Json camera_json(const Scene& scene, std::size_t place, int downscale) {
           {"cy", camera.cy},
           {"lens", word_for(camera.model)},
           {"world_from_camera", pose_json(frame.world_from_camera)},
-          {"time", frame.timestamp ? Json(*frame.timestamp) : Json()},
+          {"time", frame.timestamp ? Report(*frame.timestamp) : Report()},
           {"photo", text("photos/", place)}};
 }
 
 Vector3d position(const Frame& frame) { return frame.world_from_camera.topRightCorner<3, 1>(); }
 
 /// A street is looked at from where the recording car began; photos around what they show.
-void place_page(const Scene& scene, Json& json) {
+void place_page(const Scene& scene, Report& json) {
   json["up"] = vector_json(scene.is_log ? scene.up : mean_up(scene));
   if (scene.is_log) {
     const std::vector<Frame> frames = frames_in_order(scene, front_sensor(scene));
@@ -87,27 +87,27 @@ void place_page(const Scene& scene, Json& json) {
   json["radius"] = std::max(1e-6, quantile(std::move(distances), 0.5));
 }
 
-Json times_of(const Scene& scene) {
+Report times_of(const Scene& scene) {
   std::vector<double> times;
   for (const Frame& frame : scene.frames)
     if (frame.timestamp) times.push_back(*frame.timestamp);
   if (!scene.is_log || times.empty()) return nullptr;
   const auto [first, last] = std::minmax_element(times.begin(), times.end());
-  return Json::array({*first, *last});
+  return Report::array({*first, *last});
 }
 
 }  // namespace
 
-Json vector_json(const Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); }
+Report vector_json(const Vector3d& v) { return Report::array({v.x(), v.y(), v.z()}); }
 
-Json pose_json(const Eigen::Matrix4d& pose) {
-  Json numbers = Json::array();
+Report pose_json(const Eigen::Matrix4d& pose) {
+  Report numbers = Report::array();
   for (int i = 0; i < 12; ++i) numbers.push_back(pose(i / 4, i % 4));
   return numbers;
 }
 
-Json scene_of_gaussians(const std::string& title, const Gaussians& gaussians) {
-  Json json = begin_scene(title, "gaussians", "");
+Report scene_of_gaussians(const std::string& title, const Gaussians& gaussians) {
+  Report json = begin_scene(title, "gaussians", "");
   std::vector<double> along[3], distances;
   for (std::size_t i = 0; i < gaussians.means.size(); ++i)
     along[i % 3].push_back(static_cast<double>(gaussians.means[i]));
@@ -121,8 +121,8 @@ Json scene_of_gaussians(const std::string& title, const Gaussians& gaussians) {
   return json;
 }
 
-Json scene_of_captures(const std::string& title, const std::string& method, const Scene& scene, int downscale) {
-  Json json = begin_scene(title, "rendered", method);
+Report scene_of_captures(const std::string& title, const std::string& method, const Scene& scene, int downscale) {
+  Report json = begin_scene(title, "rendered", method);
   place_page(scene, json);
   for (std::size_t i = 0; i < scene.frames.size(); ++i) json["cameras"].push_back(camera_json(scene, i, downscale));
   json["times"] = times_of(scene);

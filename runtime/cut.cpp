@@ -215,7 +215,7 @@ void Grouper::add_pointwise(int i) {
     plan.groups.emplace_back();
     plan.groups.back().shape_node = i;
     values_of.emplace_back();
-    plan.steps.push_back({Step::group, g, {}});
+    plan.steps.push_back({PlanStep::group, g, {}});
   }
   Group& group = plan.groups[static_cast<size_t>(g)];
   Values& values = values_of[static_cast<size_t>(g)];
@@ -242,7 +242,7 @@ void Grouper::add_reduce(int i) {
   group.reduce_dtype = node(i)->dtype;
   group.shape_node = source;
   at(i).ready = static_cast<int>(plan.steps.size());
-  plan.steps.push_back({Step::group, static_cast<int>(plan.groups.size()), {}});
+  plan.steps.push_back({PlanStep::group, static_cast<int>(plan.groups.size()), {}});
   plan.groups.push_back(group);
   values_of.push_back(values);
   step_of.push_back(at(i).ready);
@@ -261,7 +261,7 @@ void Grouper::add_steps() {
       add_reduce(i);
     } else {
       at(i).ready = static_cast<int>(plan.steps.size());
-      plan.steps.push_back({kind(i) == OpKind::view ? Step::view : Step::kernel, i, {}});
+      plan.steps.push_back({kind(i) == OpKind::view ? PlanStep::view : PlanStep::kernel, i, {}});
     }
   }
 }
@@ -280,9 +280,9 @@ struct Lifetimes : Nodes {
 void Lifetimes::find_last_uses() {
   std::vector<int> last(states.size(), -1);
   for (size_t s = 0; s < plan.steps.size(); s++) {
-    const Step& step = plan.steps[s];
+    const PlanStep& step = plan.steps[s];
     const auto use = [&](int i) { last[static_cast<size_t>(i)] = static_cast<int>(s); };
-    if (step.kind == Step::group) {
+    if (step.kind == PlanStep::group) {
       const Group& group = plan.groups[static_cast<size_t>(step.index)];
       for (const GroupInput& in : group.inputs) use(in.node);
       for (const GroupOutput& out : group.outputs) use(out.node);
@@ -305,8 +305,8 @@ bool Lifetimes::shares_buffer(int i) const {
 /// A pointwise result takes the buffer of an input that dies in the same launch and lies alike, unless views share that
 /// buffer (and running checks again that nobody else holds it).
 void Lifetimes::find_heirs() {
-  for (const Step& step : plan.steps) {
-    if (step.kind != Step::group) continue;
+  for (const PlanStep& step : plan.steps) {
+    if (step.kind != PlanStep::group) continue;
     Group& group = plan.groups[static_cast<size_t>(step.index)];
     std::vector<bool> taken(group.inputs.size());
     for (GroupOutput& out : group.outputs)

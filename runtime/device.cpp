@@ -136,7 +136,7 @@ bool matches(const Candidate& c, size_t position, const std::string& wish) {
 /// A GPU before a CPU; among equals the larger memory is no criterion (drivers report it at whim), the order is.
 int rank(const Candidate& c) { return c.info.is_cpu ? 1 : 0; }
 
-const Candidate& choose(const Candidates& found, const std::string& wish) {
+const Candidate& chosen_among(const Candidates& found, const std::string& wish) {
   const std::vector<Candidate>& all = found.all;
   if (all.empty())
     throw Error(Fault::device,
@@ -165,19 +165,19 @@ const Candidate& choose(const Candidates& found, const std::string& wish) {
                             [](const Candidate* a, const Candidate* b) { return rank(*a) < rank(*b); });
 }
 
-DeviceOptions wanted;
-std::optional<ClDevice> chosen;
+DeviceOptions device_options;
+std::optional<ClDevice> device_in_use;
 
 void open_device() {
   const char* environment = std::getenv("CLOAM_DEVICE");
-  const std::string wish = wanted.device == "auto" && environment ? environment : wanted.device;
+  const std::string wish = device_options.device == "auto" && environment ? environment : device_options.device;
   check_environment();
   const Candidates found = candidates();
-  const Candidate& c = choose(found, wish);
+  const Candidate& c = chosen_among(found, wish);
   try {
     cl::Context context(c.device);
     cl::CommandQueue queue(context, c.device, debug().kernels ? CL_QUEUE_PROFILING_ENABLE : 0);
-    chosen = ClDevice{c.platform, c.device, context, queue, c.info};
+    device_in_use = ClDevice{c.platform, c.device, context, queue, c.info};
     start_watchdog(c.info.is_cpu);
   } catch (const cl::Error& error) {
     opening_failed(error, "open the device", text(c.info.name, " (", c.info.platform, ", driver ", c.info.driver, ")"));
@@ -220,13 +220,13 @@ std::vector<DeviceInfo> list_devices() {
 }
 
 void choose_device(const DeviceOptions& options) {
-  wanted = options;
-  if (!chosen) open_device();
+  device_options = options;
+  if (!device_in_use) open_device();
 }
 
 ClDevice& cl_device() {
-  if (!chosen) open_device();
-  return *chosen;
+  if (!device_in_use) open_device();
+  return *device_in_use;
 }
 
 const DeviceInfo& device() { return cl_device().info; }
@@ -245,6 +245,6 @@ DeviceStats& device_stats() {
   return stats;
 }
 
-uint64_t wanted_max_bytes() { return wanted.max_bytes; }
+uint64_t wanted_max_bytes() { return device_options.max_bytes; }
 
 }  // namespace cloam

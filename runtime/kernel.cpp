@@ -68,7 +68,7 @@ Cache& cache() {
   return *one;
 }
 
-std::set<std::string>* recorder = nullptr;
+std::set<std::string>* kernel_recorder = nullptr;
 
 /// "conv2d_cpu.cl: conv2d_rows", or what a generated kernel is made of.
 std::string name_of(const cl::Kernel& k, const char* label) {
@@ -173,7 +173,7 @@ cl::Kernel kernel_in(const cl::Program& program, const std::string& name) {
 
 }  // namespace
 
-void record_kernels(std::set<std::string>* into) { recorder = into; }
+void record_kernels(std::set<std::string>* into) { kernel_recorder = into; }
 
 void on_build(std::function<void(const DeviceStats&)> listener) { build_listener() = std::move(listener); }
 
@@ -332,7 +332,7 @@ std::string last_launches() {
 
 void enqueue(cl::Kernel& k, const char* name, const Range& range, double bytes) {
   if (range.global[0] * range.global[1] * range.global[2] == 0) return;
-  if (recorder) recorder->insert(name_of(k, name));
+  if (kernel_recorder) kernel_recorder->insert(name_of(k, name));
   const cl::NDRange global(range.global[0], range.global[1], range.global[2]);
   const cl::NDRange local(range.local[0], range.local[1], range.local[2]);
   cl::Event event;

@@ -38,7 +38,7 @@ double peak_gflops() {
 /// Fresh pages that were never written are all one page of zeros: reading them would cost nothing.
 Tensor written(int64_t n) {
   const Tensor out = empty({n});
-  const Share work = share(n, 1);
+  const WorkShare work = share(n, 1);
   launch(kernel("limits", "peak_in_place"), "peak_in_place", work.range, out, n, work.chunk);
   return out;
 }
@@ -49,7 +49,7 @@ double cached_gbps(uint64_t bytes) {
   const int rounds = static_cast<int>(std::max<int64_t>(1, (int64_t{1} << 26) / n));
   const Tensor from = written(n), to = written(n);
   const int64_t each = (n + device().compute_units - 1) / device().compute_units;  // a core keeps its part
-  const Share work = is_cpu_class() ? Share{each, range1((n + each - 1) / each)} : share(n, 1);
+  const WorkShare work = is_cpu_class() ? WorkShare{each, range1((n + each - 1) / each)} : share(n, 1);
   return gbps_of(8.0 * static_cast<double>(n) * rounds, [&] {
     launch(kernel("limits", "peak_copy"), "peak_copy", work.range, from, to, n, work.chunk, rounds);
   });
@@ -58,7 +58,7 @@ double cached_gbps(uint64_t bytes) {
 void measure_memory(DeviceLimits& out) {
   const int64_t n = int64_t{1} << 26;
   const Tensor from = written(n), to = written(n);
-  const Share work = share(n, 1), vectors = share(n / 16, 1);
+  const WorkShare work = share(n, 1), vectors = share(n / 16, 1);
   const double bytes = 8.0 * static_cast<double>(n);
   const double plain = gbps_of(
       bytes, [&] { launch(kernel("limits", "peak_copy"), "peak_copy", work.range, from, to, n, work.chunk, 1); });

@@ -44,7 +44,7 @@ Layout layout_of(const Group& group, const Walk& graph) {
   return layout;
 }
 
-cl::Kernel& kernel_of(const Group& group, const Layout& layout, Step& step) {
+cl::Kernel& kernel_of(const Group& group, const Layout& layout, PlanStep& step) {
   const uint64_t key = layout.key();
   for (const auto& [known, found] : step.kernels)
     if (known == key) return *found;
@@ -121,7 +121,7 @@ Tiling tiling_of(int64_t rows, int64_t inner) {
   return out;
 }
 
-void run_pointwise(const Group& group, Step& step, const Walk& graph) {
+void run_pointwise(const Group& group, PlanStep& step, const Walk& graph) {
   const Layout layout = layout_of(group, graph);
   const int64_t inner = layout.extents.back();
   int64_t rows = 1;
@@ -170,7 +170,7 @@ Split split_reduction(const Layout& layout) {
   return s;
 }
 
-void launch_reduce(const Group& group, Step& step, const Walk& graph, const Layout& layout, const Split& split,
+void launch_reduce(const Group& group, PlanStep& step, const Walk& graph, const Layout& layout, const Split& split,
                    const Tensor& to) {
   Arguments arguments(kernel_of(group, layout, step));
   add_arguments(arguments, group, layout, graph, {layout.kept_count(), split.per_item, split.length});
@@ -182,7 +182,7 @@ void launch_reduce(const Group& group, Step& step, const Walk& graph, const Layo
 
 /// [chunks, kept] -> [kept]: the same generated reduction with nothing before it.
 void reduce_partials(const Group& group, const Tensor& partial, const Tensor& to) {
-  static std::unordered_map<uint64_t, Step> steps;
+  static std::unordered_map<uint64_t, PlanStep> steps;
   static const std::shared_ptr<const ReduceOp> over_rows[] = {std::make_shared<ReduceOp>(Reduction::sum, 1),
                                                               std::make_shared<ReduceOp>(Reduction::max, 1),
                                                               std::make_shared<ReduceOp>(Reduction::min, 1)};
@@ -193,14 +193,15 @@ void reduce_partials(const Group& group, const Tensor& partial, const Tensor& to
   Walk graph;
   graph.nodes = {partial.node()};
   const Layout layout = layout_of(second, graph);
-  Step& step = steps[static_cast<uint64_t>(group.reduce->reduction) << 8 | static_cast<uint64_t>(group.reduce_dtype)];
+  PlanStep& step =
+      steps[static_cast<uint64_t>(group.reduce->reduction) << 8 | static_cast<uint64_t>(group.reduce_dtype)];
   Split split = split_reduction(layout);
   split.chunks = 1;
   split.length = layout.reduced_count();
   launch_reduce(second, step, graph, layout, split, to);
 }
 
-void run_reduce(const Group& group, Step& step, const Walk& graph) {
+void run_reduce(const Group& group, PlanStep& step, const Walk& graph) {
   const Layout layout = layout_of(group, graph);
   Node* out = at(graph, group.reduce_node);
   allocate_for(out);
@@ -231,8 +232,8 @@ void run_view(Node* node) {
   node->storage = *view;
 }
 
-std::string describe(const Step& step, const Plan& plan, const Walk& graph) {
-  if (step.kind != Step::group) return at(graph, step.index)->op->name();
+std::string describe(const PlanStep& step, const Plan& plan, const Walk& graph) {
+  if (step.kind != PlanStep::group) return at(graph, step.index)->op->name();
   std::string names;
   const Group& group = plan.groups[static_cast<size_t>(step.index)];
   for (const Instruction& i : group.code) names += std::string(names.empty() ? "" : " ") + label(group, i);
@@ -240,8 +241,8 @@ std::string describe(const Step& step, const Plan& plan, const Walk& graph) {
 }
 
 /// The nodes that a step gives values.
-std::vector<int> results_of(const Step& step, const Plan& plan) {
-  if (step.kind != Step::group) return {step.index};
+std::vector<int> results_of(const PlanStep& step, const Plan& plan) {
+  if (step.kind != PlanStep::group) return {step.index};
   std::vector<int> results;
   const Group& group = plan.groups[static_cast<size_t>(step.index)];
   for (const GroupOutput& out : group.outputs) results.push_back(out.node);
@@ -249,10 +250,10 @@ std::vector<int> results_of(const Step& step, const Plan& plan) {
   return results;
 }
 
-void check_finite(const Step& step, const Plan& plan, const Walk& graph) {
+void check_finite(const PlanStep& step, const Plan& plan, const Walk& graph) {
   for (int i : results_of(step, plan)) {
     Node* node = at(graph, i);
-    if (node->dtype != DType::f32 || step.kind == Step::view) continue;
+    if (node->dtype != DType::f32 || step.kind == PlanStep::view) continue;
     const std::vector<float> values = handle(graph, i).to_host();
     for (size_t k = 0; k < values.size(); k++)
       if (std::isnan(values[k]) || (debug().nan && std::isinf(values[k])))
@@ -270,14 +271,14 @@ void compile(const Plan& plan, const Walk& graph) {
     kept.push_back(node->storage);
     if (!node->storage.buffer) node->storage.strides = dense_strides(node->shape);
   }
-  for (const Step& step : plan.steps) {
-    if (step.kind == Step::view) {
+  for (const PlanStep& step : plan.steps) {
+    if (step.kind == PlanStep::view) {
       Node* node = at(graph, step.index);
       const Tensor& base = node->in[0];
       if (auto view = node->op->view(base.node()->storage, base.shape(), node->shape))
         node->storage.strides = view->strides, node->storage.offset = view->offset;
     }
-    if (step.kind != Step::group) continue;
+    if (step.kind != PlanStep::group) continue;
     const Group& group = plan.groups[static_cast<size_t>(step.index)];
     texts.push_back(generate(group, layout_of(group, graph)));
   }
@@ -303,10 +304,10 @@ Plan& plan_for(const Walk& graph) {
   return *alike.back();
 }
 
-void run_step(Step& step, const Plan& plan, const Walk& graph) {
-  if (step.kind == Step::group)
+void run_step(PlanStep& step, const Plan& plan, const Walk& graph) {
+  if (step.kind == PlanStep::group)
     run_group(plan.groups[static_cast<size_t>(step.index)], step, graph);
-  else if (step.kind == Step::kernel)
+  else if (step.kind == PlanStep::kernel)
     run_kernel(at(graph, step.index));
   else
     run_view(at(graph, step.index));
@@ -316,13 +317,13 @@ void run_step(Step& step, const Plan& plan, const Walk& graph) {
 
 /// After a fault all that the plan makes is pending again: some of it lies in memory that was never written.
 void forget_results(const Plan& plan, const Walk& graph) {
-  for (const Step& step : plan.steps)
+  for (const PlanStep& step : plan.steps)
     for (int i : results_of(step, plan)) at(graph, i)->storage = {};
 }
 
 void run(Plan& plan, const Walk& graph) {
   try {
-    for (Step& step : plan.steps) run_step(step, plan, graph);
+    for (PlanStep& step : plan.steps) run_step(step, plan, graph);
   } catch (...) {
     forget_results(plan, graph);
     throw;
@@ -331,7 +332,7 @@ void run(Plan& plan, const Walk& graph) {
 
 }  // namespace
 
-void run_group(const Group& group, Step& step, const Walk& graph) {
+void run_group(const Group& group, PlanStep& step, const Walk& graph) {
   if (group.reduce)
     run_reduce(group, step, graph);
   else
@@ -394,7 +395,7 @@ void assign(const std::vector<std::pair<Tensor, Tensor>>& updates) {
 
 /// A pointwise identity packs any strides; built as a plan of one group, so that it also serves inside another plan.
 void pack(const Tensor& tensor, const Tensor& to) {
-  static std::unordered_map<int, Step> steps;
+  static std::unordered_map<int, PlanStep> steps;
   Group group;
   group.inputs = {{0, tensor.dtype()}};
   group.code = {{nullptr, {{Operand::input, 0}}, tensor.dtype()}};

@@ -18,7 +18,7 @@ struct Walk {
 /// Fills `out` anew, in the memory it already has. Outputs with values are passed over.
 void walk(const Tensors& outputs, Walk& out);
 
-struct Step {
+struct PlanStep {
   enum Kind : uint8_t { group, kernel, view } kind = group;
   int index = 0;                                               // of the group, or of the node
   std::vector<int> last_uses;                                  // nodes whose values nobody needs after this step
@@ -28,12 +28,12 @@ struct Step {
 struct Plan {
   std::vector<uint64_t> signature;
   std::vector<Group> groups;
-  std::vector<Step> steps;
+  std::vector<PlanStep> steps;
 };
 /// Cuts the graph into launches: which pointwise nodes are written into their users' kernels, which lie in memory.
 Plan cut(const Walk& walk);
 
 /// Runs one group with the nodes of `walk` (plan execution), finding or compiling its kernel.
-void run_group(const Group& group, Step& step, const Walk& walk);
+void run_group(const Group& group, PlanStep& step, const Walk& walk);
 
 }  // namespace cloam

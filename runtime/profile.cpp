@@ -55,7 +55,7 @@ struct Recorder {
   double step_device_us = 0;
 };
 
-std::optional<Recorder>& recorder() {
+std::optional<Recorder>& profile_recorder() {
   static std::optional<Recorder> one;
   return one;
 }
@@ -115,7 +115,7 @@ void write_span(std::ostream& out, const Span& span, double origin) {
 
 }  // namespace
 
-bool profiling() { return recorder().has_value(); }
+bool profiling() { return profile_recorder().has_value(); }
 
 void start_profile(bool keep_timeline) {
   if (profiling()) return;
@@ -123,21 +123,21 @@ void start_profile(bool keep_timeline) {
   ClDevice& cl = cl_device();
   cl.queue = called_again_with_room([] { return "make a queue that takes times"; },
                                     [&] { return cl::CommandQueue(cl.context, cl.device, CL_QUEUE_PROFILING_ENABLE); });
-  recorder().emplace();
-  recorder()->timeline = keep_timeline;
-  recorder()->began_us = host_us();
-  recorder()->began = device_stats();
+  profile_recorder().emplace();
+  profile_recorder()->timeline = keep_timeline;
+  profile_recorder()->began_us = host_us();
+  profile_recorder()->began = device_stats();
 }
 
 void record_launch(cl::Event event, const char* name, double flops, double bytes) {
-  Recorder& r = *recorder();
+  Recorder& r = *profile_recorder();
   r.pending.push_back({std::move(event), name, flops, bytes, host_us(), r.steps >= kWarmSteps});
   if (r.pending.size() % 1024 == 0) collect_launches();
 }
 
 void collect_launches() {
   if (!profiling()) return;
-  Recorder& r = *recorder();
+  Recorder& r = *profile_recorder();
   while (!r.pending.empty()) {
     const cl_int status = status_of(r.pending.front());
     if (status > CL_COMPLETE) return;
@@ -150,7 +150,7 @@ void collect_launches() {
 
 void profile_step() {
   if (!profiling()) return;
-  Recorder& r = *recorder();
+  Recorder& r = *profile_recorder();
   r.last = {host_us(), device_stats()};
   if (++r.steps == kWarmSteps) r.first = r.last;
 }
@@ -158,7 +158,7 @@ void profile_step() {
 Profile profile() {
   finish();
   collect_launches();
-  const Recorder& r = *recorder();
+  const Recorder& r = *profile_recorder();
   Profile out;
   for (const auto& [name, cost] : r.kernels) {
     out.kernels.push_back(cost);
@@ -183,17 +183,17 @@ std::string trace() {
   out << R"({"displayTimeUnit":"ms","traceEvents":[
 {"ph":"M","pid":1,"tid":1,"name":"thread_name","args":{"name":"host"}},
 {"ph":"M","pid":1,"tid":2,"name":"thread_name","args":{"name":"device"}})";
-  for (const Span& span : recorder()->spans) write_span(out, span, recorder()->began_us);
+  for (const Span& span : profile_recorder()->spans) write_span(out, span, profile_recorder()->began_us);
   out << "\n]}\n";
   return out.str();
 }
 
-HostSpan::HostSpan(const char* name) : name_(name), begin_(profiling() && recorder()->timeline ? host_us() : 0) {}
+HostSpan::HostSpan(const char* name) : name_(name), begin_(profiling() && profile_recorder()->timeline ? host_us() : 0) {}
 
 HostSpan::~HostSpan() {
-  if (begin_ == 0 || recorder()->spans.size() >= kMaxSpans) return;
+  if (begin_ == 0 || profile_recorder()->spans.size() >= kMaxSpans) return;
   try {
-    recorder()->spans.push_back({name_, begin_, host_us() - begin_, false});
+    profile_recorder()->spans.push_back({name_, begin_, host_us() - begin_, false});
   } catch (const std::bad_alloc&) {  // a span less in the picture
   }
 }

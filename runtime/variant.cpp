@@ -136,12 +136,12 @@ Choice first_choice(const std::string& family, const std::string& size) {
   return {family, size, rows[0], why};
 }
 
-std::vector<Choice>* recorder = nullptr;
+std::vector<Choice>* choice_recorder = nullptr;
 
 void record(const Choice& choice) {
-  for (const Choice& known : *recorder)
+  for (const Choice& known : *choice_recorder)
     if (known.family == choice.family && known.size == choice.size) return;
-  recorder->push_back(choice);
+  choice_recorder->push_back(choice);
 }
 
 const Choice& choice_for(const char* family, const char* size) {
@@ -170,7 +170,7 @@ std::string Variant::row() const {
 
 const Variant& choose(const char* family, const char* size) {
   const Choice& choice = choice_for(family, size);
-  if (recorder) record(choice);
+  if (choice_recorder) record(choice);
   return *choice.variant;
 }
 
@@ -205,7 +205,7 @@ bool states_kernel(const Variant& variant) {
   return kernel_text(variant.stem).find(" " + variant.kernel + "(") != std::string::npos;
 }
 
-void record_choices(std::vector<Choice>* into) { recorder = into; }
+void record_choices(std::vector<Choice>* into) { choice_recorder = into; }
 
 cl::Kernel& kernel(const Variant& variant, const char* name, const Constants& more) {
   Constants all = variant.constants;

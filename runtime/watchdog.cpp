@@ -27,15 +27,15 @@ constexpr double kTick = 0.25;                     // seconds between looks
 constexpr double kOnCores = 30, kElsewhere = 120;  // seconds without a sign
 constexpr double kAtWork = 0.01;                   // of a processor, at least
 
-struct State {
+struct WatchState {
   std::atomic<uint64_t> call{0};  // the number of the one under way; 0: none
   std::atomic<bool> compiling{false};
   uint64_t calls = 0;  // of the thread that calls the driver
   std::mutex mutex;
   std::function<void(const std::string&)> listener;
 };
-State& state() {
-  static State* const one = new State;  // outlives the thread, which is never joined
+WatchState& state() {
+  static WatchState* const one = new WatchState;  // outlives the thread, which is never joined
   return *one;
 }
 

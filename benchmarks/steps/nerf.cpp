@@ -15,17 +15,17 @@
 namespace cloam {
 namespace {
 
-struct Training {
+struct NerfTraining {
   std::unique_ptr<Method> method;
   std::unique_ptr<Optimiser> optimiser;
   Progress progress{0, 1000, 42};
 };
 
-std::shared_ptr<Training> begin(const char* preset_name) {
+std::shared_ptr<NerfTraining> begin(const char* preset_name) {
   const std::filesystem::path data = std::filesystem::temp_directory_path() / "cloam-benchmark-scene";
   if (!std::filesystem::exists(data / "transforms_test.json")) write_synthetic_scene(data, {});
   const Preset& preset = find_preset(preset_name);
-  auto training = std::make_shared<Training>();
+  auto training = std::make_shared<NerfTraining>();
   training->method = make_method(preset.method);
   Config config;
   training->method->configure(config);
@@ -37,7 +37,7 @@ std::shared_ptr<Training> begin(const char* preset_name) {
   return training;
 }
 
-void step(Training& training) {
+void step(NerfTraining& training) {
   Method& method = *training.method;
   training.progress.step++;
   (void)take_step(method, *training.optimiser, training.progress).loss.item();

@@ -83,14 +83,14 @@ void add_garden(Workloads& all, size_t which) {
                  {}});
 }
 
-struct Training {
+struct SplatTraining {
   std::unique_ptr<Method> method;
   std::unique_ptr<Optimiser> optimiser;
   Progress progress{0, 30000, 42};
 };
 
 /// A training step without growth, as the trainer takes it.
-void step(Training& training) {
+void step(SplatTraining& training) {
   Method& method = *training.method;
   training.progress.step++;
   (void)take_step(method, *training.optimiser, training.progress).loss.item();
@@ -101,7 +101,7 @@ Workload fox(int downscale, int warm, const char* size) {
           0,
           0,
           [=]() -> Run {
-            auto training = std::make_shared<Training>();
+            auto training = std::make_shared<SplatTraining>();
             training->method = make_method("splat");
             Config config;
             training->method->configure(config);

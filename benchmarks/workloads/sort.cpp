@@ -5,7 +5,7 @@
 namespace cloam {
 namespace {
 
-constexpr int64_t kMillion = 1 << 20;
+constexpr int64_t kMillionKeys = 1 << 20;
 
 /// Keys of 64 or 32 random bits with a payload of 32.
 Run prepare_sort(int64_t n, int words) {
@@ -36,15 +36,18 @@ Run prepare_segment_sum(int64_t n, int64_t width) {
 }  // namespace
 
 void add_sort_workloads(Workloads& all) {
-  all.push_back({"sort.4m.u64", 0, 24.0 * 4 * kMillion, [] { return prepare_sort(4 * kMillion, 2); }, {"host"}});
-  all.push_back({"sort.4m.u32", 0, 16.0 * 4 * kMillion, [] { return prepare_sort(4 * kMillion, 1); }, {"host"}});
-  all.push_back({"scan.16m", 0, 8.0 * 16 * kMillion, [] { return prepare_scan(16 * kMillion); }, {"host"}});
+  all.push_back(
+      {"sort.4m.u64", 0, 24.0 * 4 * kMillionKeys, [] { return prepare_sort(4 * kMillionKeys, 2); }, {"host"}});
+  all.push_back(
+      {"sort.4m.u32", 0, 16.0 * 4 * kMillionKeys, [] { return prepare_sort(4 * kMillionKeys, 1); }, {"host"}});
+  all.push_back({"scan.16m", 0, 8.0 * 16 * kMillionKeys, [] { return prepare_scan(16 * kMillionKeys); }, {"host"}});
   for (int64_t width : {1, 4, 16}) {
-    const double bytes = 4.0 * 4 * kMillion * (1 + 1.0 / 8) + 4.0 * 4 * kMillion / static_cast<double>(8 * width);
+    const double bytes =
+        4.0 * 4 * kMillionKeys * (1 + 1.0 / 8) + 4.0 * 4 * kMillionKeys / static_cast<double>(8 * width);
     all.push_back({"segment_sum.4m.x" + std::to_string(width),
                    0,
                    bytes,
-                   [=] { return prepare_segment_sum(4 * kMillion / width, width); },
+                   [=] { return prepare_segment_sum(4 * kMillionKeys / width, width); },
                    {}});
   }
 }

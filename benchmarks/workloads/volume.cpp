@@ -15,7 +15,7 @@ namespace {
 constexpr int kSide = 128;
 constexpr int64_t kCells = int64_t{kSide} * kSide * kSide;
 
-Tensor leaf(const Tensor& t) { return parameter(t.to_host(), t.shape()); }
+Tensor leaf_like(const Tensor& t) { return parameter(t.to_host(), t.shape()); }
 
 /// Optical thickness of one step: a ball's surface, about one cell in twelve.
 Tensor shell() {
@@ -70,7 +70,7 @@ struct Composited {
 
 Run prepare(const Composited& c) {
   const int64_t n = c.rays * c.samples;
-  const Tensor sigma = leaf(random_uniform({n}, {1})), rgb = leaf(random_uniform({n, 3}, {2}));
+  const Tensor sigma = leaf_like(random_uniform({n}, {1})), rgb = leaf_like(random_uniform({n, 3}, {2}));
   std::vector<int32_t> begins;
   for (int64_t r = 0; r <= c.rays; r++) begins.push_back(static_cast<int32_t>(r * c.samples));
   const Tensor dt = 0.05f + 0.01f * random_uniform({n}, {3}),
@@ -103,7 +103,8 @@ struct Street {
 /// Every ray sees the background (two thirds of its samples, in a list of their own), then an actor, then the sky.
 Run prepare(const Street& s) {
   const int64_t n = s.rays * s.samples, background = s.rays * (s.samples - s.samples / 3);
-  const Tensor alpha = leaf(0.3f * random_uniform({n}, {1})), features = leaf(random_normal({n, s.channels}, {2}));
+  const Tensor alpha = leaf_like(0.3f * random_uniform({n}, {1})),
+               features = leaf_like(random_normal({n, s.channels}, {2}));
   std::vector<int32_t> rows, begins = {0};
   for (int64_t r = 0, near = 0, actor = background; r < s.rays; r++) {
     for (int64_t i = 0; i < s.samples; i++)

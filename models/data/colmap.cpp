@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kFarthest = 1e7;  // beyond it float32 has no use left
+constexpr double kFarthestPoint = 1e7;  // beyond it float32 has no use left
 constexpr const char* kModelFolders[] = {"sparse/0", "sparse", ""};
 
 /// Empty if there is none.
@@ -29,12 +29,12 @@ fs::path model_folder(const fs::path& root) {
 }
 
 bool is_point(const ColmapPoint& point) {
-  return point.track > 0 && point.position.allFinite() && point.position.cwiseAbs().maxCoeff() < kFarthest;
+  return point.track > 0 && point.position.allFinite() && point.position.cwiseAbs().maxCoeff() < kFarthestPoint;
 }
 
-class Reader {
+class ColmapReader {
  public:
-  Reader(const fs::path& root, const ReadOptions& options)
+  ColmapReader(const fs::path& root, const ReadOptions& options)
       : options_(options), folder_(model_folder(root)), model_(read_colmap_model(folder_)) {
     scene_.root = root;
     scene_.format = "COLMAP";
@@ -86,7 +86,7 @@ class Reader {
     if (left_out == 0) return;
     scene_.warnings.push_back(text(left_out, " of ", model_.points.size(),
                                    " points are left out: seen in no image, not finite, or farther away than ",
-                                   kFarthest));
+                                   kFarthestPoint));
   }
 
   // The mapper makes several where not all images hang together.
@@ -111,7 +111,7 @@ class Reader {
 
 bool is_colmap(const fs::path& root) { return !model_folder(root).empty(); }
 
-Scene read_colmap(const fs::path& root, const ReadOptions& options) { return Reader(root, options).read(); }
+Scene read_colmap(const fs::path& root, const ReadOptions& options) { return ColmapReader(root, options).read(); }
 
 ColmapFit check_colmap(const fs::path& root) {
   const fs::path folder = model_folder(root);

@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 33;
+constexpr std::uint64_t kMaxModelBytes = std::uint64_t{1} << 33;
 constexpr std::uint64_t kLongestSide = 1 << 17;
 constexpr std::size_t kLongestName = 4096;
 
@@ -70,7 +70,7 @@ class Records {
 class BinaryFile : public Records {
  public:
   explicit BinaryFile(const fs::path& path)
-      : bytes_(read_file(path, kMaxBytes)), file_(path.string()), reader_(bytes_, file_) {}
+      : bytes_(read_file(path, kMaxModelBytes)), file_(path.string()), reader_(bytes_, file_) {}
 
   double real(const char* what) override { return reader_.little<double>(what); }
   std::uint64_t whole(int bytes, const char* what) override {
@@ -103,7 +103,7 @@ class BinaryFile : public Records {
 class TextFile : public Records {
  public:
   explicit TextFile(const fs::path& path)
-      : bytes_(read_file(path, kMaxBytes)),
+      : bytes_(read_file(path, kMaxModelBytes)),
         file_(path.string()),
         rest_(reinterpret_cast<const char*>(bytes_.data()), bytes_.size()) {}
 

@@ -19,7 +19,7 @@ namespace {
 
 using Kind = Pickle::Kind;
 
-constexpr std::uint64_t kMaxBytes = std::uint64_t{256} << 20;
+constexpr std::uint64_t kMaxFrameBytes = std::uint64_t{256} << 20;
 constexpr std::int64_t kMaxRows = std::int64_t{1} << 24;
 constexpr std::size_t kMaxColumns = 1024;
 constexpr std::size_t kMaxTextBytes = std::size_t{64} << 20;
@@ -410,10 +410,10 @@ DataFrame parse_data_frame(std::span<const std::uint8_t> bytes, const std::strin
 }
 
 DataFrame read_data_frame(const std::filesystem::path& path) {
-  const auto bytes = read_file(path, kMaxBytes);
+  const auto bytes = read_file(path, kMaxFrameBytes);
   return without_quotes(path, [&] {
     if (!is_gzip(bytes)) return parse_data_frame(bytes, path.string());
-    return parse_data_frame(gunzip(bytes, kMaxBytes, path.string()), path.string());
+    return parse_data_frame(gunzip(bytes, kMaxFrameBytes, path.string()), path.string());
   });
 }
 

@@ -30,11 +30,11 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kCameras = 4;
-constexpr int kMaxSteps = 100000;
+constexpr int kMaxDriveSteps = 100000;
 constexpr std::size_t kMaxEntries = 10000;  // folders that are looked at in search of drives
-constexpr std::uint64_t kMaxTextBytes = std::uint64_t{16} << 20, kMaxXmlBytes = std::uint64_t{32} << 20;
+constexpr std::uint64_t kMaxCalibrationBytes = std::uint64_t{16} << 20, kMaxXmlBytes = std::uint64_t{32} << 20;
 constexpr double kEarthRadius = 6378137;  // metres, at the equator
-constexpr double kFarthest = 1e5;         // metres that a drive leads away
+constexpr double kFarthestOfDrive = 1e5;         // metres that a drive leads away
 constexpr double kFrameRate = 10;         // Hz, where time stamps are missing
 constexpr double kRadians = std::numbers::pi / 180;
 
@@ -82,7 +82,7 @@ fs::path one_drive(const fs::path& root) {
 }
 
 std::string read_text(const fs::path& path) {
-  const auto bytes = read_file(path, kMaxTextBytes);
+  const auto bytes = read_file(path, kMaxCalibrationBytes);
   return {bytes.begin(), bytes.end()};
 }
 
@@ -189,7 +189,7 @@ std::set<int> numbers_in(const fs::path& folder, const char* extension) {
   for (const fs::path& entry : entries_of(folder)) {
     const std::string stem = entry.stem().string();
     const int number = number_in<int>(stem).value_or(-1);
-    const bool named = stem.size() == 10 && number >= 0 && number < kMaxSteps;
+    const bool named = stem.size() == 10 && number >= 0 && number < kMaxDriveSteps;
     if (named && entry.extension() == extension) numbers.insert(number);
   }
   return numbers;
@@ -267,7 +267,7 @@ class DriveReader {
         const Oxts oxts = without_quotes(drive_ / file, [&] { return read_oxts(content, file); });
         if (!first) first = oxts;
         const Eigen::Vector3d place = position(oxts, *first) - position(*first, *first);
-        if (place.norm() > kFarthest) bad_data(file, ": the car is ", place.norm(), " m away from its first position");
+        if (place.norm() > kFarthestOfDrive) bad_data(file, ": the car is ", place.norm(), " m away from its first position");
         world_from_imu_.emplace(step, rigid(pose_of(oxts.roll_pitch_yaw, place), file));
       });
     }
@@ -394,7 +394,7 @@ class DriveReader {
   void read_tracklet(const pugi::xml_node& tracklet, const std::string& id, const std::string& where) {
     const double height = value_of(tracklet, "h", where), first = value_of(tracklet, "first_frame", where);
     const Eigen::Vector3d size(value_of(tracklet, "w", where), value_of(tracklet, "l", where), height);
-    if (!(first >= 0 && first < kMaxSteps)) bad_data(where, ": <first_frame> is ", first);
+    if (!(first >= 0 && first < kMaxDriveSteps)) bad_data(where, ": <first_frame> is ", first);
     const std::string label = printable(tracklet.child("objectType").text().get());
     int step = int(first);
     for (const pugi::xml_node pose : tracklet.child("poses").children("item")) {

@@ -15,11 +15,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kFarthest = 1e6;
+constexpr double kFarthestReturn = 1e6;
 // The car that carries the LiDAR, metres around it: nothing else comes so near, and the ground there is hidden.
 constexpr double kEgoRadius = 2.5, kEgoAbove = 0.5;
-constexpr double kFullIntensity = 255;
-constexpr std::uint64_t kMaxBytes = std::uint64_t{256} << 20;
+constexpr double kBrightestReturn = 255;
+constexpr std::uint64_t kMaxSweepBytes = std::uint64_t{256} << 20;
 
 // Those that a file lacks are empty and count as 0.
 struct Columns {
@@ -38,7 +38,7 @@ Columns read_data_frame_points(const fs::path& path, const Sweep& sweep) {
   const DataFrame frame = read_data_frame(path);
   Columns columns{frame.numbers("x"), frame.numbers("y"), frame.numbers("z"),
                   frame.numbers("i"), frame.numbers("t"), {}};
-  for (double& value : columns.intensity) value /= kFullIntensity;
+  for (double& value : columns.intensity) value /= kBrightestReturn;
   for (double& value : columns.time) value -= sweep.timestamp;
   if (frame.has("d")) columns.sensor = frame.numbers("d");
   return columns;
@@ -46,7 +46,7 @@ Columns read_data_frame_points(const fs::path& path, const Sweep& sweep) {
 
 // KITTI: x y z and reflectance from 0 to 1, as float32 one after another.
 Columns read_kitti_points(const fs::path& path, const Sweep&) {
-  const auto bytes = read_file(path, kMaxBytes);
+  const auto bytes = read_file(path, kMaxSweepBytes);
   constexpr std::size_t size = 4 * sizeof(float);
   if (bytes.size() % size != 0)
     bad_data(path.string(), ": holds ", bytes.size(), " bytes, want a multiple of ", size,
@@ -64,12 +64,12 @@ Columns read_kitti_points(const fs::path& path, const Sweep&) {
 // From 0 to 255 where any is above 1.
 void scale_intensity(std::vector<double>& values) {
   const bool bytes = std::any_of(values.begin(), values.end(), [](double value) { return value > 1; });
-  for (double& value : values) value /= bytes ? kFullIntensity : 1;
+  for (double& value : values) value /= bytes ? kBrightestReturn : 1;
 }
 
 // [N, 3 or more]: x y z, intensity, seconds after the time stamp; what follows is left out.
 Columns read_npy_points(const fs::path& path, const Sweep&) {
-  const auto bytes = read_file(path, kMaxBytes);
+  const auto bytes = read_file(path, kMaxSweepBytes);
   const NpyArray array = parse_npy(bytes, path.string());
   if (array.shape.size() != 2 || array.shape[1] < 3)
     bad_data(path.string(), ": looked for an array of shape [N, 3] (x y z) or [N, 4] with ", "intensity, found ",
@@ -108,15 +108,15 @@ struct PointReader {
   Columns (*read)(const fs::path& path, const Sweep& sweep);
 };
 
-constexpr PointReader kReaders[] = {
+constexpr PointReader kPointReaders[] = {
     {".gz", read_data_frame_points}, {".pkl", read_data_frame_points}, {".bin", read_kitti_points},
     {".npy", read_npy_points},       {".ply", read_ply_points},
 };
 
 Columns read_columns(const fs::path& path, const Sweep& sweep) {
-  const auto reader = std::find_if(std::begin(kReaders), std::end(kReaders),
+  const auto reader = std::find_if(std::begin(kPointReaders), std::end(kPointReaders),
                                    [&](const PointReader& known) { return path.extension() == known.extension; });
-  if (reader != std::end(kReaders)) return reader->read(path, sweep);
+  if (reader != std::end(kPointReaders)) return reader->read(path, sweep);
   bad_data(path.string(),
            ": cannot read LiDAR points from this kind of file; supported: .pkl.gz, .pkl, .bin, .npy, .ply");
 }
@@ -132,7 +132,7 @@ LidarPoints load_sweep(const Scene& scene, const Sweep& sweep) {
     const Eigen::Vector4d given(columns.x[row], columns.y[row], columns.z[row], 1);
     const Eigen::Vector3d place = (world_from_points * given).head<3>();
     const double intensity = entry(columns.intensity, row), time = entry(columns.time, row);
-    const bool sound = std::isfinite(intensity) && std::isfinite(time) && place.cwiseAbs().maxCoeff() < kFarthest;
+    const bool sound = std::isfinite(intensity) && std::isfinite(time) && place.cwiseAbs().maxCoeff() < kFarthestReturn;
     if (!sound || !place.allFinite()) {
       ++points.dropped;
       continue;

@@ -33,7 +33,7 @@ constexpr SceneReader kReaders[] = {
     {"KITTI", "image_02/data, velodyne_points/data, oxts/data in a drive's folder (KITTI raw)", is_kitti, read_kitti},
 };
 
-constexpr std::size_t kMaxEntries = 10000;
+constexpr std::size_t kMostEntries = 10000;
 
 const SceneReader* reader_of(const fs::path& root) {
   const auto found = std::find_if(std::begin(kReaders), std::end(kReaders),
@@ -49,7 +49,7 @@ std::vector<fs::path> entries(const fs::path& folder) {
   std::error_code error;
   fs::directory_iterator entry(folder, error);
   for (const fs::directory_iterator end; !error && entry != end; entry.increment(error)) {
-    if (found.size() < kMaxEntries) found.push_back(entry->path());
+    if (found.size() < kMostEntries) found.push_back(entry->path());
   }
   if (error == std::errc::permission_denied) refuse(folder, "permission denied");
   std::sort(found.begin(), found.end());

@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kLongestSide = 1 << 17;
+constexpr int kLongestImageSide = 1 << 17;
 
 // A number of the frame, else of the file.
 struct Settings {
@@ -41,8 +41,8 @@ struct Settings {
 };
 
 int side(double value, const char* key, const std::string& where) {
-  if (value >= 1 && value <= kLongestSide && value == std::floor(value)) return static_cast<int>(value);
-  bad_data(where, ": ", key, " is ", value, ", want a whole number of pixels up to ", kLongestSide);
+  if (value >= 1 && value <= kLongestImageSide && value == std::floor(value)) return static_cast<int>(value);
+  bad_data(where, ": ", key, " is ", value, ", want a whole number of pixels up to ", kLongestImageSide);
 }
 
 // From the focal length itself, or the field of view in radians.
@@ -102,9 +102,9 @@ std::optional<std::string> find_image(const fs::path& root, const std::string& l
   return {};
 }
 
-class Reader {
+class TransformsReader {
  public:
-  Reader(const fs::path& root, const ReadOptions& options) : options_(options) {
+  TransformsReader(const fs::path& root, const ReadOptions& options) : options_(options) {
     scene_.root = root;
     scene_.format = "transforms.json";
   }
@@ -211,7 +211,7 @@ bool is_transforms_json(const fs::path& root) {
 }
 
 Scene read_transforms_json(const fs::path& root, const ReadOptions& options) {
-  Reader reader(root, options);
+  TransformsReader reader(root, options);
   if (!is_file(root / "transforms_train.json")) {
     reader.read("transforms.json", Split::train);
     return reader.finish();

@@ -19,7 +19,7 @@ namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
+using Report = nlohmann::ordered_json;
 
 constexpr int kFramesPerSecond = 12;
 constexpr char kPictures[] = "pictures", kGrid[] = "grid.png", kRecord[] = "generate.json";
@@ -27,7 +27,7 @@ constexpr char kPictures[] = "pictures", kGrid[] = "grid.png", kRecord[] = "gene
 const char* time_of_day(bool night) { return night ? "night" : "day"; }
 
 /// Nothing of when, where and by whom: equal runs and seeds give equal bytes.
-Json how_made(const RestoredRun& prior, const StoredRun& source, const AssetRequest& wish, const MadeBy& by) {
+Report how_made(const RestoredRun& prior, const StoredRun& source, const AssetRequest& wish, const MadeBy& by) {
   return {{"version", by.version},
           {"seed", wish.seed},
           {"guidance", wish.guidance},
@@ -41,7 +41,7 @@ Json how_made(const RestoredRun& prior, const StoredRun& source, const AssetRequ
           {"decoder_settings", source.record.settings}};
 }
 
-Json described(const GeneratedAssets& made, std::size_t i) {
+Report described(const GeneratedAssets& made, std::size_t i) {
   const NewAsset& asset = made.assets[i];
   return {{"asset", i},
           {"class", kAssetClasses[asset.asset_class]},
@@ -61,7 +61,7 @@ void write_latents(const fs::path& path, const GeneratedAssets& made) {
 }
 
 /// The mesh's file, or none (and a warning) where the asset has no surface.
-void add_mesh(const AssetFiles& files, const GeneratedAssets& made, std::size_t i, Json& row,
+void add_mesh(const AssetFiles& files, const GeneratedAssets& made, std::size_t i, Report& row,
               const Listener& listener) {
   const NewAsset& asset = made.assets[i];
   const fs::path path = file_of(files, i, "glb");
@@ -88,8 +88,8 @@ void write_pictures(const AssetFiles& files, std::size_t asset, const std::vecto
 }
 
 /// Turntables, meshes and the grid; returns what there is of each asset.
-Json write_each(const AssetFiles& files, const GeneratedAssets& made, const Listener& listener) {
-  Json rows = Json::array();
+Report write_each(const AssetFiles& files, const GeneratedAssets& made, const Listener& listener) {
+  Report rows = Report::array();
   std::vector<Image> grid;
   std::vector<Caption> captions;
   for (std::size_t i = 0; i < made.assets.size(); ++i) {
@@ -97,11 +97,11 @@ Json write_each(const AssetFiles& files, const GeneratedAssets& made, const List
       return text(i, " of ", made.assets.size(), " assets are complete in ", files.folder.string(), ", without ", kGrid,
                   " and ", kRecord);
     });
-    Json row = described(made, i);
+    Report row = described(made, i);
     const std::vector<Image> turn =
         turntable(street_of(made.decoder), made.names[i], made.assets[i].size, files.frames, files.size);
     const fs::path gif = file_of(files, i, "gif");
-    Json how = row;
+    Report how = row;
     how.update(made.how);
     write_gif(gif, turn, kFramesPerSecond, how.dump());
     row["turntable"] = gif.filename().string();
@@ -136,12 +136,12 @@ GeneratedAssets generate_assets(const RestoredRun& prior, const AssetRequest& wi
   return made;
 }
 
-Json write_assets(const GeneratedAssets& made, const AssetFiles& files, const Listener& listener) {
+Report write_assets(const GeneratedAssets& made, const AssetFiles& files, const Listener& listener) {
   std::error_code error;
   // Of an earlier generation, which may have had more; a folder that something else made is left alone.
   if (fs::exists(files.folder / kRecord, error)) fs::remove_all(files.folder / kPictures, error);
   write_latents(files.folder / "latents.safetensors", made);
-  Json all = {{"schema_version", 1}, {"made", made.how}};
+  Report all = {{"schema_version", 1}, {"made", made.how}};
   all["assets"] = write_each(files, made, listener);
   commit_text(files.folder / kRecord, all.dump(2) + "\n");
   return all;

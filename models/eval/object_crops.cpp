@@ -22,10 +22,10 @@ namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
+using Report = nlohmann::ordered_json;
 
 constexpr char kIndex[] = "crops.json";
-constexpr std::size_t kTold = 20;  // images
+constexpr std::size_t kImagesBetweenTells = 20;  // images
 
 struct Log {
   Scene scene;
@@ -118,16 +118,16 @@ ActorMasks masks_of(const Log& log, const CropRequest& request) {
            "; want {\"NUMBER IN THE MASKS\": \"ID OF THE ACTOR\", ...} beside the cameras' folders");
 }
 
-Json rows_of(const Eigen::Matrix4d& pose) {
-  Json rows = Json::array();
+Report rows_of(const Eigen::Matrix4d& pose) {
+  Report rows = Report::array();
   for (int row = 0; row < 4; ++row) {
-    rows.push_back(Json::array());
+    rows.push_back(Report::array());
     for (int column = 0; column < 4; ++column) rows.back().push_back(pose(row, column) + 0.0);  // no -0.0
   }
   return rows;
 }
 
-Json json_of(const PixelBox& box) { return {box.left, box.top, box.right, box.bottom}; }
+Report json_of(const PixelBox& box) { return {box.left, box.top, box.right, box.bottom}; }
 
 /// 001_front_camera_07_car_012: sorted, crops are in the order of logs, cameras, steps, classes and actors.
 std::string crop_name(const Log& log, const Frame& frame, const ObjectView& object) {
@@ -140,7 +140,7 @@ std::string crop_name(const Log& log, const Frame& frame, const ObjectView& obje
 }
 
 /// The lens is as it was.
-Json crop_intrinsics(const Camera& camera, const ObjectView& object, int size) {
+Report crop_intrinsics(const Camera& camera, const ObjectView& object, int size) {
   const double scale = static_cast<double>(size) / object.square.width();
   return {{"fx", scale * camera.fx},
           {"fy", scale * camera.fy},
@@ -157,7 +157,7 @@ class CropWriter {
 
   CropReport write() {
     for (const Log& log : logs_) write_log(log);
-    commit_text(fs::path(request_.out) / kIndex, index().dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
+    commit_text(fs::path(request_.out) / kIndex, index().dump(1, ' ', false, Report::error_handler_t::replace) + "\n");
     return report_;
   }
 
@@ -204,12 +204,12 @@ class CropWriter {
     }
   }
 
-  static Json described(const Log& log, std::size_t index, const ObjectView& object, bool mask_file) {
+  static Report described(const Log& log, std::size_t index, const ObjectView& object, bool mask_file) {
     const Frame& frame = log.scene.frames[index];
     const Actor& actor = log.scene.actors[object.actor];
-    Json crop = {{"file", ""}, {"log", log.name}, {"image", frame.image}, {"camera", frame.sensor}};
+    Report crop = {{"file", ""}, {"log", log.name}, {"image", frame.image}, {"camera", frame.sensor}};
     crop["step"] = frame.step;
-    crop["time"] = frame.timestamp ? Json(*frame.timestamp) : Json();
+    crop["time"] = frame.timestamp ? Report(*frame.timestamp) : Report();
     crop["actor"] = actor.id;
     crop["class"] = kAssetClasses[object.asset_class];
     crop["label"] = actor.label;
@@ -226,11 +226,11 @@ class CropWriter {
     return crop;
   }
 
-  Json index() const {
-    Json logs = Json::array();
+  Report index() const {
+    Report logs = Report::array();
     for (const Log& log : logs_)
       logs.push_back({{"name", log.name}, {"images", log.frames.size()}, {"night", log.scene.night}});
-    Json json = {{"schema_version", 1}, {"size", request_.size}, {"split", request_.split}};
+    Report json = {{"schema_version", 1}, {"size", request_.size}, {"split", request_.split}};
     json["protocol"] = request_.how.protocol.name;
     json["holdout"] = request_.how.holdout;
     json["filters"] = {{"most_outside", request_.filters.most_outside},
@@ -250,7 +250,7 @@ class CropWriter {
 
   void tell(const Log& log, const Frame& frame) {
     ++done_;
-    if (done_ % kTold != 0 && done_ != all_) return;
+    if (done_ % kImagesBetweenTells != 0 && done_ != all_) return;
     listener_.say(text("crops ", done_, "/", all_, " images  ", log.name, "/", frame.sensor, "/", frame.step, "  ",
                        crops_.size(), " crops"));
   }
@@ -260,10 +260,10 @@ class CropWriter {
   const std::vector<Log> logs_;
   std::size_t done_ = 0, all_ = 0;  // images
   CropReport report_;
-  Json crops_ = Json::array();
+  Report crops_ = Report::array();
 };
 
-Json json_of(const OutcomeCounts& counts) {
+Report json_of(const OutcomeCounts& counts) {
   return {{"objects", counts.all()},
           {"kept", counts.kept()},
           {"kept_without_lidar", counts.without_lidar},
@@ -317,8 +317,8 @@ CropReport write_crops(const CropRequest& request, const Listener& listener) {
   return report;
 }
 
-Json to_json(const CropReport& report) {
-  Json json = {{"images", report.images}, {"images_with_mask_file", report.mask_files}};
+Report to_json(const CropReport& report) {
+  Report json = {{"images", report.images}, {"images_with_mask_file", report.mask_files}};
   json.update(json_of(total_of(report)));
   json["left_out_other_classes"] = report.other;
   for (int i = 0; i < kAssetClassCount - 1; ++i)

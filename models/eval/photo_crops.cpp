@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kIndex[] = "crops.json";
+constexpr char kCropIndex[] = "crops.json";
 constexpr double kMostCovered = 0.1;  // of the 2-D box
 constexpr int kRounding = 1;          // pixels of the photo that bounds may be off
 constexpr double kMargin = 0.05;      // of a crop, on each side, of the longer side of the bounds
@@ -96,9 +96,9 @@ Read read_crop(const fs::path& folder, const Json& entry, int size, const std::s
 }  // namespace
 
 PhotoCrops read_photo_crops(const fs::path& folder) {
-  const fs::path path = folder / kIndex;
+  const fs::path path = folder / kCropIndex;
   if (!fs::exists(path))
-    bad_data(folder.string(), ": found no ", kIndex, "\n  fix: cloam crops LOG... -o DIR --size 64, and name DIR");
+    bad_data(folder.string(), ": found no ", kCropIndex, "\n  fix: cloam crops LOG... -o DIR --size 64, and name DIR");
   const Json index = parse_json_file(path);
   PhotoCrops photos;
   const double size = number(index, "size", path.string());

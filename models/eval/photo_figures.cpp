@@ -18,7 +18,7 @@ namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
+using Report = nlohmann::ordered_json;
 using Eigen::Index;
 using Eigen::MatrixXd;
 
@@ -79,8 +79,8 @@ std::vector<int> classes_of(const std::vector<NewAsset>& assets) {
 }
 
 /// {"Car": {"Car": 0.9, "Truck": 0.1}, ...}: what the classes are taken for.
-Json in_words(const Accuracy& accuracy) {
-  Json out = Json::object();
+Report in_words(const Accuracy& accuracy) {
+  Report out = Report::object();
   for (const auto& [truth, shares] : accuracy.named)
     for (const auto& [named, share] : shares) out[kAssetClasses[truth]][kAssetClasses[named]] = share;
   return out;
@@ -99,9 +99,9 @@ double median_height(const std::vector<PhotoCrop>& photos) {
 }
 
 /// How much further from photos samples are than renders of training codes, over that of the Gaussians' samples.
-Json ratio_of(double samples, double gaussians, double training) {
+Report ratio_of(double samples, double gaussians, double training) {
   const double ratio = (samples - training) / (gaussians - training);
-  return gaussians > training && std::isfinite(ratio) ? Json(ratio) : Json(nullptr);
+  return gaussians > training && std::isfinite(ratio) ? Report(ratio) : Report(nullptr);
 }
 
 }  // namespace
@@ -166,7 +166,7 @@ std::vector<std::string> PhotoFigures::files() const {
   return names;
 }
 
-void PhotoFigures::add(Showroom& showroom, const Listener& listener, Json& figures) const {
+void PhotoFigures::add(Showroom& showroom, const Listener& listener, Report& figures) const {
   std::vector<fs::path> paths;
   for (const PhotoCrop& photo : photos_) paths.push_back(photo.file);
   const MatrixXd features = features_of(paths, showroom.network(), listener);
@@ -174,7 +174,7 @@ void PhotoFigures::add(Showroom& showroom, const Listener& listener, Json& figur
   if (classes_.size() > 1) add_classes(showroom, features, figures);
 }
 
-void PhotoFigures::add_distances(Showroom& showroom, const MatrixXd& features, Json& figures) const {
+void PhotoFigures::add_distances(Showroom& showroom, const MatrixXd& features, Report& figures) const {
   const MatrixXd truth = features(std::vector<Index>(matched_.begin(), matched_.end()), Eigen::all);
   std::vector<PhotoCrop> photos;
   for (const std::size_t place : matched_) photos.push_back(photos_[place]);
@@ -185,7 +185,7 @@ void PhotoFigures::add_distances(Showroom& showroom, const MatrixXd& features, J
   figures["photos_assets"] = training_.size();
   const auto distances_of = [&](const std::string& prefix, const std::vector<NewAsset>& assets) {
     const SetDistances distances = set_distances(showroom.features_as_photographed(assets, shown_, photos), truth);
-    Json keys;
+    Report keys;
     add_sets(keys, showroom.network().name, distances);
     for (const auto& [key, value] : keys.items())
       if (key != "set_images") figures["photos_" + prefix + key] = value;
@@ -220,10 +220,10 @@ PhotoFigures::ClassPhotos PhotoFigures::class_photos(const MatrixXd& features, b
   return photos;
 }
 
-void PhotoFigures::add_classes(Showroom& showroom, const MatrixXd& features, Json& figures) const {
+void PhotoFigures::add_classes(Showroom& showroom, const MatrixXd& features, Report& figures) const {
   const ClassPhotos training = class_photos(features, false), held_out = class_photos(features, true);
   const Judge by_pictures(training.pictures), by_box(training.boxes);
-  figures["classes"] = Json::array();
+  figures["classes"] = Report::array();
   for (const auto& [asset_class, count] : classes_) figures["classes"].push_back(kAssetClasses[asset_class]);
   figures["class_crops"] = {training.pictures.classes.size(), held_out.pictures.classes.size()};
   figures["class_logs_held_out"] = held_out.logs;

@@ -20,11 +20,11 @@
 namespace cloam {
 namespace {
 
-constexpr int kAllCodes = 1000000;
+constexpr int kWholePrior = 1000000;
 constexpr std::size_t kAssets = 320;  // of a set: four views of each are enough for the covariance of 512 features
 constexpr int kMinTraining = 20, kPairs = 8;
 
-using Json = nlohmann::ordered_json;
+using Report = nlohmann::ordered_json;
 using Clock = std::chrono::steady_clock;
 
 LabelledCodes labelled(const std::vector<NewAsset>& assets) {
@@ -48,8 +48,8 @@ std::vector<int> common_classes(const LabelledCodes& training) {
 }
 
 /// By the codes alone: samples are no copies.
-void add_code_figures(GeneratesAssets& prior, Json& figures) {
-  const LabelledCodes training = labelled(assets_of(prior, CodeSource::training, kAllCodes));
+void add_code_figures(GeneratesAssets& prior, Report& figures) {
+  const LabelledCodes training = labelled(assets_of(prior, CodeSource::training, kWholePrior));
   figures["samples"] = kAssets;
   figures["copy_ratio"] = copy_ratio(labelled(assets_of(prior, CodeSource::sampled, kAssets)), training);
 }
@@ -79,10 +79,10 @@ std::array<std::vector<NewAsset>, 2> two_sets(const std::vector<NewAsset>& all) 
 /// decoder; Gaussians' samples, white noise, which knows nothing, and other training assets, which are all that samples
 /// can be.
 void add_set_figures(GeneratesAssets& prior, Showroom& showroom, const std::array<std::vector<NewAsset>, 2>& training,
-                     Json& figures) {
+                     Report& figures) {
   const Eigen::MatrixXd truth = showroom.features_of(training[0]);
   const auto add = [&](const std::string& prefix, const std::vector<NewAsset>& assets) {
-    Json distances;
+    Report distances;
     add_sets(distances, showroom.network().name, set_distances(showroom.features_of(assets), truth));
     for (const auto& [key, value] : distances.items())
       if (prefix.empty() || key != "set_images") figures[prefix + key] = value;
@@ -100,8 +100,8 @@ bool has_night_and_day(const std::vector<NewAsset>& assets) {
 
 /// Of samples as they look: as a set like the training assets; like photographs; dark at night.
 void add_picture_figures(GeneratesAssets& prior, const RestoredRun& decoder, const FeatureNetwork& network,
-                         const PhotoCrops* photos, const Listener& listener, Json& figures) {
-  const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kAllCodes);
+                         const PhotoCrops* photos, const Listener& listener, Report& figures) {
+  const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kWholePrior);
   const auto sets = two_sets(all);
   const std::vector<int> classes = common_classes(labelled(all));
   const bool nights = !classes.empty() && has_night_and_day(all);
@@ -126,15 +126,15 @@ nlohmann::ordered_json measure_prior(const RestoredRun& run, const PriorReferenc
   StoredRun source = read_source(run);
   as<LearnsFromRun>(*run.method)->load(source_of(source));
   const PriorScore score = prior.score();
-  Json figures = {{"schema_version", 2},
-                  {"protocol", "held-out-codes"},
-                  {"codes", score.codes},
-                  {"training_codes", score.training_codes},
-                  {"v_loss", score.v_loss},
-                  {"baseline_zero_v_loss", score.zero_v_loss},
-                  {"wiener_v_loss", score.wiener_v_loss},
-                  {"floor_v_loss", score.floor_v_loss},
-                  {"training_v_loss", score.training_v_loss}};
+  Report figures = {{"schema_version", 2},
+                    {"protocol", "held-out-codes"},
+                    {"codes", score.codes},
+                    {"training_codes", score.training_codes},
+                    {"v_loss", score.v_loss},
+                    {"baseline_zero_v_loss", score.zero_v_loss},
+                    {"wiener_v_loss", score.wiener_v_loss},
+                    {"floor_v_loss", score.floor_v_loss},
+                    {"training_v_loss", score.training_v_loss}};
   figures["gaussian_weights"] = {
       {"own", score.shrinkage.own}, {"pooled", score.shrinkage.pooled}, {"diagonal", score.shrinkage.diagonal}};
   add_code_figures(prior, figures);

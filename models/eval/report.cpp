@@ -14,18 +14,20 @@ namespace {
 
 using Report = nlohmann::ordered_json;
 
-struct Figure {
+struct ImageFigure {
   std::string key;
   std::function<double(const ImageScore&)> of;
 };
 
-Figure baseline(const char* key, double BaselineScores::*figure) {
+ImageFigure baseline(const char* key, double BaselineScores::*figure) {
   return {key, [=](const ImageScore& image) { return image.baselines.*figure; }};
 }
 
-std::vector<Figure> figures_of(const EvalResult& result) {
-  std::vector<Figure> figures = {{"psnr", &ImageScore::psnr}, {"ssim", &ImageScore::ssim}};
-  const auto add = [&](const std::vector<Figure>& more) { figures.insert(figures.end(), more.begin(), more.end()); };
+std::vector<ImageFigure> figures_of(const EvalResult& result) {
+  std::vector<ImageFigure> figures = {{"psnr", &ImageScore::psnr}, {"ssim", &ImageScore::ssim}};
+  const auto add = [&](const std::vector<ImageFigure>& more) {
+    figures.insert(figures.end(), more.begin(), more.end());
+  };
   if (result.has_masks) add({{"psnr_full", &ImageScore::psnr_full}});
   if (result.is_log)
     add({{"masked_psnr", &ImageScore::masked_psnr},
@@ -56,7 +58,7 @@ Report finite(double value) { return std::isfinite(value) ? Report(value) : Repo
 void add_figures(Report& json, const EvalResult& result, const std::vector<ImageScore>& images,
                  const LidarScores& lidar) {
   json["images"] = images.size();
-  for (const Figure& figure : figures_of(result)) json[figure.key] = finite(mean_score(images, figure.of));
+  for (const ImageFigure& figure : figures_of(result)) json[figure.key] = finite(mean_score(images, figure.of));
   if (!result.is_log) return;
   json["lidar_median_error_m"] = finite(lidar.median_error());
   json["lidar_chamfer_m2"] = finite(lidar.mean_chamfer());
@@ -69,7 +71,7 @@ Report without_0(const EvalResult& result) {
   std::vector<ImageScore> images = all_images(result);
   std::erase_if(images, [](const ImageScore& image) { return image.degrees == 0; });
   Report json = {{"images", images.size()}};
-  for (const Figure& figure : figures_of(result)) json[figure.key] = finite(mean_score(images, figure.of));
+  for (const ImageFigure& figure : figures_of(result)) json[figure.key] = finite(mean_score(images, figure.of));
   if (result.sets_without_0) add_sets(json, result.features, *result.sets_without_0);
   return json;
 }
@@ -129,10 +131,10 @@ nlohmann::ordered_json to_json(const EvalResult& result) {
 
 void write_reports(const std::filesystem::path& folder, const EvalResult& result) {
   Report json = to_json(result);
-  const std::vector<Figure> figures = figures_of(result);
+  const std::vector<ImageFigure> figures = figures_of(result);
   std::string csv = result.is_log ? "log,image" : "image";
   if (is_rotate360(result)) csv += ",degrees";
-  for (const Figure& figure : figures) csv += "," + figure.key;
+  for (const ImageFigure& figure : figures) csv += "," + figure.key;
   json["per_image"] = Report::array();
   for (const SceneResult& scene : result.scenes) {
     for (const ImageScore& image : scene.images) {
@@ -141,7 +143,7 @@ void write_reports(const std::filesystem::path& folder, const EvalResult& result
       if (image.degrees) one["degrees"] = *image.degrees;
       csv += "\n" + (result.is_log ? csv_word(scene.name) + "," : "") + csv_word(image.name);
       if (is_rotate360(result)) csv += "," + (image.degrees ? std::to_string(*image.degrees) : "");
-      for (const Figure& figure : figures) {
+      for (const ImageFigure& figure : figures) {
         one[figure.key] = finite(figure.of(image));
         csv += text(",", figure.of(image));
       }

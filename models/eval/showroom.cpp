@@ -12,7 +12,7 @@ namespace cloam {
 namespace {
 
 constexpr int kPixels = 64;
-constexpr std::size_t kTold = 64;  // assets from one line of progress to the next
+constexpr std::size_t kToldAtMost = 64;  // assets from one line of progress to the next
 
 /// An asset's picture on white, cut as masks cut crops of photographs: a pixel is the asset's or none of it.
 std::vector<float> cut_out(const Picture& picture) {
@@ -43,7 +43,7 @@ AssetName Showroom::show(const NewAsset& asset) {
   listener_.check_stop(
       [&] { return text(shown_, " of ", expected_, " assets were measured; no metrics were written"); });
   const AssetName name = shows_.show_assets({asset}).front();
-  if (++shown_ % kTold != 0 && shown_ != expected_) return name;
+  if (++shown_ % kToldAtMost != 0 && shown_ != expected_) return name;
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
   const double left = seconds / static_cast<double>(shown_) * static_cast<double>(expected_ - shown_);
   listener_.say(text("eval ", shown_, "/", expected_, " assets  left ", words_for_seconds(left)));

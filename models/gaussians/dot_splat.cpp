@@ -14,7 +14,7 @@
 namespace cloam {
 namespace {
 
-constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 31;
+constexpr std::uint64_t kMaxSplatBytes = std::uint64_t{1} << 31;
 constexpr double kOne = 128;  // bytes of a rotation
 
 struct Record {
@@ -52,7 +52,7 @@ Record pack(const Gaussians& gaussians, std::size_t g) {
 }  // namespace
 
 SplatFile read_dot_splat(const std::filesystem::path& path) {
-  const auto bytes = read_file(path, kMaxBytes);
+  const auto bytes = read_file(path, kMaxSplatBytes);
   if (bytes.empty() || bytes.size() % sizeof(Record) != 0)
     bad_data(path.string(), ": holds ", bytes.size(), " bytes, a .splat has 32 for each of its ",
              "Gaussians; the file is damaged or truncated");

@@ -21,7 +21,7 @@ using Bytes = std::vector<std::uint8_t>;
 using Section = std::span<const std::uint8_t>;
 using Eigen::Vector4d;
 
-constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 31;
+constexpr std::uint64_t kMaxSpzBytes = std::uint64_t{1} << 31;
 constexpr int kMaxFractionBits = 16, kPositionBits = 24;
 constexpr std::uint8_t kAntialiased = 1, kHasExtensions = 2;
 constexpr int kHighestDegree = 4;
@@ -198,7 +198,7 @@ Bytes pack(const Gaussians& gaussians, int version, const std::string& file) {
   header.fraction_bits = static_cast<std::uint8_t>(fraction_bits_for(gaussians, file));
   const std::size_t coefficients = rest_of_degree(header.degree);
   const std::uint64_t size = sizeof header + count * (16 + rotation_bytes(header) + 3 * coefficients);
-  if (size >= kMaxBytes) fail(file, text(count, " Gaussians are too many for an .spz: write a .ply"));
+  if (size >= kMaxSpzBytes) fail(file, text(count, " Gaussians are too many for an .spz: write a .ply"));
   Bytes bytes(sizeof header);
   bytes.reserve(size);
   std::memcpy(bytes.data(), &header, sizeof header);
@@ -221,8 +221,8 @@ Bytes pack(const Gaussians& gaussians, int version, const std::string& file) {
 }  // namespace
 
 SplatFile read_spz(const std::filesystem::path& path) {
-  const Bytes bytes = read_file(path, kMaxBytes - 1);
-  return unpack(is_gzip(bytes) ? gunzip(bytes, kMaxBytes, path.string()) : bytes, path.string());
+  const Bytes bytes = read_file(path, kMaxSpzBytes - 1);
+  return unpack(is_gzip(bytes) ? gunzip(bytes, kMaxSpzBytes, path.string()) : bytes, path.string());
 }
 
 std::vector<std::uint8_t> spz_bytes(const Gaussians& gaussians, int version, const std::string& name) {

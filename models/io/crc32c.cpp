@@ -32,7 +32,7 @@ constexpr Tables make_tables() {
 
 constexpr Tables kTables = make_tables();
 
-uint32_t eight_bytes(uint32_t sum, const std::byte* bytes) {
+uint32_t after_eight_bytes(uint32_t sum, const std::byte* bytes) {
   uint64_t word = 0;
   std::memcpy(&word, bytes, 8);  // little-endian, as all our formats
   word ^= sum;
@@ -46,7 +46,7 @@ uint32_t eight_bytes(uint32_t sum, const std::byte* bytes) {
 uint32_t crc32c(std::span<const std::byte> bytes, uint32_t previous) {
   uint32_t sum = ~previous;
   size_t i = 0;
-  for (; i + 8 <= bytes.size(); i += 8) sum = eight_bytes(sum, bytes.data() + i);
+  for (; i + 8 <= bytes.size(); i += 8) sum = after_eight_bytes(sum, bytes.data() + i);
   for (; i < bytes.size(); ++i) sum = (sum >> 8) ^ kTables[0][(sum ^ static_cast<uint32_t>(bytes[i])) & 255];
   return ~sum;
 }

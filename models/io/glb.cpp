@@ -15,7 +15,7 @@
 namespace cloam {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using Document = nlohmann::ordered_json;
 
 constexpr int kVertices = 34962, kIndices = 34963;
 constexpr std::uint32_t kMagic = 0x46546C67, kJsonChunk = 0x4E4F534A, kBinChunk = 0x004E4942;  // "glTF" "JSON" "BIN"
@@ -73,11 +73,11 @@ int GlbBuffer::add_colours(std::span<const std::uint8_t> rgba) {
   return accessor;
 }
 
-void GlbBuffer::write(const std::filesystem::path& path, Json document) const {
+void GlbBuffer::write(const std::filesystem::path& path, Document document) const {
   document["accessors"] = accessors_;
   document["bufferViews"] = views_;
   document["buffers"] = {{{"byteLength", bytes_.size()}}};
-  std::string json = document.dump(-1, ' ', false, Json::error_handler_t::replace);
+  std::string json = document.dump(-1, ' ', false, Document::error_handler_t::replace);
   json.resize(padded(json.size()), ' ');
   const std::uint64_t size = 12 + 8 + json.size() + 8 + std::uint64_t{bytes_.size()} + 3;
   if (size > kMaxBytes) bad_data(path.string(), ": ", bytes_.size(), " bytes are more than a GLB can hold (4 GiB)");

@@ -21,8 +21,8 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr std::uint64_t kMaxValues = std::uint64_t{1} << 29;
-constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 31;
+constexpr std::uint64_t kMaxImageValues = std::uint64_t{1} << 29;
+constexpr std::uint64_t kMaxImageBytes = std::uint64_t{1} << 31;
 constexpr int kLongestSide = 1 << 17;
 // What a header may promise, measured by the bytes that follow. Deflate shrinks to 1/1032 at best, JPEG to about that;
 // of EXR's other compressions some write a block of equal pixels in a few bytes.
@@ -229,15 +229,15 @@ void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec
       spec.width > 0 && spec.height > 0 && spec.depth <= 1 && spec.width <= kLongestSide && spec.height <= kLongestSide;
   const bool channels = spec.nchannels >= 1 && spec.nchannels <= max_channels;
   const int deep = spec.format.is_floating_point() ? 4 : 1;  // such pixels pass through floats
-  if (sides && channels && spec.image_pixels() * spec.nchannels * deep <= kMaxValues) return;
+  if (sides && channels && spec.image_pixels() * spec.nchannels * deep <= kMaxImageValues) return;
   bad_data(path.string(), ": the header says ", spec.width, "x", spec.height, " pixels with ", spec.nchannels,
-           " channels; the limit is ", kMaxValues, " values and ", max_channels, " channels");
+           " channels; the limit is ", kMaxImageValues, " values and ", max_channels, " channels");
 }
 
 Decoder open(const std::filesystem::path& path, int max_channels) {
   Decoder decoder;
   decoder.path = path;
-  decoder.bytes = read_file(path, kMaxBytes);
+  decoder.bytes = read_file(path, kMaxImageBytes);
   decoder.format = format_of(decoder.bytes);
   require_format(path, decoder.format);
   if (decoder.format == "png") require_sound_png(path, decoder.bytes);

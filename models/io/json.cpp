@@ -14,7 +14,7 @@
 namespace cloam {
 namespace {
 
-constexpr std::uint64_t kMaxBytes = std::uint64_t{256} << 20;
+constexpr std::uint64_t kMaxJsonBytes = std::uint64_t{256} << 20;
 constexpr std::uint64_t kMaxParsed = std::uint64_t{512} << 20;
 constexpr std::uint64_t kListed = 24, kKeyed = 112, kContainer = 56;  // bytes that values take, about
 constexpr std::size_t kDeepest = 64;
@@ -152,7 +152,7 @@ double finite(const Json& value, const std::string& key, const std::string& wher
 }  // namespace
 
 Json parse_json_file(const std::filesystem::path& path) {
-  const auto bytes = read_file(path, kMaxBytes);
+  const auto bytes = read_file(path, kMaxJsonBytes);
   const std::string_view content(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   return without_quotes(path, [&] { return parse_json(content, path.string()); });
 }

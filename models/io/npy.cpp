@@ -15,9 +15,9 @@
 namespace cloam {
 namespace {
 
-constexpr std::string_view kMagic = "\x93NUMPY";
-constexpr std::uint64_t kLongestHeader = 10000;  // numpy's own limit
-constexpr std::size_t kMaxAxes = 32;             // numpy's own limit
+constexpr std::string_view kNpyMagic = "\x93NUMPY";
+constexpr std::uint64_t kLongestNpyHeader = 10000;  // numpy's own limit
+constexpr std::size_t kMaxAxes = 32;                // numpy's own limit
 
 // 0 for types that are not read.
 std::size_t bytes_of(std::string_view type) {
@@ -105,8 +105,8 @@ std::uint64_t NpyArray::length() const {
 
 NpyArray parse_npy(std::span<const std::uint8_t> bytes, const std::string& name) {
   ByteReader reader(bytes, name);
-  const auto magic = reader.take(std::min(kMagic.size(), reader.remaining()), "the first bytes");
-  if (!std::equal(magic.begin(), magic.end(), kMagic.begin(), kMagic.end(),
+  const auto magic = reader.take(std::min(kNpyMagic.size(), reader.remaining()), "the first bytes");
+  if (!std::equal(magic.begin(), magic.end(), kNpyMagic.begin(), kNpyMagic.end(),
                   [](std::uint8_t a, char b) { return a == static_cast<std::uint8_t>(b); }))
     bad_data(name, ": is not an .npy file: it does not begin with \\x93NUMPY; save it with numpy.save");
   const auto version = reader.little<std::uint8_t>("the version");
@@ -114,7 +114,7 @@ NpyArray parse_npy(std::span<const std::uint8_t> bytes, const std::string& name)
   if (version < 1 || version > 3) bad_data(name, ": .npy version ", int(version), ", want versions 1 to 3");
   const std::uint64_t length = version == 1 ? reader.little<std::uint16_t>("the length of the header")
                                             : reader.little<std::uint32_t>("the length of the header");
-  if (length > kLongestHeader) bad_data(name, ": a header of ", length, " bytes, the most is ", kLongestHeader);
+  if (length > kLongestNpyHeader) bad_data(name, ": a header of ", length, " bytes, the most is ", kLongestNpyHeader);
   const auto header = reader.take(length, "the header");
   NpyArray array;
   array.name = name;

@@ -18,7 +18,7 @@ namespace cloam {
 namespace {
 
 constexpr std::size_t kLongestHeader = 1 << 16, kLongestLine = 1 << 16;
-constexpr std::size_t kBlock = 1 << 20;  // bytes that are read or written at once
+constexpr std::size_t kPlyBlock = 1 << 20;  // bytes that are read or written at once
 
 struct NumberType {
   const char *name, *other_name;
@@ -173,7 +173,7 @@ class Parser {
   }
 
   void read_binary(const PlyRow& take) {
-    const std::size_t stride = bytes_a_vertex(), rows = std::max<std::size_t>(1, kBlock / stride);
+    const std::size_t stride = bytes_a_vertex(), rows = std::max<std::size_t>(1, kPlyBlock / stride);
     std::vector<char> block(std::min<std::uint64_t>(rows, header_.count) * stride);
     std::vector<float> values(types_.size());
     for (std::uint64_t done = 0; done < header_.count;) {
@@ -274,7 +274,7 @@ void ply_rows(const PlyHeader& header, const std::function<void(std::size_t, std
   for (const PlyProperty& property : header.properties) start += "property float " + property.name + "\n";
   start += "end_header\n";
   const std::size_t width = header.properties.size();
-  const std::size_t rows = std::max<std::size_t>(1, kBlock / sizeof(float) / std::max<std::size_t>(1, width));
+  const std::size_t rows = std::max<std::size_t>(1, kPlyBlock / sizeof(float) / std::max<std::size_t>(1, width));
   sink(std::as_bytes(std::span(start)));
   std::vector<float> block;
   for (std::size_t done = 0; done < header.count; done += rows) {

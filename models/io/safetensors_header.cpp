@@ -10,7 +10,7 @@
 namespace cloam {
 namespace {
 
-constexpr size_t kMaxRank = 16;
+constexpr size_t kMaxStoredRank = 16;
 constexpr char kMetadata[] = "__metadata__";
 
 /// What an error says was found.
@@ -71,7 +71,7 @@ class HeaderItem {
   std::vector<uint64_t> numbers(const std::string& key) const {
     const Json& list = field(key);
     if (!list.is_array()) refuse(described(list), key);
-    if (list.size() > kMaxRank) refuse(text("more than ", kMaxRank, " numbers"), key);
+    if (list.size() > kMaxStoredRank) refuse(text("more than ", kMaxStoredRank, " numbers"), key);
     for (const Json& value : list) {
       if (!value.is_number_unsigned()) refuse(described(value), key);
     }

@@ -16,13 +16,13 @@
 namespace cloam {
 namespace {
 
-using Bytes = std::span<const std::uint8_t>;
+using ByteSpan = std::span<const std::uint8_t>;
 
 constexpr std::string_view kPickle = "/data.pkl";
-constexpr std::array<std::uint8_t, 15> kMagic = {0x80, 2,    0x8a, 10,   0x6c, 0xfc, 0x9c, 0x46,
-                                                 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19, '.'};
+constexpr std::array<std::uint8_t, 15> kTorchMagic = {0x80, 2,    0x8a, 10,   0x6c, 0xfc, 0x9c, 0x46,
+                                                      0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19, '.'};
 constexpr std::int64_t kProtocol = 1001;
-constexpr std::size_t kMaxRank = 8;
+constexpr std::size_t kMaxTensorRank = 8;
 constexpr std::uint64_t kMaxShared = 4;  // tensors may share storages; all together are so many times the file at most
 
 const char* dtype_of(PickleName name) {
@@ -74,7 +74,7 @@ Storage storage_of(const Pickle& pickle, const PickleRecord& record) {
 }
 
 /// Where storages lie in the file, by their keys.
-using Storages = std::map<std::string, Bytes>;
+using Storages = std::map<std::string, ByteSpan>;
 
 class StateDict {
  public:
@@ -123,7 +123,7 @@ class StateDict {
       all.push_back(pickle_.integer(one, "a size"));
       if (all.back() < 0) fail(name, text("a size or stride of ", all.back()));
     }
-    if (all.size() > kMaxRank) fail(name, text(all.size(), " axes, the most is ", kMaxRank));
+    if (all.size() > kMaxTensorRank) fail(name, text(all.size(), " axes, the most is ", kMaxTensorRank));
     return all;
   }
 
@@ -137,7 +137,7 @@ class StateDict {
     const std::uint64_t width = dtype_bytes(storage.dtype);
     if (count * width > left_) fail(name, text("its tensors are more than ", kMaxShared, " times the file"));
     left_ -= count * width;
-    const Bytes from = storages_.at(storage.key);
+    const ByteSpan from = storages_.at(storage.key);
     result.data.resize(count * width);
     copy(from.subspan(count > 0 ? static_cast<std::uint64_t>(offset) * width : 0), strides, width, result);
     return result;
@@ -164,7 +164,7 @@ class StateDict {
     return static_cast<std::uint64_t>(count);
   }
 
-  static void copy(Bytes from, const std::vector<std::int64_t>& strides, std::uint64_t width, NamedTensor& to) {
+  static void copy(ByteSpan from, const std::vector<std::int64_t>& strides, std::uint64_t width, NamedTensor& to) {
     const std::size_t rank = to.shape.size();
     std::vector<std::int64_t> at(rank, 0);
     std::int64_t place = 0;
@@ -218,7 +218,7 @@ void need_little_endian(const Zip& zip, const std::string& folder) {
 }
 
 /// Behind the pickles: of each key in their order the number of values, then the values.
-Storages old_storages(const std::map<std::string, Storage>& named, const Pickle& keys, Bytes rest) {
+Storages old_storages(const std::map<std::string, Storage>& named, const Pickle& keys, ByteSpan rest) {
   ByteReader reader(rest, keys.file());
   Storages all;
   for (const PickleValue& value : keys.list(keys.root(), "a list of storages' keys")) {
@@ -241,8 +241,8 @@ Storages old_storages(const std::map<std::string, Storage>& named, const Pickle&
 
 bool is_torch(const Zip& zip) { return pickle_of(zip) != nullptr; }
 
-bool is_old_torch(Bytes bytes) {
-  return bytes.size() >= kMagic.size() && std::equal(kMagic.begin(), kMagic.end(), bytes.begin());
+bool is_old_torch(ByteSpan bytes) {
+  return bytes.size() >= kTorchMagic.size() && std::equal(kTorchMagic.begin(), kTorchMagic.end(), bytes.begin());
 }
 
 TensorMap torch_tensors(const Zip& zip) {
@@ -264,8 +264,8 @@ TensorMap torch_tensors(const Zip& zip) {
   return StateDict(pickle, storages, zip.size()).tensors();
 }
 
-TensorMap old_torch_tensors(Bytes bytes, const std::string& name) {
-  std::size_t at = kMagic.size();
+TensorMap old_torch_tensors(ByteSpan bytes, const std::string& name) {
+  std::size_t at = kTorchMagic.size();
   const auto next = [&] {
     Pickle pickle(bytes.subspan(at), text(name, ": pickle at byte ", at), PickleUse::tensors);
     at += pickle.length();

@@ -13,7 +13,7 @@
 namespace cloam {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using Document = nlohmann::ordered_json;
 
 void check(const std::filesystem::path& path, const Mesh& mesh) {
   if (mesh.triangle_count() == 0) bad_data(path.string(), ": a mesh without triangles");
@@ -38,15 +38,15 @@ void append(std::string& bytes, const Value* values, std::size_t count) {
   bytes.append(reinterpret_cast<const char*>(values), count * sizeof(Value));
 }
 
-Json document(const Mesh& mesh, const MeshLabel& label, GlbBuffer& buffer) {
+Document document(const Mesh& mesh, const MeshLabel& label, GlbBuffer& buffer) {
   std::vector<float> colours(mesh.colours.size());
   std::transform(mesh.colours.begin(), mesh.colours.end(), colours.begin(), linear_colour);
-  const Json attributes = {{"POSITION", buffer.add_positions(gltf_axes(mesh.positions))},
+  const Document attributes = {{"POSITION", buffer.add_positions(gltf_axes(mesh.positions))},
                            {"NORMAL", buffer.add_vertices(gltf_axes(mesh.normals), "VEC3")},
                            {"COLOR_0", buffer.add_vertices(colours, "VEC3")}};
-  const Json primitive = {
+  const Document primitive = {
       {"attributes", attributes}, {"indices", buffer.add_indices(mesh.triangles)}, {"material", 0}, {"mode", 4}};
-  const Json surface = {{"baseColorFactor", {1, 1, 1, 1}}, {"metallicFactor", 0}, {"roughnessFactor", 1}};
+  const Document surface = {{"baseColorFactor", {1, 1, 1, 1}}, {"metallicFactor", 0}, {"roughnessFactor", 1}};
   return {
       {"asset", {{"version", "2.0"}, {"generator", "cloam"}, {"extras", label.extras}}},
       {"extensionsUsed", {"KHR_materials_unlit"}},
@@ -54,7 +54,7 @@ Json document(const Mesh& mesh, const MeshLabel& label, GlbBuffer& buffer) {
       {"scenes", {{{"nodes", {0}}}}},
       {"nodes", {{{"name", label.name}, {"mesh", 0}}}},
       {"meshes", {{{"name", label.name}, {"primitives", {primitive}}}}},
-      {"materials", {{{"pbrMetallicRoughness", surface}, {"extensions", {{"KHR_materials_unlit", Json::object()}}}}}}};
+      {"materials", {{{"pbrMetallicRoughness", surface}, {"extensions", {{"KHR_materials_unlit", Document::object()}}}}}}};
 }
 
 }  // namespace
@@ -62,7 +62,7 @@ Json document(const Mesh& mesh, const MeshLabel& label, GlbBuffer& buffer) {
 void write_glb(const std::filesystem::path& path, const Mesh& mesh, const MeshLabel& label) {
   check(path, mesh);
   GlbBuffer buffer;
-  const Json json = document(mesh, label, buffer);
+  const Document json = document(mesh, label, buffer);
   buffer.write(path, json);
 }
 
@@ -70,7 +70,7 @@ void write_ply(const std::filesystem::path& path, const Mesh& mesh, const MeshLa
   check(path, mesh);
   std::string bytes =
       "ply\nformat binary_little_endian 1.0\ncomment " +
-      Json({{"name", label.name}, {"made", label.extras}}).dump(-1, ' ', true, Json::error_handler_t::replace) +
+      Document({{"name", label.name}, {"made", label.extras}}).dump(-1, ' ', true, Document::error_handler_t::replace) +
       "\ncomment x right, y forward, z up; metres";
   bytes += text("\nelement vertex ", mesh.vertex_count());
   for (const char* name : {"x", "y", "z", "nx", "ny", "nz"}) bytes += text("\nproperty float ", name);

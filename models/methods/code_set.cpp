@@ -20,7 +20,7 @@ namespace {
 
 constexpr float kMinDeviation = 1e-6f;
 
-Tensor numbers(const std::vector<int32_t>& values) { return from_host(values, {static_cast<int64_t>(values.size())}); }
+Tensor as_tensor(const std::vector<int32_t>& values) { return from_host(values, {static_cast<int64_t>(values.size())}); }
 
 constexpr int64_t kLargest = 1 << 14;  // channels and side of a code
 constexpr char kMethod[] = "genassets";
@@ -44,7 +44,7 @@ int64_t extent(const SourceRun& source, const std::string& key, int otherwise) {
 /// The actors of one log, added to `codes`.
 void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variational, int64_t min_steps) {
   const Scene& scene = source.scenes[log];
-  const auto actors = static_cast<int64_t>(scene.actors.size()), numbers = codes.channels * codes.side * codes.side;
+  const auto actors = static_cast<int64_t>(scene.actors.size()), as_tensor = codes.channels * codes.side * codes.side;
   if (actors == 0) return;
   const std::string name = text("log", log, ".codes"), common = text("log", log, ".common.code");
   if (source.parameters.contains(common))
@@ -52,7 +52,7 @@ void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variat
                                   ": it was trained by an earlier version, whose codes are not "
                                   "whole without ",
                                   common, kFix));
-  const int64_t width = numbers * (variational ? 2 : 1);
+  const int64_t width = as_tensor * (variational ? 2 : 1);
   const auto rows = values_from<float>(source.parameters, name, {actors, width});
   const auto steps = values_from<int32_t>(source.row_steps, name, {actors});
   for (size_t a = 0; a < scene.actors.size(); ++a) {
@@ -62,7 +62,7 @@ void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variat
     }
     for (int64_t i = 0; i < width; ++i) {
       const float value = rows[a * static_cast<size_t>(width) + static_cast<size_t>(i)];
-      if (i < numbers)
+      if (i < as_tensor)
         codes.means.push_back(value);
       else
         codes.deviations.push_back(std::exp(0.5f * (value + kCodeLogVariance)));
@@ -167,12 +167,12 @@ std::vector<std::string> CodeSet::describe() const {
 }
 
 Tensor CodeSet::draw(const std::vector<int32_t>& rows, const RandomKey& key) const {
-  const Tensor at = numbers(rows), mean = gather_rows(means_, at);
+  const Tensor at = as_tensor(rows), mean = gather_rows(means_, at);
   return deviations_ ? mean + gather_rows(deviations_, at) * random_normal(mean.shape(), key) : mean;
 }
 
 CodeTable CodeSet::table(const std::vector<int32_t>& rows, const RandomKey& key) const {
-  const Tensor at = numbers(rows);
+  const Tensor at = as_tensor(rows);
   CodeTable table{as_rows(gather_rows(means_, at)), as_rows(draw(rows, key)), {}, {}, {}};
   if (deviations_) table.variances = as_rows(square(gather_rows(deviations_, at)));
   for (const int32_t row : rows) {
@@ -195,7 +195,7 @@ Condition CodeSet::condition_of(const std::vector<int32_t>& rows, const std::vec
 
 Tensor CodeSet::floor_of(const std::vector<int32_t>& rows, const Level& level) const {
   if (!deviations_) return zeros({1});
-  const Tensor variance = square(gather_rows(deviations_, numbers(rows)));
+  const Tensor variance = square(gather_rows(deviations_, as_tensor(rows)));
   return cloam::mean(variance / (variance * (level.alpha * level.alpha) + level.sigma * level.sigma));
 }
 
@@ -234,11 +234,11 @@ Eigen::Vector3d CodeSet::nearest_size(const std::vector<float>& code, int asset_
 /// As it is.
 NewAsset CodeSet::actor_at(int32_t row) const {
   const auto at = static_cast<size_t>(row);
-  const auto numbers = static_cast<std::ptrdiff_t>(codes_.means.size() / codes_.count());
+  const auto as_tensor = static_cast<std::ptrdiff_t>(codes_.means.size() / codes_.count());
   return {codes_.classes[at],
           codes_.nights[at] == 1,
           codes_.sizes[at],
-          {codes_.means.begin() + row * numbers, codes_.means.begin() + (row + 1) * numbers}};
+          {codes_.means.begin() + row * as_tensor, codes_.means.begin() + (row + 1) * as_tensor}};
 }
 
 std::vector<NewAsset> CodeSet::training_assets(const AssetRequest& wish) const {

@@ -15,7 +15,7 @@ namespace {
 enum Stream : uint32_t { kCodes = 0, kNoise = 1, kTimes = 2, kScoredCodes = 3, kScoredNoise = 4, kFittedCodes = 5 };
 
 constexpr float kDecayStart = 0.3f;  // share of the steps before the rate falls
-constexpr int kWarmUp = 30;          // steps
+constexpr int kDiffusionWarmUp = 30;          // steps
 constexpr int kScoredTimes = 16;     // at which a code's v-loss is measured
 constexpr size_t kScoredCodesAtOnce = 64;
 
@@ -143,7 +143,7 @@ MemoryPlan Diffusion::memory(const PhotoSizes&) const {
 }
 
 ParameterGroups Diffusion::groups() const {
-  return {{"", config_.rate, {config_.final_rate, kDecayStart, 0, kWarmUp}}};
+  return {{"", config_.rate, {config_.final_rate, kDecayStart, 0, kDiffusionWarmUp}}};
 }
 
 Step Diffusion::step(const Progress& progress, const Tensors& wanted) {

@@ -7,7 +7,7 @@
 namespace cloam {
 namespace {
 
-constexpr int kWarmUp = 30;        // steps
+constexpr int kStreetWarmUp = 30;        // steps
 constexpr int kCodesFirst = 200;   // steps in which one image teaches no background behind actors
 constexpr float kDetail = 0.2f;    // of the background planes' rate, for texels beside codes
 constexpr float kRefining = 0.1f;  // of the codes' rate, once they have been denoised (SSDNeRF: 5e-3)
@@ -49,7 +49,7 @@ GenAssetsTraining::GenAssetsTraining(const GenAssetsConfig& config, StreetModel&
 
 ParameterGroups GenAssetsTraining::groups(bool denoised) const {
   const GenAssetsConfig& c = config_;
-  const LearningRateSchedule schedule = {c.final_rate, c.decay_start, 0, kWarmUp};
+  const LearningRateSchedule schedule = {c.final_rate, c.decay_start, 0, kStreetWarmUp};
   ParameterGroups groups;
   const auto add = [&](const std::string& prefix, float rate) -> ParameterGroup& {
     return groups.emplace_back(ParameterGroup{prefix, rate, schedule});

@@ -12,14 +12,14 @@ namespace cloam {
 namespace {
 
 // Streams of random numbers within a step, beside those of the method.
-enum Stream : uint32_t { kJitter = 2, kPlace = 4, kFine = 5, kFinePlace = 6, kCells = 16 };
+enum RenderStream : uint32_t { kRayJitter = 2, kPlace = 4, kFine = 5, kFinePlace = 6, kCells = 16 };
 
 constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, distortion
-constexpr float kMinTransmittance = 1e-3f;
+constexpr float kLeastTransmittance = 1e-3f;
 constexpr double kRenderSamples = 400000;  // samples in memory while rendering
 constexpr float kMinStep = 1e-5f;          // normalised units: a ray takes 100,000 of them
 
-RandomKey stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
+RandomKey render_stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
 
 }  // namespace
 
@@ -52,11 +52,11 @@ NerfRenderer::Rendered NerfRenderer::shade(const Rays& rays, const Sampling& how
 
 NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Sampling& how) const {
   const int64_t count = rays.origins.dim(0);
-  const Tensor shift = how.jitter ? random_uniform({count}, stream(how.key, kJitter)) : full({count}, 0.5f);
+  const Tensor shift = how.jitter ? random_uniform({count}, render_stream(how.key, kRayJitter)) : full({count}, 0.5f);
   MarchOptions steps = march_options();
   steps.explore = how.jitter ? static_cast<int>(how.key.step) : 0;
   const RaySamples all = march(rays, shift, occupancy_->values(), steps);
-  const RaySamples s = how.skim ? visible(all, stop_gradient(field_->density(all.points)), kMinTransmittance) : all;
+  const RaySamples s = how.skim ? visible(all, stop_gradient(field_->density(all.points)), kLeastTransmittance) : all;
   const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
   return {composite({out.sigma, s.offsets, s.dt}, {out.rgb, s.t}), Tensor(), s.t.dim(0), all.t.dim(0)};
 }
@@ -85,7 +85,7 @@ NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Sa
   const Tensor near = slice(rays.span, 1, 0, 1), far = maximum(slice(rays.span, 1, 1, 2), near + 1e-3f);
   const Tensor edges = near + (far - near) * from_host(steps, {1, coarse + 1});
   const auto place = [&](int64_t n, uint32_t which) {
-    return how.jitter ? random_uniform({count, n}, stream(how.key, which)) : full({count, n}, 0.5f);
+    return how.jitter ? random_uniform({count, n}, render_stream(how.key, which)) : full({count, n}, 0.5f);
   };
   Rendered out;
   Tensor weights;

@@ -10,7 +10,7 @@
 namespace cloam {
 namespace {
 
-constexpr uint32_t kBackground = 1;  // stream of random numbers within a step
+constexpr uint32_t kBackgroundStream = 1;  // stream of random numbers within a step
 
 }  // namespace
 
@@ -29,7 +29,7 @@ int SplatRenderer::degree_at(const Progress& progress) const {
 /// [3,1,1]
 Tensor SplatRenderer::background_for(const Progress& progress) const {
   if (config_.background == "random")
-    return random_uniform({3, 1, 1}, {progress.seed, static_cast<uint32_t>(progress.step), kBackground});
+    return random_uniform({3, 1, 1}, {progress.seed, static_cast<uint32_t>(progress.step), kBackgroundStream});
   return full({3, 1, 1}, bright() ? 1.f : 0.f);
 }
 

@@ -12,7 +12,7 @@ namespace {
 /// PerceptualSimilarity adds to the length, not to its square: channels that are all 0 stay 0.
 /// A product by the inverse, since NVIDIA's compiler fuses the last product within a division with a difference that
 /// follows, whatever FP_CONTRACT says: a picture's distance to itself would not be 0.
-Tensor unit_length(const Tensor& map) { return map * (1.f / (sqrt(sum(square(map), {{1}, true})) + 1e-10f)); }
+Tensor of_unit_length(const Tensor& map) { return map * (1.f / (sqrt(sum(square(map), {{1}, true})) + 1e-10f)); }
 
 const char* linear_name(const std::string& network) { return network == kAlexNet ? kLpipsAlex : kLpipsVgg; }
 
@@ -36,7 +36,7 @@ Tensor Lpips::operator()(const Tensor& a, const Tensor& b) const {
   const Tensors of_a = network(a), of_b = network(b);
   Tensor total = 0.f;
   for (size_t i = 0; i < weights.size(); i++)
-    total = total + mean(sum(weights[i] * square(unit_length(of_a[i]) - unit_length(of_b[i])), {{1}}), {{1, 2}});
+    total = total + mean(sum(weights[i] * square(of_unit_length(of_a[i]) - of_unit_length(of_b[i])), {{1}}), {{1, 2}});
   return total;
 }
 

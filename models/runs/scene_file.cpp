@@ -10,7 +10,7 @@
 namespace cloam {
 namespace {
 
-constexpr int kSchema = 2;
+constexpr int kSceneSchema = 2;
 const char* const kModels[] = {"pinhole", "opencv", "fisheye", "fov"};
 
 Json to_json(const Camera& c) {
@@ -203,14 +203,14 @@ Scene scene_from(const Json& json, const std::string& where) {
 }  // namespace
 
 void write_scenes(const std::filesystem::path& path, const Scenes& scenes) {
-  Json json = {{"schema_version", kSchema}, {"scenes", Json::array()}};
+  Json json = {{"schema_version", kSceneSchema}, {"scenes", Json::array()}};
   for (const Scene& scene : scenes) json["scenes"].push_back(to_json(scene));
   commit_text(path, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 Scenes read_scene_file(const std::filesystem::path& path) {
   const Json json = parse_json_file(path);
-  if (number(json, "schema_version", path.string()) != kSchema)
+  if (number(json, "schema_version", path.string()) != kSceneSchema)
     throw Error(Fault::data, path.string() + ": written by another version of the program; train again");
   Scenes scenes;
   for (const Json& scene : array(json, "scenes", path.string()))

@@ -17,8 +17,8 @@ constexpr double kPi = std::numbers::pi;
 constexpr double kLargestGap = kPi * 150 / 180;
 constexpr double kTurntableView = kPi * 30 / 180;
 
-Vector3d position(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
-Vector3d forward(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
+Vector3d eye_of(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
+Vector3d forward_of(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
 
 Eigen::Matrix4d looking_at(const Vector3d& eye, const Vector3d& target, const Vector3d& up) {
   const Vector3d z = (target - eye).normalized();
@@ -62,7 +62,7 @@ Ring ring_of(const Scene& scene, const Vector3d& centre, const Vector3d& up) {
   std::vector<double> angles;
   const auto count = static_cast<double>(scene.frames.size());
   for (const Frame& frame : scene.frames) {
-    const Vector3d arm = position(frame) - centre;
+    const Vector3d arm = eye_of(frame) - centre;
     ring.height += arm.dot(up) / count;
     ring.radius += (arm - arm.dot(up) * up).norm() / count;
     angles.push_back(std::atan2(arm.dot(ring.aside), arm.dot(ring.ahead)));
@@ -80,9 +80,9 @@ Vector3d looked_at(const Scene& scene) {
   Matrix3d normal = Matrix3d::Zero();
   Vector3d right = Vector3d::Zero();
   for (const Frame& frame : scene.frames) {
-    const Matrix3d across = Matrix3d::Identity() * (1 + 1e-6) - forward(frame) * forward(frame).transpose();
+    const Matrix3d across = Matrix3d::Identity() * (1 + 1e-6) - forward_of(frame) * forward_of(frame).transpose();
     normal += across;
-    right += across * position(frame);
+    right += across * eye_of(frame);
   }
   return normal.ldlt().solve(right);
 }

@@ -11,7 +11,7 @@
 namespace cloam {
 namespace {
 
-constexpr int64_t kBlock = 4096;  // rays
+constexpr int64_t kRaysAtOnce = 4096;  // rays
 
 /// All blocks side by side, on the host.
 struct Everything {
@@ -27,9 +27,9 @@ void append(std::vector<float>& to, const Tensor& from) {
 Everything look(
     const StreetPainter& painter, const RayList& rays, const std::function<void()>& between = [] {}) {
   Everything all;
-  for (int64_t begin = 0; begin < rays.count(); begin += kBlock) {
+  for (int64_t begin = 0; begin < rays.count(); begin += kRaysAtOnce) {
     if (begin > 0) between();
-    const int64_t end = std::min(rays.count(), begin + kBlock);
+    const int64_t end = std::min(rays.count(), begin + kRaysAtOnce);
     const SeenByRays seen = painter.look(part_of(rays, begin, end));
     append(all.features, seen.features);
     append(all.light, seen.light ? seen.light : ones({end - begin, 3}));

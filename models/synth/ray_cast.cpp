@@ -15,7 +15,7 @@ using Eigen::AlignedBox3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kSurfaceOffset = 1e-6;  // how far a shadow ray starts from its surface
+constexpr double kShadowOffset = 1e-6;  // how far a shadow ray starts from its surface
 
 Vector3d along(const Ray& ray, double distance) { return ray.origin + distance * ray.direction; }
 
@@ -316,7 +316,7 @@ Vector3d light_at(const std::vector<SceneObject>& objects, const Vector3d& point
   Vector3d light = up * sky + (1 - up) * bounce;
   light += std::max(0.0, normal.dot(to_fill)) * Vector3d(0.10, 0.10, 0.12);
   const double sun = normal.dot(to_sun);
-  if (sun > 0 && !in_shadow(objects, {point + kSurfaceOffset * normal, to_sun}))
+  if (sun > 0 && !in_shadow(objects, {point + kShadowOffset * normal, to_sun}))
     light += sun * Vector3d(1.0, 0.93, 0.80);
   return light;
 }

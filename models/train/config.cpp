@@ -33,11 +33,11 @@ double shortest(float value) {
 
 }  // namespace
 
-void Config::bind(const std::string& key, int& variable, const std::string& help, const Range& range) {
+void Config::bind(const std::string& key, int& variable, const std::string& help, const NumberRange& range) {
   add({key, help, int64_t{variable}, range},
       [&variable](const ConfigValue& v) { variable = static_cast<int>(std::get<int64_t>(v)); });
 }
-void Config::bind(const std::string& key, float& variable, const std::string& help, const Range& range) {
+void Config::bind(const std::string& key, float& variable, const std::string& help, const NumberRange& range) {
   add({key, help, shortest(variable), range},
       [&variable](const ConfigValue& v) { variable = static_cast<float>(std::get<double>(v)); });
 }
@@ -54,7 +54,7 @@ std::string in_digits(double value) {
   return value == std::floor(value) ? std::to_string(static_cast<int64_t>(value)) : to_string(ConfigValue(value));
 }
 
-std::string in_words(const Range& range) {
+std::string in_words(const NumberRange& range) {
   if (range.max < kNoLimit) return text(" from ", in_digits(range.min), " to ", in_digits(range.max));
   return range.min > -kNoLimit ? text(" of ", in_digits(range.min), " or more") : "";
 }

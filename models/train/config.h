@@ -13,21 +13,21 @@ namespace cloam {
 using ConfigValue = std::variant<bool, int64_t, double, std::string>;
 
 /// The least and the largest value of a number.
-struct Range {
+struct NumberRange {
   double min, max;
 };
 
 constexpr double kNoLimit = 1e30;  // numbers beyond are no settings but mistakes
-constexpr Range kFromZero = {0, kNoLimit};
-constexpr Range kShareBelowOne = {0, 0.9999};
-constexpr Range kSteps = {1, 1 << 30}, kStepsOrNone = {0, 1 << 30};
-constexpr Range kMetres = {0.001, 1000};  // between samples, of a voxel
+constexpr NumberRange kFromZero = {0, kNoLimit};
+constexpr NumberRange kShareBelowOne = {0, 0.9999};
+constexpr NumberRange kSteps = {1, 1 << 30}, kStepsOrNone = {0, 1 << 30};
+constexpr NumberRange kMetres = {0.001, 1000};  // between samples, of a voxel
 
 struct ConfigEntry {
   std::string key, help;
   ConfigValue value;
-  Range range = {-kNoLimit, kNoLimit};  // of a number
-  std::string origin = "default";       // default | preset NAME | file F | --set
+  NumberRange range = {-kNoLimit, kNoLimit};  // of a number
+  std::string origin = "default";             // default | preset NAME | file F | --set
 };
 
 /// The settings of one method, in the order declared.
@@ -36,8 +36,8 @@ class Config {
   /// Declares a setting and binds it to its variable: a later set() writes the variable too. Numbers have a range
   /// (floats without: from 0 on), so that what is made of them can be made: each alone; what they need together the
   /// memory budget decides.
-  void bind(const std::string& key, int& variable, const std::string& help, const Range& range);
-  void bind(const std::string& key, float& variable, const std::string& help, const Range& range = kFromZero);
+  void bind(const std::string& key, int& variable, const std::string& help, const NumberRange& range);
+  void bind(const std::string& key, float& variable, const std::string& help, const NumberRange& range = kFromZero);
   void bind(const std::string& key, bool& variable, const std::string& help);
   void bind(const std::string& key, std::string& variable, const std::string& help);
   /// Parses `value` as the type of the setting. Old names are known, too (old_names.h).

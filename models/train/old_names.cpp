@@ -9,7 +9,7 @@
 namespace cloam {
 namespace {
 
-constexpr size_t kShown = 64;  // characters of a value in an error
+constexpr size_t kShownOfOld = 64;  // characters of a value in an error
 
 using Renamed = std::pair<const char*, const char*>;  // from, to
 
@@ -47,7 +47,7 @@ bool is_gone(const std::string& key, const std::string& value, const std::string
   if (gone == std::end(kGone)) return false;
   const std::string kept = gone->kept;
   if (!kept.empty() && value != kept)
-    throw Error(Fault::data, text(origin, ": it was trained with ", key, " = ", value.substr(0, kShown),
+    throw Error(Fault::data, text(origin, ": it was trained with ", key, " = ", value.substr(0, kShownOfOld),
                                   ", which this version no longer has\n  fix: train it again"));
   return true;
 }

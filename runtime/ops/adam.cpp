@@ -37,7 +37,7 @@ void adam_step(Tensor& parameter, Tensor& m, Tensor& v, const Tensor& gradient, 
   if (with.step < 1) throw Error(Fault::internal, text("[adam_step] step ", with.step, ", want 1 for the first"));
   const auto steps = static_cast<double>(with.step);
   const double left1 = 1 - std::pow(double{with.beta1}, steps), left2 = 1 - std::pow(double{with.beta2}, steps);
-  const Share work = share(parameter.numel(), 4096);
+  const WorkShare work = share(parameter.numel(), 4096);
   if (parameter.numel() == 0) return;
   launch(kernel("adam", "adam"), "adam", work.range, parameter, m, v, dense(gradient), parameter.numel(), with.beta1,
          with.beta2, static_cast<float>(with.learning_rate / left1), static_cast<float>(1 / std::sqrt(left2)),
@@ -55,7 +55,7 @@ void adam_step_rows(Tensor& parameter, Tensor& m, Tensor& v, Tensor& row_steps, 
   own(row_steps);
   const auto log_of = [](float beta) { return static_cast<float>(std::log(double{beta})); };
   const int64_t rows = parameter.dim(0), width = row_width(parameter.shape());
-  const Share work = share(rows, 4096 / width);
+  const WorkShare work = share(rows, 4096 / width);
   launch(kernel("adam", "adam_rows"), "adam_rows", work.range, parameter, m, v, row_steps, dense(gradient), rows, width,
          with.beta1, with.beta2, log_of(with.beta1), log_of(with.beta2), with.learning_rate, with.epsilon,
          shrink_of(with), work.chunk);

@@ -5,14 +5,13 @@
 
 #include "runtime/cl.h"
 #include "runtime/ops.h"
+#include "runtime/ops/ceil_div.h"
 #include "runtime/ops/composed.h"
 
 namespace cloam {
 namespace {
 
-const Registered kRegistered("attention");
-
-int64_t ceil_div(int64_t a, int64_t b) { return (a + b - 1) / b; }
+const Registered kAttentionKernels("attention");
 
 /// q [B,T,D], k [B,U,D], v [B,U,E].
 struct AttentionSizes {

@@ -10,7 +10,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("composite"), Registered("composite_weights")};
+const Registered kCompositeKernels[] = {Registered("composite"), Registered("composite_weights")};
 
 /// The inputs of an op: matter, offsets, dt and rows where there are; of composite also features, t, ranges where there
 /// are.

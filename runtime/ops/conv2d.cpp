@@ -8,7 +8,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("conv2d"), Registered("conv2d_dx"), Registered("conv2d_dw")};
+const Registered kConv2dKernels[] = {Registered("conv2d"), Registered("conv2d_dx"), Registered("conv2d_dw")};
 
 enum class Part { forward, dx, dw };
 

@@ -2,10 +2,10 @@
 #pragma once
 #include "runtime/cl.h"
 #include "runtime/ops.h"
+#include "runtime/ops/ceil_div.h"
 
 namespace cloam {
 
-inline int64_t ceil_div(int64_t a, int64_t b) { return (a + b - 1) / b; }
 inline int64_t round_up(int64_t a, int64_t b) { return ceil_div(a, b) * b; }
 
 /// x [N,C,H,W], w [K,C/groups,R,S], y [N,K,P,Q].

@@ -9,14 +9,14 @@ namespace cloam {
 namespace {
 
 /// The arguments of conv2d_tiled, kernels/conv2d_gpu.cl: sizes of the product, then where a, the image and c lie.
-struct Walk {
+struct GpuWalk {
   int64_t columns, plane, step, first, outer;
 };
 struct Product {
   int64_t m, n, depth;
   int64_t a_row, a_inner, a_outer, a_group;
   int64_t image_group, height, width, spread;
-  Walk j, k;
+  GpuWalk j, k;
   int64_t c_row, c_inner, c_outer, c_group;
 };
 

@@ -12,7 +12,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered("hash_grid");
+const Registered kGridKernels("hash_grid");
 
 struct Level {
   int resolution, side;
@@ -42,7 +42,7 @@ struct GridShape {
   cl::Kernel& part(const Variant& v, const char* name) const { return kernel(v, name, {{"FEATURES", features}}); }
 };
 
-Tensor composed(const Tensors& in, const GridShape& shape);
+Tensor composed_grid(const Tensors& in, const GridShape& shape);
 
 struct GridOp : Op {
   explicit GridOp(GridShape s) : shape(std::move(s)) {}
@@ -63,7 +63,7 @@ struct HashGridGradTable final : GridOp {
     const auto gradient = [shape = shape, table = out.shape()](const Tensors& of) {
       Tensors own = {zeros(table)};  // whatever it is: features are linear in it
       own.insert(own.end(), of.begin(), of.end() - 1);
-      return vjp_of([&](const Tensors& x) { return composed(x, shape); }, own, of.back())[0];
+      return vjp_of([&](const Tensors& x) { return composed_grid(x, shape); }, own, of.back())[0];
     };
     return vjp_of(gradient, in, g);
   }
@@ -73,7 +73,7 @@ void HashGridGradTable::by_walk(const Variant& v, const Tensors& in, const Tenso
   const Places of(in, 0, in.size() - 1);
   const int64_t n = of.points.dim(0), levels = shape.level_count();
   const Tensor by_level = empty(in.back().shape());
-  const Share work = share(n, 1024);
+  const WorkShare work = share(n, 1024);
   launch(shape.part(v, "hash_grid_split"), "hash_grid_split", work.range, in.back(), by_level, n, levels, work.chunk);
   // Parts only share out the work: every row's sum keeps the order of the samples, so they change no bits.
   const int64_t parts = std::max<int64_t>(1, 2 * device().compute_units / levels);
@@ -103,7 +103,7 @@ struct HashGridGradPoints final : GridOp {
            shape.levels, in.back(), out, n, shape.owned(in[0].shape()), shape.rows, shape.level_count(), chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    return vjp_of_gradient([shape = shape](const Tensors& x) { return composed(x, shape); }, 1, in, g);
+    return vjp_of_gradient([shape = shape](const Tensors& x) { return composed_grid(x, shape); }, 1, in, g);
   }
 };
 
@@ -125,7 +125,7 @@ struct HashGridForward final : GridOp {
     const Tensor by_level = empty(out.shape());
     launch(shape.part(v, "hash_grid_blocks"), name(), range, of.points, of.owners, in[0], shape.levels, by_level, n,
            owned, shape.rows, chunk);
-    const Share work = share(n, 1024);
+    const WorkShare work = share(n, 1024);
     launch(shape.part(v, "hash_grid_join"), "hash_grid_join", work.range, by_level, out, n, levels, work.chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
@@ -165,7 +165,7 @@ std::pair<Tensor, Tensor> corners_of(const Tensor& points, const Level& level, i
           along(each, 0) * along(each, 1) * along(each, 2)};
 }
 
-Tensor composed(const Tensors& in, const GridShape& shape) {
+Tensor composed_grid(const Tensors& in, const GridShape& shape) {
   const Places of(in, 1, in.size());
   const auto rows = static_cast<int>(shape.rows), all = rows * static_cast<int>(shape.owned(in[0].shape()));
   Tensors features;
@@ -217,7 +217,7 @@ Tensor HashGridEncoder::operator()(const Tensor& points, const Tensor& table, co
 }
 
 Tensor HashGridEncoder::composed(const Tensor& points, const Tensor& table, const Tensor& owners) const {
-  return cloam::composed(inputs(grid, points, table, owners), shape_of(grid, levels_));
+  return cloam::composed_grid(inputs(grid, points, table, owners), shape_of(grid, levels_));
 }
 
 }  // namespace cloam

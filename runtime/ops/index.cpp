@@ -8,14 +8,14 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("gather_rows"), Registered("scatter_add_rows")};
+const Registered kIndexKernels[] = {Registered("gather_rows"), Registered("scatter_add_rows")};
 
 struct GatherRows final : Op {
   const char* name() const override { return "gather_rows"; }
   void run(const Tensors& in, Tensor& out) const override {
     const int64_t width = row_width(in[0].shape()), pieces = row_pieces(in[1].numel(), width);
     const Constants form = {{"BYTES", static_cast<int>(size_of(out.dtype()))}, {"WIDTH", width == 1}};
-    const Share work = share(pieces, 8192 / width);
+    const WorkShare work = share(pieces, 8192 / width);
     launch(kernel("index", "gather_rows", form), name(), work.range, in[0], in[1], out, pieces, in[0].dim(0), width,
            work.chunk);
   }
@@ -47,7 +47,7 @@ struct ScatterByCopies final : Op {
     launch(kernel("index", "scatter_copies", form), name(), range1(pieces, is_cpu_class() ? 1 : 64), in[0], in[1],
            copies, pieces, n, count, width, (n + parts - 1) / parts);
     if (parts == 1) return;
-    const Share work = share(out.numel(), 1024);
+    const WorkShare work = share(out.numel(), 1024);
     launch(kernel("index", "add_copies", form), "add_copies", work.range, copies, out, out.numel(), parts, work.chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {

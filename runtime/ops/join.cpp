@@ -5,7 +5,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("concat"), Registered("pad")};
+const Registered kJoinKernels[] = {Registered("concat"), Registered("pad")};
 
 /// Seen as [outer, axis, inner], a part fills the rows [begin, begin + count) of the axis.
 struct Rows {

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "runtime/cl.h"
+#include "runtime/ops/ceil_div.h"
 #include "runtime/ops/epilogue.h"
 
 namespace cloam {
@@ -9,11 +10,10 @@ namespace {
 
 const Registered kMatmul("matmul"), kLinear("linear");
 
-int64_t ceil_div(int64_t a, int64_t b) { return (a + b - 1) / b; }
 int64_t padded(int64_t n, int64_t unit) { return ceil_div(n, unit) * unit; }
 
 /// An operand as the kernels walk it: one stride over the flattened batch, and those of its two inner axes.
-struct Operand {
+struct MatrixOperand {
   Tensor tensor;
   int64_t batch = 0, row = 0, column = 0;
 };
@@ -40,7 +40,7 @@ std::optional<int64_t> batch_stride(const Shape& strides, const Shape& extents) 
 }
 
 /// `out` gives the batch axes. Packs a copy when the batch has no single stride, or neither inner axis is contiguous.
-Operand operand(const Tensor& x, const Shape& out) {
+MatrixOperand operand(const Tensor& x, const Shape& out) {
   Shape extents = out;
   extents[out.rank() - 2] = x.dim(-2);
   extents[out.rank() - 1] = x.dim(-1);
@@ -57,7 +57,7 @@ Operand operand(const Tensor& x, const Shape& out) {
 
 /// c = end of a b; bias and residual are empty where the epilogue's flags say nothing of them.
 struct Problem {
-  Operand a, b;
+  MatrixOperand a, b;
   Tensor c, bias, residual;
   int epilogue = 0;
   int64_t batch, m, n, k;

@@ -7,7 +7,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered("max_pool2d");
+const Registered kMaxPoolKernels("max_pool2d");
 
 /// in: x alone (pool), x and an image of its shape (pick), x and a value a window (spread).
 struct MaxPool final : Op {
@@ -39,7 +39,7 @@ void MaxPool::run(const Tensors& in, Tensor& out) const {
       {"WINDOW", with.window}, {"STRIDE", with.stride}, {"PAD", with.pad}, {"PLACES", part != Part::pool}};
   if (v.where == "cpu") {
     const int64_t planes = x.dim(0) * x.dim(1);
-    const Share work = share(planes, 4096 / (P * Q));
+    const WorkShare work = share(planes, 4096 / (P * Q));
     const char* which = part == Part::spread ? "max_pool2d_spread_planes" : "max_pool2d_planes";
     launch(kernel(v, which, form), name(), work.range, x, values, out, planes, H, W, P, Q, work.chunk);
   } else {

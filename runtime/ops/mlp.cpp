@@ -8,7 +8,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered("mlp");
+const Registered kMlpKernels("mlp");
 
 struct Sizes {
   int64_t in, width, hidden, out;

@@ -8,7 +8,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("group_norm"), Registered("layer_norm"), Registered("softmax"),
+const Registered kNormKernels[] = {Registered("group_norm"), Registered("layer_norm"), Registered("softmax"),
                                   Registered("log_softmax")};
 
 /// x less its largest value along the axis: no exponential of it overflows, and the softmax is the same.

@@ -6,7 +6,7 @@
 
 namespace cloam {
 
-static const Registered kRegistered[] = {Registered("sum"), Registered("max"), Registered("min")};
+static const Registered kReduceKernels[] = {Registered("sum"), Registered("max"), Registered("min")};
 
 const char* ReduceOp::name() const {
   return reduction == Reduction::sum ? "sum" : reduction == Reduction::max ? "max" : "min";

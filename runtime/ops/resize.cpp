@@ -6,10 +6,10 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("resize"), Registered("resize_adjoint")};
+const Registered kResizeKernels[] = {Registered("resize"), Registered("resize_adjoint")};
 
 constexpr int64_t kLongest = 1 << 14;  // the kernels' positions are exact in 32 bits up to here
-constexpr int64_t kLines = 16;         // LINES of resize.cl
+constexpr int64_t kLinesAtOnce = 16;   // LINES of resize.cl
 
 /// Seen as [outer, from, inner], one axis becomes `to` long; the adjoint goes back. Each is the other's gradient.
 struct Resize final : Op {
@@ -23,14 +23,14 @@ struct Resize final : Op {
     const Variant& v = choose("resize", inner == 1 ? "lines" : "any");
     if (v.where == "cpu") return run_lines(in[0], out, outer);
     const int64_t pieces = row_pieces(outer * out.dim(axis), inner);
-    const Share work = share(pieces, 4096 / inner);
+    const WorkShare work = share(pieces, 4096 / inner);
     launch(kernel("resize", name(), {{"BILINEAR", bilinear}}), name(), work.range, in[0], out, pieces, small, large,
            inner, work.chunk);
   }
   void run_lines(const Tensor& in, Tensor& out, int64_t lines) const {
     const int64_t from = (adjoint ? out : in).dim(axis), to = (adjoint ? in : out).dim(axis);
-    const int64_t pieces = (lines + kLines - 1) / kLines;
-    const Share work = share(pieces, 4096 / (kLines * to));
+    const int64_t pieces = (lines + kLinesAtOnce - 1) / kLinesAtOnce;
+    const WorkShare work = share(pieces, 4096 / (kLinesAtOnce * to));
     const char* which = adjoint ? "resize_lines_adjoint" : "resize_lines";
     launch(kernel("resize", which, {{"BILINEAR", bilinear}}), name(), work.range, in, out, pieces, lines, from, to,
            work.chunk);

@@ -12,17 +12,17 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered("sample_images");
+const Registered kSampleKernels("sample_images");
 
 /// Images [P,A,H,W,C] as the kernels see them.
-struct Layout {
-  explicit Layout(const Shape& images)
+struct ImageStack {
+  explicit ImageStack(const Shape& images)
       : count(images[0]), rows(images[1] * images[2]), height(images[2]), width(images[3]), channels(images[4]) {}
   int64_t count, rows, height, width, channels;
 };
 
 /// Vectors: whole rows of them, and coordinates of 15 bits.
-const Variant& variant_for(const Layout& p) {
+const Variant& variant_for(const ImageStack& p) {
   const bool vectors = p.channels % 4 == 0 && p.channels <= 256 && std::max(p.rows, p.width) < 32768;
   return choose("sample", vectors ? "vectors" : "any");
 }
@@ -32,13 +32,13 @@ cl::Kernel& vectors_kernel(const Variant& v, const char* name, int64_t channels)
   return kernel(v, name, {{"LANES", lanes}, {"VECTORS", static_cast<int>(channels / lanes)}});
 }
 
-Tensor composed(const Tensors& in);
+Tensor composed_samples(const Tensors& in);
 
 /// in: points, perhaps owners, g -> [P,A,H,W,C].
 struct SampleGradImages final : Op {
   const char* name() const override { return "sample_dimages"; }
   void run(const Tensors& in, Tensor& out) const override {
-    const Variant& v = variant_for(Layout(out.shape()));
+    const Variant& v = variant_for(ImageStack(out.shape()));
     v.where == "cpu" ? by_bands(v, in, out) : by_pairs(in, out);
   }
   static void by_pairs(const Tensors& in, Tensor& out);
@@ -47,7 +47,7 @@ struct SampleGradImages final : Op {
     const auto gradient = [shape = out.shape()](const Tensors& of) {
       Tensors own = {zeros(shape)};  // whatever they are: samples are linear in them
       own.insert(own.end(), of.begin(), of.end() - 1);
-      return vjp_of(composed, own, of.back())[0];
+      return vjp_of(composed_samples, own, of.back())[0];
     };
     return vjp_of(gradient, in, g);
   }
@@ -55,7 +55,7 @@ struct SampleGradImages final : Op {
 
 void SampleGradImages::by_pairs(const Tensors& in, Tensor& out) {
   const Places of(in, 0, in.size() - 1);
-  const Layout p(out.shape());
+  const ImageStack p(out.shape());
   const int64_t n = of.points.dim(0), items = n * p.count;
   const Tensor rows = empty({items * 4}, DType::i32), values = empty({items * 4, p.channels});
   launch(kernel("sample", "sample_pairs"), "sample_pairs", elements(items), of.points, of.owners, in.back(), rows,
@@ -66,7 +66,7 @@ void SampleGradImages::by_pairs(const Tensors& in, Tensor& out) {
 
 void SampleGradImages::by_bands(const Variant& v, const Tensors& in, const Tensor& out) {
   const Places of(in, 0, in.size() - 1);
-  const Layout p(out.shape());
+  const ImageStack p(out.shape());
   const int64_t n = of.points.dim(0), axes = of.points.dim(1), bands = (p.rows + v["BAND"] - 1) / v["BAND"];
   const int64_t chunk = std::max<int64_t>(1024, (n + 31) / 32), chunks = std::max<int64_t>(1, (n + chunk - 1) / chunk);
   const Tensor counts = empty({p.count * bands * chunks}, DType::i32), starts = empty(counts.shape(), DType::i32);
@@ -86,12 +86,12 @@ struct SampleGradPoints final : Op {
   void run(const Tensors& in, Tensor& out) const override {
     const Places of(in, 1, in.size() - 1);
     const auto [range, chunk] = chunks(out.dim(0), 512);
-    const Layout p(in[0].shape());
+    const ImageStack p(in[0].shape());
     launch(kernel("sample", name()), name(), range, in[0], of.points, of.owners, in.back(), out, out.dim(0), out.dim(1),
            of.owned ? 1 : 0, p.rows, p.height, p.width, p.channels, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    return vjp_of_gradient(composed, 1, in, g);
+    return vjp_of_gradient(composed_samples, 1, in, g);
   }
 };
 
@@ -100,7 +100,7 @@ struct Sample final : Op {
   void run(const Tensors& in, Tensor& out) const override {
     const Places of(in, 1, in.size());
     const int64_t n = out.dim(0), axes = of.points.dim(1);
-    const Layout p(in[0].shape());
+    const ImageStack p(in[0].shape());
     const Variant& v = variant_for(p);
     auto [range, chunk] = chunks(n, 512);
     if (v.where != "cpu") {
@@ -136,9 +136,9 @@ struct Taps {
 Tensor mixed(const Tensor& a, const Tensor& b, const Tensor& part) { return a * (1.f - part) + b * part; }
 
 /// Of [P,A,H,W,C]: sums of four rows of texels.
-Tensor composed(const Tensors& in) {
+Tensor composed_samples(const Tensors& in) {
   const Places of(in, 1, in.size());
-  const Layout p(in[0].shape());
+  const ImageStack p(in[0].shape());
   const auto axis = [&](int i) { return slice(of.points, 1, i, i + 1); };
   const bool planes = p.count == 3;
   const Taps x(planes ? concat({axis(0), axis(0), axis(1)}, 1) : axis(0), p.width);
@@ -167,7 +167,7 @@ Tensors inputs(const char* op, int64_t count, const Tensor& images, const Tensor
 }
 
 Tensor sampled(const Tensors& in) {
-  const Layout p(in[0].shape());
+  const ImageStack p(in[0].shape());
   return make(std::make_shared<Sample>(), {in[1].dim(0), p.count * p.channels}, in);
 }
 
@@ -184,7 +184,7 @@ Tensor sample_images(const Tensor& images, const Tensor& places, const Tensor& o
 }
 
 Tensor sample_images_composed(const Tensor& images, const Tensor& places, const Tensor& owners) {
-  return composed(inputs("sample_images", 1, images, places, owners));
+  return composed_samples(inputs("sample_images", 1, images, places, owners));
 }
 
 Tensor sample_planes(const Tensor& planes, const Tensor& points, const Tensor& owners) {
@@ -192,7 +192,7 @@ Tensor sample_planes(const Tensor& planes, const Tensor& points, const Tensor& o
 }
 
 Tensor sample_planes_composed(const Tensor& planes, const Tensor& points, const Tensor& owners) {
-  return composed(inputs("sample_planes", 3, planes, points, owners));
+  return composed_samples(inputs("sample_planes", 3, planes, points, owners));
 }
 
 }  // namespace cloam

@@ -11,7 +11,7 @@ void scan_rows(const Tensor& in, const Tensor& out, int64_t rows, const Cumulati
   const int64_t n = in.numel() / rows, length = v["LENGTH"], chunks = (n + length - 1) / length;
   const int64_t pieces = rows * chunks;
   const Constants type = {{"INTEGER", in.dtype() == DType::f32 ? 0 : 1}};
-  const Share work = share(pieces, 4096 / std::min(n, length));
+  const WorkShare work = share(pieces, 4096 / std::min(n, length));
   Tensor bases = in;
   if (chunks > 1) {
     const Tensor sums = empty({rows, chunks}, in.dtype());
@@ -27,7 +27,7 @@ void scan_rows(const Tensor& in, const Tensor& out, int64_t rows, const Cumulati
 
 namespace {
 
-const Registered kRegistered("cumsum");
+const Registered kScanKernels("cumsum");
 
 /// Along the last axis.
 struct Cumsum final : Op {

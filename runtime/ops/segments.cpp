@@ -7,15 +7,15 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("segment_offsets"), Registered("segment_sum"),
-                                  Registered("segment_spread")};
+const Registered kSegmentsKernels[] = {Registered("segment_offsets"), Registered("segment_sum"),
+                                       Registered("segment_spread")};
 
 Constants form(bool ordered, int64_t width) { return {{"ORDERED", ordered}, {"WIDTH", width == 1}}; }
 
 struct SegmentOffsets final : Op {
   const char* name() const override { return "segment_offsets"; }
   void run(const Tensors& in, Tensor& out) const override {
-    const Share work = share(out.numel(), 1024);
+    const WorkShare work = share(out.numel(), 1024);
     launch(kernel("segments", "segment_offsets", form(false, 0)), name(), work.range, in[0], out, out.numel(),
            in[0].numel(), work.chunk);
   }
@@ -34,7 +34,7 @@ struct SegmentSpread final : Op {
   const char* name() const override { return "segment_spread"; }
   void run(const Tensors& in, Tensor& out) const override {
     const int64_t width = row_width(out.shape()), pieces = row_pieces(out.dim(0), width);
-    const Share work = share(pieces, 8192 / width);
+    const WorkShare work = share(pieces, 8192 / width);
     launch(kernel("segments", "segment_spread", form(false, width)), name(), work.range, in[0], in[1], out, pieces,
            in[0].dim(0), width, work.chunk);
   }
@@ -68,7 +68,7 @@ void sum_segments(const Tensor& values, const Tensor& order, const Tensor& offse
     return;
   }
   const int64_t pieces = row_pieces(parts, width), joins = row_pieces(count, width);
-  const Share work = share(joins, 4096 / width);
+  const WorkShare work = share(joins, 4096 / width);
   launch(kernel("segments", "segment_sum", form(bool{order}, 0)), "segment_sum",
          range1(pieces, is_cpu_class() ? 1 : 64), values, order ? order : offsets, offsets, out, heads, pieces, n,
          count, width, length);

@@ -7,13 +7,13 @@
 
 namespace cloam {
 
-struct Share {
+struct WorkShare {
   int64_t chunk = 1;  // pieces a work-item, on CPU devices
   Range range;
 };
 
 /// CPU devices: about 64 work-items, none below `least` pieces. GPU devices: a lane a piece, up to a million lanes.
-inline Share share(int64_t pieces, int64_t least) {
+inline WorkShare share(int64_t pieces, int64_t least) {
   if (!is_cpu_class()) return {1, range1(std::min<int64_t>(pieces, 1 << 20), 64)};
   const int64_t chunk = std::max({int64_t{1}, least, (pieces + 63) / 64});
   return {chunk, range1((pieces + chunk - 1) / chunk)};

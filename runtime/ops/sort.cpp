@@ -10,7 +10,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered("sort");
+const Registered kSortKernels("sort");
 
 /// keys [n] or [n,2], payload [n] or none -> uint32 [keys_begin(n) + n or 2 n]: the payload in the order of the keys'
 /// lowest `bits` bits, and from keys_begin(n) on, where a cache line begins, the keys.

@@ -12,13 +12,13 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered("splat_blend");
+const Registered kSplatKernels("splat_blend");
 
 /// The gaussians' numbers side by side, as the kernels of CPU devices read them.
 Tensor records_of(const Variant& variant, const Tensors& in) {
   const int64_t count = in[0].dim(0);
   const Tensor records = empty({count, 16});
-  const Share work = share(count, 1024);
+  const WorkShare work = share(count, 1024);
   if (count > 0)
     launch(kernel(variant, "splat_records"), "splat_records", work.range, in[0], in[1], records, count, work.chunk);
   return records;

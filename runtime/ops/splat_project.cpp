@@ -10,7 +10,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("splat_project"), Registered("splat_colours")};
+const Registered kSplatProjectKernels[] = {Registered("splat_project"), Registered("splat_colours")};
 
 constexpr int64_t kSeen = 7, kTile = 16, kCameraNumbers = 18;
 

@@ -11,7 +11,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered("ssim");
+const Registered kSsimKernels("ssim");
 
 /// Pictures narrower than a vector take the reference.
 const Variant& variant_for(const Tensor& x) { return choose("ssim", x.dim(2) >= 16 ? "wide" : "narrow"); }
@@ -25,7 +25,7 @@ struct Pieces {
     work = share(count, 1);
   }
   int64_t tile = 1, count = 0;
-  Share work;
+  WorkShare work;
 };
 
 /// On other devices: a value a work-item, in the GPU variant in groups that are tiles.

@@ -5,7 +5,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("unfold"), Registered("fold")};
+const Registered kUnfoldKernels[] = {Registered("unfold"), Registered("fold")};
 
 /// x [A,B,H,W,N], windows [A,R*S,B,P,Q,N].
 struct Unfold final : Op {
@@ -28,7 +28,7 @@ struct Unfold final : Op {
                     image[3], w[5], window.height, window.width, w[3], w[4], window.stride, window.pad);
     }
     const int64_t images = w[0] * w[2], rows = adjoint ? images : images * w[1];
-    const Share work = share(rows, 4096 / ((adjoint ? in[0] : out).numel() / rows + 1));
+    const WorkShare work = share(rows, 4096 / ((adjoint ? in[0] : out).numel() / rows + 1));
     launch(kernel("unfold", name()), name(), work.range, in[0], out, rows, w[2], image[2], image[3], w[5],
            window.height, window.width, w[3], w[4], window.stride, window.pad, work.chunk);
   }

@@ -6,7 +6,7 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("reshape"), Registered("permute"), Registered("slice"),
+const Registered kViewKernels[] = {Registered("reshape"), Registered("permute"), Registered("slice"),
                                   Registered("broadcast_to"), Registered("bitcast")};
 
 struct ViewOp : Op {

@@ -11,8 +11,8 @@
 namespace cloam {
 namespace {
 
-const Registered kRegistered[] = {Registered("importance_edges"), Registered("unit_points"),
-                                  Registered("spherical_harmonics")};
+const Registered kVolumeKernels[] = {Registered("importance_edges"), Registered("unit_points"),
+                                     Registered("spherical_harmonics")};
 
 struct ImportanceEdges final : Op {
   const char* name() const override { return "importance_edges"; }
@@ -134,7 +134,7 @@ OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, in
   const Tensor shift = dense(jitter);
   const int64_t n = shift.dim(0);
   OccupancyCells out{empty({n}, DType::i32), empty({n, 3})};
-  const Share work = share(n, 1024);
+  const WorkShare work = share(n, 1024);
   launch(kernel("volume", "occupancy_cells"), "occupancy_cells", work.range, shift, out.cells, out.points, n, side,
          start, stride, work.chunk);
   return out;
@@ -142,7 +142,7 @@ OccupancyCells occupancy_cells(const Tensor& jitter, int side, int64_t start, in
 
 void occupancy_merge(Tensor& values, const Tensor& cells, const Tensor& density, float decay) {
   const Tensor new_density = dense(density);
-  const Share work = share(cells.numel(), 1024);
+  const WorkShare work = share(cells.numel(), 1024);
   launch(kernel("volume", "occupancy_merge"), "occupancy_merge", work.range, cells, new_density, values, cells.numel(),
          decay, work.chunk);
 }

@@ -67,3 +67,23 @@ TEST_CASE("nothing below cli/ includes it, and runtime/ includes no models/") {
       }
     }
 }
+
+// Two types of one name and namespace in the program are one to the linker, which keeps the member functions of either:
+// the program then destroys the one by the other's destructor. No tool that we have says it.
+TEST_CASE("no two headers define a type of the same name") {
+  const std::regex type("^(struct|class|enum class|enum|union) ([A-Za-z]+)( final)?( :.*)? \\{.*");
+  std::map<std::string, std::string> defined;
+  for (const char* folder : {"runtime", "models", "cli", "tests/op_cases", "benchmarks/steps", "benchmarks/workloads"})
+    for (const fs::directory_entry& entry : fs::recursive_directory_iterator(fs::path(CLOAM_SOURCES) / folder)) {
+      if (entry.path().extension() != ".h") continue;
+      std::ifstream file(entry.path());
+      std::smatch found;
+      for (std::string line; std::getline(file, line);) {
+        if (!std::regex_match(line, found, type)) continue;
+        const auto [before, is_new] = defined.try_emplace(found[2], entry.path().string());
+        CHECK_MESSAGE(is_new, found[2].str() << " is defined in " << before->second << " and in "
+                                             << entry.path().string() << ": one of them needs another name");
+      }
+    }
+  CHECK(defined.size() > 300);
+}

@@ -133,7 +133,7 @@ OpCase weights_row(const char* label, const Samples& s, const Parts& which) {
   return row;
 }
 
-void add_sums(OpCases& rows) {
+void add_weighted_sums(OpCases& rows) {
   constexpr Parts kNerf{.dt = true}, kStreet{.rows = true, .ranges = true, .sky = true}, kAll{true, true, true, true};
   Samples plain = few(true);
   for (double& t : plain.t.given) t = std::abs(t);
@@ -180,7 +180,7 @@ void add_weights(OpCases& rows) {
 }  // namespace
 
 void add_composite_cases(OpCases& rows) {
-  add_sums(rows);
+  add_weighted_sums(rows);
   add_weights(rows);
 }
 

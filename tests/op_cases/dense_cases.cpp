@@ -98,17 +98,17 @@ void add_products(OpCases& rows) {
 }
 
 /// inputs: x, w, then the bias and the residual that the row is said to have.
-struct Ending {
+struct RowEnding {
   const char* label;
   bool bias, residual;
   Activation activation;
 };
 
-Epilogue epilogue_of(const Ending& e, const Tensors& in) {
+Epilogue epilogue_of(const RowEnding& e, const Tensors& in) {
   return {e.bias ? in[2] : Tensor(), e.residual ? in[e.bias ? 3 : 2] : Tensor(), e.activation};
 }
 
-HostArray finish(const Ending& e, const HostArrays& in, HostArray sums) {
+HostArray finish(const RowEnding& e, const HostArrays& in, HostArray sums) {
   for (int64_t i = 0; i < sums.size(); i++) {
     double& y = sums.values[static_cast<size_t>(i)];
     if (e.bias) y += in[2][i % sums.dim(-1)];
@@ -119,7 +119,7 @@ HostArray finish(const Ending& e, const HostArrays& in, HostArray sums) {
   return sums;
 }
 
-OpCase linear_row(const Ending& e, const Shape& x, const Shape& w) {
+OpCase linear_row(const RowEnding& e, const Shape& x, const Shape& w) {
   std::vector<InputSpec> inputs = {normal(x), normal(w)};
   if (e.bias) inputs.push_back(normal({w[1]}));
   Shape y = x;
