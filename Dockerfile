@@ -6,26 +6,26 @@
 # A GPU needs its driver in the image, unless NVIDIA's toolkit brings it, and its devices in the container. Check: cloam doctor.
 #   Intel:  docker build -t cloam --build-arg MORE=intel-opencl-icd .
 #           docker run --device /dev/dri --group-add "$(getent group render | cut -d: -f3)" ...
-#   AMD:    docker build -t cloam --build-arg MORE=mesa-opencl-icd/bookworm-backports .
+#   AMD:    docker build -t cloam --build-arg DEBIAN=trixie --build-arg MORE=mesa-opencl-icd .
 #           docker run --device /dev/dri --group-add "$(getent group render | cut -d: -f3)" -e RUSTICL_ENABLE=radeonsi ...
-#           ROCm instead of Mesa, installed by AMD's own packages, also wants --device /dev/kfd.
+#           Or ROCm: MORE=rocm-opencl-icd, and --device /dev/kfd besides. Debian 12 has no driver for these cards.
 #   NVIDIA: with the NVIDIA Container Toolkit on the host, and the host's file that names the driver, which the toolkit leaves out:
 #           docker run --gpus all -e NVIDIA_DRIVER_CAPABILITIES=compute,utility \
 #             -v /etc/OpenCL/vendors/nvidia.icd:/etc/OpenCL/vendors/nvidia.icd:ro ...
 # script/package-test runs both stages without a container; it knows the instructions that stand here and no others.
 
-FROM debian:bookworm-slim AS build
+ARG DEBIAN=bookworm
+
+FROM debian:$DEBIAN-slim AS build
 WORKDIR /cloam
 COPY . .
 RUN script/package
 
-FROM debian:bookworm-slim
+FROM debian:$DEBIAN-slim
 ARG MORE=""
 ENV XDG_CACHE_HOME=/cache
 COPY --from=build /cloam/build/release/cloam_*.deb /tmp/
-# Backports are there to be asked for; nothing comes from them by itself.
-RUN echo "deb http://deb.debian.org/debian bookworm-backports main" >/etc/apt/sources.list.d/backports.list \
-    && apt-get update \
+RUN apt-get update \
     && apt-get install -y --no-install-recommends /tmp/cloam_*.deb pocl-opencl-icd fonts-dejavu-core $MORE \
     && rm -rf /tmp/cloam_*.deb /var/lib/apt/lists/* \
     && mkdir -m 1777 /cache
