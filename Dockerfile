@@ -9,7 +9,7 @@
 #   AMD:    docker build -t cloam --build-arg DEBIAN=trixie --build-arg MORE=mesa-opencl-icd .
 #           docker run --device /dev/dri --group-add "$(getent group render | cut -d: -f3)" -e RUSTICL_ENABLE=radeonsi ...
 #           Or ROCm: MORE=rocm-opencl-icd, and --device /dev/kfd besides. Debian 12 has no driver for these cards.
-#   NVIDIA: with the NVIDIA Container Toolkit on the host, and the host's file that names the driver, which the toolkit leaves out:
+#   NVIDIA: with the NVIDIA Container Toolkit on the host, and the host's file that names the driver, which the toolkit may leave out:
 #           docker run --gpus all -e NVIDIA_DRIVER_CAPABILITIES=compute,utility \
 #             -v /etc/OpenCL/vendors/nvidia.icd:/etc/OpenCL/vendors/nvidia.icd:ro ...
 # script/package-test runs both stages without a container; it knows the instructions that stand here and no others.
