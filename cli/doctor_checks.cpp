@@ -82,7 +82,7 @@ const std::vector<Vendor>& vendors() {
       {"0x1002",
        "AMD",
        {"dri/renderD"},
-       "sudo apt install mesa-opencl-icd (Mesa 23.1 or newer: on Debian 12 with -t bookworm-backports) and export "
+       "sudo apt install mesa-opencl-icd (Mesa 23.1 or newer: Debian 13, not Debian 12 or its backports) and export "
        "RUSTICL_ENABLE=radeonsi, or install ROCm"},
       {"0x8086", "Intel", {"dri/renderD"}, "sudo apt install intel-opencl-icd"},
       {"0x10de", "NVIDIA", {"nvidiactl", "nvidia0"}, "sudo apt install nvidia-driver nvidia-opencl-icd"}};

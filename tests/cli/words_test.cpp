@@ -118,7 +118,9 @@ const std::map<std::string, std::string> kForeignOptions = {
 
 /// Those that the documents alone name.
 const Names kForeignInDocuments = {"--data-races", "--uniform-writes",  // Oclgrind's
-                                   "--logdir"};                         // TensorBoard's
+                                   "--logdir",                          // TensorBoard's
+                                   "--rm",         "--user",           "--gpus",
+                                   "--group-add",  "--build-arg"};  // docker's
 
 const std::string kOption = "(?:^|[^A-Za-z0-9_-])(--[a-z][a-z0-9_-]*)";
 
