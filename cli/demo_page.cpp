@@ -41,7 +41,7 @@ fs::path depth_picture(const fs::path& exr) {
   return file;
 }
 
-struct Figure {
+struct MeasuredFigure {
   std::string what, here, other, wanted;
 };
 
@@ -49,7 +49,7 @@ std::string decibels(const Report& json, const char* key) {
   return json.at(key).is_number() ? fmt::format("{:.2f} dB", json.at(key).get<double>()) : "-";
 }
 
-std::vector<Figure> figures_of(const DemoRecord& r) {
+std::vector<MeasuredFigure> figures_of(const DemoRecord& r) {
   const double samples = frechet_of(r.samples), random = frechet_of(r.random);
   const Report& metres = r.street.at("lidar_median_error_m");
   return {
@@ -70,9 +70,9 @@ std::vector<Figure> figures_of(const DemoRecord& r) {
        fmt::format("half as far as random latents; got {:+.0f} %", 100 * (samples / random - 1))}};
 }
 
-std::string table(const std::vector<Figure>& figures) {
+std::string table(const std::vector<MeasuredFigure>& figures) {
   std::string out = "<table><tr><th></th><th>here</th><th>baseline</th><th>target</th></tr>\n";
-  for (const Figure& f : figures)
+  for (const MeasuredFigure& f : figures)
     out += fmt::format("<tr><td>{}</td><td class=\"number\"><b>{}</b></td><td>{}</td><td>{}</td></tr>\n",
                        escaped(f.what), escaped(f.here), escaped(f.other), escaped(f.wanted));
   return out + "</table>\n";
