@@ -119,9 +119,9 @@ std::string list_of(const DemoProgress& progress) {
 
 std::string photos_of_logs(const fs::path& logs) {
   std::string figures;
-  for (const fs::directory_entry& log : fs::directory_iterator(logs)) {
-    const std::vector<fs::path> photos = files_in(log.path() / "camera" / "front_camera", "", ".jpg");
-    if (!photos.empty()) figures += figure(photos.front(), log.path().filename().string(), 280);
+  for (const fs::path& log : files_in(logs, "", "")) {
+    const std::vector<fs::path> photos = files_in(log / "camera" / "front_camera", "", ".jpg");
+    if (!photos.empty()) figures += figure(photos.front(), log.filename().string(), 280);
   }
   return "<h2>The streets, as their cameras see them</h2>\n" + row_of(figures);
 }
