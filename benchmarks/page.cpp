@@ -132,7 +132,8 @@ bool is_step(const BenchRow& row) {
 }
 
 std::string steps(const BenchReport& report) {
-  std::string out = table("Whole steps", {"name", "ms", "rounded_rate", "share", "host", "launches", "bytes allocated"});
+  std::string out =
+      table("Whole steps", {"name", "ms", "rounded_rate", "share", "host", "launches", "bytes allocated"});
   for (const BenchRow& row : report.rows)
     if (is_step(row))
       out += line({"`" + row.name + "`", milliseconds(row.ms), rounded_rate(row), share(row, report.limits),

@@ -188,7 +188,8 @@ std::string trace() {
   return out.str();
 }
 
-HostSpan::HostSpan(const char* name) : name_(name), begin_(profiling() && profile_recorder()->timeline ? host_us() : 0) {}
+HostSpan::HostSpan(const char* name)
+    : name_(name), begin_(profiling() && profile_recorder()->timeline ? host_us() : 0) {}
 
 HostSpan::~HostSpan() {
   if (begin_ == 0 || profile_recorder()->spans.size() >= kMaxSpans) return;

@@ -34,7 +34,7 @@ constexpr int kMaxDriveSteps = 100000;
 constexpr std::size_t kMaxEntries = 10000;  // folders that are looked at in search of drives
 constexpr std::uint64_t kMaxCalibrationBytes = std::uint64_t{16} << 20, kMaxXmlBytes = std::uint64_t{32} << 20;
 constexpr double kEarthRadius = 6378137;  // metres, at the equator
-constexpr double kFarthestOfDrive = 1e5;         // metres that a drive leads away
+constexpr double kFarthestOfDrive = 1e5;  // metres that a drive leads away
 constexpr double kFrameRate = 10;         // Hz, where time stamps are missing
 constexpr double kRadians = std::numbers::pi / 180;
 
@@ -267,7 +267,8 @@ class DriveReader {
         const Oxts oxts = without_quotes(drive_ / file, [&] { return read_oxts(content, file); });
         if (!first) first = oxts;
         const Eigen::Vector3d place = position(oxts, *first) - position(*first, *first);
-        if (place.norm() > kFarthestOfDrive) bad_data(file, ": the car is ", place.norm(), " m away from its first position");
+        if (place.norm() > kFarthestOfDrive)
+          bad_data(file, ": the car is ", place.norm(), " m away from its first position");
         world_from_imu_.emplace(step, rigid(pose_of(oxts.roll_pitch_yaw, place), file));
       });
     }

@@ -19,7 +19,8 @@ constexpr std::uint64_t kLargest = 64 << 20;
 constexpr double kFarthestOfPath = 1e7;  // metres, as poses of all sources
 
 PathPoint point(const std::array<double, 5>& v, const std::string& where) {
-  const bool near = std::abs(v[1]) < kFarthestOfPath && std::abs(v[2]) < kFarthestOfPath && std::abs(v[3]) < kFarthestOfPath;
+  const bool near =
+      std::abs(v[1]) < kFarthestOfPath && std::abs(v[2]) < kFarthestOfPath && std::abs(v[3]) < kFarthestOfPath;
   if (near) return {v[0], {v[1], v[2], v[3]}, v[4]};
   bad_data(where, ": the position ", v[1], ", ", v[2], ", ", v[3], " is beyond ", kFarthestOfPath, " m");
 }

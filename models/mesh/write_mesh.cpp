@@ -42,19 +42,19 @@ Document document(const Mesh& mesh, const MeshLabel& label, GlbBuffer& buffer) {
   std::vector<float> colours(mesh.colours.size());
   std::transform(mesh.colours.begin(), mesh.colours.end(), colours.begin(), linear_colour);
   const Document attributes = {{"POSITION", buffer.add_positions(gltf_axes(mesh.positions))},
-                           {"NORMAL", buffer.add_vertices(gltf_axes(mesh.normals), "VEC3")},
-                           {"COLOR_0", buffer.add_vertices(colours, "VEC3")}};
+                               {"NORMAL", buffer.add_vertices(gltf_axes(mesh.normals), "VEC3")},
+                               {"COLOR_0", buffer.add_vertices(colours, "VEC3")}};
   const Document primitive = {
       {"attributes", attributes}, {"indices", buffer.add_indices(mesh.triangles)}, {"material", 0}, {"mode", 4}};
   const Document surface = {{"baseColorFactor", {1, 1, 1, 1}}, {"metallicFactor", 0}, {"roughnessFactor", 1}};
-  return {
-      {"asset", {{"version", "2.0"}, {"generator", "cloam"}, {"extras", label.extras}}},
-      {"extensionsUsed", {"KHR_materials_unlit"}},
-      {"scene", 0},
-      {"scenes", {{{"nodes", {0}}}}},
-      {"nodes", {{{"name", label.name}, {"mesh", 0}}}},
-      {"meshes", {{{"name", label.name}, {"primitives", {primitive}}}}},
-      {"materials", {{{"pbrMetallicRoughness", surface}, {"extensions", {{"KHR_materials_unlit", Document::object()}}}}}}};
+  return {{"asset", {{"version", "2.0"}, {"generator", "cloam"}, {"extras", label.extras}}},
+          {"extensionsUsed", {"KHR_materials_unlit"}},
+          {"scene", 0},
+          {"scenes", {{{"nodes", {0}}}}},
+          {"nodes", {{{"name", label.name}, {"mesh", 0}}}},
+          {"meshes", {{{"name", label.name}, {"primitives", {primitive}}}}},
+          {"materials",
+           {{{"pbrMetallicRoughness", surface}, {"extensions", {{"KHR_materials_unlit", Document::object()}}}}}}};
 }
 
 }  // namespace

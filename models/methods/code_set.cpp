@@ -20,7 +20,9 @@ namespace {
 
 constexpr float kMinDeviation = 1e-6f;
 
-Tensor as_tensor(const std::vector<int32_t>& values) { return from_host(values, {static_cast<int64_t>(values.size())}); }
+Tensor as_tensor(const std::vector<int32_t>& values) {
+  return from_host(values, {static_cast<int64_t>(values.size())});
+}
 
 constexpr int64_t kLargest = 1 << 14;  // channels and side of a code
 constexpr char kMethod[] = "genassets";

@@ -14,9 +14,9 @@ namespace {
 // Streams of random numbers within a step, and of a generation.
 enum Stream : uint32_t { kCodes = 0, kNoise = 1, kTimes = 2, kScoredCodes = 3, kScoredNoise = 4, kFittedCodes = 5 };
 
-constexpr float kDecayStart = 0.3f;  // share of the steps before the rate falls
-constexpr int kDiffusionWarmUp = 30;          // steps
-constexpr int kScoredTimes = 16;     // at which a code's v-loss is measured
+constexpr float kDecayStart = 0.3f;   // share of the steps before the rate falls
+constexpr int kDiffusionWarmUp = 30;  // steps
+constexpr int kScoredTimes = 16;      // at which a code's v-loss is measured
 constexpr size_t kScoredCodesAtOnce = 64;
 
 Tensor numbers(const std::vector<int32_t>& values) { return from_host(values, {static_cast<int64_t>(values.size())}); }

@@ -337,9 +337,10 @@ Tensor StreetModel::texels_of(const StreetLog& log, const StreetSamples& s, cons
 RenderedRays StreetModel::render(const RayScene& scene, const RayList& rays, const Sampling& how, bool shadows,
                                  const DecodedAssets* ready) const {
   const int64_t count = rays.count();
-  const StreetRays at = {from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
-                         how.random ? random_uniform({count, 2}, street_stream(how.key, kJitter)) : full({count, 2}, 0.5f),
-                         from_host(rays.moments, {count})};
+  const StreetRays at = {
+      from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
+      how.random ? random_uniform({count, 2}, street_stream(how.key, kJitter)) : full({count, 2}, 0.5f),
+      from_host(rays.moments, {count})};
   StreetSteps steps = options_.steps;
   steps.shadows = shadows && shadow_;
   RenderedRays out;

@@ -7,7 +7,7 @@
 namespace cloam {
 namespace {
 
-constexpr int kStreetWarmUp = 30;        // steps
+constexpr int kStreetWarmUp = 30;  // steps
 constexpr int kCodesFirst = 200;   // steps in which one image teaches no background behind actors
 constexpr float kDetail = 0.2f;    // of the background planes' rate, for texels beside codes
 constexpr float kRefining = 0.1f;  // of the codes' rate, once they have been denoised (SSDNeRF: 5e-3)

@@ -22,8 +22,8 @@ int find_log(const std::vector<std::string>& logs, const std::string& word);
 /// As find_actor takes it: with the log's number in front where there are several logs.
 std::string spelled(const Scenes& scenes, const AssetName& name);
 
-/// The label of what an actor looks like: that of the actor whose appearance it has. A generated asset has the label of its
-/// wearer, if that is of the asset's class.
+/// The label of what an actor looks like: that of the actor whose appearance it has. A generated asset has the label of
+/// its wearer, if that is of the asset's class.
 std::string seen_label(const StoredRun& run, const AssetName& actor);
 
 /// Of classes (kAssetClasses) from cars to motorcycles.

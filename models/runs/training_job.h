@@ -28,7 +28,7 @@ struct TrainRequest {
   bool skip_bad = false, allow_outside = false, resume = false, overwrite = false, dry_run = false;
   std::vector<std::string> settings;  // key=value
   std::string progress = "auto";
-  std::optional<int> view;  // --view: the port; 0: any
+  std::optional<int> view;                              // --view: the port; 0: any
   std::string preview_every = "auto", pictures = "on";  // as typed
   bool tensorboard = false;                             // event files, too
 };

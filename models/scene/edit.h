@@ -20,8 +20,8 @@ struct Turn {
 /// The actor stays in the list, without boxes: methods keep what they learnt for each actor by its place there.
 struct Remove {};
 
-/// The actor takes an appearance and the size that belongs to them, and stands on the same ground. Its label stays its own:
-/// what it looks like is labelled by whoever the appearance belongs to.
+/// The actor takes an appearance and the size that belongs to them, and stands on the same ground. Its label stays its
+/// own: what it looks like is labelled by whoever the appearance belongs to.
 struct Replace {
   AssetName appearance;
   Eigen::Vector3d size = Eigen::Vector3d::Zero();

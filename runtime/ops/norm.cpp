@@ -9,7 +9,7 @@ namespace cloam {
 namespace {
 
 const Registered kNormKernels[] = {Registered("group_norm"), Registered("layer_norm"), Registered("softmax"),
-                                  Registered("log_softmax")};
+                                   Registered("log_softmax")};
 
 /// x less its largest value along the axis: no exponential of it overflows, and the softmax is the same.
 Tensor below_largest(const Tensor& x, int axis) { return x - stop_gradient(max(x, {{axis}, true})); }

@@ -17,7 +17,7 @@ struct StreetBox {
   std::array<float, 9> box_from_street;  // rotation, row by row
   std::array<float, 3> centre, half_size;
   float cube_scale;  // 0.5 / half side of the cube that the owner's planes fill
-  float owner;  // its number, which a float holds exactly up to 2^24
+  float owner;       // its number, which a float holds exactly up to 2^24
 };
 struct StreetBoxes {
   Tensor first;  // int32 [M+1]: the boxes of moment m are first[m] up to first[m+1]

@@ -7,7 +7,7 @@ namespace cloam {
 namespace {
 
 const Registered kViewKernels[] = {Registered("reshape"), Registered("permute"), Registered("slice"),
-                                  Registered("broadcast_to"), Registered("bitcast")};
+                                   Registered("broadcast_to"), Registered("bitcast")};
 
 struct ViewOp : Op {
   OpKind kind() const override { return OpKind::view; }

@@ -31,7 +31,7 @@ struct SelftestReport {
 };
 
 struct SelftestWish {
-  bool quick = false;  // leaves out strided and empty inputs, and variants that are not the built-in choice
+  bool quick = false;             // leaves out strided and empty inputs, and variants that are not the built-in choice
   std::vector<std::string> only;  // parts of the names of the rows to run; empty: all
 };
 
