@@ -36,7 +36,7 @@ constexpr char kHow[] = R"(
   step ours folds the doubling of images into the convolution after it (4 multiply-adds where the plain graph takes 9).
 - **ratio** is the peer's time over ours. **floor** is the least that is acceptable, **reach** what is aimed at. **ratio at
   our peak** is what it would be if ours ran at the device's measured peak: no kernel gets beyond.
-- **share** is the rounded_rate over this device's measured peak: of fused multiply-adds (two operations each) for rows with GFLOP/s,
+- **share** is the rate over this device's measured peak: of fused multiply-adds (two operations each) for rows with GFLOP/s,
   of copying arrays larger than any cache (bytes read and written) for rows with GB/s. Operations and bytes are those that the
   mathematics needs, not those that the kernels do; so a share can exceed 100 % where data stays in a cache, where writes
   pass it by, or where work is skipped.
@@ -53,7 +53,7 @@ std::string fixed(double value, int digits) {
 /// Three digits.
 std::string milliseconds(double ms) { return fixed(ms, ms < 10 ? 3 : ms < 100 ? 2 : 1); }
 
-std::string rounded_rate(const BenchRow& row) {
+std::string rate_in_words(const BenchRow& row) {
   if (row.flops > 0) return fixed(row.gflops(), 0) + " GFLOP/s";
   return row.bytes > 0 ? fixed(row.gbps(), 1) + " GB/s" : "";
 }
@@ -76,14 +76,14 @@ std::string table(const std::string& title, const Cells& head) {
 }
 
 Cells with_peer(const BenchRow& row, const DeviceLimits& limits) {
-  Cells out = {"`" + row.name + "`", milliseconds(row.ms), rounded_rate(row), share(row, limits), "", "", ""};
+  Cells out = {"`" + row.name + "`", milliseconds(row.ms), rate_in_words(row), share(row, limits), "", "", ""};
   if (row.peers.empty()) return out;
   out[4] = row.peers.front().name;
   out[5] = milliseconds(row.peers.front().ms);
   out[6] = fixed(row.ratio(), 2);
   return out;
 }
-const Cells kPeerHead = {"name", "ms", "rounded_rate", "share", "fastest peer", "ms", "ratio"};
+const Cells kPeerHead = {"name", "ms", "rate", "share", "fastest peer", "ms", "ratio"};
 
 enum class Verdict { below, met, reached, no_peer };
 
@@ -133,10 +133,10 @@ bool is_step(const BenchRow& row) {
 
 std::string steps(const BenchReport& report) {
   std::string out =
-      table("Whole steps", {"name", "ms", "rounded_rate", "share", "host", "launches", "bytes allocated"});
+      table("Whole steps", {"name", "ms", "rate", "share", "host", "launches", "bytes allocated"});
   for (const BenchRow& row : report.rows)
     if (is_step(row))
-      out += line({"`" + row.name + "`", milliseconds(row.ms), rounded_rate(row), share(row, report.limits),
+      out += line({"`" + row.name + "`", milliseconds(row.ms), rate_in_words(row), share(row, report.limits),
                    fixed(100 * row.host_share, 1) + " %", fixed(row.launches, 0), fixed(row.bytes_allocated, 0)});
   return out;
 }

@@ -46,7 +46,7 @@ int64_t extent(const SourceRun& source, const std::string& key, int otherwise) {
 /// The actors of one log, added to `codes`.
 void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variational, int64_t min_steps) {
   const Scene& scene = source.scenes[log];
-  const auto actors = static_cast<int64_t>(scene.actors.size()), as_tensor = codes.channels * codes.side * codes.side;
+  const auto actors = static_cast<int64_t>(scene.actors.size()), numbers = codes.channels * codes.side * codes.side;
   if (actors == 0) return;
   const std::string name = text("log", log, ".codes"), common = text("log", log, ".common.code");
   if (source.parameters.contains(common))
@@ -54,7 +54,7 @@ void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variat
                                   ": it was trained by an earlier version, whose codes are not "
                                   "whole without ",
                                   common, kFix));
-  const int64_t width = as_tensor * (variational ? 2 : 1);
+  const int64_t width = numbers * (variational ? 2 : 1);
   const auto rows = values_from<float>(source.parameters, name, {actors, width});
   const auto steps = values_from<int32_t>(source.row_steps, name, {actors});
   for (size_t a = 0; a < scene.actors.size(); ++a) {
@@ -64,7 +64,7 @@ void add_log(AssetCodes& codes, const SourceRun& source, size_t log, bool variat
     }
     for (int64_t i = 0; i < width; ++i) {
       const float value = rows[a * static_cast<size_t>(width) + static_cast<size_t>(i)];
-      if (i < as_tensor)
+      if (i < numbers)
         codes.means.push_back(value);
       else
         codes.deviations.push_back(std::exp(0.5f * (value + kCodeLogVariance)));
@@ -236,11 +236,11 @@ Eigen::Vector3d CodeSet::nearest_size(const std::vector<float>& code, int asset_
 /// As it is.
 NewAsset CodeSet::actor_at(int32_t row) const {
   const auto at = static_cast<size_t>(row);
-  const auto as_tensor = static_cast<std::ptrdiff_t>(codes_.means.size() / codes_.count());
+  const auto numbers = static_cast<std::ptrdiff_t>(codes_.means.size() / codes_.count());
   return {codes_.classes[at],
           codes_.nights[at] == 1,
           codes_.sizes[at],
-          {codes_.means.begin() + row * as_tensor, codes_.means.begin() + (row + 1) * as_tensor}};
+          {codes_.means.begin() + row * numbers, codes_.means.begin() + (row + 1) * numbers}};
 }
 
 std::vector<NewAsset> CodeSet::training_assets(const AssetRequest& wish) const {
