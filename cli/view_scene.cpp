@@ -68,21 +68,19 @@ Report camera_json(const Scene& scene, std::size_t place, int downscale) {
           {"photo", text("photos/", place)}};
 }
 
-Vector3d position(const Frame& frame) { return frame.world_from_camera.topRightCorner<3, 1>(); }
-
 /// A street is looked at from where the recording car began; photos around what they show.
 void place_page(const Scene& scene, Report& json) {
   json["up"] = vector_json(scene.is_log ? scene.up : mean_up(scene));
   if (scene.is_log) {
     const std::vector<Frame> frames = frames_in_order(scene, front_sensor(scene));
     const Frame& first = frames.empty() ? scene.frames.front() : frames.front();
-    json["centre"] = vector_json(position(first) + kAhead * first.world_from_camera.block<3, 1>(0, 2));
+    json["centre"] = vector_json(first.position() + kAhead * first.world_from_camera.block<3, 1>(0, 2));
     json["radius"] = kAround;
     return;
   }
   const Vector3d centre = looked_at(scene);
   std::vector<double> distances;
-  for (const Frame& frame : scene.frames) distances.push_back((position(frame) - centre).norm());
+  for (const Frame& frame : scene.frames) distances.push_back((frame.position() - centre).norm());
   json["centre"] = vector_json(centre);
   json["radius"] = std::max(1e-6, quantile(std::move(distances), 0.5));
 }

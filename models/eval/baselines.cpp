@@ -16,7 +16,6 @@ namespace {
 constexpr std::size_t kChannels = 3;
 constexpr double kExact = 100;  // dB: only rounding differs
 
-Eigen::Vector3d place(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
 Eigen::Vector3d sight(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
 
 /// Mean colour of the photos, every pixel with the same weight.
@@ -92,8 +91,9 @@ Baselines::Baselines(const Scene& train_scene, const Pixels& train) : scene_(tra
   }
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   const auto count = static_cast<double>(train.frames.size());
-  for (const FramePixels& frame : train.frames) centre += place(scene_.frames[frame.frame]) / count;
-  for (const FramePixels& frame : train.frames) extent_ += (place(scene_.frames[frame.frame]) - centre).norm() / count;
+  for (const FramePixels& frame : train.frames) centre += scene_.frames[frame.frame].position() / count;
+  for (const FramePixels& frame : train.frames)
+    extent_ += (scene_.frames[frame.frame].position() - centre).norm() / count;
 }
 
 BaselineScores Baselines::score(const MeasuredPhoto& photo) const {
@@ -161,7 +161,8 @@ const FramePixels* Baselines::nearest_pose(const MeasuredPhoto& photo) const {
     if (!fits(photo, other)) continue;
     const Frame& candidate = scene_.frames[other.frame];
     const double cosine = std::clamp(sight(frame).dot(sight(candidate)), -1.0, 1.0);
-    const double distance = std::acos(cosine) + (place(frame) - place(candidate)).norm() / std::max(extent_, 1e-12);
+    const double distance =
+        std::acos(cosine) + (frame.position() - candidate.position()).norm() / std::max(extent_, 1e-12);
     if (distance < least) best = &other;
     least = std::min(least, distance);
   }

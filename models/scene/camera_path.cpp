@@ -12,8 +12,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-Vector3d position(const Frame& frame) { return frame.world_from_camera.topRightCorner<3, 1>(); }
-
 Eigen::Quaterniond rotation(const Frame& frame) {
   return Eigen::Quaterniond(Eigen::Matrix3d(frame.world_from_camera.topLeftCorner<3, 3>())).normalized();
 }
@@ -22,7 +20,7 @@ Eigen::Quaterniond rotation(const Frame& frame) {
 /// Up to there a cubic does not turn back on its way (Fritsch and Carlson 1980), which it would between two photos that
 /// are close together and far from the others.
 Vector3d velocity(const std::vector<Frame>& stops, std::size_t at) {
-  const auto step_to = [&](std::size_t i) -> Vector3d { return position(stops[i]) - position(stops[i - 1]); };
+  const auto step_to = [&](std::size_t i) -> Vector3d { return stops[i].position() - stops[i - 1].position(); };
   const Vector3d before = step_to(std::max<std::size_t>(at, 1)), after = step_to(std::min(at + 1, stops.size() - 1));
   const Vector3d mean = (before + after) / 2;
   const double most = 3 * std::min(before.norm(), after.norm());
@@ -32,7 +30,7 @@ Vector3d velocity(const std::vector<Frame>& stops, std::size_t at) {
 /// The cubic with the positions and velocities of the stops `from` and `from + 1` (Hermite), at a share of the way.
 Vector3d position_between(const std::vector<Frame>& stops, std::size_t from, double share) {
   const double t = share, rest = 1 - share;
-  return rest * rest * (1 + 2 * t) * position(stops[from]) + t * t * (1 + 2 * rest) * position(stops[from + 1]) +
+  return rest * rest * (1 + 2 * t) * stops[from].position() + t * t * (1 + 2 * rest) * stops[from + 1].position() +
          t * rest * rest * velocity(stops, from) - t * t * rest * velocity(stops, from + 1);
 }
 

@@ -17,7 +17,6 @@ constexpr double kPi = std::numbers::pi;
 constexpr double kLargestGap = kPi * 150 / 180;
 constexpr double kTurntableView = kPi * 30 / 180;
 
-Vector3d eye_of(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
 Vector3d forward_of(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
 
 Eigen::Matrix4d looking_at(const Vector3d& eye, const Vector3d& target, const Vector3d& up) {
@@ -62,7 +61,7 @@ Ring ring_of(const Scene& scene, const Vector3d& centre, const Vector3d& up) {
   std::vector<double> angles;
   const auto count = static_cast<double>(scene.frames.size());
   for (const Frame& frame : scene.frames) {
-    const Vector3d arm = eye_of(frame) - centre;
+    const Vector3d arm = frame.position() - centre;
     ring.height += arm.dot(up) / count;
     ring.radius += (arm - arm.dot(up) * up).norm() / count;
     angles.push_back(std::atan2(arm.dot(ring.aside), arm.dot(ring.ahead)));
@@ -82,7 +81,7 @@ Vector3d looked_at(const Scene& scene) {
   for (const Frame& frame : scene.frames) {
     const Matrix3d across = Matrix3d::Identity() * (1 + 1e-6) - forward_of(frame) * forward_of(frame).transpose();
     normal += across;
-    right += across * eye_of(frame);
+    right += across * frame.position();
   }
   return normal.ldlt().solve(right);
 }

@@ -30,6 +30,9 @@ struct Frame {
   std::string sensor;  // in logs the camera's name, "front_camera"
   int step = 0;
   double ego_rows = 0;  // share of the image's height, at its bottom, that shows the recording car: ignored
+
+  /// The camera's centre in the world.
+  Eigen::Vector3d position() const { return world_from_camera.topRightCorner<3, 1>(); }
 };
 
 /// What the LiDARs of a log saw about one moment.

@@ -27,8 +27,6 @@ constexpr double kLowestSky = -0.05, kSkyRadius = 1.5;  // sine of the elevation
 constexpr double kGoldenAngle = 2.399963229728653;
 constexpr uint32_t kRandomStream = 50;
 
-Vector3d position(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
-
 std::vector<const Frame*> training_frames(const Scene& scene) {
   const std::vector<std::size_t> all = frames_of(scene, Split::train);
   std::vector<const Frame*> some;
@@ -64,7 +62,8 @@ PointCloud random_points(const Scene& scene, const InitialOptions& options) {
   if (!scene.hints.synthetic_bounds) {
     middle = looked_at(scene);
     half = 0;
-    for (const Frame* frame : cameras) half += (position(*frame) - middle).norm() / static_cast<double>(cameras.size());
+    for (const Frame* frame : cameras)
+      half += (frame->position() - middle).norm() / static_cast<double>(cameras.size());
   }
   const auto seen_by = [&](const Vector3d& point) {
     return std::count_if(cameras.begin(), cameras.end(), [&](const Frame* f) { return sees(scene, *f, point); });
@@ -148,9 +147,9 @@ PointCloud lidar_points(const Scene& scene, const InitialOptions& options) {
 CameraRegion camera_region(const Scene& scene) {
   CameraRegion out;
   const std::vector<std::size_t> frames = frames_of(scene, Split::train);
-  for (const std::size_t i : frames) out.middle += position(scene.frames[i]) / static_cast<double>(frames.size());
+  for (const std::size_t i : frames) out.middle += scene.frames[i].position() / static_cast<double>(frames.size());
   double farthest = 0;
-  for (const std::size_t i : frames) farthest = std::max(farthest, (position(scene.frames[i]) - out.middle).norm());
+  for (const std::size_t i : frames) farthest = std::max(farthest, (scene.frames[i].position() - out.middle).norm());
   if (farthest > 1e-6) out.radius = 1.1 * farthest;
   return out;
 }

@@ -21,8 +21,6 @@ constexpr int64_t kMaxCells = 1 << 26;
 
 using Points = std::vector<Eigen::Vector3d>;
 
-Eigen::Vector3d place_of(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 3); }
-
 /// Right-handed axes: z up, x along the way from the first camera's place to the one furthest from it; where they
 /// stand, along the first camera's sight.
 Eigen::Matrix3d axes_of(const Scene& scene) {
@@ -30,7 +28,7 @@ Eigen::Matrix3d axes_of(const Scene& scene) {
   const Frame& first = scene.frames.front();
   Eigen::Vector3d way = Eigen::Vector3d::Zero();
   for (const Frame& frame : scene.frames) {
-    const Eigen::Vector3d other = place_of(frame) - place_of(first);
+    const Eigen::Vector3d other = frame.position() - first.position();
     if (other.norm() > way.norm()) way = other;
   }
   way -= up * way.dot(up);
@@ -79,7 +77,7 @@ StreetSpace::StreetSpace(const Scene& scene, const StreetSpaceOptions& options) 
   const Eigen::Matrix3d axes = axes_of(scene);
   Bounds track{Eigen::Vector3d::Constant(1e30), Eigen::Vector3d::Constant(-1e30)};
   for (const Frame& frame : scene.frames) {
-    const Eigen::Vector3d p = axes * place_of(frame);
+    const Eigen::Vector3d p = axes * frame.position();
     track.low = track.low.cwiseMin(p);
     track.high = track.high.cwiseMax(p);
   }
