@@ -82,6 +82,7 @@ struct RandomKey {
   uint64_t seed = 0;
   uint32_t step = 0;    // of training
   uint32_t stream = 0;  // one for every use within a step
+  RandomKey of_stream(uint32_t which) const { return {seed, step, which}; }
 };
 Tensor random_bits(const Shape& shape, const RandomKey& key, uint64_t first_block = 0);  // uint32; a block is 4 numbers
 Tensor random_uniform(const Shape& shape, const RandomKey& key);                         // [0,1), multiples of 2^-24

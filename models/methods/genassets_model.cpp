@@ -26,8 +26,6 @@ constexpr int64_t kMostKept = 1 << 26;  // numbers of decoded planes
 // Streams of random numbers within a step.
 enum StreetStream : uint32_t { kJitter = 0, kCodeNoise = 1 };
 
-RandomKey street_stream(const RandomKey& key, StreetStream which) { return {key.seed, key.step, which}; }
-
 Tensor columns(const Tensor& x, int64_t begin, int64_t end) { return slice(x, 1, begin, end); }
 Tensor column(const Tensor& x, int64_t at) { return reshape(slice(x, 1, at, at + 1), {x.dim(0)}); }
 
@@ -261,7 +259,7 @@ DecodedAssets StreetAssets::decode_now(const HitAssets& hits, const Sampling& ho
     const Tensor log_variance = slice(rows, 1, numbers, 2 * numbers) + kCodeLogVariance;
     code = mean_code = slice(rows, 1, 0, numbers);
     if (how.random)
-      code = mean_code + exp(log_variance * 0.5f) * random_normal({count, numbers}, street_stream(how.key, kCodeNoise));
+      code = mean_code + exp(log_variance * 0.5f) * random_normal({count, numbers}, how.key.of_stream(kCodeNoise));
     const Tensor terms = square(mean_code) + exp(log_variance) - 1.f - log_variance;
     out.kl = sum(terms) * (0.5f / static_cast<float>(count));
   }
@@ -337,10 +335,9 @@ Tensor StreetModel::texels_of(const StreetLog& log, const StreetSamples& s, cons
 RenderedRays StreetModel::render(const RayScene& scene, const RayList& rays, const Sampling& how, bool shadows,
                                  const DecodedAssets* ready) const {
   const int64_t count = rays.count();
-  const StreetRays at = {
-      from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
-      how.random ? random_uniform({count, 2}, street_stream(how.key, kJitter)) : full({count, 2}, 0.5f),
-      from_host(rays.moments, {count})};
+  const StreetRays at = {from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
+                         how.random ? random_uniform({count, 2}, how.key.of_stream(kJitter)) : full({count, 2}, 0.5f),
+                         from_host(rays.moments, {count})};
   StreetSteps steps = options_.steps;
   steps.shadows = shadows && shadow_;
   RenderedRays out;

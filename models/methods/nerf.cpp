@@ -17,8 +17,6 @@ constexpr int64_t kMaxRays = int64_t{16} << 22;  // a step, of any batch.rays
 constexpr int64_t kAllLit = 1000;
 constexpr int kWarmUp = 30;  // steps
 
-RandomKey nerf_stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
-
 }  // namespace
 
 void Nerf::configure(Config& c) {
@@ -92,7 +90,7 @@ ParameterGroups Nerf::groups() const {
 /// [R,3] or [1,3]: what is seen where nothing is. Random colours in training teach the field to be opaque or empty.
 Tensor Nerf::background_for(int64_t rays, const RandomKey& key) const {
   const bool random = config_.background == "random" || (config_.background == "auto" && has_alpha_);
-  if (random) return random_uniform({rays, 3}, nerf_stream(key, kBackground));
+  if (random) return random_uniform({rays, 3}, key.of_stream(kBackground));
   return full({1, 3}, config_.background == "white" ? 1.f : 0.f);
 }
 
@@ -104,7 +102,7 @@ Tensor Nerf::pixel_loss(const Tensor& colour, const Tensor& truth, const Tensor&
 
 Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   const RandomKey key{seed_, static_cast<uint32_t>(progress.step), 0};
-  const PixelBatch batch = pixels_->draw(rays_, nerf_stream(key, kPixels), progress.share);
+  const PixelBatch batch = pixels_->draw(rays_, key.of_stream(kPixels), progress.share);
   // What lies behind a surface gets no light and no gradient. A pass through the density alone finds it, and pays once
   // a quarter of the samples are dark; until then it only looks now and then.
   const bool skim = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;

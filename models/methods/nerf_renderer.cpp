@@ -19,8 +19,6 @@ constexpr float kLeastTransmittance = 1e-3f;
 constexpr double kRenderSamples = 400000;  // samples in memory while rendering
 constexpr float kMinStep = 1e-5f;          // normalised units: a ray takes 100,000 of them
 
-RandomKey render_stream(const RandomKey& key, uint32_t which) { return {key.seed, key.step, which}; }
-
 }  // namespace
 
 NerfRenderer::NerfRenderer(const NerfConfig& config, const Scene& scene, const Scope& root)
@@ -52,7 +50,7 @@ NerfRenderer::Rendered NerfRenderer::shade(const Rays& rays, const Sampling& how
 
 NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Sampling& how) const {
   const int64_t count = rays.origins.dim(0);
-  const Tensor shift = how.jitter ? random_uniform({count}, render_stream(how.key, kRayJitter)) : full({count}, 0.5f);
+  const Tensor shift = how.jitter ? random_uniform({count}, how.key.of_stream(kRayJitter)) : full({count}, 0.5f);
   MarchOptions steps = march_options();
   steps.explore = how.jitter ? static_cast<int>(how.key.step) : 0;
   const RaySamples all = march(rays, shift, occupancy_->values(), steps);
@@ -85,7 +83,7 @@ NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Sa
   const Tensor near = slice(rays.span, 1, 0, 1), far = maximum(slice(rays.span, 1, 1, 2), near + 1e-3f);
   const Tensor edges = near + (far - near) * from_host(steps, {1, coarse + 1});
   const auto place = [&](int64_t n, uint32_t which) {
-    return how.jitter ? random_uniform({count, n}, render_stream(how.key, which)) : full({count, n}, 0.5f);
+    return how.jitter ? random_uniform({count, n}, how.key.of_stream(which)) : full({count, n}, 0.5f);
   };
   Rendered out;
   Tensor weights;

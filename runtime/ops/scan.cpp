@@ -1,6 +1,7 @@
 // Cumulative sums along an axis. Long rows run in parallel, in chunks whose length depends on the device class alone.
 #include "runtime/ops/scan.h"
 
+#include "runtime/cl.h"
 #include "runtime/ops/share.h"
 
 namespace cloam {
@@ -49,6 +50,12 @@ Tensor cumsum(const Tensor& x, int axis, const Cumulative& how) {
     throw Error(Fault::internal, text("[cumsum] x is ", name_of(x.dtype()), ", want float32 or int32"));
   if (on != last) return transpose(cumsum(transpose(x, on, last), last, how), on, last);
   return make(std::make_shared<Cumsum>(how), x.shape(), {x}, x.dtype());
+}
+
+int32_t value_at(const Tensor& values, int64_t place) {
+  int32_t value = 0;
+  read_buffer(*values.node()->storage.buffer, static_cast<size_t>(place) * 4, 4, &value);
+  return value;
 }
 
 }  // namespace cloam

@@ -102,12 +102,6 @@ struct Colours final : Op {
   int bands;
 };
 
-int32_t value_at(const Tensor& values, int64_t place) {
-  int32_t value = 0;
-  read_buffer(*values.node()->storage.buffer, static_cast<size_t>(place) * 4, 4, &value);
-  return value;
-}
-
 /// Their running sums are of 32 bits.
 void check_pairs(const Tensor& counts, int64_t tiles) {
   constexpr int64_t kMost = std::numeric_limits<int32_t>::max();

@@ -11,12 +11,6 @@ namespace {
 constexpr int64_t kBoxNumbers = sizeof(StreetBox) / 4, kGridNumbers = 16;
 static_assert(sizeof(StreetBox) == 17 * 4, "kernels/street.cl: Box");
 
-int32_t count_at(const Tensor& values, int64_t place) {
-  int32_t value = 0;
-  read_buffer(*values.node()->storage.buffer, static_cast<size_t>(place) * 4, 4, &value);
-  return value;
-}
-
 struct Marched {
   StreetRays rays;
   Tensor first_box, boxes, grid, cells, blocks;
@@ -68,7 +62,7 @@ StreetSamples street_samples(const StreetRays& rays, const StreetBoxes& boxes, c
          in.rays.moments, in.first_box, in.boxes, in.grid, in.cells, in.blocks, counts, count, steps.background,
          steps.actor, steps.sky, steps.shadows ? 1 : 0, chunk);
   scan_rows(counts, starts, 4, {.exclusive = true});
-  const auto total = [&](int64_t row) { return int64_t{count_at(starts, (row + 1) * (count + 1) - 1)}; };
+  const auto total = [&](int64_t row) { return int64_t{value_at(starts, (row + 1) * (count + 1) - 1)}; };
   const int64_t all = total(0), background = total(1), actor = total(2), shadow = total(3);
   StreetSamples out;
   const auto part = [&](int64_t row) { return reshape(slice(starts, 0, row, row + 1), {count + 1}); };
@@ -103,7 +97,7 @@ StreetSamples street_lit(const StreetSamples& s, const Tensor& alpha, float leas
   launch(kernel("street", "lit_count"), "lit_count", range, opacity, s.rows, s.offsets, counts, rays, background, least,
          chunk);
   scan_rows(counts, starts, 3, {.exclusive = true});
-  const auto total = [&](int64_t row) { return int64_t{count_at(starts, (row + 1) * (rays + 1) - 1)}; };
+  const auto total = [&](int64_t row) { return int64_t{value_at(starts, (row + 1) * (rays + 1) - 1)}; };
   StreetSamples out = s;  // the places of shadows stay
   out.offsets = dense(reshape(slice(starts, 0, 0, 1), {rays + 1}));
   out.t = empty({total(0)});
