@@ -78,6 +78,7 @@ std::string problem_of_private(const fs::path& folder) {
 }
 
 KernelCache decide() {
+  if (variable("POCL_CACHE_DIR").empty()) ::unsetenv("POCL_CACHE_DIR");  // PoCL ends the process where it is empty
   const fs::path wanted = folder_of_pocl(), temporary = temporary_folder();
   const std::string problem = wanted.empty() ? "HOME is not set" : problem_of(wanted);
   if (problem.empty()) return {mended(wanted), true};

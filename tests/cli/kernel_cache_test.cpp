@@ -29,6 +29,14 @@ fs::path kernels_in(const fs::path& temporary) { return temporary / ("cloam-kern
 
 }  // namespace
 
+TEST_CASE("an empty POCL_CACHE_DIR is as none") {
+  const fs::path home = scratch() / "home-of-kernels";
+  fs::create_directories(home);
+  const Outcome outcome = cloam_with({"info"}, environment(scratch(), {"HOME=" + home.string()}));
+  CHECK_MESSAGE(outcome.code == 0, outcome.err);
+  CHECK_FALSE(contains(outcome.err, "compiled kernels are kept in"));
+}
+
 TEST_CASE("no folder for compiled kernels: a temporary one serves, for this user alone, and a line says so") {
   write_text(scratch() / "no-folder", "");
   const std::string file = (scratch() / "no-folder").string();
