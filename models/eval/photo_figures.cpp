@@ -24,7 +24,6 @@ using Eigen::MatrixXd;
 
 constexpr uint64_t kSeed = 0;  // of what is chosen: the same for all runs
 constexpr std::size_t kMostCrops = 2000, kMostMatched = 1000, kMostAssets = 320;
-constexpr int kAllCodes = 1000000;
 constexpr int kLeastCrops = 8, kLeastHeldOut = 2, kLeastCodes = 5;  // of a class that is told from others
 constexpr int kTrainingOfAClass = 48, kSamplesOfAClass = 16;
 

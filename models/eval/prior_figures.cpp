@@ -20,7 +20,6 @@
 namespace cloam {
 namespace {
 
-constexpr int kWholePrior = 1000000;
 constexpr std::size_t kAssets = 320;  // of a set: four views of each are enough for the covariance of 512 features
 constexpr int kMinTraining = 20, kPairs = 8;
 
@@ -49,7 +48,7 @@ std::vector<int> common_classes(const LabelledCodes& training) {
 
 /// By the codes alone: samples are no copies.
 void add_code_figures(GeneratesAssets& prior, Report& figures) {
-  const LabelledCodes training = labelled(assets_of(prior, CodeSource::training, kWholePrior));
+  const LabelledCodes training = labelled(assets_of(prior, CodeSource::training, kAllCodes));
   figures["samples"] = kAssets;
   figures["copy_ratio"] = copy_ratio(labelled(assets_of(prior, CodeSource::sampled, kAssets)), training);
 }
@@ -101,7 +100,7 @@ bool has_night_and_day(const std::vector<NewAsset>& assets) {
 /// Of samples as they look: as a set like the training assets; like photographs; dark at night.
 void add_picture_figures(GeneratesAssets& prior, const RestoredRun& decoder, const FeatureNetwork& network,
                          const PhotoCrops* photos, const Listener& listener, Report& figures) {
-  const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kWholePrior);
+  const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kAllCodes);
   const auto sets = two_sets(all);
   const std::vector<int> classes = common_classes(labelled(all));
   const bool nights = !classes.empty() && has_night_and_day(all);

@@ -54,9 +54,11 @@ class Inflater {
 
 bool is_gzip(std::span<const std::uint8_t> bytes) { return bytes.size() >= 2 && bytes[0] == 0x1f && bytes[1] == 0x8b; }
 
+std::uint64_t most_unpacked(std::uint64_t packed) { return std::max(kAlwaysAllowed, kMaxRatio * packed); }
+
 std::vector<std::uint8_t> gunzip(std::span<const std::uint8_t> bytes, std::uint64_t largest, const std::string& name) {
   if (bytes.size() >> 31) bad_data(name, ": more than 2 GB");
-  const std::uint64_t most = std::min(largest, std::max(kAlwaysAllowed, kMaxRatio * bytes.size()));
+  const std::uint64_t most = std::min(largest, most_unpacked(bytes.size()));
   Inflater inflater(bytes);
   std::vector<std::uint8_t> result, piece(kPiece);
   while (!inflater.ended()) {

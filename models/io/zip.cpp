@@ -13,8 +13,6 @@
 namespace cloam {
 namespace {
 
-constexpr std::uint64_t kArchiveAllowed = std::uint64_t{16} << 20;  // of content, all members together
-constexpr std::uint64_t kMaxArchiveRatio = 200;                     // beyond that; as in gzip.cpp
 constexpr std::size_t kEndBytes = 22, kLongestComment = 65535;
 constexpr std::uint32_t kEndMark = 0x06054b50, kEntryMark = 0x02014b50, kMemberMark = 0x04034b50;
 constexpr std::uint32_t kIn64 = 0xffffffff;  // the true number is in a zip64 record
@@ -74,7 +72,7 @@ std::vector<ZipEntry> Zip::directory() const {
     entries.push_back(next_entry(reader, name_));
     content += entries.back().content;
   }
-  if (content > std::max(kArchiveAllowed, kMaxArchiveRatio * bytes_.size()))
+  if (content > most_unpacked(bytes_.size()))
     fail(text(bytes_.size(), " bytes that unpack to ", content,
               " are refused: want 16 MB, or at most 200 times the file"));
   return entries;

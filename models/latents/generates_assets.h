@@ -21,6 +21,7 @@ struct PriorScore {
 /// time of day with its full covariance, the mean of that, and white noise of each channel's mean and deviation, which
 /// knows of no class; or the codes that it was trained on, as they are.
 enum class CodeSource { sampled, gaussian, mean, random, training };
+constexpr int kAllCodes = 1000000;  // a count beyond that of any training
 
 struct AssetRequest {
   int count = 1;                        // of training codes: at most
