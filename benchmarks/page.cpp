@@ -132,8 +132,7 @@ bool is_step(const BenchRow& row) {
 }
 
 std::string steps(const BenchReport& report) {
-  std::string out =
-      table("Whole steps", {"name", "ms", "rate", "share", "host", "launches", "bytes allocated"});
+  std::string out = table("Whole steps", {"name", "ms", "rate", "share", "host", "launches", "bytes allocated"});
   for (const BenchRow& row : report.rows)
     if (is_step(row))
       out += line({"`" + row.name + "`", milliseconds(row.ms), rate_in_words(row), share(row, report.limits),

@@ -15,8 +15,8 @@ SplatFile read_spz(const std::filesystem::path& path);
 /// degrees 2 and 3 to 4 bits; positions to 2^-16 or what the farthest one leaves of 24 bits. Rotations
 /// are kept to a quarter of a degree in version 3, in version 2 to 13 degrees where w is near 0 and else to one.
 /// Fault::usage for other versions, Fault::data for a position beyond 2^23.
-/// As bytes, in axes that turn_between (turn.h) gives from `up` and y.
-std::vector<std::uint8_t> spz_bytes(const Gaussians& gaussians, int version, const std::string& name);
 void write_spz(const std::filesystem::path& path, const Gaussians& gaussians, int version = 3);
+/// The bytes of that file, whose axes turn_between (turn.h) takes from `up` to y; `name` stands at the head of errors.
+std::vector<std::uint8_t> spz_bytes(const Gaussians& gaussians, int version, const std::string& name);
 
 }  // namespace cloam

@@ -18,8 +18,8 @@ std::uint64_t file_bytes(const std::filesystem::path& path);
 /// The bytes of a regular file. Fault::data if it cannot be read or holds more than `largest` bytes.
 std::vector<std::uint8_t> read_file(const std::filesystem::path& path, std::uint64_t largest);
 
-/// What a file that is of another kind than its name says most often is, by its first bytes, and what to do: ", but a
-/// web page; ..."; "" for others.
+/// What a file that is of another kind than its name says most often is, by its first bytes, and what to do: "; it is a
+/// ZIP archive: unpack it"; "" for others.
 std::string other_kind(std::string_view beginning);
 
 /// The number that begins there, little-endian as stored (every host that we build for is little-endian).
