@@ -359,6 +359,16 @@ test('all controls have names, and the keyboard reaches them', async (browser) =
   check(await page.evaluate('document.activeElement.id') === 'help-button', 'Tab leads elsewhere');
 });
 
+test('no control reaches out of the panel', async (browser) => {
+  const { page } = await opened(browser, street, 1100, 680, kAny);
+  const outside = await page.evaluate(`(() => {
+    const edge = document.getElementById('panel').getBoundingClientRect().right;
+    return [...document.querySelectorAll('#panel button, #panel select, #panel input')]
+      .filter((control) => control.getBoundingClientRect().right > edge).map((control) => control.id || control.name);
+  })()`);
+  check(outside.length === 0, `cut off: ${outside}`);
+});
+
 // Running them.
 
 async function begin() {
