@@ -1,8 +1,8 @@
 // See turn.h.
 #include "models/gaussians/turn.h"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
-#include <Eigen/QR>
 #include <array>
 #include <cmath>
 
@@ -52,7 +52,9 @@ MatrixXd band_rotation(int degree, const Matrix3d& rotation) {
     here.row(row) = harmonics(degree, all[i]);
     before.row(row) = harmonics(degree, rotation.transpose() * all[i]);
   }
-  const MatrixXd solved = here.colPivHouseholderQr().solve(before);  // D^T
+  // The directions lie so evenly that the columns of `here` are nearly orthogonal: normal equations lose nothing.
+  const MatrixXd solved =
+      here.transpose().lazyProduct(here).eval().ldlt().solve(here.transpose().lazyProduct(before).eval());  // D^T
   // What is 0 but for rounding would let a coefficient seep into all others of its degree.
   return (solved.array().abs() < 1e-12).select(0, solved);
 }
@@ -81,7 +83,10 @@ Matrix3d turn_between(const Vector3d& from, const Vector3d& to) {
     const Vector3d axis = (across - across.dot(from) * from).normalized();
     return 2 * axis * axis.transpose() - Matrix3d::Identity();
   }
-  return Eigen::Quaterniond::FromTwoVectors(from, to).toRotationMatrix();
+  // Half a turn about `from` and half a turn about the axis midway turn by twice the angle between these axes.
+  const Vector3d midway = (from + to).normalized();
+  const Matrix3d half_turn = 2 * from * from.transpose() - Matrix3d::Identity();
+  return 2 * midway * (midway.transpose() * half_turn) - half_turn;
 }
 
 void transform(Gaussians& gaussians, const Similarity& new_from_old) {

@@ -1,7 +1,7 @@
 // Points to begin with, from whatever a capture has.
 #include "models/splat/initial_gaussians.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,6 +10,7 @@
 #include "models/data/load_sweep.h"
 #include "models/gaussians/formats.h"
 #include "models/gaussians/initialise.h"
+#include "models/gaussians/turn.h"
 #include "models/scene/orbit.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -110,7 +111,7 @@ void add_sky(PointCloud& cloud, const Scene& scene, std::size_t count) {
   for (std::size_t i = 0; i < cloud.count(); i++)
     radius = std::max(
         radius, (Eigen::Map<const Eigen::Vector3f>(&cloud.positions[3 * i]).cast<double>() - cameras.middle).norm());
-  const Eigen::Matrix3d world_from_dome = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), scene.up).matrix();
+  const Eigen::Matrix3d world_from_dome = turn_between(Vector3d::UnitZ(), scene.up.normalized());
   for (std::size_t k = 0; k < count; k++) {
     const double height = kLowestSky + (1 - kLowestSky) * (static_cast<double>(k) + 0.5) / static_cast<double>(count);
     const double across = std::sqrt(1 - height * height), turn = static_cast<double>(k) * kGoldenAngle;
