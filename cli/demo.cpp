@@ -35,7 +35,8 @@ using Words = std::vector<std::string>;
 constexpr double kStreetShare = 0.7, kPriorShare = 0.3;  // of the time budget
 constexpr std::size_t kClasses = 3, kSwapped = 6;
 constexpr int kAllOfTraining = 1000;
-constexpr char kEach[] = "2";  // new vehicles of a class and time of day
+constexpr char kNone[] = "none";  // networks to begin with
+constexpr char kEach[] = "2";     // new vehicles of a class and time of day
 constexpr char kDemoExamples[] =
     R"(Make synthetic streets, reconstruct them, learn what their vehicles are like, generate new ones and put
 them into a street. The result is a page of pictures and metrics: demo/index.html.
@@ -46,7 +47,7 @@ Examples:
   cloam demo --features pt_inception-2015-12-05-6726825d.pth      measures FID)";
 
 struct DemoRequest {
-  std::string out = "demo", time_budget = "9m", size = "160x90", features = "random";
+  std::string out = "demo", time_budget = "9m", size = "160x90", features = "random", networks = kShipped;
   int logs = 4, frames = 12, assets = 48, steps = 0;
   std::vector<std::string> settings;
 };
@@ -285,6 +286,7 @@ int Demo::reconstruct() {
   Words words = {"train", "genassets"};
   for (const fs::path& log : files_in(made_.folders.logs(), "", "")) words.push_back(log.string());
   words.insert(words.end(), {"-o", made_.folders.street().string(), "--preset", "genassets-small", "--holdout", "6"});
+  if (request_.networks != kNone) words.insert(words.end(), {"--networks", request_.networks});
   // Small pictures want small patches, and more of them.
   Words settings = {"batch.patches=8", "batch.patch_side=24", "background.side=256"};
   settings.insert(settings.end(), request_.settings.begin(), request_.settings.end());
@@ -397,9 +399,11 @@ int Demo::run() {
   return 0;
 }
 
-int run_demo(const DemoRequest& request, const Common& common) {
+int run_demo(DemoRequest request, const Common& common) {
   open_device(common);
   features_named(request.features);  // a wrong file is told before minutes of work
+  if (request.networks == kShipped && !ships_prior()) request.networks = kNone;
+  if (request.networks != kNone) networks_named(request.networks);
   std::signal(SIGINT, leave);
   std::signal(SIGTERM, leave);
   try {
@@ -416,6 +420,7 @@ Command add_demo(CLI::App& program) {
     add("-o,--out", r.out, "Output folder (demo)");
     add("--time-budget", r.time_budget, "For both training runs together (9m); the rest takes a few minutes more");
     add("--features", r.features, "Weights of the feature network for distances (random)");
+    add("--networks", r.networks, "Networks of this genassets run to begin with; none: learn them, too (shipped)");
     add("--logs", r.logs, "Number of streets (4)", whole_number(2, 100));
     add("--frames", r.frames, "Time steps of each street (12)", whole_number(2, 200));
     add("--size", r.size, "Image size, WIDTHxHEIGHT (160x90)");

@@ -94,7 +94,7 @@ std::string turntables(const fs::path& folder) {
 std::string first(const DemoFolders& folders) {
   if (!fs::exists(folders.first())) return "";
   return "<h2>New vehicles, from all sides</h2>\n<p>Sampled from the prior that comes with the program. It learned "
-         "from made logs for hours; the models below learn for minutes.</p>\n" +
+         "from made logs for hours; what follows learns for minutes.</p>\n" +
          turntables(folders.first());
 }
 

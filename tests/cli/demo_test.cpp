@@ -15,7 +15,7 @@ namespace {
 Words small_demo(const fs::path& out) {
   Words words = {"demo", "-o",       out.string(), "--size",   "48x27", "--logs",
                  "2",    "--frames", "2",          "--assets", "3",     "--json"};
-  words.insert(words.end(), {"--steps", "8"});
+  words.insert(words.end(), {"--steps", "8", "--networks", "none"});
   for (const char* setting : {"background.side=32", "batch.patches=2", "batch.patch_side=8", "batch.lidar_rays=32",
                               "code.side=4", "code.channels=4", "decoder.middle=16", "decoder.widths=16,8,8",
                               "decoder.groups=4", "weight.perceptual=0", "field.sharpness=1"})
