@@ -121,23 +121,32 @@ std::string ProgressView::line() const {
 
 void ProgressView::draw() {
   if (undrawn_.steps == 0) return;
+  print(line());
+  undrawn_ = {};
+}
+
+void ProgressView::print(const std::string& line) {
   end_build_news();
   const bool bar = style_ == ProgressStyle::bar;
-  const std::string now = bar ? line().substr(0, static_cast<std::size_t>(columns() - 1)) : line();
+  const std::string now = bar ? line.substr(0, static_cast<std::size_t>(columns() - 1)) : line;
   const char* format = !bar ? "%s\n" : coloured() ? "\r\033[36m%s\033[0m\033[K" : "\r%s\033[K";
   std::fprintf(stderr, format, now.c_str());
   line_open_ = bar;
-  undrawn_ = {};
   drawn_ = Clock::now();
 }
+
+void ProgressView::waiting(const std::string& line) {
+  if (draws() && since(drawn_) >= pause()) print(line);
+}
+
+double ProgressView::pause() const { return style_ == ProgressStyle::bar ? kBarSeconds : kPlainSeconds; }
 
 void ProgressView::step(const StepReport& report) {
   last_ = report;
   ++seen_steps_;
   undrawn_.add(report);
   untold_.add(report);
-  const double pause = style_ == ProgressStyle::bar ? kBarSeconds : kPlainSeconds;
-  if (draws() && (seen_steps_ == 1 || since(drawn_) >= pause)) draw();
+  if (draws() && (seen_steps_ == 1 || since(drawn_) >= pause())) draw();
   if (seen_steps_ <= kFirstSteps || since(logged_) >= kEventSeconds) tell();
 }
 

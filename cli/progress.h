@@ -65,6 +65,8 @@ class ProgressView {
   void step(const StepReport& report);
   void checkpoint(int64_t step, const fs::path& path, bool tell);
   void warning(const std::string& text);
+  /// Where work before the first step stands, now and then.
+  void waiting(const std::string& line);
   /// The event of the steps since the last one.
   void tell();
   /// Leaves the rewritten line, so that other text can follow. Tells the last steps, if some were not told.
@@ -81,8 +83,10 @@ class ProgressView {
     double step_seconds() const { return seconds / static_cast<double>(steps); }
   };
   bool draws() const { return style_ == ProgressStyle::bar || style_ == ProgressStyle::plain; }
+  double pause() const;  // seconds between two lines
   std::string line() const;
   void draw();
+  void print(const std::string& line);
   void end_line();
   double since(Clock::time_point when) const { return std::chrono::duration<double>(Clock::now() - when).count(); }
 
@@ -91,7 +95,7 @@ class ProgressView {
   StepReport last_;
   Window undrawn_, untold_;
   int64_t seen_steps_ = 0;
-  Clock::time_point drawn_{}, logged_{};
+  Clock::time_point drawn_ = Clock::now(), logged_{};
   bool line_open_ = false;
 };
 

@@ -262,6 +262,16 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   return ended_early ? 128 + stopped_by : 0;
 }
 
+/// Where data are many, reading them takes minutes.
+Captures read_with_news(const TrainJob& job, ProgressView& view) {
+  Captures captures = read_captures(job.data, job.record.reading, memory_budget(),
+                                    [&](const std::string& what, std::size_t done, std::size_t all) {
+                                      view.waiting(text(what, " ", done, " of ", all, " captures"));
+                                    });
+  view.finish();
+  return captures;
+}
+
 void resolve_alias(TrainRequest& request, const Common& common) {
   const std::string method = method_of_alias(request.method);
   if (method == request.method) return;
@@ -306,7 +316,7 @@ int run_train(TrainRequest request, const Common& common) {
   EventLog log(style == ProgressStyle::jsonl);
   ProgressView view(style, log);
   Captures captures;
-  if (!job.source) captures = read_captures(job.data, job.record.reading, memory_budget());
+  if (!job.source) captures = read_with_news(job, view);
   for (const Capture& capture : captures)
     job.default_steps += job.epochs * static_cast<int64_t>(capture.train.frames.size());
   const std::vector<DataNow> now = data_now(job, captures);

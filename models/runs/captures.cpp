@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <future>
+#include <mutex>
 
 #include "models/data/read_scene.h"
+#include "models/io/in_parallel.h"
 #include "models/io/words.h"
 #include "models/scene/assets.h"
 #include "models/street/street.h"
@@ -84,6 +86,17 @@ void read_images(Capture& capture, const Reading& how) {
   }
 }
 
+void for_each_capture(const Captures& captures, const std::string& what, const CapturesTold& told,
+                      const std::function<void(std::size_t)>& work) {
+  std::mutex mutex;
+  std::size_t done = 0;
+  in_parallel(captures.size(), [&](std::size_t i) {
+    work(i);
+    const std::lock_guard lock(mutex);
+    told(what, ++done, captures.size());
+  });
+}
+
 // What it means for a training of a driving log that the method or the log lacks something.
 std::vector<std::string> log_warnings(const Scene& scene, const std::string& name, Method& method) {
   std::vector<std::string> warnings;
@@ -144,12 +157,14 @@ uint64_t image_bytes(const Scene& scene, Split split, int downscale) {
   return 4 * pixels;
 }
 
-Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, uint64_t budget) {
+Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, uint64_t budget,
+                       const CapturesTold& told) {
   if (how.downscale < 1) throw Error(Fault::usage, text("--downscale ", how.downscale, ": want 1 or more"));
-  Captures captures;
-  for (const std::filesystem::path& path : data) captures.push_back({read_split_scene(path, how), {}, {}, {}});
+  Captures captures(data.size());
+  for_each_capture(captures, "listed", told,
+                   [&](std::size_t i) { captures[i].scene = read_split_scene(data[i], how); });
   check_memory(captures, how, budget);
-  for (Capture& capture : captures) read_images(capture, how);
+  for_each_capture(captures, "read", told, [&](std::size_t i) { read_images(captures[i], how); });
   return captures;
 }
 

@@ -1,6 +1,7 @@
 // The captures of a run, read and checked as a whole before anything is made from them.
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -28,9 +29,14 @@ Scene read_split_scene(const std::filesystem::path& data, const Reading& how);
 /// The capture with the split of its source.
 Scene read_scene_as_listed(const std::filesystem::path& data, const Reading& how);
 
-/// Reads every image that trains or is measured. Fault::memory, before reading, if they would not fit in `budget` bytes
-/// (0: no limit). Fault::data for a capture that leaves nothing to train on.
-Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, uint64_t budget);
+/// Is told how many captures are done of all ("listed", "read"), by one thread at a time.
+using CapturesTold = std::function<void(const std::string& what, std::size_t done, std::size_t all)>;
+
+/// Reads every image that trains or is measured, several captures at once. Fault::memory, before reading, if they would
+/// not fit in `budget` bytes (0: no limit). Fault::data for a capture that leaves nothing to train on. Of several that
+/// are wrong the first in `data` is told.
+Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, uint64_t budget,
+                       const CapturesTold& told);
 
 Scenes scenes_of(const Captures& captures);
 
