@@ -30,6 +30,9 @@ constexpr int64_t kMinPlanned = 8;  // steps between one choice and the next
 constexpr int64_t kFirstSteps = 3;  // compile kernels: they tell nothing of the others
 constexpr int64_t kFiniteEvery = 10;   // steps between looks at the parameters: a loss can hide that they are NaN
 constexpr double kSavingShare = 0.02;  // of the time, at most
+constexpr double kMostUnsaved =
+    3600;  // seconds of training that may be lost, unless a larger share of the time goes by
+constexpr double kLargestShare = 0.1;  // of the time, where saves take minutes
 
 void add_prefixed(TensorMap& to, const TensorMap& from, const std::string& prefix) {
   for (const auto& [name, tensor] : from) to[prefix + name] = tensor;
@@ -51,7 +54,8 @@ class Saving {
   Saving(const Method& method, const TrainOptions& options) : method_(method), options_(options) {}
   bool is_due(int64_t step, double now) const {
     if (options_.save_every > 0) return step % options_.save_every == 0;
-    return now - saved_at_ >= std::max(options_.save_seconds, cost() / kSavingShare);
+    const double rarely = std::min(cost() / kSavingShare, std::max(kMostUnsaved, cost() / kLargestShare));
+    return now - saved_at_ >= std::max(options_.save_seconds, rarely);
   }
   /// To be on the safe side.
   double seconds() const { return cost_ > 0 ? 1.5 * cost_ : cost(); }

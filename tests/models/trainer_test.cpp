@@ -185,6 +185,15 @@ TEST_CASE("saves that take long are as rare as keeps them below a fiftieth of th
   CHECK(saves.seconds < 0.025 * 200 * 60);  // the first comes before its cost is known
 }
 
+TEST_CASE("where saves take minutes, an hour of training is at risk, or ten times what a save takes") {
+  const Saves hour = saves_of_a_long_training(240);
+  REQUIRE(hour.steps.size() > 3);
+  for (size_t i = 1; i + 1 < hour.steps.size(); ++i) CHECK(hour.steps[i] - hour.steps[i - 1] == 60);
+  const Saves longer = saves_of_a_long_training(480);
+  REQUIRE(longer.steps.size() > 2);
+  for (size_t i = 1; i + 1 < longer.steps.size(); ++i) CHECK(longer.steps[i] - longer.steps[i - 1] == 80);
+}
+
 TEST_CASE("parameters that are no longer finite stop the training within ten steps, and no checkpoint is claimed") {
   const Folder folder;
   TwoScenes method;
