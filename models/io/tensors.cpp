@@ -56,6 +56,10 @@ NamedTensor named_floats(const std::vector<float>& values, const std::vector<int
   return {"F32", shape, bytes_of(values)};
 }
 
+NamedTensor named_doubles(const std::vector<double>& values, const std::vector<int64_t>& shape) {
+  return {"F64", shape, bytes_of(values)};
+}
+
 Tensor tensor_from(const TensorMap& map, const std::string& name, const Shape& shape) {
   const NamedTensor& stored = find(map, name);
   const std::vector<int64_t> want(shape.begin(), shape.end());
@@ -71,7 +75,10 @@ Tensor tensor_from(const TensorMap& map, const std::string& name, const Shape& s
 template <class Value>
 std::vector<Value> values_from(const TensorMap& map, const std::string& name, const std::vector<int64_t>& shape) {
   const NamedTensor& stored = find(map, name);
-  const char* dtype = std::is_same_v<Value, float> ? "F32" : sizeof(Value) == 4 ? "I32" : "I64";
+  const char* dtype = std::is_same_v<Value, float>    ? "F32"
+                      : std::is_same_v<Value, double> ? "F64"
+                      : sizeof(Value) == 4            ? "I32"
+                                                      : "I64";
   if (stored.dtype != dtype || stored.shape != shape) {
     std::string want;
     for (const int64_t extent : shape) want += text(want.empty() ? "" : " x ", extent);
@@ -84,6 +91,7 @@ std::vector<Value> values_from(const TensorMap& map, const std::string& name, co
 }
 
 template std::vector<float> values_from(const TensorMap&, const std::string&, const std::vector<int64_t>&);
+template std::vector<double> values_from(const TensorMap&, const std::string&, const std::vector<int64_t>&);
 template std::vector<int32_t> values_from(const TensorMap&, const std::string&, const std::vector<int64_t>&);
 template std::vector<int64_t> values_from(const TensorMap&, const std::string&, const std::vector<int64_t>&);
 

@@ -9,6 +9,7 @@
 #include "models/io/json.h"
 #include "models/io/paths.h"
 #include "models/io/words.h"
+#include "models/runs/box_file.h"
 #include "models/runs/settings.h"
 #include "models/train/old_names.h"
 #include "runtime/error.h"
@@ -237,7 +238,8 @@ std::vector<fs::path> event_files(const fs::path& folder) {
 void clear_run(const fs::path& folder) {
   const RunPaths paths{folder};
   std::error_code error;
-  std::vector<fs::path> written = event_files(folder);
+  std::vector<fs::path> written = event_files(folder), boxes = box_files(folder);
+  written.insert(written.end(), boxes.begin(), boxes.end());
   written.insert(written.end(), {paths.checkpoints(), paths.preview(), paths.eval(), paths.edit(), paths.events(),
                                  paths.curves(), paths.report(), paths.turntable(), paths.drive(), paths.assets(),
                                  paths.config(), paths.generated(), paths.scene(), paths.record()});

@@ -1,16 +1,18 @@
-// Doubles are written with all their digits, so that a rebuilt model is the same to the bit.
+// Doubles are written with all their digits, so that a rebuilt model is the same to the bit. The boxes of actors lie in
+// a file of their own (box_file.h), of which each actor has a part.
 #include "models/runs/scene_file.h"
 
 #include <nlohmann/json.hpp>
 
 #include "models/io/commit.h"
 #include "models/io/json.h"
+#include "models/runs/box_file.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
-constexpr int kSceneSchema = 2;
+constexpr int kSceneSchema = 3, kBoxesInJson = 2;
 const char* const kModels[] = {"pinhole", "opencv", "fisheye", "fov"};
 
 Json to_json(const Camera& c) {
@@ -50,20 +52,20 @@ Json to_json(const Sweep& s) {
           {"world_from_lidar", to_json(s.world_from_lidar)}};
 }
 
-Json to_json(const Actor& a) {
+/// first_box: its place in the file of boxes; then that of the next actor.
+Json to_json(const Actor& a, std::size_t& first_box) {
   Json json = {{"id", a.id},
                {"label", a.label},
                {"size", {a.size.x(), a.size.y(), a.size.z()}},
                {"stationary", a.stationary},
-               {"boxes", Json::array()}};
+               {"boxes", a.boxes.size()}};
+  if (!a.boxes.empty()) json["first_box"] = first_box;
   if (a.asset) json["asset"] = {{"scene", a.asset->scene}, {"actor_id", a.asset->actor_id}};
-  for (const ActorBox& box : a.boxes)
-    json["boxes"].push_back(
-        {{"step", box.step}, {"timestamp", box.timestamp}, {"world_from_box", to_json(box.world_from_box)}});
+  first_box += a.boxes.size();
   return json;
 }
 
-Json to_json(const Scene& scene) {
+Json to_json(const Scene& scene, std::size_t& first_box) {
   Json json = {{"format", scene.format},
                {"metric", scene.metric},
                {"has_alpha", scene.has_alpha},
@@ -77,7 +79,7 @@ Json to_json(const Scene& scene) {
   for (const Camera& camera : scene.cameras) json["cameras"].push_back(to_json(camera));
   for (const Frame& frame : scene.frames) json["frames"].push_back(to_json(frame));
   for (const Sweep& sweep : scene.sweeps) json["sweeps"].push_back(to_json(sweep));
-  for (const Actor& actor : scene.actors) json["actors"].push_back(to_json(actor));
+  for (const Actor& actor : scene.actors) json["actors"].push_back(to_json(actor, first_box));
   return json;
 }
 
@@ -87,7 +89,7 @@ int whole(const Json& json, const char* key, int least, int most, const std::str
   return static_cast<int>(value);
 }
 
-constexpr int kMaxSteps = 1 << 24, kMaxScenes = 1 << 16;
+constexpr int kMaxScenes = 1 << 16;
 
 Split split_from(const Json& json, const std::string& where) {
   const std::string word = string(json, "split", where);
@@ -165,13 +167,28 @@ Eigen::Vector3d vector3(const Json& json, const char* key, const std::string& wh
   return v;
 }
 
-Actor actor_from(const Json& json, const std::string& where) {
+/// What an actor's boxes are taken from; nothing where scene.json lists them itself.
+using AllBoxes = std::optional<std::vector<ActorBox>>;
+
+std::vector<ActorBox> boxes_of(const Json& actor, const AllBoxes& all, const std::string& where) {
+  std::vector<ActorBox> boxes;
+  if (!all) {
+    for (const Json& box : array(actor, "boxes", where)) boxes.push_back(box_from(box, where));
+    return boxes;
+  }
+  const int known = static_cast<int>(all->size()), count = whole(actor, "boxes", 0, known, where);
+  if (count == 0) return boxes;
+  const auto first = all->begin() + whole(actor, "first_box", 0, known - count, where);
+  return {first, first + count};
+}
+
+Actor actor_from(const Json& json, const AllBoxes& boxes, const std::string& where) {
   Actor a;
   a.id = string(json, "id", where);
   a.label = string(json, "label", where);
   a.size = vector3(json, "size", where);
   a.stationary = flag(json, "stationary", false, where);
-  for (const Json& box : array(json, "boxes", where)) a.boxes.push_back(box_from(box, where + ", actor " + a.id));
+  a.boxes = boxes_of(json, boxes, where + ", actor " + a.id);
   if (json.contains("asset")) {
     const Json& asset = json["asset"];
     a.asset = {whole(asset, "scene", 0, kMaxScenes, where), string(asset, "actor_id", where)};
@@ -179,7 +196,7 @@ Actor actor_from(const Json& json, const std::string& where) {
   return a;
 }
 
-Scene scene_from(const Json& json, const std::string& where) {
+Scene scene_from(const Json& json, const AllBoxes& boxes, const std::string& where) {
   Scene scene;
   scene.format = string(json, "format", where);
   scene.metric = flag(json, "metric", false, where);
@@ -196,26 +213,40 @@ Scene scene_from(const Json& json, const std::string& where) {
   if (scene.frames.empty()) throw Error(Fault::data, where + ": no frames");
   scene.frames_listed = scene.frames.size();
   for (const Json& sweep : array(json, "sweeps", where)) scene.sweeps.push_back(sweep_from(sweep, where));
-  for (const Json& actor : array(json, "actors", where)) scene.actors.push_back(actor_from(actor, where));
+  for (const Json& actor : array(json, "actors", where)) scene.actors.push_back(actor_from(actor, boxes, where));
   return scene;
 }
 
 }  // namespace
 
 void write_scenes(const std::filesystem::path& path, const Scenes& scenes) {
+  const std::filesystem::path folder = path.parent_path();
+  const std::string box_file = write_boxes(folder, scenes);
   Json json = {{"schema_version", kSceneSchema}, {"scenes", Json::array()}};
-  for (const Scene& scene : scenes) json["scenes"].push_back(to_json(scene));
-  commit_text(path, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
+  if (!box_file.empty()) json["box_file"] = box_file;
+  std::size_t first_box = 0;
+  for (const Scene& scene : scenes) json["scenes"].push_back(to_json(scene, first_box));
+  commit_text(path, json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
+  std::error_code ignored;
+  for (const std::filesystem::path& old : box_files(folder))  // what no scene.json names any more
+    if (old.filename() != box_file) std::filesystem::remove(old, ignored);
 }
 
 Scenes read_scene_file(const std::filesystem::path& path) {
   const Json json = parse_json_file(path);
-  if (number(json, "schema_version", path.string()) != kSceneSchema)
-    throw Error(Fault::data, path.string() + ": written by another version of the program; train again");
+  const std::string where = path.string();
+  const double schema = number(json, "schema_version", where);
+  if (schema != kSceneSchema && schema != kBoxesInJson)
+    throw Error(Fault::data, where + ": written by another version of the program; train again");
+  AllBoxes boxes;
+  if (schema == kSceneSchema) {
+    const auto box_file = optional_string(json, "box_file", where);
+    boxes = box_file ? read_boxes(path.parent_path(), *box_file) : std::vector<ActorBox>();
+  }
   Scenes scenes;
-  for (const Json& scene : array(json, "scenes", path.string()))
-    scenes.push_back(scene_from(scene, text(path.string(), ", scene ", scenes.size())));
-  if (scenes.empty()) throw Error(Fault::data, path.string() + ": no scenes");
+  for (const Json& scene : array(json, "scenes", where))
+    scenes.push_back(scene_from(scene, boxes, text(where, ", scene ", scenes.size())));
+  if (scenes.empty()) throw Error(Fault::data, where + ": no scenes");
   return scenes;
 }
 

@@ -80,7 +80,7 @@ TEST_CASE("a packed prior is small, and holds neither images, trajectories nor w
     CHECK(scenes.at("scenes").size() == 2);
     for (const auto& scene : scenes.at("scenes")) {
       CHECK(scene.at("sweeps").empty());
-      for (const auto& actor : scene.at("actors")) CHECK(actor.at("boxes").empty());
+      for (const auto& actor : scene.at("actors")) CHECK(actor.at("boxes") == 0);
     }
   }
   const Outcome again =

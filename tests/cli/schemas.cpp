@@ -75,6 +75,7 @@ void check_by_schemas(const Words& arguments, const Outcome& outcome) {
     const fs::path run = run_of(arguments);
     if (run.empty() || has_word(arguments, "--dry-run") || !fs::exists(run / "run.json")) return;
     check("run", content_of(run / "run.json"));
+    check("scene", content_of(run / "scene.json"));
     check_lines("events", content_of(run / "metrics.jsonl"));
   } else if (has_word(arguments, "--json") && !outcome.out.empty()) {
     check(command, outcome.out);
