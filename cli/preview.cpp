@@ -92,15 +92,15 @@ void PreviewPace::made(double now) {
 }
 
 PreviewFrame preview_frame(const Captures& captures) {
-  const auto held_out = std::find_if(captures.begin(), captures.end(),
-                                     [](const Capture& capture) { return !capture.test.frames.empty(); });
+  const auto held_out =
+      std::find_if(captures.begin(), captures.end(), [](const Capture& capture) { return capture.test.size() > 0; });
   const bool any = held_out != captures.end();
   const Capture& capture = any ? *held_out : captures.front();
-  const Pixels& pixels = any ? capture.test : capture.train;
-  const FramePixels& photo = pixels.frames.front();
+  const PhotoStore& photos = any ? capture.test : capture.train;
+  const FramePixels photo = *photos[0];
   const Frame& frame = capture.scene.frames[photo.frame];
   PreviewFrame preview{photo,
-                       view_of(frame, pixels.cameras[static_cast<std::size_t>(photo.camera)],
+                       view_of(frame, photos.listed().cameras[static_cast<std::size_t>(photo.camera)],
                                any ? static_cast<int>(held_out - captures.begin()) : 0),
                        frame.image, any};
   const double scale = static_cast<double>(kLargestPreview) / std::max(photo.width, photo.height);

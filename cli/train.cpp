@@ -263,8 +263,10 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
 }
 
 /// Where data are many, reading them takes minutes.
-Captures read_with_news(const TrainJob& job, ProgressView& view) {
-  Captures captures = read_captures(job.data, job.record.reading, memory_budget(),
+Captures read_with_news(const TrainJob& job, uint64_t host_bytes, ProgressView& view) {
+  const ImageMemory memory = {std::make_shared<HostStore>(host_bytes),
+                              as<LearnsFromCaptures>(*job.method)->images_on_device() ? memory_budget() : 0};
+  Captures captures = read_captures(job.data, job.record.reading, memory,
                                     [&](const std::string& what, std::size_t done, std::size_t all) {
                                       view.waiting(text(what, " ", done, " of ", all, " captures"));
                                     });
@@ -315,10 +317,10 @@ int run_train(TrainRequest request, const Common& common) {
   open_device(common);
   EventLog log(style == ProgressStyle::jsonl);
   ProgressView view(style, log);
+  const uint64_t host_bytes = host_budget(request.host_memory);
   Captures captures;
-  if (!job.source) captures = read_with_news(job, view);
-  for (const Capture& capture : captures)
-    job.default_steps += job.epochs * static_cast<int64_t>(capture.train.frames.size());
+  if (!job.source) captures = read_with_news(job, host_bytes, view);
+  for (const Capture& capture : captures) job.default_steps += job.epochs * static_cast<int64_t>(capture.train.size());
   const std::vector<DataNow> now = data_now(job, captures);
   check_data_unchanged(job, now);
   job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);
@@ -326,7 +328,7 @@ int run_train(TrainRequest request, const Common& common) {
   if (job.source) as<LearnsFromRun>(*job.method)->load(source_of(*job.source));
   adopt_networks(job, request);
   adopt_prior(job, request);
-  tell_plan(job, captures, common, log);
+  tell_plan(job, captures, host_bytes, common, log);
   if (!request.dry_run) return train_in_folder(job, std::move(captures), now, request, common, log, view);
   say(common, "dry run: nothing was written");
   return 0;
@@ -386,6 +388,8 @@ void add_data_options(const Options& add, TrainRequest& r) {
   add("--sparse-every", r.sparse_every, "With --protocol sparse: steps between training images",
       whole_number(2, 1 << 20));
   add("--image", r.image, "Driving log: train on one image, such as front_camera/05, and its LiDAR sweep");
+  add("--host-memory", r.host_memory,
+      "Limit of host memory for images and sweeps, such as 4G (half of what is free; beside a CPU device 15 %)");
   add("--data", r.new_data, "With --resume: where the data is now; repeat for each folder of the run").one_word();
 }
 

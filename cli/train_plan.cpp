@@ -9,8 +9,10 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "models/train/learns_from_captures.h"
 #include "models/train/learns_from_run.h"
 #include "runtime/error.h"
+#include "runtime/host_memory.h"
 #include "runtime/verdict.h"
 
 namespace cloam {
@@ -22,14 +24,23 @@ uint64_t training_bytes(const Captures& captures, int downscale) {
   return sum;
 }
 
-MemoryPlan memory_plan(const TrainJob& job, const Captures& captures) {
+PhotoSizes sizes_of(const Captures& captures) {
   PhotoSizes photos;
-  for (const Capture& capture : captures)
-    for (const FramePixels& frame : capture.train.frames) {
-      photos.bytes += frame.rgba.size() + frame.mask.size();
-      photos.largest = std::max<uint64_t>(photos.largest, frame.rgba.size() / 4);
-    }
-  return job.method->memory(photos);
+  for (const Capture& capture : captures) {
+    photos.bytes += capture.train.bytes();
+    for (const FramePixels& frame : capture.train.listed().frames)
+      photos.largest =
+          std::max(photos.largest, static_cast<uint64_t>(frame.width) * static_cast<uint64_t>(frame.height));
+  }
+  return photos;
+}
+
+/// Images that go to the device pass through the host.
+std::string host_text(const PhotoSizes& photos, uint64_t budget, bool on_device) {
+  const std::string images = text("images ", words_for_bytes(photos.bytes));
+  if (on_device) return images + ", until they lie on the device";
+  if (photos.bytes <= budget) return images + ", all of them held";
+  return images + ", decoded ahead of use and held as far as there is room";
 }
 
 void check_memory(const MemoryPlan& plan, const TrainJob& job, const Captures& captures) {
@@ -79,15 +90,16 @@ std::string parameters_text(const Params& parameters) {
   return out;
 }
 
-Event plan_event(const TrainJob& job, const Captures& captures, const MemoryPlan& plan) {
-  const Camera& camera = captures.front().train.cameras.front();
+Event plan_event(const TrainJob& job, const Captures& captures, const PhotoSizes& photos) {
+  const PlannedMemory& memory = *job.record.memory;
+  const Camera& camera = captures.front().train.listed().cameras.front();
   std::size_t train = 0, test = 0;
   std::vector<std::string> data, warnings;
   for (std::size_t i = 0; i < captures.size(); ++i) {
     const Capture& capture = captures[i];
     data.push_back(job.data[i].string());
-    train += capture.train.frames.size();
-    test += capture.test.frames.size();
+    train += capture.train.size();
+    test += capture.test.size();
     warnings.insert(warnings.end(), capture.warnings.begin(), capture.warnings.end());
   }
   return {{"method", job.record.method},
@@ -98,8 +110,11 @@ Event plan_event(const TrainJob& job, const Captures& captures, const MemoryPlan
           {"width", camera.width},
           {"height", camera.height},
           {"downscale", job.record.reading.downscale},
-          {"memory_bytes", plan.total()},
-          {"memory_budget_bytes", memory_budget()},
+          {"memory_bytes", memory.device},
+          {"memory_budget_bytes", memory.device_budget},
+          {"host_bytes", memory.host},
+          {"host_budget_bytes", memory.host_budget},
+          {"image_bytes", photos.bytes},
           {"device", device().name},
           {"device_id", device().id},
           {"warnings", warnings}};
@@ -115,8 +130,14 @@ Event source_event(const TrainJob& job, const MemoryPlan& plan) {
 
 }  // namespace
 
-void tell_plan(const TrainJob& job, const Captures& captures, const Common& common, EventLog& log) {
-  const MemoryPlan plan = memory_plan(job, captures);
+uint64_t host_budget(const std::string& typed) {
+  return typed.empty() ? host_free_bytes() / 100 * (device().is_cpu ? 15 : 50) : parse_bytes(typed);
+}
+
+void tell_plan(TrainJob& job, const Captures& captures, uint64_t host_budget, const Common& common, EventLog& log) {
+  const PhotoSizes photos = sizes_of(captures);
+  const MemoryPlan plan = job.method->memory(photos);
+  job.record.memory = {plan.total(), memory_budget(), std::min(photos.bytes, host_budget), host_budget};
   std::string label = "plan   ";
   for (std::size_t i = 0; i < captures.size(); ++i) {
     const std::string name = captures.size() > 1 ? name_of_data(job.data[i]) + ": " : "";
@@ -139,6 +160,9 @@ void tell_plan(const TrainJob& job, const Captures& captures, const Common& comm
   say(common, "memory " + words_for_bytes(plan.total()) + " of " + words_for_bytes(memory_budget()) + " (images " +
                   words_for_bytes(plan.images) + ", parameters " + words_for_bytes(plan.parameters) + ", optimiser " +
                   words_for_bytes(plan.optimiser) + ", work " + words_for_bytes(plan.work) + ")");
+  if (const auto* learns = as<LearnsFromCaptures>(*job.method))
+    say(common, text("host   ", words_for_bytes(job.record.memory->host), " of ", words_for_bytes(host_budget), " (",
+                     host_text(photos, host_budget, learns->images_on_device()), ")"));
   say(common, text("device ", device().name, " (", device().platform, "); select it with ", device_spelling(device())));
   const std::optional<Verdict> tested = verdict_of(device());
   say(common,
@@ -147,7 +171,7 @@ void tell_plan(const TrainJob& job, const Captures& captures, const Common& comm
     if (common.verbose)
       say(common, text("       ", entry.key, " = ", to_string(entry.value), "  (", entry.origin, ") ", entry.help));
   }
-  log.write("plan", captures.empty() ? source_event(job, plan) : plan_event(job, captures, plan));
+  log.write("plan", captures.empty() ? source_event(job, plan) : plan_event(job, captures, photos));
   check_memory(plan, job, captures);
 }
 

@@ -5,13 +5,13 @@
 #include <array>
 #include <bit>
 #include <chrono>
-#include <fstream>
 #include <new>
 #include <optional>
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
 #include "runtime/driver.h"
+#include "runtime/host_memory.h"
 #include "runtime/profile.h"
 
 namespace cloam {
@@ -46,20 +46,9 @@ Pool& pool() {
   return *one;
 }
 
-uint64_t host_available_bytes() {
-  std::ifstream info("/proc/meminfo");
-  std::string key;
-  uint64_t kib = 0;
-  for (std::string unit; info >> key >> kib;) {
-    if (key == "MemAvailable:") return kib * 1024;
-    std::getline(info, unit);
-  }
-  return ~uint64_t{0};
-}
-
 uint64_t default_budget() {
   // A CPU device lives in host memory: PoCL reports anything between 4 and 9 GiB on one machine, so ask the host.
-  const uint64_t have = device().is_cpu ? host_available_bytes() : device().global_bytes;
+  const uint64_t have = device().is_cpu ? host_free_bytes() : device().global_bytes;
   return have / 10 * 8;
 }
 

@@ -21,19 +21,20 @@ Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int 
 
 }  // namespace
 
-PixelSource::PixelSource(const Scene& scene, const Pixels& pixels, const SceneFrame& frame, const RayRange& range)
+PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const SceneFrame& frame, const RayRange& range)
     : frame_(frame), range_(range) {
   std::vector<int32_t> first_direction, frames;
   std::vector<float> directions, poses;
-  for (const Camera& camera : pixels.cameras) {
+  for (const Camera& camera : photos.listed().cameras) {
     first_direction.push_back(static_cast<int32_t>(directions.size() / 3));
     const std::vector<float> d = unit_directions(camera);
     directions.insert(directions.end(), d.begin(), d.end());
   }
   std::vector<uint8_t> rgba, mask;
-  bool masked = false;
-  for (const FramePixels& f : pixels.frames) masked |= !f.mask.empty();
-  for (const FramePixels& f : pixels.frames) {
+  const bool masked = photos.masked();
+  for (size_t place = 0; place < photos.size(); ++place) {
+    const std::shared_ptr<const FramePixels> photo = photos[place];
+    const FramePixels& f = *photo;
     const size_t count = f.rgba.size() / 4;
     frames.insert(frames.end(), {static_cast<int32_t>(rgba.size() / 4), static_cast<int32_t>(count),
                                  first_direction[static_cast<size_t>(f.camera)]});
@@ -43,8 +44,7 @@ PixelSource::PixelSource(const Scene& scene, const Pixels& pixels, const SceneFr
     mask.insert(mask.end(), f.mask.begin(), f.mask.end());
   }
   if (frames.empty()) throw Error(Fault::data, "no training image is left");
-  const auto frame_count = static_cast<int64_t>(pixels.frames.size()),
-             pixel_count = static_cast<int64_t>(rgba.size() / 4);
+  const auto frame_count = static_cast<int64_t>(photos.size()), pixel_count = static_cast<int64_t>(rgba.size() / 4);
   if (pixel_count > int64_t{1} << 29)
     throw Error(Fault::memory, text(pixel_count, " training pixels are more than fit: use a larger --downscale"));
   rgba_ = from_host(rgba, {pixel_count, 4});

@@ -3,7 +3,7 @@
 #pragma once
 #include "models/io/share.h"
 #include "models/render/rays.h"
-#include "models/scene/pixels.h"
+#include "models/scene/photo_store.h"
 
 namespace cloam {
 
@@ -17,7 +17,7 @@ struct PixelBatch {
 class PixelSource {
  public:
   /// Fault::data for no image, Fault::memory for more than 2^29 pixels.
-  PixelSource(const Scene& scene, const Pixels& pixels, const SceneFrame& frame, const RayRange& range);
+  PixelSource(const Scene& scene, const PhotoStore& photos, const SceneFrame& frame, const RayRange& range);
   /// The share of `count` pixels at random: a frame, then a pixel in it. streams key.stream and the one after it.
   PixelBatch draw(int64_t count, const RandomKey& key, const Share& share) const;
 

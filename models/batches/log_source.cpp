@@ -92,21 +92,20 @@ struct LogSource::HostPixels {
   }
 };
 
-LogSource::LogSource(const Scene& scene, Pixels pixels, std::vector<LoadedSweep> sweeps, const LogRays& axes)
+LogSource::LogSource(const Scene& scene, PhotoStore photos, std::vector<LoadedSweep> sweeps, const LogRays& axes)
     : scene_(scene),
-      pixels_(std::move(pixels)),
+      photos_(std::move(photos)),
       sweeps_(std::move(sweeps)),
       log_from_world_(axes.log_from_world),
       scale_(axes.scale),
       silhouettes_(axes.silhouettes) {
-  if (pixels_.frames.empty())
+  if (photos_.size() == 0)
     throw Error(Fault::data, text(scene.root.string(), ": no image of this log is in the training split"));
-  for (const FramePixels& photo : pixels_.frames) masked_ |= !photo.mask.empty();
   std::erase_if(sweeps_, [](const LoadedSweep& sweep) { return sweep.points.size() == 0; });
 }
 
 int64_t LogSource::patch_side(int64_t wanted) const {
-  for (const Camera& camera : pixels_.cameras)
+  for (const Camera& camera : photos_.listed().cameras)
     wanted = std::min<int64_t>(wanted, std::min(camera.width, camera.height) / scale_);
   if (wanted < 1) throw Error(Fault::data, text("images are smaller than the ", scale_, " pixels that a ray covers"));
   return wanted;
@@ -171,7 +170,9 @@ std::optional<LogSource::Span> LogSource::span_of(const Actor& actor, const Fram
 }
 
 /// Those whose boxes, twice as wide and long for their shadows, have a corner region that meets the patch.
-void LogSource::mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const {
+void LogSource::mark_actors(RayList& rays, const Drawn& part) const {
+  const FramePixels& photo = listed(part.place);
+  const Region& region = part.region;
   for (size_t a = 0; a < scene_.actors.size(); ++a) {
     if (rays.actors[a]) continue;
     const auto span = span_of(scene_.actors[a], photo, {2, 2, 1.2});
@@ -218,20 +219,23 @@ std::vector<Region> LogSource::object_regions(const FramePixels& photo, HostRand
   return drawn;
 }
 
-void LogSource::add_silhouette(const FramePixels& photo, const Region& region, HostPixels& pixels) const {
-  const Silhouette& cells = silhouettes_[static_cast<size_t>(&photo - pixels_.frames.data())];
-  const int64_t columns = photo.width / scale_;
+void LogSource::add_silhouette(const Drawn& part, HostPixels& pixels) const {
+  const Silhouette& cells = silhouettes_[part.place];
+  const Region& region = part.region;
+  const int64_t columns = listed(part.place).width / scale_;
   for (int64_t y = region.y; y < region.y + region.rows; ++y)
     for (int64_t x = region.x; x < region.x + region.columns; ++x)
       pixels.silhouette.push_back(cells.empty() ? -1.f : cells[static_cast<size_t>(y * columns + x)]);
 }
 
-void LogSource::add_region(RayList& rays, const FramePixels& photo, const Region& region, HostPixels& pixels,
-                           int64_t place) const {
+void LogSource::add_region(RayList& rays, const Drawn& part, HostPixels& pixels, int64_t place) const {
+  const std::shared_ptr<const FramePixels> read = photos_[part.place];
+  const FramePixels& photo = *read;
+  const Region& region = part.region;
   const Frame& frame = scene_.frames[photo.frame];
   add_cells(rays, camera_of(photo), log_from_world_ * frame.world_from_camera, frame.timestamp.value_or(0), region,
             scale_);
-  if (!silhouettes_.empty()) add_silhouette(photo, region, pixels);
+  if (!silhouettes_.empty()) add_silhouette(part, pixels);
   for (int64_t y = 0; y < pixels.height; ++y)
     for (int64_t x = 0; x < pixels.width; ++x) {
       const auto from = static_cast<size_t>((region.y * scale_ + y) * photo.width + region.x * scale_ + x);
@@ -245,53 +249,90 @@ void LogSource::add_region(RayList& rays, const FramePixels& photo, const Region
     }
 }
 
+std::vector<LogSource::Drawn> LogSource::draw_patches(HostRandom& random, int64_t count, int64_t side) const {
+  std::vector<Drawn> parts;
+  for (int64_t n = 0; n < count; ++n) {
+    const size_t place = random.below(photos_.size());
+    const FramePixels& photo = listed(place);
+    const Corner corner = n % 2 == 1 ? corner_near_actor(photo, random, side) : random_corner(photo, random, side);
+    parts.push_back({place, {corner.x, corner.y, side, side}});
+  }
+  return parts;
+}
+
 Photographed LogSource::add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side,
                                     const Share& share) const {
-  HostPixels pixels(share.size(count), side * scale_, side * scale_, masked_);
+  HostPixels pixels(share.size(count), side * scale_, side * scale_, photos_.masked());
   rays.actors.assign(scene_.actors.size(), false);
-  for (int64_t n = 0; n < count; ++n) {
-    const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
-    const Corner corner = n % 2 == 1 ? corner_near_actor(photo, random, side) : random_corner(photo, random, side);
-    const Region region = {corner.x, corner.y, side, side};
-    mark_actors(rays, photo, region);
-    if (share.holds(n, count)) add_region(rays, photo, region, pixels, n - share.begin(count));
-  }
+  const std::vector<Drawn> parts = draw_patches(random, count, side);
+  for (const Drawn& part : parts) mark_actors(rays, part);
+  for (int64_t n = share.begin(count); n < share.end(count); ++n)
+    add_region(rays, parts[static_cast<size_t>(n)], pixels, n - share.begin(count));
   return pixels.tensors();
+}
+
+void LogSource::expect_patches(StepAhead& ahead, int64_t count, int64_t side) const {
+  const std::vector<Drawn> parts = draw_patches(ahead.random, count, side);
+  for (int64_t n = ahead.share.begin(count); n < ahead.share.end(count); ++n)
+    photos_.want(parts[static_cast<size_t>(n)].place, ahead.step);
+}
+
+std::vector<std::optional<LogSource::Drawn>> LogSource::draw_objects(HostRandom& random, const ObjectPatches& objects,
+                                                                     const Share& share) const {
+  std::vector<std::optional<Drawn>> parts;
+  for (int64_t rank = 0; rank < share.ranks; ++rank) {
+    const size_t place = random.below(photos_.size());
+    const std::vector<Region> regions = object_regions(listed(place), random, {1, objects.longest});
+    const bool none = regions.empty() || objects.count == 0;
+    parts.push_back(none ? std::nullopt : std::optional(Drawn{place, regions.front()}));
+  }
+  return parts;
 }
 
 Photographed LogSource::add_object(RayList& rays, HostRandom& random, const ObjectPatches& objects,
                                    const Share& share) const {
-  Photographed out;
-  for (int64_t rank = 0; rank < share.ranks; ++rank) {
-    const FramePixels& photo = pixels_.frames[random.below(pixels_.frames.size())];
-    const std::vector<Region> regions = object_regions(photo, random, {1, objects.longest});
-    if (regions.empty() || objects.count == 0) continue;
-    const Region& region = regions.front();
-    mark_actors(rays, photo, region);
-    if (rank != share.rank) continue;
-    HostPixels pixels(1, region.rows * scale_, region.columns * scale_, masked_);
-    add_region(rays, photo, region, pixels, 0);
-    out = pixels.tensors();
-  }
-  return out;
+  const std::vector<std::optional<Drawn>> parts = draw_objects(random, objects, share);
+  for (const std::optional<Drawn>& part : parts)
+    if (part) mark_actors(rays, *part);
+  const std::optional<Drawn>& own = parts[static_cast<size_t>(share.rank)];
+  if (!own) return {};
+  HostPixels pixels(1, own->region.rows * scale_, own->region.columns * scale_, photos_.masked());
+  add_region(rays, *own, pixels, 0);
+  return pixels.tensors();
+}
+
+void LogSource::expect_object(StepAhead& ahead, const ObjectPatches& objects) const {
+  const std::vector<std::optional<Drawn>> parts = draw_objects(ahead.random, objects, ahead.share);
+  const std::optional<Drawn>& own = parts[static_cast<size_t>(ahead.share.rank)];
+  if (own) photos_.want(own->place, ahead.step);
+}
+
+size_t LogSource::draw_image(HostRandom& random, const Share& share) const {
+  std::vector<size_t> of_ranks;
+  for (int64_t rank = 0; rank < share.ranks; ++rank) of_ranks.push_back(random.below(photos_.size()));
+  return of_ranks[static_cast<size_t>(share.rank)];
 }
 
 Photographed LogSource::add_image(RayList& rays, HostRandom& random, const ObjectPatches& objects,
                                   const Share& share) const {
   (void)patch_side(1);  // an image of no cell is an error
-  std::vector<size_t> of_ranks;
-  for (int64_t rank = 0; rank < share.ranks; ++rank) of_ranks.push_back(random.below(pixels_.frames.size()));
-  const FramePixels& photo = pixels_.frames[of_ranks[static_cast<size_t>(share.rank)]];
-  const Region region = {0, 0, photo.width / scale_, photo.height / scale_};
-  HostPixels pixels(1, region.rows * scale_, region.columns * scale_, masked_);
+  const size_t place = draw_image(random, share);
+  const FramePixels& photo = listed(place);
+  const Drawn all = {place, {0, 0, photo.width / scale_, photo.height / scale_}};
+  HostPixels pixels(1, all.region.rows * scale_, all.region.columns * scale_, photos_.masked());
   rays.actors.assign(scene_.actors.size(), false);
-  mark_actors(rays, photo, region);
-  add_region(rays, photo, region, pixels, 0);
+  mark_actors(rays, all);
+  add_region(rays, all, pixels, 0);
   Photographed out = pixels.tensors();
   // Numbers of its own: how many are drawn depends on the image, and ranks see different ones.
   HostRandom own(random.below(size_t{1} << 32), static_cast<uint64_t>(share.rank));
   out.objects = object_regions(photo, own, objects);
   return out;
+}
+
+void LogSource::expect_image(StepAhead& ahead) const {
+  photos_.want(draw_image(ahead.random, ahead.share), ahead.step);
+  (void)ahead.random.next();  // the seed of its objects
 }
 
 void LogSource::add_returns(RayList& rays, HostRandom& random, int64_t count, const Share& share) const {

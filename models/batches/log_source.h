@@ -5,7 +5,7 @@
 #include "models/io/host_random.h"
 #include "models/io/share.h"
 #include "models/scene/lidar_points.h"
-#include "models/scene/pixels.h"
+#include "models/scene/photo_store.h"
 #include "runtime/tensor.h"
 
 namespace cloam {
@@ -70,11 +70,20 @@ struct Photographed {
   Tensor kept(const Tensor& render) const;
 };
 
-/// The images and sweeps of a log that train. Draws take their numbers from `random`, the same on all ranks.
+/// A step to come: its numbers, which the draws that it will make take in the same order, and whose part it is.
+struct StepAhead {
+  HostRandom random;
+  int64_t step;
+  Share share;
+};
+
+/// The images and sweeps of a log that train. Draws take their numbers from `random`, the same on all ranks. Which
+/// images a step sees is decided by boxes and sizes, not by pixels, so that what the next steps need can be told:
+/// expect_X announces to the photos' store what add_X will read in that step.
 class LogSource {
  public:
   /// The scene, and the sweeps that are pointed to, must outlive this. Fault::data for a log without images.
-  LogSource(const Scene& scene, Pixels pixels, std::vector<LoadedSweep> sweeps, const LogRays& axes);
+  LogSource(const Scene& scene, PhotoStore photos, std::vector<LoadedSweep> sweeps, const LogRays& axes);
 
   /// The largest patch that fits every image, at most `wanted`; in rays.
   int64_t patch_side(int64_t wanted) const;
@@ -91,7 +100,11 @@ class LogSource {
   /// The share of `count` returns of some sweeps, none of actors that rays.actors leaves out: each actor costs a
   /// decoding.
   void add_returns(RayList& rays, HostRandom& random, int64_t count, const Share& share) const;
-  size_t images() const { return pixels_.frames.size(); }
+  void expect_patches(StepAhead& ahead, int64_t count, int64_t side) const;
+  void expect_object(StepAhead& ahead, const ObjectPatches& objects) const;
+  void expect_image(StepAhead& ahead) const;
+  const PhotoStore& photos() const { return photos_; }
+  size_t images() const { return photos_.size(); }
   /// Those that have a return.
   const std::vector<LoadedSweep>& sweeps() const { return sweeps_; }
 
@@ -99,26 +112,38 @@ class LogSource {
   struct Corner {
     int64_t x, y;
   };
+  /// A part of the photo at that place.
+  struct Drawn {
+    size_t place;
+    Region region;
+  };
+  std::vector<Drawn> draw_patches(HostRandom& random, int64_t count, int64_t side) const;
+  /// Of each rank; none: its photo shows no actor.
+  std::vector<std::optional<Drawn>> draw_objects(HostRandom& random, const ObjectPatches& objects,
+                                                 const Share& share) const;
+  size_t draw_image(HostRandom& random, const Share& share) const;
+  // What follows knows photos by their sizes and cameras; pixels are read by add_region alone.
   Corner random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const;
   Corner corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const;
   /// The cells that hold an actor's box, its sides `stretch` as long but for its height; none: it lies behind.
   struct Span;
   std::optional<Span> span_of(const Actor& actor, const FramePixels& photo, const Eigen::Vector3d& stretch) const;
   std::vector<Region> object_regions(const FramePixels& photo, HostRandom& random, const ObjectPatches& objects) const;
-  void mark_actors(RayList& rays, const FramePixels& photo, const Region& region) const;
-  /// Rays and pixels of a region of a photo, as number `place` of the photographed.
+  void mark_actors(RayList& rays, const Drawn& part) const;
+  /// Rays and pixels of a part of a photo, as number `place` of the photographed.
   struct HostPixels;
-  void add_silhouette(const FramePixels& photo, const Region& region, HostPixels& pixels) const;
-  void add_region(RayList& rays, const FramePixels& photo, const Region& region, HostPixels& pixels,
-                  int64_t place) const;
-  const Camera& camera_of(const FramePixels& photo) const { return pixels_.cameras[static_cast<size_t>(photo.camera)]; }
+  void add_silhouette(const Drawn& part, HostPixels& pixels) const;
+  void add_region(RayList& rays, const Drawn& part, HostPixels& pixels, int64_t place) const;
+  const FramePixels& listed(size_t place) const { return photos_.listed().frames[place]; }
+  const Camera& camera_of(const FramePixels& photo) const {
+    return photos_.listed().cameras[static_cast<size_t>(photo.camera)];
+  }
 
   const Scene& scene_;
-  Pixels pixels_;
+  PhotoStore photos_;
   std::vector<LoadedSweep> sweeps_;
   Eigen::Matrix4d log_from_world_;
   int scale_;
-  bool masked_ = false;  // some photo has a mask
   std::vector<Silhouette> silhouettes_;
 };
 

@@ -1,11 +1,14 @@
-// See load_images.h. One image at a time is held at full size.
+// See load_images.h. One image a core is held at full size.
 #include "models/data/load_images.h"
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
+#include <functional>
 
 #include "models/data/reader.h"
 #include "models/io/image.h"
+#include "models/io/in_parallel.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -62,90 +65,186 @@ struct Remark {
   }
 };
 
-class Loader {
+/// The EXIF orientation to follow; 1: as stored.
+int turn_of(const Camera& camera, const Image& image) { return must_turn(camera, image) ? image.orientation : 1; }
+
+/// What of a frame decides its pixels, apart from the scene.
+struct PhotoFile {
+  std::filesystem::path image;
+  std::optional<std::filesystem::path> mask;
+  std::string name, mask_name;  // as listed
+  Camera camera;                // as listed
+  double ego_rows = 0;
+};
+
+/// The photos of a split by their headers.
+class Lister {
  public:
-  Loader(const Scene& scene, const LoadOptions& options) : scene_(scene), options_(options) {}
+  Lister(const Scene& scene, const LoadOptions& options) : scene_(scene), options_(options) {}
 
-  void load(std::size_t index) {
-    const Frame& frame = scene_.frames[index];
-    FramePixels result;
-    result.frame = index;
-    Image full = read_image(scene_.root / frame.image);
-    const int turn = turn_of(frame, full);
-    full = upright(full, turn);
-    const Camera camera = fitted(scene_.cameras[frame.camera], frame, full);
-    if (frame.mask) {
-      const Image mask = read_mask(frame, full, turn);
-      if (options_.masks == MaskMeaning::ignore) result.mask = as_mask(mask, options_.downscale);
-      if (options_.masks == MaskMeaning::transparent) full = without_background(full, mask);
-    }
-    const int full_height = full.height;
-    Image image = options_.downscale == 1 ? std::move(full) : downscale(full, options_.downscale);
-    result.width = image.width;
-    result.height = image.height;
-    if (frame.ego_rows > 0) ignore_ego(result, frame.ego_rows, full_height, options_.downscale);
-    result.rgba = image.channels == 4 ? std::move(image.pixels) : as_rgba(image);
-    result.camera = find_or_add(pixels_.cameras, scaled(camera, options_.downscale));
-    for (std::size_t i = 3; i < result.rgba.size() && !pixels_.has_alpha; i += 4)
-      pixels_.has_alpha = result.rgba[i] < 255;
-    pixels_.frames.push_back(std::move(result));
-  }
-
-  Pixels load(Split split) {
-    for (const std::size_t index : frames_of(scene_, split)) {
-      guarded(options_.skip_bad, pixels_.warnings, "frame dropped", [&] { load(index); });
+  void list(Split split) {
+    const std::vector<std::size_t> frames = frames_of(scene_, split);
+    std::vector<Image> headers(frames.size());
+    std::vector<std::exception_ptr> troubles(frames.size());
+    in_parallel(frames.size(), [&](std::size_t i) {
+      try {
+        const ImageSize size = peek_image_size(scene_.root / scene_.frames[frames[i]].image);
+        headers[i] = {size.width, size.height, size.channels, {}, size.orientation};
+      } catch (...) { troubles[i] = std::current_exception(); }
+    });
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      guarded(options_.skip_bad, listed.warnings, "frame dropped", [&] {
+        if (troubles[i]) std::rethrow_exception(troubles[i]);
+        list(frames[i], headers[i]);
+      });
     }
     warn(resized_, "do not have the size that the data set lists", "their intrinsics are scaled");
     warn(turned_, "are rotated as their EXIF orientation says", "the data set lists the rotated size");
     warn(left_, "have an EXIF orientation that is ignored", "the listed size is that of the stored image");
-    return std::move(pixels_);
   }
+
+  Pixels listed;
+  std::vector<PhotoFile> files;  // of listed.frames
+  bool masked = false;
 
  private:
+  /// header: an image without pixels.
+  void list(std::size_t index, const Image& header) {
+    const Frame& frame = scene_.frames[index];
+    const Camera& camera = scene_.cameras[static_cast<std::size_t>(frame.camera)];
+    const int turn = turn_of(camera, header);
+    if (turn != 1) turned_.add(frame.image);
+    if (turn == 1 && header.orientation != 1) left_.add(frame.image);
+    const bool on_its_side = turn >= 5;
+    const int width = on_its_side ? header.height : header.width, height = on_its_side ? header.width : header.height;
+    const Camera full = fitted(camera, frame, width, height);
+    if (options_.downscale > std::min(width, height)) (void)downscale({width, height, 1, {}}, options_.downscale);
+    const Camera small = scaled(full, options_.downscale);
+    listed.frames.push_back({index, find_or_add(listed.cameras, small), small.width, small.height, {}, {}});
+    PhotoFile file{scene_.root / frame.image, {}, frame.image, frame.mask.value_or(""), camera, frame.ego_rows};
+    if (frame.mask) file.mask = scene_.root / *frame.mask;
+    masked = masked || frame.ego_rows > 0 || (frame.mask && options_.masks == MaskMeaning::ignore);
+    files.push_back(std::move(file));
+  }
+
   void warn(const Remark& remark, const char* what, const char* why) {
     if (remark.images == 0) return;
-    pixels_.warnings.push_back(text(remark.images, " images (", remark.first, ", ...) ", what, ": ", why));
+    listed.warnings.push_back(text(remark.images, " images (", remark.first, ", ...) ", what, ": ", why));
   }
 
-  /// The EXIF orientation to follow; 1: as stored.
-  int turn_of(const Frame& frame, const Image& image) {
-    const bool turn = must_turn(scene_.cameras[frame.camera], image);
-    if (turn) turned_.add(frame.image);
-    if (!turn && image.orientation != 1) left_.add(frame.image);
-    return turn ? image.orientation : 1;
-  }
-
-  Camera fitted(const Camera& camera, const Frame& frame, const Image& image) {
-    if (camera.width == image.width && camera.height == image.height) return camera;
-    const std::string sizes = text(frame.image, ": ", image.width, "x", image.height, " pixels, listed as ",
-                                   camera.width, "x", camera.height);
-    if (!has_aspect(camera, image.width, image.height))
+  Camera fitted(const Camera& camera, const Frame& frame, int width, int height) {
+    if (camera.width == width && camera.height == height) return camera;
+    const std::string sizes =
+        text(frame.image, ": ", width, "x", height, " pixels, listed as ", camera.width, "x", camera.height);
+    if (!has_aspect(camera, width, height))
       bad_data(sizes,
                ": the aspect ratio differs, so the intrinsics cannot be scaled to it; correct w and h "
                "there, or give the images that it was made for");
     resized_.add(sizes);
-    return resized(camera, image.width, image.height);
-  }
-
-  Image read_mask(const Frame& frame, const Image& image, int turn) const {
-    Image mask = read_image(scene_.root / *frame.mask);
-    if (mask.width != image.width || mask.height != image.height) mask = upright(mask, turn);  // drawn as stored
-    if (mask.width == image.width && mask.height == image.height) return mask;
-    bad_data(*frame.mask, ": the mask has ", mask.width, "x", mask.height, " pixels, but its image ", frame.image,
-             " has ", image.width, "x", image.height);
+    return resized(camera, width, height);
   }
 
   const Scene& scene_;
   LoadOptions options_;
-  Pixels pixels_;
   Remark resized_, turned_, left_;
 };
+
+Image read_mask(const PhotoFile& file, const Image& image, int turn) {
+  Image mask = read_image(*file.mask);
+  if (mask.width != image.width || mask.height != image.height) mask = upright(mask, turn);  // drawn as stored
+  if (mask.width == image.width && mask.height == image.height) return mask;
+  bad_data(file.mask_name, ": the mask has ", mask.width, "x", mask.height, " pixels, but its image ", file.name,
+           " has ", image.width, "x", image.height);
+}
+
+/// The photo that was listed as `outline`.
+FramePixels load(const PhotoFile& file, const FramePixels& outline, const LoadOptions& options) {
+  FramePixels result = outline;
+  Image full = read_image(file.image);
+  const int turn = turn_of(file.camera, full);
+  full = upright(full, turn);
+  if (file.mask) {
+    const Image mask = read_mask(file, full, turn);
+    if (options.masks == MaskMeaning::ignore) result.mask = as_mask(mask, options.downscale);
+    if (options.masks == MaskMeaning::transparent) full = without_background(full, mask);
+  }
+  const int full_height = full.height;
+  Image image = options.downscale == 1 ? std::move(full) : downscale(full, options.downscale);
+  if (image.width != outline.width || image.height != outline.height)
+    bad_data(file.name, ": ", image.width, "x", image.height, " pixels as loaded, ", outline.width, "x", outline.height,
+             " when it was listed; restore the file");
+  if (file.ego_rows > 0) ignore_ego(result, file.ego_rows, full_height, options.downscale);
+  result.rgba = image.channels == 4 ? std::move(image.pixels) : as_rgba(image);
+  return result;
+}
+
+bool has_clear_pixel(const FramePixels& photo) {
+  for (std::size_t i = 3; i < photo.rgba.size(); i += 4)
+    if (photo.rgba[i] < 255) return true;
+  return false;
+}
+
+/// Every photo in order; one that is damaged is told as guarded() does.
+void load_each(const Lister& list, const LoadOptions& options, std::vector<std::string>& warnings,
+               const std::function<void(std::size_t place, FramePixels photo)>& take) {
+  const std::size_t count = list.files.size();
+  std::vector<std::exception_ptr> troubles(count);
+  in_parallel(count, [&](std::size_t i) {
+    try {
+      take(i, load(list.files[i], list.listed.frames[i], options));
+    } catch (...) {
+      troubles[i] = std::current_exception();
+      if (!options.skip_bad) throw;
+    }
+  });
+  for (const std::exception_ptr& trouble : troubles)
+    guarded(options.skip_bad, warnings, "frame dropped", [&] {
+      if (trouble) std::rethrow_exception(trouble);
+    });
+}
+
+/// Decodes all, to learn which are.
+void drop_damaged(Lister& list, const LoadOptions& options) {
+  std::vector<char> sound(list.files.size());
+  load_each(list, options, list.listed.warnings, [&](std::size_t place, const FramePixels&) { sound[place] = 1; });
+  Pixels kept{list.listed.cameras, {}, false, list.listed.warnings};
+  std::vector<PhotoFile> files;
+  for (std::size_t i = 0; i < sound.size(); ++i) {
+    if (!sound[i]) continue;
+    kept.frames.push_back(list.listed.frames[i]);
+    files.push_back(list.files[i]);
+  }
+  list.listed = std::move(kept);
+  list.files = std::move(files);
+}
+
+Lister listed(const Scene& scene, Split split, const LoadOptions& options) {
+  if (options.downscale < 1) throw Error(Fault::usage, text("--downscale ", options.downscale, ": want 1 or more"));
+  Lister list(scene, options);
+  list.list(split);
+  return list;
+}
 
 }  // namespace
 
 Pixels load_images(const Scene& scene, Split split, const LoadOptions& options) {
-  if (options.downscale < 1) throw Error(Fault::usage, text("--downscale ", options.downscale, ": want 1 or more"));
-  return Loader(scene, options).load(split);
+  const Lister list = listed(scene, split, options);
+  Pixels pixels = list.listed;
+  load_each(list, options, pixels.warnings,
+            [&](std::size_t place, FramePixels photo) { pixels.frames[place] = std::move(photo); });
+  std::erase_if(pixels.frames, [](const FramePixels& photo) { return photo.rgba.empty(); });
+  pixels.has_alpha = std::any_of(pixels.frames.begin(), pixels.frames.end(), has_clear_pixel);
+  return pixels;
+}
+
+PhotoStore store_images(const Scene& scene, Split split, const LoadOptions& options,
+                        const std::shared_ptr<HostStore>& store) {
+  Lister list = listed(scene, split, options);
+  if (options.skip_bad) drop_damaged(list, options);
+  const auto load_one = [options, files = std::move(list.files), outlines = list.listed.frames](std::size_t place) {
+    return load(files[place], outlines[place], options);
+  };
+  return {std::move(list.listed), list.masked, load_one, store};
 }
 
 }  // namespace cloam

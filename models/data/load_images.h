@@ -1,6 +1,6 @@
-// The images of one split, read into memory.
+// The images of one split, read into memory at once or when they are asked for.
 #pragma once
-#include "models/scene/pixels.h"
+#include "models/scene/photo_store.h"
 
 namespace cloam {
 
@@ -16,5 +16,11 @@ struct LoadOptions {
 /// mean transparent, FramePixels::mask is empty and alpha is 0 there. Images that EXIF says are turned by a right angle
 /// are turned if their camera has the turned size and not the stored one; else they are used as stored, with a warning.
 Pixels load_images(const Scene& scene, Split split, const LoadOptions& options = {});
+
+/// The same images, decoded when they are asked for and kept as far as the store has room. Only their headers are read
+/// here (with skip_bad all of them, once, since a damaged one takes no part from the start): what is damaged behind the
+/// header is Fault::data for whoever asks for that image. The scene is not needed later.
+PhotoStore store_images(const Scene& scene, Split split, const LoadOptions& options,
+                        const std::shared_ptr<HostStore>& store);
 
 }  // namespace cloam

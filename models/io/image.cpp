@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <memory>
 #include <span>
 
@@ -31,6 +32,7 @@ constexpr std::uint64_t kSmall = 16 << 20;         // bytes of pixels that nobod
 constexpr std::uint64_t kMuch = 256 << 20;         // bytes as RGBA from which on a file must hold more than flat colour
 constexpr std::uint64_t kMinShareOfMuch = 200;     // of these bytes to one of the file
 constexpr std::uint64_t kLargestBlock = 64 << 20;  // bytes of one tile, or of the lines that are compressed together
+constexpr std::size_t kPeeked = 64 << 10;          // bytes in which a header usually ends
 constexpr std::uint64_t kAtOnce = 8 << 20;         // bytes of lines that are decoded in one call, if blocks are small
 
 [[noreturn]] void damaged(const std::filesystem::path& path, const std::string& why) {
@@ -234,6 +236,18 @@ void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec
            " channels; the limit is ", kMaxImageValues, " values and ", max_channels, " channels");
 }
 
+/// The decoder of bytes that are, or begin, an image of its format.
+void start(Decoder& decoder, const std::filesystem::path& path) {
+  OIIO::attribute("try_all_readers", 0);
+  decoder.memory = std::make_unique<OIIO::Filesystem::IOMemReader>(decoder.bytes.data(), decoder.bytes.size());
+  decoder.input = OIIO::ImageInput::create(decoder.format);
+  if (!decoder.input) damaged(path, text("OpenImageIO has no ", decoder.format, " reader: ", OIIO::geterror()));
+  OIIO::ImageSpec options;
+  options.attribute("oiio:UnassociatedAlpha", 1);  // straight alpha, as stored in PNG
+  decoder.input->set_ioproxy(decoder.memory.get());
+  if (!decoder.input->open(path.string(), decoder.spec, options)) damaged(path, decoder.input->geterror());
+}
+
 Decoder open(const std::filesystem::path& path, int max_channels) {
   Decoder decoder;
   decoder.path = path;
@@ -243,14 +257,7 @@ Decoder open(const std::filesystem::path& path, int max_channels) {
   if (decoder.format == "png") require_sound_png(path, decoder.bytes);
   if (decoder.format == "jpeg") require_complete_jpeg(path, decoder.bytes);
   if (decoder.format == "openexr") require_sound_exr(path, decoder.bytes);
-  OIIO::attribute("try_all_readers", 0);
-  decoder.memory = std::make_unique<OIIO::Filesystem::IOMemReader>(decoder.bytes.data(), decoder.bytes.size());
-  decoder.input = OIIO::ImageInput::create(decoder.format);
-  if (!decoder.input) damaged(path, text("OpenImageIO has no ", decoder.format, " reader: ", OIIO::geterror()));
-  OIIO::ImageSpec options;
-  options.attribute("oiio:UnassociatedAlpha", 1);  // straight alpha, as stored in PNG
-  decoder.input->set_ioproxy(decoder.memory.get());
-  if (!decoder.input->open(path.string(), decoder.spec, options)) damaged(path, decoder.input->geterror());
+  start(decoder, path);
   require_spec(path, decoder.spec, max_channels);
   require_proportion(decoder);
   if (decoder.format == "openexr") require_exr_layout(decoder);
@@ -356,16 +363,53 @@ bool is_image_name(const std::filesystem::path& path) {
   return format == "png" || format == "jpeg" || format == "openexr";
 }
 
-ImageSize read_image_size(const std::filesystem::path& path) {
-  const Decoder decoder = open(path, 4);
-  return {decoder.spec.width, decoder.spec.height, decoder.spec.nchannels};
+namespace {
+
+int orientation_of(const Decoder& decoder) {
+  const int orientation = decoder.spec.get_int_attribute("Orientation", 1);
+  return orientation >= 1 && orientation <= 8 ? orientation : 1;
+}
+
+ImageSize size_of(const Decoder& decoder) {
+  return {decoder.spec.width, decoder.spec.height, decoder.spec.nchannels, orientation_of(decoder)};
+}
+
+}  // namespace
+
+ImageSize read_image_size(const std::filesystem::path& path) { return size_of(open(path, 4)); }
+
+ImageSize peek_image_size(const std::filesystem::path& path) {
+  Decoder decoder;
+  decoder.path = path;
+  std::ifstream file(path, std::ios::binary);
+  const auto part = [&](std::size_t most) {
+    Bytes bytes(most);
+    file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(most));
+    bytes.resize(static_cast<std::size_t>(file.gcount()));
+    return bytes;
+  };
+  decoder.bytes = part(kPeeked);
+  decoder.format = format_of(decoder.bytes);
+  using namespace std::string_view_literals;
+  const std::string_view end = decoder.format == "jpeg" ? "\xff\xd9"sv : "IEND\xae\x42\x60\x82"sv;
+  file.clear();
+  file.seekg(-static_cast<std::streamoff>(end.size()), std::ios::end);
+  const bool peeks = decoder.format == "png" || decoder.format == "jpeg";
+  if (!peeks || decoder.format != format_of_name(path) || !starts_with(part(end.size()), end))
+    return read_image_size(path);
+  try {
+    start(decoder, path);
+    require_spec(path, decoder.spec, 4);
+  } catch (const Error&) {  // the header is longer, or damaged
+    return read_image_size(path);
+  }
+  return size_of(decoder);
 }
 
 Image read_image(const std::filesystem::path& path) {
   Decoder decoder = open(path, 4);
   Image image{decoder.spec.width, decoder.spec.height, decoder.spec.nchannels, {}};
-  const int orientation = decoder.spec.get_int_attribute("Orientation", 1);
-  image.orientation = orientation >= 1 && orientation <= 8 ? orientation : 1;
+  image.orientation = orientation_of(decoder);
   if (decoder.format == "openexr") {
     image.pixels = straight_8_bit(decoder);
   } else {

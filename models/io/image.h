@@ -23,6 +23,7 @@ struct ImageSize {
   int width = 0;
   int height = 0;
   int channels = 0;
+  int orientation = 1;  // as Image::orientation
 };
 
 /// By the extension: .png, .jpg, .jpeg, .exr in any case.
@@ -30,6 +31,10 @@ bool is_image_name(const std::filesystem::path& path);
 
 /// The header alone. Errors as read_image, as far as the header shows them.
 ImageSize read_image_size(const std::filesystem::path& path);
+
+/// The same from the file's first bytes, where they hold the header, and its last ones, which are missing where it was
+/// cut short: a hundredth of what a large file takes. What lies between them may be damaged.
+ImageSize peek_image_size(const std::filesystem::path& path);
 
 /// Fault::data for a file that is missing, of another format, named against its content, cut short or damaged, with
 /// more than 4 channels, with more than 2^29 values (2^27 in an EXR), or with far fewer bytes than so many pixels take,

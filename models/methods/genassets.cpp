@@ -130,9 +130,9 @@ void GenAssets::load_data(std::vector<TrainingData> data) {
     for (const Sweep& sweep : log.scene.sweeps)
       if (sweep.split == Split::train) sweeps.push_back({&sweep, load_sweep(data[i].scene, sweep)});
     std::vector<Silhouette> shares;
-    if (config_.weight_silhouette > 0) shares = actor_shares(log.scene, data[i].pixels, model_->scale());
+    if (config_.weight_silhouette > 0) shares = actor_shares(log.scene, data[i].photos.listed(), model_->scale());
     silhouettes += std::count_if(shares.begin(), shares.end(), [](const Silhouette& one) { return !one.empty(); });
-    log.data = std::make_unique<LogSource>(log.scene, std::move(data[i].pixels), std::move(sweeps),
+    log.data = std::make_unique<LogSource>(log.scene, std::move(data[i].photos), std::move(sweeps),
                                            LogRays{log.space->street_from_world(), model_->scale(), std::move(shares)});
     log.space->look(log.scene, log.data->sweeps());
   }
@@ -143,9 +143,8 @@ void GenAssets::load_data(std::vector<TrainingData> data) {
   find_codes();
 }
 
-MemoryPlan GenAssets::memory(const PhotoSizes& photos) const {
+MemoryPlan GenAssets::memory(const PhotoSizes&) const {
   MemoryPlan plan = memory_of(params_);
-  plan.images = photos.bytes;
   const StreetModelOptions& street = config_.street;
   const int64_t window = int64_t{config_.tile_side} + 2 * kHalo, patch = config_.patch_side;
   const int64_t cells = config_.whole_images ? window * window : config_.patches * patch * patch,

@@ -30,6 +30,7 @@ class GenAssets final : public Method,
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
+  bool images_on_device() const override { return false; }
   void load_data(std::vector<TrainingData> data) override;
   MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }

@@ -12,6 +12,7 @@ constexpr int kCodesFirst = 200;   // steps in which one image teaches no backgr
 constexpr float kDetail = 0.2f;    // of the background planes' rate, for texels beside codes
 constexpr float kRefining = 0.1f;  // of the codes' rate, once they have been denoised (SSDNeRF: 5e-3)
 constexpr double kWorst = 0.05;    // share of LiDAR rays that are left out
+constexpr int64_t kAhead = 8;      // steps whose images are decoded ahead
 
 void hold(PatchDiscriminator::Block& block) {
   block.weight = stop_gradient(block.weight);
@@ -123,7 +124,26 @@ Sampling GenAssetsTraining::sampling(const StreetLog& log, const Progress& progr
   return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skip_hidden, detach};
 }
 
+void GenAssetsTraining::look_ahead(const Progress& progress) {
+  const int64_t now = progress.step;
+  model_.logs().front().data->photos().begin(now);
+  if (announced_ < now || announced_ > now + kAhead) announced_ = now;  // the first, or it went back
+  while (announced_ < now + kAhead) {
+    const int64_t step = ++announced_;
+    StepAhead ahead{{seed_, static_cast<uint64_t>(step)}, step, progress.share};
+    const LogSource& data = *model_.logs()[ahead.random.below(model_.logs().size())].data;
+    if (config_.whole_images) {
+      data.expect_image(ahead);
+      continue;
+    }
+    const int64_t side = data.patch_side(config_.patch_side);
+    data.expect_patches(ahead, config_.patches, side);
+    if (sees_objects()) data.expect_object(ahead, {1, 2 * side});
+  }
+}
+
 StreetStep GenAssetsTraining::step(const Progress& progress, const Tensors& wanted) {
+  look_ahead(progress);
   HostRandom random(seed_, static_cast<uint64_t>(progress.step));
   const StreetLog& log = model_.logs()[random.below(model_.logs().size())];
   return config_.whole_images ? in_tiles(log, random, progress, wanted) : on_patches(log, random, progress, wanted);

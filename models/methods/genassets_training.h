@@ -42,6 +42,8 @@ class GenAssetsTraining {
 
  private:
   struct WholeImage;
+  /// Announces what the steps after this one will read, so that it is decoded meanwhile.
+  void look_ahead(const Progress& progress);
   Sampling sampling(const StreetLog& log, const Progress& progress, bool skip_hidden) const;
   StreetStep on_patches(const StreetLog& log, HostRandom& random, const Progress& progress, const Tensors& wanted);
   StreetStep in_tiles(const StreetLog& log, HostRandom& random, const Progress& progress, const Tensors& wanted);
@@ -63,6 +65,7 @@ class GenAssetsTraining {
   const GenAssetsConfig& config_;
   StreetModel& model_;
   uint64_t seed_;
+  int64_t announced_ = 0;  // the last step that was
   std::optional<FeatureNetwork> perceptual_;
   std::optional<PatchDiscriminator> discriminator_;
 };

@@ -2,7 +2,6 @@
 #include "models/runs/captures.h"
 
 #include <algorithm>
-#include <future>
 #include <mutex>
 
 #include "models/data/read_scene.h"
@@ -60,28 +59,27 @@ std::string camera_text(const Scene& scene) {
 void check_memory(const Captures& captures, const Reading& how, uint64_t budget) {
   const auto bytes = [&](int downscale) {
     uint64_t sum = 0;
-    for (const Capture& capture : captures) {
-      for (const Split split : {Split::train, Split::test}) sum += image_bytes(capture.scene, split, downscale);
-    }
+    for (const Capture& capture : captures) sum += image_bytes(capture.scene, Split::train, downscale);
     return sum;
   };
   if (budget == 0 || bytes(how.downscale) <= budget) return;
   int fits = how.downscale;
   while (fits < 64 && bytes(fits) > budget) ++fits;
-  throw Error(Fault::memory,
-              text("the images alone need ", words_for_bytes(bytes(how.downscale)), ", the memory budget is ",
-                   words_for_bytes(budget), "\n  fix: --downscale ", fits, " needs ", words_for_bytes(bytes(fits))));
+  throw Error(Fault::memory, text("the images that train alone need ", words_for_bytes(bytes(how.downscale)),
+                                  ", the memory budget is ", words_for_bytes(budget), "\n  fix: --downscale ", fits,
+                                  " needs ", words_for_bytes(bytes(fits))));
 }
 
-void read_images(Capture& capture, const Reading& how) {
+/// Test images are looked at once at most: none are held.
+void list_images(Capture& capture, const Reading& how, const std::shared_ptr<HostStore>& store) {
   const LoadOptions options{how.downscale, how.skip_bad, how.masks};
-  auto test = std::async(std::launch::async, [&] { return load_images(capture.scene, Split::test, options); });
-  capture.train = load_images(capture.scene, Split::train, options);
-  capture.test = test.get();
-  if (capture.train.frames.empty())
+  capture.train = store_images(capture.scene, Split::train, options, store);
+  capture.test = store_images(capture.scene, Split::test, options, std::make_shared<HostStore>(0, 0));
+  if (capture.train.size() == 0)
     throw Error(Fault::data, capture.scene.root.string() + ": no images are left to train on");
   capture.warnings = capture.scene.warnings;
-  for (const auto& more : {capture.train.warnings, capture.test.warnings, check_scene(capture.scene)}) {
+  for (const auto& more :
+       {capture.train.listed().warnings, capture.test.listed().warnings, check_scene(capture.scene)}) {
     capture.warnings.insert(capture.warnings.end(), more.begin(), more.end());
   }
 }
@@ -95,6 +93,18 @@ void for_each_capture(const Captures& captures, const std::string& what, const C
     const std::lock_guard lock(mutex);
     told(what, ++done, captures.size());
   });
+}
+
+/// Decodes all, if those that train can stay.
+void decode_what_fits(const Captures& captures, const HostStore& store, const CapturesTold& told) {
+  uint64_t bytes = 0;
+  for (const Capture& capture : captures) bytes += capture.train.bytes();
+  if (bytes > store.budget()) return;
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    for (const PhotoStore* photos : {&captures[i].train, &captures[i].test})
+      in_parallel(photos->size(), [&](std::size_t place) { (void)(*photos)[place]; });
+    told("decoded", i + 1, captures.size());
+  }
 }
 
 // What it means for a training of a driving log that the method or the log lacks something.
@@ -157,14 +167,18 @@ uint64_t image_bytes(const Scene& scene, Split split, int downscale) {
   return 4 * pixels;
 }
 
-Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, uint64_t budget,
+Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, const ImageMemory& memory,
                        const CapturesTold& told) {
   if (how.downscale < 1) throw Error(Fault::usage, text("--downscale ", how.downscale, ": want 1 or more"));
   Captures captures(data.size());
   for_each_capture(captures, "listed", told,
                    [&](std::size_t i) { captures[i].scene = read_split_scene(data[i], how); });
-  check_memory(captures, how, budget);
-  for_each_capture(captures, "read", told, [&](std::size_t i) { read_images(captures[i], how); });
+  check_memory(captures, how, memory.device_budget);
+  for (std::size_t i = 0; i < captures.size(); ++i) {  // the images of one are read by all cores
+    list_images(captures[i], how, memory.store);
+    told("read", i + 1, captures.size());
+  }
+  decode_what_fits(captures, *memory.store, told);
   return captures;
 }
 

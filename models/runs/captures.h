@@ -13,7 +13,7 @@ namespace cloam {
 
 struct Capture {
   Scene scene;
-  Pixels train, test;
+  PhotoStore train, test;
   std::vector<std::string> warnings;
 };
 
@@ -29,13 +29,21 @@ Scene read_split_scene(const std::filesystem::path& data, const Reading& how);
 /// The capture with the split of its source.
 Scene read_scene_as_listed(const std::filesystem::path& data, const Reading& how);
 
-/// Is told how many captures are done of all ("listed", "read"), by one thread at a time.
+/// Is told how many captures are done of all ("listed", "read", "decoded"), by one thread at a time.
 using CapturesTold = std::function<void(const std::string& what, std::size_t done, std::size_t all)>;
 
-/// Reads every image that trains or is measured, several captures at once. Fault::memory, before reading, if they would
-/// not fit in `budget` bytes (0: no limit). Fault::data for a capture that leaves nothing to train on. Of several that
-/// are wrong the first in `data` is told.
-Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, uint64_t budget,
+/// Where images are held: those that train in the store, as far as it has room. device_budget: of a method that puts
+/// all that train on the device, the bytes that it may take; 0: no method does.
+struct ImageMemory {
+  std::shared_ptr<HostStore> store;
+  uint64_t device_budget = 0;
+};
+
+/// Lists every image that trains or is measured. Where the store has room for all that train, every image is decoded
+/// now, so that damaged ones are told before anything begins; else their headers alone are read, and a damaged one is
+/// told when it is asked for. Fault::memory, before reading, if those that train do not fit on the device. Fault::data
+/// for a capture that leaves nothing to train on. Of several that are wrong the first in `data` is told.
+Captures read_captures(const std::vector<std::filesystem::path>& data, const Reading& how, const ImageMemory& memory,
                        const CapturesTold& told);
 
 Scenes scenes_of(const Captures& captures);

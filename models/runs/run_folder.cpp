@@ -86,6 +86,18 @@ void read_options(RunRecord& record, const Json& options, const std::string& whe
   record.time_budget_seconds = optional_number(options, "time_budget_seconds", where);
 }
 
+Json to_json(const PlannedMemory& memory) {
+  return {{"device_bytes", memory.device},
+          {"device_budget_bytes", memory.device_budget},
+          {"host_bytes", memory.host},
+          {"host_budget_bytes", memory.host_budget}};
+}
+
+PlannedMemory memory_from(const Json& json, const std::string& where) {
+  const auto bytes = [&](const char* key) { return static_cast<uint64_t>(whole(json, key, where)); };
+  return {bytes("device_bytes"), bytes("device_budget_bytes"), bytes("host_bytes"), bytes("host_budget_bytes")};
+}
+
 /// Version 1 had one capture, and beside its place how it is read.
 Json as_of_now(Json json, const std::string& where) {
   if (whole(json, "schema_version", where) != 1) return json;
@@ -166,6 +178,7 @@ RunRecord read_record(const fs::path& folder) {
   if (json.contains("prior")) record.prior = data_from(json["prior"], where + ", prior");
   if (json.contains("edited_from")) record.edited_from = data_from(json["edited_from"], where + ", edited_from");
   read_options(record, member(json, "options", where), where + ", options");
+  if (json.contains("memory")) record.memory = memory_from(json["memory"], where + ", memory");
   const Json& settings = member(json, "settings", where);
   if (!settings.is_object()) throw Error(Fault::data, where + ": \"settings\" is not an object");
   for (const auto& [key, value] : settings.items())
@@ -187,6 +200,7 @@ void write_record(const fs::path& folder, const RunRecord& r) {
   if (r.prior) json["prior"] = to_json(*r.prior);
   if (r.edited_from) json["edited_from"] = to_json(*r.edited_from);
   json["options"] = options_to_json(r);
+  if (r.memory) json["memory"] = to_json(*r.memory);
   json["settings"] = r.settings;
   commit_text(RunPaths{folder}.record(), json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }

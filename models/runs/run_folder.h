@@ -59,6 +59,11 @@ struct Reading {
   bool allow_outside = false;  // --allow-outside: files that a manifest names outside of its folder are read, too
 };
 
+/// What a training was planned to take, bytes. host: images and sweeps that it may hold there.
+struct PlannedMemory {
+  uint64_t device = 0, device_budget = 0, host = 0, host_budget = 0;
+};
+
 /// state: running | finished | interrupted | stopped (--stop-after) | out of time | failed.
 struct RunRecord {
   std::string state = "running";
@@ -73,7 +78,8 @@ struct RunRecord {
   std::optional<int64_t> steps;
   std::optional<double> time_budget_seconds;
   int64_t save_every = 0;
-  int64_t step = 0, horizon = 0;  // where it stands, as far as known
+  int64_t step = 0, horizon = 0;        // where it stands, as far as known
+  std::optional<PlannedMemory> memory;  // of the last training on it
 };
 
 /// Whether a run was ever started in the folder.

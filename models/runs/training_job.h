@@ -27,6 +27,7 @@ struct TrainRequest {
   int64_t stop_after = 0;
   bool skip_bad = false, allow_outside = false, resume = false, overwrite = false, dry_run = false;
   std::vector<std::string> settings;  // key=value
+  std::string host_memory;  // --host-memory, as typed; empty: a share of what is free
   std::string progress = "auto";
   std::optional<int> view;                              // --view: the port; 0: any
   std::string preview_every = "auto", pictures = "on";  // as typed

@@ -1,18 +1,20 @@
 // Capability: learns from captures and driving logs.
 #pragma once
-#include "models/scene/pixels.h"
+#include "models/scene/photo_store.h"
 
 namespace cloam {
 
 /// One scene of those that build() was given.
 struct TrainingData {
   const Scene& scene;
-  Pixels pixels;  // of the training split
+  PhotoStore photos;  // of the training split
 };
 
 class LearnsFromCaptures {
  public:
   virtual ~LearnsFromCaptures() = default;
+  /// Whether load_data puts all images on the device; false: a step's alone.
+  virtual bool images_on_device() const { return true; }
   /// After build; one entry a scene, in the same order.
   virtual void load_data(std::vector<TrainingData> data) = 0;
   /// What the user should know about how it will begin with a scene, a line each. After build.

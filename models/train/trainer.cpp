@@ -143,6 +143,7 @@ class Loop {
  private:
   void begin();
   void one_step();
+  Step take_next_step();
   bool finished();
   int64_t end() const;
   void require_finite();
@@ -184,10 +185,22 @@ void Loop::begin() {
   if (progress_.horizon == 0 && !planning_) progress_.horizon = options_.steps.value_or(options_.default_steps);
 }
 
+/// Data that are read while the training goes on may turn out to be damaged: what was learned until then is saved.
+Step Loop::take_next_step() {
+  progress_.step++;
+  try {
+    return take_step(run_.method, optimiser_, progress_);
+  } catch (const Error& error) {
+    if (error.fault() != Fault::data) throw;
+    progress_.step--;
+    if (progress_.step > 0 && saved_step_ != progress_.step) save();
+    throw;
+  }
+}
+
 void Loop::one_step() {
   const double before = time_.seconds();
-  progress_.step++;
-  const Step step = take_step(run_.method, optimiser_, progress_);
+  const Step step = take_next_step();
   figures_.clear();
   for (const Figure& figure : step.figures) figures_[figure.name] = figure.value();
   result_.loss = static_cast<double>(step.loss.item());

@@ -58,7 +58,7 @@ struct TrainResult {
 /// When the loss or a parameter is not finite, it goes back to the last checkpoint, once, and takes the same steps
 /// again, the last of them op by op. Where they are finite then, it goes on with a warning: the device erred.
 /// Otherwise, and where there is no checkpoint: Fault::diverged, which names the op (nothing is saved over the last
-/// good checkpoint).
+/// good checkpoint). Fault::data where what a step reads is damaged; the step before it is saved.
 struct TrainRun {
   Method& method;
   std::filesystem::path checkpoints;

@@ -28,9 +28,11 @@ std::vector<fs::path> small_captures(const fs::path& root, int count) {
   return folders;
 }
 
+std::shared_ptr<HostStore> roomy() { return std::make_shared<HostStore>(1 << 30, 0); }
+
 std::string error_of_reading(const std::vector<fs::path>& data) {
   try {
-    read_captures(data, {}, 0, [](auto&&...) {});
+    read_captures(data, {}, {roomy()}, [](auto&&...) {});
   } catch (const Error& error) { return error.what(); }
   return "";
 }
@@ -62,21 +64,22 @@ TEST_CASE("captures that are read at once are those that are read one by one, in
   const Folder folder;
   const std::vector<fs::path> data = small_captures(folder.path, 5);
   std::vector<std::string> told;
-  const Captures together = read_captures(data, {}, 0, [&](const std::string& what, std::size_t done, std::size_t all) {
-    told.push_back(text(what, " ", done, "/", all));
-  });
+  const Captures together =
+      read_captures(data, {}, {roomy()}, [&](const std::string& what, std::size_t done, std::size_t all) {
+        told.push_back(text(what, " ", done, "/", all));
+      });
   CHECK(told == std::vector<std::string>{"listed 1/5", "listed 2/5", "listed 3/5", "listed 4/5", "listed 5/5",
-                                         "read 1/5", "read 2/5", "read 3/5", "read 4/5", "read 5/5"});
+                                         "read 1/5", "read 2/5", "read 3/5", "read 4/5", "read 5/5", "decoded 1/5",
+                                         "decoded 2/5", "decoded 3/5", "decoded 4/5", "decoded 5/5"});
   REQUIRE(together.size() == data.size());
   for (std::size_t i = 0; i < data.size(); ++i) {
-    const Capture alone = std::move(read_captures({data[i]}, {}, 0, [](auto&&...) {}).front());
+    const Capture alone = std::move(read_captures({data[i]}, {}, {roomy()}, [](auto&&...) {}).front());
     CHECK(together[i].scene.root == alone.scene.root);
     CHECK(fingerprint(together[i].scene) == fingerprint(alone.scene));
     CHECK(together[i].warnings == alone.warnings);
-    REQUIRE(together[i].train.frames.size() == 3 + i);
-    for (std::size_t f = 0; f < alone.train.frames.size(); ++f)
-      CHECK(together[i].train.frames[f].rgba == alone.train.frames[f].rgba);
-    CHECK(together[i].test.frames.size() == 2);
+    REQUIRE(together[i].train.size() == 3 + i);
+    for (std::size_t f = 0; f < alone.train.size(); ++f) CHECK(together[i].train[f]->rgba == alone.train[f]->rgba);
+    CHECK(together[i].test.size() == 2);
   }
 }
 
@@ -84,7 +87,7 @@ TEST_CASE("of several captures that are wrong the first is told, whichever is me
   const Folder folder;
   const std::vector<fs::path> data = small_captures(folder.path, 4);
   const auto cut_photo = [&](int capture) {
-    const Captures sound = read_captures({data[static_cast<std::size_t>(capture)]}, {}, 0, [](auto&&...) {});
+    const Captures sound = read_captures({data[static_cast<std::size_t>(capture)]}, {}, {roomy()}, [](auto&&...) {});
     const Scene& scene = sound.front().scene;
     const fs::path photo = scene.root / scene.frames.back().image;
     fs::resize_file(photo, fs::file_size(photo) / 2);

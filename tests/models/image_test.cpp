@@ -47,6 +47,24 @@ Bytes tga(int width, int height) {
 
 }  // namespace
 
+TEST_CASE("a glance at an image tells its size, and that its end is missing") {
+  const Folder folder;
+  write_jpeg(folder.path / "a.jpg", noise(300, 200, 3));  // 100 KB: more than is looked at
+  write_png(folder.path / "a.png", noise(300, 200, 3));
+  for (const char* name : {"a.jpg", "a.png"}) {
+    CAPTURE(name);
+    const fs::path path = folder.path / name;
+    REQUIRE(fs::file_size(path) > 80000);
+    const ImageSize size = peek_image_size(path);
+    CHECK(size.width == 300);
+    CHECK(size.height == 200);
+    CHECK(size.channels == 3);
+    fs::resize_file(path, fs::file_size(path) - 1);
+    CHECK(error_of([&] { peek_image_size(path); }) == error_of([&] { read_image(path); }));
+    CHECK_FALSE(error_of([&] { peek_image_size(path); }).empty());
+  }
+}
+
 TEST_CASE("a PNG comes back as it was written, alpha straight") {
   const Folder folder;
   for (int channels = 1; channels <= 4; ++channels) {
@@ -58,6 +76,7 @@ TEST_CASE("a PNG comes back as it was written, alpha straight") {
     CHECK(back.channels == channels);
     CHECK(back.pixels == image.pixels);
     CHECK(read_image_size(folder.path / "a.png").channels == channels);
+    CHECK(peek_image_size(folder.path / "a.png").channels == channels);
   }
   CHECK(std::distance(fs::directory_iterator(folder.path), {}) == 1);
 }

@@ -1,0 +1,52 @@
+// See photo_store.h.
+#include "models/scene/photo_store.h"
+
+#include <algorithm>
+
+#include "models/io/in_parallel.h"
+
+namespace cloam {
+namespace {
+
+Pixels outlines_of(const Pixels& pixels) {
+  Pixels listed{pixels.cameras, {}, pixels.has_alpha, pixels.warnings};
+  for (const FramePixels& photo : pixels.frames)
+    listed.frames.push_back({photo.frame, photo.camera, photo.width, photo.height, {}, {}});
+  return listed;
+}
+
+uint64_t bytes_of(const FramePixels& outline, bool masked) {
+  return (masked ? 5 : 4) * static_cast<uint64_t>(outline.width) * static_cast<uint64_t>(outline.height);
+}
+
+bool any_mask(const Pixels& pixels) {
+  return std::any_of(pixels.frames.begin(), pixels.frames.end(), [](const auto& photo) { return !photo.mask.empty(); });
+}
+
+}  // namespace
+
+PhotoStore::PhotoStore(Pixels pixels)
+    : listed_(outlines_of(pixels)), masked_(any_mask(pixels)), photos_(std::move(pixels.frames)) {}
+
+PhotoStore::PhotoStore(Pixels listed, bool masked, std::function<FramePixels(std::size_t place)> load,
+                       std::shared_ptr<HostStore> store)
+    : listed_(std::move(listed)),
+      masked_(masked),
+      photos_(std::move(store), listed_.frames.size(), std::move(load),
+              [masked, outlines = listed_.frames](std::size_t place) { return bytes_of(outlines[place], masked); }) {}
+
+uint64_t PhotoStore::bytes() const {
+  uint64_t sum = 0;
+  for (const FramePixels& photo : listed_.frames) sum += bytes_of(photo, masked_);
+  return sum;
+}
+
+Pixels PhotoStore::all() const {
+  Pixels pixels = listed_;
+  in_parallel(size(), [&](std::size_t place) { pixels.frames[place] = *photos_[place]; });
+  for (const FramePixels& photo : pixels.frames)
+    for (std::size_t i = 3; i < photo.rgba.size() && !pixels.has_alpha; i += 4) pixels.has_alpha = photo.rgba[i] < 255;
+  return pixels;
+}
+
+}  // namespace cloam
