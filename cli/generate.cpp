@@ -37,7 +37,8 @@ Examples:
 
 Writes latents.safetensors, grid.png, generate.json and, for each asset, a turntable (GIF) and a mesh (GLB). The same seed
 gives the same files. Without --class and --time, both are drawn as often as they occur in the training data. Each asset
-takes the box of the training actor of its class with the nearest code.)";
+takes the box of the training actor of its class with the nearest code. Memory does not grow with their number; grid.png shows
+the first 256.)";
 
 struct GenerateRequest {
   std::string run = kShipped, asset_class, time, codes = "sampled";
@@ -62,7 +63,8 @@ int run_generate(GenerateRequest request, const Common& common) {
   request.files.meshes = !request.no_meshes;
   request.run = prior_named(request.run);
   check_is_prior(read_record(request.run), request.run);
-  const GeneratedAssets made = generate_assets(restored(request.run, common), request.wish, {kVersion, request.codes});
+  const RestoredRun prior = restored(request.run, common);
+  Generation made(prior, request.wish, {kVersion, request.codes});
   const StopOnSignal signals("finishing this asset");
   Report all = write_assets(made, request.files, listener_of(common));
   warn_without_font();
@@ -71,7 +73,7 @@ int run_generate(GenerateRequest request, const Common& common) {
     put_json(all);
   }
   say(common,
-      text(made.assets.size(), " assets in ", request.out, ", shown together in ", request.files.grid().string()));
+      text(all["assets"].size(), " assets in ", request.out, ", shown together in ", request.files.grid().string()));
   show_picture(request.show, request.files.grid(), common);
   return 0;
 }
@@ -83,7 +85,7 @@ Command add_generate(CLI::App& program) {
       program, "generate", kGenerateExamples, run_generate, [](const Options& add, GenerateRequest& r) {
         add("RUN", r.run, "Folder of a diffusion run (shipped: the one that comes with the program)");
         add("-o,--out", r.out, "Folder for the files").required();
-        add("-n,--count", r.wish.count, "Number of assets (1)", whole_number(1, 1000));
+        add("-n,--count", r.wish.count, "Number of assets (1)", whole_number(1, kAllCodes));
         add("--class", r.asset_class, "Car, Truck, Bus, ... (default: as often as in training)");
         add("--time", r.time, "day or night (default: as often as in training)", one_of({"day", "night"}));
         add("--seed", r.wish.seed, "Random seed (0)", whole_number(0));

@@ -156,14 +156,13 @@ void show_assets(Street& street, const std::vector<ShownAsset>& assets, int colu
 }
 
 void show_generated(const RestoredRun& prior, double seconds, const Common& common, std::vector<fs::path>& written) {
-  const GeneratedAssets made =
-      generate_assets(prior, {.count = kGeneratedAssets, .steps = kDenoisingSteps}, {kVersion, "sampled"});
+  const Generation made(prior, {.count = kGeneratedAssets, .steps = kDenoisingSteps}, {kVersion, "sampled"});
   std::vector<ShownAsset> assets;
-  for (std::size_t i = 0; i < made.assets.size(); ++i)
-    assets.push_back({made.names[i],
-                      made.assets[i].size,
-                      {kAssetClasses[made.assets[i].asset_class], made.assets[i].night ? "night" : "day"}});
-  show_assets(street_of(made.decoder), assets, kGeneratedColumns, seconds, prior.folder, common, written);
+  for (std::size_t i = 0; i < made.assets().size(); ++i) {
+    const NewAsset& asset = made.assets()[i];
+    assets.push_back({made.names()[i], asset.size, {kAssetClasses[asset.asset_class], asset.night ? "night" : "day"}});
+  }
+  show_assets(made.street(), assets, kGeneratedColumns, seconds, prior.folder, common, written);
 }
 
 }  // namespace

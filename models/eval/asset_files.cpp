@@ -1,9 +1,11 @@
-// See asset_files.h.
+// See asset_files.h. What is kept of an asset once it is written is its code and its row in the record.
 #include "models/eval/asset_files.h"
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "models/eval/pictures.h"
 #include "models/io/commit.h"
@@ -22,7 +24,9 @@ namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 
 constexpr int kFramesPerSecond = 12;
-constexpr char kPictures[] = "pictures", kGrid[] = "grid.png", kRecord[] = "generate.json";
+constexpr std::size_t kMostOfGrid = 256;  // a sheet that people look at
+constexpr char kPictures[] = "pictures", kGrid[] = "grid.png", kLatents[] = "latents.safetensors",
+               kRecord[] = "generate.json";
 
 const char* time_of_day(bool night) { return night ? "night" : "day"; }
 
@@ -41,110 +45,131 @@ Report how_made(const RestoredRun& prior, const StoredRun& source, const AssetRe
           {"decoder_settings", source.record.settings}};
 }
 
-Report described(const GeneratedAssets& made, std::size_t i) {
-  const NewAsset& asset = made.assets[i];
-  return {{"asset", i},
+Report described(const NewAsset& asset, std::size_t number) {
+  return {{"asset", number},
           {"class", kAssetClasses[asset.asset_class]},
           {"time", time_of_day(asset.night)},
           {"size_m", {asset.size.x(), asset.size.y(), asset.size.z()}}};
 }
 
-fs::path file_of(const AssetFiles& files, std::size_t asset, const char* extension) {
-  return files.folder / fmt::format("asset_{:03}.{}", asset, extension);
-}
+/// Writes what there is of each asset, and keeps what is written of all: latents, the sheet and the record.
+class AssetWriter {
+ public:
+  AssetWriter(const Generation& made, const AssetFiles& files, const Listener& listener)
+      : made_(made), files_(files), listener_(listener), latents_(made.code_shape()) {}
 
-void write_latents(const fs::path& path, const GeneratedAssets& made) {
-  NewAssets all{made.assets, made.code_shape, {}};
-  for (const auto& [key, value] : made.how.items())
-    all.made[key] = value.is_string() ? value.get<std::string>() : value.dump();
-  write_new_assets(path, all);
-}
-
-/// The mesh's file, or none (and a warning) where the asset has no surface.
-void add_mesh(const AssetFiles& files, const GeneratedAssets& made, std::size_t i, Report& row,
-              const Listener& listener) {
-  const NewAsset& asset = made.assets[i];
-  const fs::path path = file_of(files, i, "glb");
-  const Mesh mesh = asset_mesh(street_of(made.decoder), made.names[i], asset.size, files.resolution);
-  if (mesh.triangle_count() == 0) {
-    std::error_code error;
-    fs::remove(path, error);  // of an earlier generation
-    return listener.warn(text("asset ", i, " has no surface in its box: no mesh is written"));
-  }
-  MeshLabel label{text("generated ", kAssetClasses[asset.asset_class], " ", i), described(made, i)};
-  label.extras["resolution"] = files.resolution;
-  label.extras.update(made.how);
-  write_glb(path, mesh, label);
-  row["mesh"] = path.filename().string();
-  row["vertices"] = mesh.vertex_count();
-  row["triangles"] = mesh.triangle_count();
-}
-
-/// For `distance`, which wants no loops but pictures.
-void write_pictures(const AssetFiles& files, std::size_t asset, const std::vector<Image>& turn) {
-  for (std::size_t i = 0; i < turn.size(); ++i) {
-    write_png(files.folder / kPictures / fmt::format("asset_{:03}_{:04}.png", asset, i), turn[i]);
-  }
-}
-
-/// Turntables, meshes and the grid; returns what there is of each asset.
-Report write_each(const AssetFiles& files, const GeneratedAssets& made, const Listener& listener) {
-  Report rows = Report::array();
-  std::vector<Image> grid;
-  std::vector<Caption> captions;
-  for (std::size_t i = 0; i < made.assets.size(); ++i) {
-    listener.check_stop([&] {
-      return text(i, " of ", made.assets.size(), " assets are complete in ", files.folder.string(), ", without ", kGrid,
-                  " and ", kRecord);
+  void write(const NewAsset& asset, const AssetName& name) {
+    listener_.check_stop([&] {
+      return text(rows_.size(), " of ", made_.wished(), " assets are complete in ", files_.folder.string(),
+                  ", without ", kGrid, ", ", kLatents, " and ", kRecord);
     });
-    Report row = described(made, i);
-    const std::vector<Image> turn =
-        turntable(street_of(made.decoder), made.names[i], made.assets[i].size, files.frames, files.size);
-    const fs::path gif = file_of(files, i, "gif");
+    Report row = described(asset, rows_.size());
+    write_turntable(asset, name, row);
+    if (rows_.size() < kMostOfGrid) add_to_grid(asset, name);
+    if (files_.meshes) add_mesh(asset, name, row);
+    latents_.add(asset);
+    rows_.push_back(row);
+    listener_.say(text("generate ", rows_.size(), "/", made_.wished(), "  ", kAssetClasses[asset.asset_class], ", ",
+                       time_of_day(asset.night)));
+  }
+
+  Report write_rest() {
+    const int columns = static_cast<int>(std::ceil(std::sqrt(static_cast<double>(grid_.size()))));
+    write_png(files_.grid(), contact_sheet(grid_, columns, captions_), made_.how().dump());
+    std::map<std::string, std::string> words;
+    for (const auto& [key, value] : made_.how().items())
+      words[key] = value.is_string() ? value.get<std::string>() : value.dump();
+    latents_.write(files_.folder / kLatents, words);
+    Report all = {{"schema_version", 1}, {"made", made_.how()}};
+    all["assets"] = std::move(rows_);
+    commit_text(files_.folder / kRecord, all.dump(2) + "\n");
+    return all;
+  }
+
+ private:
+  fs::path file_of(const Report& row, const char* extension) const {
+    return files_.folder / fmt::format("asset_{:03}.{}", number_of(row), extension);
+  }
+  static std::size_t number_of(const Report& row) { return row.at("asset").get<std::size_t>(); }
+
+  void write_turntable(const NewAsset& asset, const AssetName& name, Report& row) {
+    const std::vector<Image> turn = turntable(made_.street(), name, asset.size, files_.frames, files_.size);
+    const fs::path gif = file_of(row, "gif");
     Report how = row;
-    how.update(made.how);
+    how.update(made_.how());
     write_gif(gif, turn, kFramesPerSecond, how.dump());
     row["turntable"] = gif.filename().string();
-    grid.push_back(three_quarter_picture(street_of(made.decoder), made.names[i], made.assets[i].size, files.size));
-    captions.push_back({text(i, "  ", kAssetClasses[made.assets[i].asset_class]), time_of_day(made.assets[i].night)});
-    if (files.pictures) write_pictures(files, i, turn);
-    if (files.meshes) add_mesh(files, made, i, row, listener);
-    listener.say(text("generate ", i + 1, "/", made.assets.size(), "  ", kAssetClasses[made.assets[i].asset_class],
-                      ", ", time_of_day(made.assets[i].night)));
-    rows.push_back(row);
+    // For `distance`, which wants no loops but pictures.
+    for (std::size_t i = 0; files_.pictures && i < turn.size(); ++i)
+      write_png(files_.folder / kPictures / fmt::format("asset_{:03}_{:04}.png", number_of(row), i), turn[i]);
   }
-  const int columns = static_cast<int>(std::ceil(std::sqrt(static_cast<double>(grid.size()))));
-  write_png(files.grid(), contact_sheet(grid, columns, captions), made.how.dump());
-  return rows;
-}
+
+  void add_to_grid(const NewAsset& asset, const AssetName& name) {
+    captions_.push_back({text(grid_.size(), "  ", kAssetClasses[asset.asset_class]), time_of_day(asset.night)});
+    grid_.push_back(three_quarter_picture(made_.street(), name, asset.size, files_.size));
+  }
+
+  /// The mesh's file, or none (and a warning) where the asset has no surface.
+  void add_mesh(const NewAsset& asset, const AssetName& name, Report& row) {
+    const fs::path path = file_of(row, "glb");
+    const Mesh mesh = asset_mesh(made_.street(), name, asset.size, files_.resolution);
+    if (mesh.triangle_count() == 0) {
+      std::error_code error;
+      fs::remove(path, error);  // of an earlier generation
+      return listener_.warn(text("asset ", number_of(row), " has no surface in its box: no mesh is written"));
+    }
+    MeshLabel label{text("generated ", kAssetClasses[asset.asset_class], " ", number_of(row)),
+                    described(asset, number_of(row))};
+    label.extras["resolution"] = files_.resolution;
+    label.extras.update(made_.how());
+    write_glb(path, mesh, label);
+    row["mesh"] = path.filename().string();
+    row["vertices"] = mesh.vertex_count();
+    row["triangles"] = mesh.triangle_count();
+  }
+
+  const Generation& made_;
+  const AssetFiles& files_;
+  const Listener& listener_;
+  AssetArrays latents_;
+  Report rows_ = Report::array();
+  std::vector<Image> grid_;
+  std::vector<Caption> captions_;
+};
 
 }  // namespace
 
 fs::path AssetFiles::grid() const { return folder / kGrid; }
 
-GeneratedAssets generate_assets(const RestoredRun& prior, const AssetRequest& wish, const MadeBy& by) {
+Generation::Generation(const RestoredRun& prior, const AssetRequest& wish, const MadeBy& by)
+    : prior_(*as<GeneratesAssets>(*prior.method)), wish_(wish), part_(wish) {
   StoredRun source = read_source(prior);
   as<LearnsFromRun>(*prior.method)->load(source_of(source));
-  auto& generates = *as<GeneratesAssets>(*prior.method);
-  GeneratedAssets made;
-  made.how = how_made(prior, source, wish, by);
-  made.code_shape = generates.code_shape();
-  made.assets = generates.generate(wish);
-  made.decoder = restore_run(std::move(source));
-  street_of(made.decoder);
-  made.names = as<ShowsAssets>(*made.decoder.method)->show_assets(made.assets);
-  return made;
+  how_ = how_made(prior, source, wish, by);
+  part_.first = 0;
+  part_.count = std::min(wish.count, kAtOnce);
+  assets_ = prior_.generate(part_);  // before more is read: what is wished for may not be there
+  decoder_ = restore_run(std::move(source));
+  names_ = as<ShowsAssets>(*decoder_.method)->show_assets(assets_);
 }
 
-Report write_assets(const GeneratedAssets& made, const AssetFiles& files, const Listener& listener) {
+bool Generation::next() {
+  part_.first += kAtOnce;
+  part_.count = std::min(wish_.count - part_.first, kAtOnce);
+  assets_ = part_.count > 0 ? prior_.generate(part_) : std::vector<NewAsset>();
+  names_ = as<ShowsAssets>(*decoder_.method)->show_assets(assets_);
+  return !assets_.empty();
+}
+
+Report write_assets(Generation& made, const AssetFiles& files, const Listener& listener) {
   std::error_code error;
   // Of an earlier generation, which may have had more; a folder that something else made is left alone.
   if (fs::exists(files.folder / kRecord, error)) fs::remove_all(files.folder / kPictures, error);
-  write_latents(files.folder / "latents.safetensors", made);
-  Report all = {{"schema_version", 1}, {"made", made.how}};
-  all["assets"] = write_each(files, made, listener);
-  commit_text(files.folder / kRecord, all.dump(2) + "\n");
-  return all;
+  AssetWriter writer(made, files, listener);
+  do {
+    for (std::size_t i = 0; i < made.assets().size(); ++i) writer.write(made.assets()[i], made.names()[i]);
+  } while (made.next());
+  return writer.write_rest();
 }
 
 }  // namespace cloam

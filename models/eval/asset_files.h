@@ -12,22 +12,40 @@
 
 namespace cloam {
 
-/// The assets, the run whose street shows them, and how they were made.
-struct GeneratedAssets {
-  RestoredRun decoder;
-  std::vector<NewAsset> assets;
-  std::vector<AssetName> names;  // as the street knows them
-  std::array<int64_t, 2> code_shape = {};
-  nlohmann::ordered_json how;
-};
-
 /// Words for the record: the program's version, and what wish.codes is called.
 struct MadeBy {
   std::string version, codes;
 };
 
-/// Fault::usage for a class or light that the prior never saw, Fault::data if the run that it learned from is gone.
-GeneratedAssets generate_assets(const RestoredRun& prior, const AssetRequest& wish, const MadeBy& by);
+/// Assets as a prior makes them, 64 at a time, and the run whose street shows those of now: memory does not grow with
+/// the number that is wished for.
+class Generation {
+ public:
+  static constexpr int kAtOnce = 64;
+
+  /// Makes the first ones. `prior` must live as long as this. Fault::usage for a class or light that the prior never
+  /// saw, Fault::data if the run that it learned from is gone.
+  Generation(const RestoredRun& prior, const AssetRequest& wish, const MadeBy& by);
+  /// Makes the next ones, in the place of those before; false (and none) at the end.
+  bool next();
+
+  Street& street() const { return street_of(decoder_); }
+  const std::vector<NewAsset>& assets() const { return assets_; }
+  const std::vector<AssetName>& names() const { return names_; }  // as the street knows them
+  std::size_t first() const { return static_cast<std::size_t>(part_.first); }
+  /// How many there will be in all; of training codes at most so many.
+  std::size_t wished() const { return static_cast<std::size_t>(wish_.count); }
+  std::array<int64_t, 2> code_shape() const { return prior_.code_shape(); }
+  const nlohmann::ordered_json& how() const { return how_; }
+
+ private:
+  GeneratesAssets& prior_;
+  AssetRequest wish_, part_;  // all, and those of now
+  RestoredRun decoder_;
+  std::vector<NewAsset> assets_;
+  std::vector<AssetName> names_;
+  nlohmann::ordered_json how_;
+};
 
 struct AssetFiles {
   std::filesystem::path folder;
@@ -37,8 +55,8 @@ struct AssetFiles {
   std::filesystem::path grid() const;
 };
 
-/// Writes latents, turntables, meshes, the grid and generate.json, which is returned. Pictures of an earlier generation
-/// in the folder are removed. Fault::write.
-nlohmann::ordered_json write_assets(const GeneratedAssets& made, const AssetFiles& files, const Listener& listener);
+/// Writes turntables, meshes, the grid (of the first 256), latents and generate.json, which is returned. Pictures of an
+/// earlier generation in the folder are removed. Fault::write.
+nlohmann::ordered_json write_assets(Generation& made, const AssetFiles& files, const Listener& listener);
 
 }  // namespace cloam

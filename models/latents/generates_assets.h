@@ -31,6 +31,7 @@ struct AssetRequest {
   float guidance = 1;
   int steps = 50;
   CodeSource codes = CodeSource::sampled;
+  int first = 0;  // of the `count` that are made, in a longer wish: a multiple of 64
 };
 
 class GeneratesAssets {
@@ -41,7 +42,8 @@ class GeneratesAssets {
   /// What it knows of the codes; holds as long as this lives. Needs no assets to be loaded.
   virtual CodeDenoiser denoiser() const = 0;
   virtual PriorScore score() = 0;
-  /// The same wish gives the same assets. Fault::usage for a class or time of day that was not in training.
+  /// The same wish gives the same assets, and its parts (`first`) give them again. Fault::usage for a class or time of
+  /// day that was not in training.
   virtual std::vector<NewAsset> generate(const AssetRequest& wish) = 0;
 };
 

@@ -48,23 +48,28 @@ NewAssets assets_in(const SafetensorsFile& file) {
 
 }  // namespace
 
-void write_new_assets(const std::filesystem::path& path, const NewAssets& all) {
-  std::vector<float> latents, sizes;
-  std::vector<int64_t> classes, nights;
-  for (const NewAsset& asset : all.assets) {
-    latents.insert(latents.end(), asset.code.begin(), asset.code.end());
-    classes.push_back(asset.asset_class);
-    nights.push_back(asset.night ? 1 : 0);
-    for (int k = 0; k < 3; ++k) sizes.push_back(static_cast<float>(asset.size[k]));
-  }
-  const auto count = static_cast<int64_t>(all.assets.size());
+void AssetArrays::add(const NewAsset& asset) {
+  latents_.insert(latents_.end(), asset.code.begin(), asset.code.end());
+  classes_.push_back(asset.asset_class);
+  nights_.push_back(asset.night ? 1 : 0);
+  for (int k = 0; k < 3; ++k) sizes_.push_back(static_cast<float>(asset.size[k]));
+}
+
+void AssetArrays::write(const std::filesystem::path& path, const std::map<std::string, std::string>& made) const {
+  const auto count = static_cast<int64_t>(classes_.size());
   SafetensorsFile file;
-  file.tensors["latents"] = named_floats(latents, {count, all.shape[0], all.shape[1], all.shape[1]});
-  file.tensors["sizes"] = named_floats(sizes, {count, 3});
-  file.tensors["classes"] = named_integers(classes);
-  file.tensors["nights"] = named_integers(nights);
-  file.metadata = all.made;
+  file.tensors["latents"] = named_floats(latents_, {count, shape_[0], shape_[1], shape_[1]});
+  file.tensors["sizes"] = named_floats(sizes_, {count, 3});
+  file.tensors["classes"] = named_integers(classes_);
+  file.tensors["nights"] = named_integers(nights_);
+  file.metadata = made;
   write_safetensors(path, file);
+}
+
+void write_new_assets(const std::filesystem::path& path, const NewAssets& all) {
+  AssetArrays arrays(all.shape);
+  for (const NewAsset& asset : all.assets) arrays.add(asset);
+  arrays.write(path, all.made);
 }
 
 NewAssets read_new_assets(const std::filesystem::path& path) {

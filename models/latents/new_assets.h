@@ -29,7 +29,21 @@ struct NewAssets {
   std::map<std::string, std::string> made;  // how they were made, in words
 };
 
-/// As docs/formats.md says of latents.safetensors. Equal assets give equal bytes. Fault::write.
+/// The file of assets that come one by one: of each that was added it keeps the numbers of the file.
+class AssetArrays {
+ public:
+  explicit AssetArrays(const std::array<int64_t, 2>& shape) : shape_(shape) {}
+  void add(const NewAsset& asset);
+  /// As docs/formats.md says of latents.safetensors. Equal assets give equal bytes. Fault::write.
+  void write(const std::filesystem::path& path, const std::map<std::string, std::string>& made) const;
+
+ private:
+  std::array<int64_t, 2> shape_;
+  std::vector<float> latents_, sizes_;
+  std::vector<int64_t> classes_, nights_;
+};
+
+/// The same of assets that are at hand.
 void write_new_assets(const std::filesystem::path& path, const NewAssets& assets);
 
 /// Sizes are as float32 holds them. Fault::data for what is missing, does not fit together or can be no asset.

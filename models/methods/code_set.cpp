@@ -245,14 +245,16 @@ NewAsset CodeSet::actor_at(int32_t row) const {
 
 std::vector<NewAsset> CodeSet::training_assets(const AssetRequest& wish) const {
   std::vector<NewAsset> assets;
+  int64_t fitting = 0;
   for (const int32_t row : training_) {
     const NewAsset asset = actor_at(row);
     if (asset.asset_class != wish.asset_class.value_or(asset.asset_class)) continue;
     if (asset.night != wish.night.value_or(asset.night)) continue;
+    if (fitting++ < wish.first) continue;
     if (static_cast<int>(assets.size()) == wish.count) break;
     assets.push_back(asset);
   }
-  if (!assets.empty()) return assets;
+  if (fitting > 0) return assets;
   throw Error(Fault::usage, text("no such actor was in the training set; it had ", describe().back()));
 }
 

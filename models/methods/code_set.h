@@ -61,7 +61,7 @@ class CodeSet {
   int32_t drawn_actor(const AssetRequest& wish, uint64_t index) const;
   /// The box of the training actor of a class whose code is nearest to another, by standardised numbers.
   Eigen::Vector3d nearest_size(const std::vector<float>& code, int asset_class) const;
-  /// The first actors of training that the wish fits, as they are. Fault::usage if none does.
+  /// The actors of training that the wish fits, from its first on, as they are. Fault::usage if none fits.
   std::vector<NewAsset> training_assets(const AssetRequest& wish) const;
   /// Training codes of a class and time of day; of the class, or of all, where there are none.
   std::vector<std::vector<float>> examples(int32_t asset_class, int32_t night) const;

@@ -6,7 +6,7 @@
 #include "models/batches/row_source.h"
 #include "models/diffusion/sampler.h"
 #include "runtime/error.h"
-#include "runtime/ops.h"
+#include "runtime/ops/random.h"
 
 namespace cloam {
 namespace {
@@ -33,6 +33,11 @@ void check(const DiffusionConfig& c) {
     if (c.base % 4 != 0 || c.base * by % c.groups != 0)
       throw Error(Fault::usage, text("setting unet.base is ", c.base, ", want a multiple of 4 that gives widths which ",
                                      c.groups, " groups (unet.groups) divide"));
+}
+
+/// Of the assets from the wish's first on: what they begin with, whatever others are made with them.
+Tensor noise_for(const AssetRequest& wish, const Shape& shape) {
+  return random_normal(shape, {wish.seed}, static_cast<uint64_t>(numel(shape) / shape[0] * wish.first / 4));
 }
 
 /// What v-loss is measured on at one time, as Gaussians take it: those of all codes at once, which share the work.
@@ -262,19 +267,20 @@ Tensor Diffusion::sampled(const AssetRequest& wish, const std::vector<NewAsset>&
   SamplerOptions options;
   options.steps = wish.steps;
   return sample(network_->schedule(), Prediction::velocity, guided(with, without, wish.guidance),
-                random_normal(shape_of(config_, count), {wish.seed}), options);
+                noise_for(wish, shape_of(config_, count)), options);
 }
 
 Tensor Diffusion::codes_for(const AssetRequest& wish, const std::vector<NewAsset>& assets) {
   const Shape shape = shape_of(config_, static_cast<int64_t>(assets.size()));
   if (wish.codes == CodeSource::sampled) return sampled(wish, assets);
-  if (wish.codes == CodeSource::random) return random_normal(shape, {wish.seed});
+  if (wish.codes == CodeSource::random) return noise_for(wish, shape);
   std::vector<float> values;
   for (size_t i = 0; i < assets.size(); ++i) {
     const auto [asset_class, night] = std::pair(assets[i].asset_class, assets[i].night);
     const bool is_mean = wish.codes == CodeSource::mean;
     const Eigen::VectorXd code =
-        is_mean ? gaussians().mean(asset_class, night) : gaussians().sample(asset_class, night, wish.seed, i);
+        is_mean ? gaussians().mean(asset_class, night)
+                : gaussians().sample(asset_class, night, wish.seed, static_cast<size_t>(wish.first) + i);
     for (const double value : code) values.push_back(static_cast<float>(value));
   }
   return from_host(values, shape);
@@ -288,7 +294,7 @@ std::vector<NewAsset> Diffusion::generate(const AssetRequest& wish) {
   if (wish.codes == CodeSource::training) return codes_->training_assets(wish);
   std::vector<NewAsset> assets;
   for (int i = 0; i < wish.count; ++i) {
-    const auto like = static_cast<size_t>(codes_->drawn_actor(wish, static_cast<uint64_t>(i)));
+    const auto like = static_cast<size_t>(codes_->drawn_actor(wish, static_cast<uint64_t>(wish.first + i)));
     NewAsset asset;
     asset.asset_class = wish.asset_class.value_or(known.classes[like]);
     asset.night = wish.night.value_or(known.nights[like] == 1);

@@ -1,5 +1,6 @@
 // Random tensors: Philox, one number for each place, whatever the device, its threads or its groups.
-#include "runtime/ops.h"
+#include "runtime/ops/random.h"
+
 #include "runtime/ops/share.h"
 
 namespace cloam {
@@ -41,8 +42,10 @@ Tensor random_uniform(const Shape& shape, const RandomKey& key) {
   return make(std::make_shared<Random>(Draw::uniform, key, 0, 0), shape, {});
 }
 
-Tensor random_normal(const Shape& shape, const RandomKey& key) {
-  return make(std::make_shared<Random>(Draw::normal, key, 0, 0), shape, {});
+Tensor random_normal(const Shape& shape, const RandomKey& key) { return random_normal(shape, key, 0); }
+
+Tensor random_normal(const Shape& shape, const RandomKey& key, uint64_t first_block) {
+  return make(std::make_shared<Random>(Draw::normal, key, first_block, 0), shape, {});
 }
 
 Tensor random_below(const Shape& shape, int64_t n, const RandomKey& key) {

@@ -290,6 +290,30 @@ TEST_CASE("the same wish gives the same assets; what is not wished for is as in 
   for (const NewAsset& asset : prior.method.generate(wish)) CHECK((asset.night && asset.asset_class == 0));
 }
 
+TEST_CASE("parts of a wish are the assets that it gives as a whole, wherever codes come from") {
+  Prior prior(made_run({.actors = 100}));
+  using enum CodeSource;
+  for (const CodeSource source : {sampled, gaussian, random, training}) {
+    CAPTURE(static_cast<int>(source));
+    AssetRequest wish;
+    wish.count = 80, wish.seed = 4, wish.steps = 2, wish.codes = source;
+    const std::vector<NewAsset> whole = prior.method.generate(wish);
+    REQUIRE(whole.size() > 64);
+    std::vector<NewAsset> parts;
+    for (wish.first = 0, wish.count = 64; wish.first < 80; wish.first += 64, wish.count = 16)
+      for (NewAsset& asset : prior.method.generate(wish)) parts.push_back(std::move(asset));
+    REQUIRE(parts.size() == whole.size());
+    for (size_t i = 0; i < whole.size(); ++i) {
+      CHECK(parts[i].asset_class == whole[i].asset_class);
+      CHECK(parts[i].night == whole[i].night);
+      // The network's convolutions may sum otherwise in a batch of another size.
+      for (size_t k = 0; k < whole[i].code.size(); ++k)
+        CHECK(parts[i].code[k] == doctest::Approx(whole[i].code[k]).epsilon(1e-4));
+    }
+    CHECK(parts[64].code != parts[0].code);
+  }
+}
+
 TEST_CASE("diffusion: a checkpoint of any step holds all that the next step and samples read") {
   const StoredRun run = made_run({true, 8, false});
   check_resumes_from_every_step({[&] {
