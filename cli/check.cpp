@@ -44,7 +44,50 @@ std::vector<std::string> check_images(const Scene& scene, const Reading& how) {
   return warnings;
 }
 
-nlohmann::ordered_json log_json(const LogReport& log) {
+nlohmann::ordered_json clock_json(const Scene& scene, const ClockReport& clock) {
+  const Recording& known = scene.recording;
+  return {{"sweep_seconds", known.sweep_seconds},
+          {"sweep_stamp_after_middle", known.sweep_stamp},
+          {"image_stamp_after_middle", known.image_stamp},
+          {"rolling_shutter_seconds", known.shutter},
+          {"cameras_after_sweep", clock.cameras_after},
+          {"boxes_after_sweep", {clock.first_box_after, clock.last_box_after}},
+          {"lidar_poses_replaced", known.poses_replaced},
+          {"second_lidar_points", clock.second_lidar_points},
+          {"second_lidar_placed", known.second_lidar.has_value()},
+          {"car_points", clock.car_points},
+          {"car_rows", clock.car_rows}};
+}
+
+std::string in_ms(double seconds) { return fmt::format("{:.0f} ms", 1000 * seconds); }
+
+std::string clock_text(const Scene& scene, const LogReport& log) {
+  const Recording& known = scene.recording;
+  const ClockReport& clock = log.clock;
+  std::string out = "clock: ";
+  if (known.sweep_seconds > 0)
+    out += fmt::format("a sweep takes {}, its stamp is {} after its middle; boxes are from {} before it to {} after it",
+                       in_ms(known.sweep_seconds), in_ms(known.sweep_stamp), in_ms(-clock.first_box_after),
+                       in_ms(clock.last_box_after));
+  else
+    out += "sweeps and boxes as stamped, all of a sweep at once";
+  out += fmt::format("\nimages: stamps {} after their middle rows; ", in_ms(known.image_stamp));
+  out += known.shutter > 0 ? "rolling shutter of " + in_ms(known.shutter) : "all rows at once";
+  for (const auto& [camera, after] : clock.cameras_after)
+    out += fmt::format("; {} {} {} the sweeps", camera, in_ms(std::abs(after)), after < 0 ? "before" : "after");
+  out += fmt::format("\nLiDAR poses: {} of {} judged wrong{}", known.poses_replaced, log.sweeps,
+                     known.poses_replaced > 0 ? "; the front camera's poses and times are used" : "");
+  if (clock.second_lidar_points > 0)
+    out +=
+        fmt::format("\nsecond LiDAR: {} points, {}", clock.second_lidar_points,
+                    known.second_lidar ? "seen from its own place" : "seen from a place that the log does not state");
+  out += fmt::format("\nthe car itself: {} LiDAR points left out", clock.car_points);
+  for (const auto& [camera, share] : clock.car_rows)
+    out += fmt::format("; the lowest {:.0f} % of {}", 100 * share, camera);
+  return out + "\n";
+}
+
+nlohmann::ordered_json log_json(const Scene& scene, const LogReport& log) {
   nlohmann::ordered_json fits = nlohmann::ordered_json::array();
   for (const LidarFit& fit : log.fits) {
     fits.push_back({{"camera", fit.sensor},
@@ -62,6 +105,7 @@ nlohmann::ordered_json log_json(const LogReport& log) {
           {"actors", log.actors},
           {"boxes", log.boxes},
           {"boxes_without_points", log.boxes_without_points},
+          {"clock", clock_json(scene, log.clock)},
           {"lidar_fit", fits}};
 }
 
@@ -72,12 +116,13 @@ std::string alignment_text(const LidarFit& fit) {
                      fit.offset_x, fit.offset_y);
 }
 
-std::string log_text(const LogReport& log) {
+std::string log_text(const Scene& scene, const LogReport& log) {
   std::string out = fmt::format(
       "log: {} steps, {:.1f} s at {:.1f} Hz; {} sweeps of {:.0f} points\n{} actors with {} boxes, {} of them "
       "without a LiDAR point\n",
       log.steps, log.seconds, log.rate, log.sweeps, log.points_per_sweep, log.actors, log.boxes,
       log.boxes_without_points);
+  out += clock_text(scene, log);
   for (const LidarFit& fit : log.fits) {
     out +=
         fmt::format("{}: {}; {:.0f} LiDAR points per image\n", fit.sensor, alignment_text(fit), fit.points_per_image);
@@ -117,7 +162,7 @@ int run_check(const CheckRequest& request, const Common& common) {
                                    {"has_alpha", scene.has_alpha},
                                    {"image_bytes", bytes},
                                    {"warnings", warnings}};
-    if (scene.is_log) json["log"] = log_json(log);
+    if (scene.is_log) json["log"] = log_json(scene, log);
     if (colmap)
       json["model"] = {
           {"points", fit.points}, {"observations", fit.observations}, {"mean_error_pixels", fit.mean_error}};
@@ -126,7 +171,7 @@ int run_check(const CheckRequest& request, const Common& common) {
   }
   std::string out;
   for (const std::string& line : describe(scene, how)) out += line + "\n";
-  if (scene.is_log) out += log_text(log);
+  if (scene.is_log) out += log_text(scene, log);
   if (colmap)
     out += fmt::format("model: {} points, seen {} times in images, mean reprojection error {:.2f} px\n", fit.points,
                        fit.observations, fit.mean_error);

@@ -22,6 +22,7 @@ the same frames with all actors rotated. Equal options give equal bytes.
 Examples:
   cloam synth -o streets
   cloam synth -o streets --logs 8 --frames 20 --night 0.25
+  cloam synth -o recorded --logs 2 --as-recorded
   cloam synth -o streets --logs 2 --size 160x90 --cameras front,front_left,back
   cloam check streets/001)";
 
@@ -122,6 +123,7 @@ int run_synth(SynthRequest request, const Common& common) {
       const fs::path folder = log_folder(request, log);
       StreetLogOptions options = request.log;
       options.seed = street_log_seed(request.log.seed, log);
+      options.dead_lidar = options.as_recorded && log == 0;
       options.night = street_log_night(request.log.seed, log, request.night);
       write_street_log(folder, options, [&] {
         progress.count(folder);
@@ -153,6 +155,9 @@ Command add_synth(CLI::App& program) {
         number_from(0, 1));
     add("--beams", r.log.beams, "Number of LiDAR beams (32)", whole_number(1, 256));
     add("--rolling-shutter", r.log.rolling_shutter, "Expose images over 30 ms from top to bottom, sweeps over 100 ms");
+    add("--as-recorded", r.log.as_recorded,
+        "As real logs are: sweeps stamped at their end, staggered cameras, a second LiDAR, returns of the car itself; "
+        "in log 001 the LiDAR's poses are wrong");
     add("--no-truth", r.no_truth, "Write no masks, depth or rotated actors");
     add("--overwrite", r.overwrite, "Replace existing logs");
   });

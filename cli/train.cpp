@@ -323,6 +323,7 @@ int run_train(TrainRequest request, const Common& common) {
   for (const Capture& capture : captures) job.default_steps += job.epochs * static_cast<int64_t>(capture.train.size());
   const std::vector<DataNow> now = data_now(job, captures);
   check_data_unchanged(job, now);
+  note_recordings(job, captures);
   job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);
   if (!request.resume) add_warnings(captures, job.record.method, *job.method);
   if (job.source) as<LearnsFromRun>(*job.method)->load(source_of(*job.source));

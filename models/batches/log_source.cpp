@@ -46,6 +46,12 @@ void RayList::add(const Eigen::Vector3d& origin, const Eigen::Vector3d& directio
   ranges.push_back(range);
 }
 
+void RayList::last_is_at(double time, std::size_t first) {
+  const auto found = std::find(times.begin() + static_cast<std::ptrdiff_t>(first), times.end(), time);
+  moments.back() = static_cast<int32_t>(found - times.begin());
+  if (found == times.end()) times.push_back(time);
+}
+
 RayList part_of(const RayList& rays, int64_t begin, int64_t end) {
   RayList out;
   out.times = rays.times;
@@ -339,15 +345,19 @@ void LogSource::add_returns(RayList& rays, HostRandom& random, int64_t count, co
   const auto parts = static_cast<int64_t>(std::min(kSweepsAStep, sweeps_.size()));
   for (int64_t part = 0; part < parts; ++part) {
     const LoadedSweep& seen = sweeps_[random.below(sweeps_.size())];
-    const Eigen::Vector3d lidar = move(log_from_world_, seen.sweep->world_from_lidar.block<3, 1>(0, 3));
+    const size_t first = rays.times.size();
     rays.times.push_back(seen.sweep->timestamp);
-    const ActorSpace others(scene_, seen.sweep->timestamp, rays.actors);
+    ActorSpaces others(scene_, rays.actors);
     for (int64_t i = part; i < count; i += parts) {
-      const float* p = &seen.points.positions[3 * random.below(seen.points.size())];
+      const size_t at = random.below(seen.points.size());
+      const float* p = &seen.points.positions[3 * at];
       if (!share.holds(i, count)) continue;
-      const Eigen::Vector3d world(p[0], p[1], p[2]), way = move(log_from_world_, world) - lidar;
-      if (!rays.actors.empty() && others.holds(world)) continue;
+      const SeenFrom from = seen_from(*seen.sweep, seen.points, at);
+      const Eigen::Vector3d world(p[0], p[1], p[2]), lidar = move(log_from_world_, from.origin),
+                                                     way = move(log_from_world_, world) - lidar;
+      if (!rays.actors.empty() && others.at(from.time).holds(world)) continue;
       rays.add(lidar, way.norm() > 1e-3 ? way : Eigen::Vector3d::UnitX(), static_cast<float>(way.norm()));
+      rays.last_is_at(from.time, first);
     }
   }
 }

@@ -18,7 +18,10 @@ struct RayList {
   std::vector<double> times;               // of the moments, seconds
   std::vector<bool> actors;                // which of Scene::actors the rays may meet; empty: all
   int64_t count() const { return static_cast<int64_t>(moments.size()); }
+  /// At the last moment.
   void add(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, float range = 0);
+  /// The last ray is of the moment with this time among those from `first` on, which is new if there is none.
+  void last_is_at(double time, std::size_t first);
 };
 
 /// Rays [begin, end) with all moments.

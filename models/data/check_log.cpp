@@ -62,17 +62,17 @@ void check_order(const std::string& sensor, const Times& times, std::vector<std:
   }
 }
 
-void check_offset(const std::string& sensor, const Times& times, const Times& lidar,
-                  std::vector<std::string>& warnings) {
+void check_offset(const std::string& sensor, const Times& times, const Times& lidar, LogReport& report) {
   std::vector<double> offsets;
   for (const auto& [step, time] : times) {
     const auto found = lidar.find(step);
     if (found != lidar.end()) offsets.push_back(time - found->second);
   }
   const double offset = median(offsets), period = period_of(lidar);
+  if (sensor != "lidar") report.clock.cameras_after[sensor] = offset;
   if (period > 0 && std::abs(offset) > 0.75 * period) {
-    warnings.push_back(text(sensor, ": its images are taken ", std::abs(offset), " s ", offset < 0 ? "before" : "after",
-                            " the LiDAR sweeps of the same step"));
+    report.warnings.push_back(text(sensor, ": its images are taken ", std::abs(offset), " s ",
+                                   offset < 0 ? "before" : "after", " the LiDAR sweeps of the same step"));
   }
 }
 
@@ -87,7 +87,7 @@ void check_times(const Scene& scene, LogReport& report) {
   for (const auto& [sensor, stamps] : times) {
     report.steps = std::max(report.steps, stamps.rbegin()->first + 1);
     check_order(sensor, stamps, report.warnings);
-    if (lidar != times.end()) check_offset(sensor, stamps, lidar->second, report.warnings);
+    if (lidar != times.end()) check_offset(sensor, stamps, lidar->second, report);
   }
 }
 
@@ -107,7 +107,11 @@ bool has_point(const LidarPoints& points, const Actor& actor, const ActorBox& bo
 void check_boxes(const Scene& scene, const Sweep& sweep, const LidarPoints& points, LogReport& report) {
   for (const Actor& actor : scene.actors) {
     for (const ActorBox& box : actor.boxes) {
-      if (box.step == sweep.step) report.boxes_without_points += !has_point(points, actor, box);
+      if (box.step != sweep.step) continue;
+      report.boxes_without_points += !has_point(points, actor, box);
+      const double after = box.timestamp - sweep.timestamp;
+      report.clock.first_box_after = std::min(report.clock.first_box_after, after);
+      report.clock.last_box_after = std::max(report.clock.last_box_after, after);
     }
   }
 }
@@ -225,6 +229,8 @@ LogReport check_log(const Scene& scene, bool skip_bad) {
   report.sweeps = scene.sweeps.size();
   report.actors = scene.actors.size();
   for (const Actor& actor : scene.actors) report.boxes += actor.boxes.size();
+  for (const Frame& frame : scene.frames)
+    if (frame.ego_rows > 0) report.clock.car_rows[frame.sensor] = frame.ego_rows;
   Comparisons comparisons;
   const std::set<int> compared = compared_steps(scene);
   for (const Sweep& sweep : scene.sweeps) {
@@ -232,6 +238,8 @@ LogReport check_log(const Scene& scene, bool skip_bad) {
       const LidarPoints points = load_sweep(scene, sweep);
       report.points_per_sweep += double(points.size()) / double(scene.sweeps.size());
       report.points_dropped += points.dropped;
+      report.clock.car_points += points.of_ego;
+      report.clock.second_lidar_points += std::size_t(std::count(points.sensors.begin(), points.sensors.end(), 1));
       check_boxes(scene, sweep, points, report);
       if (compared.contains(sweep.step)) compare_images(scene, sweep, points, comparisons);
     });

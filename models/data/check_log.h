@@ -2,6 +2,7 @@
 #pragma once
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,15 @@ struct LidarFit {
   bool aligned() const { return std::max(std::abs(offset_x), std::abs(offset_y)) <= spacing; }
 };
 
+/// What was found of the log's clock and of the car that recorded it; what is known of them is in Scene::recording.
+struct ClockReport {
+  std::map<std::string, double> cameras_after;     // seconds from sweeps to images, by camera; the median
+  double first_box_after = 0, last_box_after = 0;  // seconds from sweeps to their earliest and latest boxes
+  std::size_t second_lidar_points = 0;             // of the LiDAR that looks ahead
+  std::size_t car_points = 0;                      // returns of the car itself, left out
+  std::map<std::string, double> car_rows;          // share of the rows that show the car, left out; by camera
+};
+
 struct LogReport {
   int steps = 0;
   double seconds = 0, rate = 0;  // of the sweeps, or the first camera
@@ -31,6 +41,7 @@ struct LogReport {
   double points_per_sweep = 0;
   std::size_t points_dropped = 0;  // values that are no numbers
   std::size_t actors = 0, boxes = 0, boxes_without_points = 0;
+  ClockReport clock;
   std::vector<LidarFit> fits;  // one a camera, none without LiDAR
   std::vector<std::string> warnings;
 };

@@ -98,8 +98,10 @@ Columns read_ply_points(const fs::path& path, const Sweep&) {
   return columns;
 }
 
-bool is_of_ego(const Eigen::Vector3d& place, const Sweep& sweep) {
-  const Eigen::Vector3d from_lidar = place - sweep.world_from_lidar.block<3, 1>(0, 3);
+// Whether the point, in axes of the LiDAR as it saw it, is of the recording car. Without a box for the car: in a space
+// around the LiDAR that nothing else comes into.
+bool is_of_ego(const Eigen::Vector3d& from_lidar, const std::optional<CarBox>& car) {
+  if (car) return ((from_lidar - car->centre).cwiseAbs() - 0.5 * car->size).maxCoeff() <= 0;
   return from_lidar.head<2>().norm() < kEgoRadius && from_lidar.z() < kEgoAbove;
 }
 
@@ -137,7 +139,9 @@ LidarPoints load_sweep(const Scene& scene, const Sweep& sweep) {
       ++points.dropped;
       continue;
     }
-    if (is_of_ego(place, sweep)) {
+    Eigen::Vector3d from_lidar = place - seen_from(sweep, 0, time).origin;
+    if (scene.recording.car) from_lidar = sweep.world_from_lidar.topLeftCorner<3, 3>().transpose() * from_lidar;
+    if (is_of_ego(from_lidar, scene.recording.car)) {
       ++points.of_ego;
       continue;
     }

@@ -104,7 +104,9 @@ void ObjectFinder::count_points(const Frame& frame, const Camera& camera, const 
   const LidarPoints& points = points_of_step(frame.step);
   if (!sweep_) return;
   const Actor& actor = log_.actors[object.actor];
-  const auto world_from_box = world_from_box_of_step(actor, frame.step, sweep_->timestamp);
+  // The box of a step stands where its returns were seen; else it is where the actor is at the sweep.
+  const ActorBox* seen = sweep_->velocity ? box_at_step(actor, frame.step) : nullptr;
+  const auto world_from_box = world_from_box_of_step(actor, frame.step, seen ? seen->timestamp : sweep_->timestamp);
   const Eigen::Matrix3d box_from_world = world_from_box->topLeftCorner<3, 3>().transpose();
   const Eigen::Vector3d centre = world_from_box->topRightCorner<3, 1>(), half = 0.5 * actor.size;
   const Eigen::Matrix4d camera_from_box = object.box_from_camera.inverse();

@@ -10,7 +10,9 @@
 
 #include "models/data/data_frame.h"
 #include "models/data/log_builder.h"
+#include "models/data/pose_track.h"
 #include "models/data/poses.h"
+#include "models/data/recording_file.h"
 #include "models/io/image.h"
 #include "models/io/json.h"
 #include "models/io/paths.h"
@@ -24,16 +26,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMaxSteps = 100000;
-
-// The real car's static calibration (front camera from LiDAR), and the focal length that its front camera is known by.
-// NeuRAD found the published lidar/poses.json to be wrong and takes the LiDAR's pose from the front camera's in this
-// way.
+// What the real car's front camera is known by.
 constexpr double kRealFrontFocal = 1970.0131;
-constexpr double kEgoRows = 260.0 / 1080;  // of its back camera, which sees the car's own boot
-const Eigen::Quaterniond kFrontFromLidar(0.016213200031258722, 0.0030578899383849464, 0.7114721800418571,
-                                         -0.7025205466606356);
-const Eigen::Vector3d kFrontFromLidarOrigin(0.0002585796504896516, -0.03907777167811011, -0.0440125762408362);
+
+// LiDAR poses that are further from where the front camera says the LiDAR is are wrong.
+constexpr double kWrongMetres = 0.3, kWrongDegrees = 2;
 
 // The paper's list, for logs that do not say it themselves.
 const std::set<std::string> kNightLogs = {"057", "058", "059", "062", "063", "064", "065", "066", "067", "068",
@@ -49,26 +46,23 @@ std::string find_file(const fs::path& root, const std::string& stem, std::initia
 
 Json read_json(const fs::path& root, const std::string& name) { return parse_json_file(root / name); }
 
-const Json& entries(const Json& json, const std::string& where) {
-  if (json.is_array() && json.size() <= kMaxSteps) return json;
-  bad_data(where, ": looked for a list of at most ", kMaxSteps, " entries, found ",
-           json.is_array() ? text(json.size()) : std::string(json.type_name()));
+bool is_real_car(const fs::path& root) {
+  const std::string file = text("camera/", kPandasetCameras[0], "/intrinsics.json");
+  if (!has_file(root / file)) return false;
+  const Json json = read_json(root, file);
+  return json.is_object() && json.contains("fx") && json["fx"].is_number() &&
+         std::abs(json["fx"].get<double>() - kRealFrontFocal) < 0.01;
 }
 
-// {"position": {x, y, z}, "heading": {w, x, y, z}}: world from sensor.
-Eigen::Matrix4d read_pose(const Json& json, const std::string& where) {
-  const Json &position = member(json, "position", where), &heading = member(json, "heading", where);
-  const Eigen::Quaterniond turn(number(heading, "w", where), number(heading, "x", where), number(heading, "y", where),
-                                number(heading, "z", where));
-  if (!(std::abs(turn.norm() - 1) < 0.01)) bad_data(where, ": the heading has length ", turn.norm(), ", want 1");
-  const Eigen::Vector3d place(number(position, "x", where), number(position, "y", where), number(position, "z", where));
-  return rigid(pose_from(turn.normalized().toRotationMatrix(), place), where);
+Recording read_recording(const fs::path& root) {
+  if (has_file(root / kRecordingFile)) return recording_from(read_json(root, kRecordingFile), kRecordingFile);
+  return is_real_car(root) ? pandaset_recording() : Recording{};
 }
 
-double read_time(const Json& json, const std::string& where) {
-  const double time = json.is_number() ? json.get<double>() : NAN;
-  if (!std::isfinite(time)) bad_data(where, ": looked for a time in seconds");
-  return time;
+bool are_far(const Eigen::Matrix4d& a, const Eigen::Matrix4d& b) {
+  const Eigen::Matrix4d difference = a.inverse() * b;
+  const double angle = Eigen::AngleAxisd(Eigen::Matrix3d(difference.topLeftCorner<3, 3>())).angle();
+  return difference.topRightCorner<3, 1>().norm() > kWrongMetres || angle > kWrongDegrees * M_PI / 180;
 }
 
 class LogReader {
@@ -76,6 +70,7 @@ class LogReader {
   LogReader(const fs::path& root, const ReadOptions& options) : log_(root, "PandaSet", options) {}
 
   Scene read() {
+    recording_ = read_recording(scene_.root);
     for (const char* name : kPandasetCameras) {
       const std::string folder = text("camera/", name);
       if (has_file(scene_.root / folder / "poses.json")) read_camera(name, folder);
@@ -89,10 +84,12 @@ class LogReader {
 
  private:
   void read_camera(const std::string& name, const std::string& folder) {
-    const auto poses = read_poses(folder);
-    scene_.frames_listed += poses.entries.size();
+    const PoseTrack poses(scene_.root, folder);
+    if (name == kPandasetCameras[0]) front_ = poses;
+    scene_.frames_listed += std::size_t(poses.steps());
+    const auto covered = recording_.car_rows.find(name);
     int camera = -1;
-    for (int step = 0; step < int(poses.entries.size()); ++step) {
+    for (int step = 0; step < poses.steps(); ++step) {
       const std::string image = find_file(scene_.root, folder + "/" + pandaset_number(step), {".jpg", ".png", ".jpeg"});
       if (image.empty()) {
         log_.missing(folder + "/" + pandaset_number(step) + ".jpg");
@@ -103,11 +100,11 @@ class LogReader {
         frame.name = frame.image = image;
         frame.sensor = name;
         frame.step = step;
-        frame.world_from_camera = poses.pose(step);
-        frame.timestamp = poses.time(step);
+        frame.world_from_camera = poses.pose_after(step, -recording_.image_stamp);
+        frame.timestamp = poses.time(step) - recording_.image_stamp;
         if (camera < 0) camera = find_or_add(scene_.cameras, read_intrinsics(folder, image));
         frame.camera = camera;
-        if (name == "back_camera" && is_real_car()) frame.ego_rows = kEgoRows;
+        if (covered != recording_.car_rows.end()) frame.ego_rows = covered->second;
         scene_.frames.push_back(std::move(frame));
       });
     }
@@ -143,73 +140,80 @@ class LogReader {
     return camera;
   }
 
-  // The poses and times of one sensor, each looked at when it is asked for.
-  struct Poses {
-    std::string where;
-    Json entries, times;
-
-    std::string place(int step) const { return text(where, "/poses.json, entry ", step); }
-    Eigen::Matrix4d pose(int step) const { return read_pose(entries[std::size_t(step)], place(step)); }
-    double time(int step) const {
-      return read_time(times[std::size_t(step)], text(where, "/timestamps.json, entry ", step));
-    }
-  };
-
-  Poses read_poses(const std::string& folder) const {
-    Poses poses{folder, read_json(scene_.root, folder + "/poses.json"),
-                read_json(scene_.root, folder + "/timestamps.json")};
-    const std::size_t count = entries(poses.entries, folder + "/poses.json").size(),
-                      times = entries(poses.times, folder + "/timestamps.json").size();
-    if (count == times) return poses;
-    bad_data(folder, ": ", count, " poses but ", times, " time stamps");
-  }
-
   void read_sweeps() {
-    const auto poses = read_poses("lidar");
-    for (int step = 0; step < int(poses.entries.size()); ++step) {
+    const PoseTrack poses(scene_.root, "lidar");
+    for (int step = 0; step < poses.steps(); ++step) {
       const std::string file = find_file(scene_.root, "lidar/" + pandaset_number(step), {".pkl.gz", ".pkl"});
       if (file.empty()) {
         log_.missing("lidar/" + pandaset_number(step) + ".pkl.gz");
         continue;
       }
-      log_.guarded("sweep", [&] {
-        scene_.sweeps.push_back({file, poses.time(step), sensor_pose(poses, step), step, Split::train});
-      });
+      log_.guarded("sweep", [&] { scene_.sweeps.push_back(sweep_of(poses, step, file)); });
+    }
+    if (recording_.sweep_seconds > 0) find_velocities();
+  }
+
+  // As it stood in the middle of the sweep. Where its pose is wrong, the front camera's takes its place, and time.
+  Sweep sweep_of(const PoseTrack& poses, int step, const std::string& file) {
+    Sweep sweep{file, poses.time(step) - recording_.sweep_stamp, {}, step, Split::train};
+    sweep.second_lidar = recording_.second_lidar;
+    const bool known = recording_.front_from_lidar && front_ && step < front_->steps();
+    if (known && recording_.lidar_poses_wrong) return with_front_pose(sweep);
+    sweep.world_from_lidar = poses.pose_after(step, -recording_.sweep_stamp);
+    if (!known) return sweep;
+    const Eigen::Matrix4d expected =
+        front_->pose_after(step, sweep.timestamp - front_->time(step)) * *recording_.front_from_lidar;
+    return are_far(sweep.world_from_lidar, expected) ? with_front_pose(sweep) : sweep;
+  }
+
+  Sweep with_front_pose(Sweep sweep) {
+    sweep.timestamp = front_->time(sweep.step) - recording_.image_stamp;
+    sweep.world_from_lidar = front_->pose_after(sweep.step, -recording_.image_stamp) * *recording_.front_from_lidar;
+    ++recording_.poses_replaced;
+    return sweep;
+  }
+
+  // From the sweeps on either side.
+  void find_velocities() {
+    std::vector<Sweep>& sweeps = scene_.sweeps;
+    for (std::size_t i = 0; i < sweeps.size(); ++i) {
+      const Sweep &before = sweeps[i > 0 ? i - 1 : i], &after = sweeps[std::min(i + 1, sweeps.size() - 1)];
+      const Eigen::Vector3d way = (after.world_from_lidar - before.world_from_lidar).topRightCorner<3, 1>();
+      const double time = after.timestamp - before.timestamp;
+      sweeps[i].velocity = way * (time > 0 ? 1 / time : 0);
     }
   }
 
-  bool is_of_real_car(const Frame& front) const {
-    return front.sensor == kPandasetCameras[0] &&
-           std::abs(scene_.cameras[std::size_t(front.camera)].fx - kRealFrontFocal) < 0.01;
-  }
-  bool is_real_car() const {
-    return std::any_of(scene_.frames.begin(), scene_.frames.end(),
-                       [&](const Frame& frame) { return is_of_real_car(frame); });
-  }
-
-  Eigen::Matrix4d sensor_pose(const Poses& poses, int step) const {
-    const auto front = std::find_if(scene_.frames.begin(), scene_.frames.end(),
-                                    [&](const Frame& frame) { return frame.step == step && is_of_real_car(frame); });
-    if (front == scene_.frames.end()) return poses.pose(step);
-    return front->world_from_camera * pose_from(kFrontFromLidar.normalized().toRotationMatrix(), kFrontFromLidarOrigin);
+  // When the LiDAR that turns looked that way; boxes are drawn around its returns.
+  double time_of_box(const Sweep& sweep, const Eigen::Vector3d& place) const {
+    double after = 0;
+    for (int i = 0; i < 2; ++i) {  // it moves on while it turns
+      const Eigen::Vector3d way =
+          sweep.world_from_lidar.topLeftCorner<3, 3>().transpose() * (place - seen_from(sweep, 0, after).origin);
+      const Eigen::Vector3d& ahead = recording_.ahead;
+      const double left = std::atan2(ahead.x() * way.y() - ahead.y() * way.x(), ahead.head<2>().dot(way.head<2>()));
+      after = -recording_.sweep_seconds * left / (2 * M_PI);
+    }
+    return sweep.timestamp + after;
   }
 
   void read_cuboids() {
     std::error_code error;
     if (!fs::is_directory(scene_.root / "annotations/cuboids", error)) return;
     // Cuboids are labelled on sweeps; without LiDAR the first camera's times must do.
-    for (const auto& [step, time] : moments_of(scene_)) {
+    for (const Moment& moment : moments_of(scene_)) {
+      const int step = moment.step;
       const std::string stem = "annotations/cuboids/" + pandaset_number(step);
       const std::string file = find_file(scene_.root, stem, {".pkl.gz", ".pkl"});
       if (file.empty()) {
         log_.missing(stem + ".pkl.gz");
         continue;
       }
-      log_.guarded("cuboids", [&] { read_cuboids_of(file, step, time); });
+      log_.guarded("cuboids", [&] { read_cuboids_of(file, moment); });
     }
   }
 
-  void read_cuboids_of(const std::string& file, int step, double time) {
+  void read_cuboids_of(const std::string& file, const Moment& moment) {
     const DataFrame frame = read_data_frame(scene_.root / file);
     if (frame.rows() == 0) return;
     const auto &ids = frame.texts("uuid"), &labels = frame.texts("label");
@@ -221,13 +225,17 @@ class LogReader {
     // What both LiDARs saw has a box from each; sensor 1 is the one that looks ahead.
     const auto sensors =
         frame.has("cuboids.sensor_id") ? frame.numbers("cuboids.sensor_id") : std::vector<double>(frame.rows(), -1);
+    const auto sweep = std::find_if(scene_.sweeps.begin(), scene_.sweeps.end(),
+                                    [&](const Sweep& s) { return s.step == moment.step && s.velocity; });
     for (std::size_t row = 0; row < frame.rows(); ++row) {
       if (sensors[row] == 1) continue;
       const Eigen::Vector3d size(width[row], length[row], height[row]);
       // Yaw 0 looks along the world's y, as the box's own axes do.
       const Eigen::Matrix4d pose = pose_from(turn_about_z(yaws[row]), {x[row], y[row], z[row]});
       const std::string where = text(file, ", row ", row, " (", printable(ids[row]), ")");
-      log_.add({ids[row], labels[row], size, stationary[row] != 0, {step, time, pose}}, where);
+      const double time =
+          sweep == scene_.sweeps.end() ? moment.timestamp : time_of_box(*sweep, pose.topRightCorner<3, 1>());
+      log_.add({ids[row], labels[row], size, stationary[row] != 0, {moment.step, time, pose}}, where);
     }
   }
 
@@ -239,6 +247,8 @@ class LogReader {
 
   LogBuilder log_;
   Scene& scene_ = log_.scene;
+  Recording& recording_ = log_.scene.recording;
+  std::optional<PoseTrack> front_;
 };
 
 }  // namespace

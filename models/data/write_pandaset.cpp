@@ -9,6 +9,7 @@
 
 #include "models/data/data_frame.h"
 #include "models/data/pandaset.h"
+#include "models/data/recording_file.h"
 #include "models/io/commit.h"
 #include "models/io/json.h"
 #include "runtime/error.h"
@@ -143,6 +144,7 @@ void write_meta(const fs::path& root, const Scene& log, const std::map<int, doub
   write_json(root / "meta" / "gps.json", gps);
   write_json(root / "meta" / "timestamps.json", stamps);
   write_json(root / "meta" / "time_of_day.json", {{"night", log.night}});
+  if (log.recording != Recording{}) write_json(root / kRecordingFile, to_json(log.recording));
 }
 
 }  // namespace

@@ -15,7 +15,8 @@ struct LogContent {
   std::function<LidarPoints(const Sweep&)> points;
 };
 
-/// Writes images, LiDAR, cuboids and meta files of `log` below `root`, each file whole and durably. Steps run from 0; a
+/// Writes images, LiDAR, cuboids and meta files of `log` below `root`, each file whole and durably. Times and poses are
+/// written as they are: those of the stamps that log.recording speaks of. Steps run from 0; a
 /// camera that lacks one (readers then say so) gets the pose before it. Files of another log in `root` stay.
 /// Fault::usage for cameras with a lens, which the layout cannot hold; Fault::write.
 void write_pandaset(const std::filesystem::path& root, const Scene& log, const LogContent& content);

@@ -5,6 +5,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "models/data/recording_file.h"
 #include "models/io/commit.h"
 #include "models/io/json.h"
 #include "models/io/paths.h"
@@ -56,6 +57,7 @@ Json to_json(const Reading& reading) {
   if (reading.actors != ActorChoice::all) json["actors"] = to_string(reading.actors);
   if (!reading.image.empty()) json["image"] = reading.image;
   if (reading.allow_outside) json["allow_outside"] = true;
+  for (const Recording& recording : reading.recordings) json["recordings"].push_back(to_json(recording));
   return json;
 }
 
@@ -70,6 +72,9 @@ Reading reading_from(const Json& json, const std::string& where) {
   reading.actors = actor_choice(optional_string(json, "actors", where).value_or(""));
   reading.image = optional_string(json, "image", where).value_or("");
   reading.allow_outside = flag(json, "allow_outside", false, where);
+  if (json.contains("recordings"))
+    for (const Json& recording : array(json, "recordings", where))
+      reading.recordings.push_back(recording_from(recording, where + ", recordings"));
   return reading;
 }
 

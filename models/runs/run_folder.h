@@ -57,6 +57,7 @@ struct Reading {
   Protocol protocol = {};      // no name: none
   std::string image = {};      // "front_camera/05": that one alone; empty: all that the split gives
   bool allow_outside = false;  // --allow-outside: files that a manifest names outside of its folder are read, too
+  std::vector<Recording> recordings = {};  // what was found, one a log; empty: all were read as stamped
 };
 
 /// What a training was planned to take, bytes. host: images and sweeps that it may hold there.

@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "models/data/recording_file.h"
 #include "models/io/commit.h"
 #include "models/io/json.h"
 #include "models/runs/box_file.h"
@@ -44,12 +45,17 @@ Json to_json(const Frame& f) {
   return json;
 }
 
+Json to_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
 Json to_json(const Sweep& s) {
-  return {{"file", s.file},
-          {"timestamp", s.timestamp},
-          {"step", s.step},
-          {"split", kSplits[static_cast<int>(s.split)]},
-          {"world_from_lidar", to_json(s.world_from_lidar)}};
+  Json json = {{"file", s.file},
+               {"timestamp", s.timestamp},
+               {"step", s.step},
+               {"split", kSplits[static_cast<int>(s.split)]},
+               {"world_from_lidar", to_json(s.world_from_lidar)}};
+  if (s.velocity) json["velocity"] = to_json(*s.velocity);
+  if (s.second_lidar) json["second_lidar"] = to_json(*s.second_lidar);
+  return json;
 }
 
 /// first_box: its place in the file of boxes; then that of the next actor.
@@ -75,6 +81,7 @@ Json to_json(const Scene& scene, std::size_t& first_box) {
                {"night", scene.night},
                {"up", {scene.up.x(), scene.up.y(), scene.up.z()}}};
   if (scene.hints.aabb_scale) json["aabb_scale"] = *scene.hints.aabb_scale;
+  if (scene.recording != Recording{}) json["recording"] = to_json(scene.recording);
   for (const char* list : {"cameras", "frames", "sweeps", "actors"}) json[list] = Json::array();
   for (const Camera& camera : scene.cameras) json["cameras"].push_back(to_json(camera));
   for (const Frame& frame : scene.frames) json["frames"].push_back(to_json(frame));
@@ -142,6 +149,13 @@ Frame frame_from(const Json& json, int cameras, const std::string& where) {
   return f;
 }
 
+Eigen::Vector3d vector3(const Json& json, const char* key, const std::string& where) {
+  Eigen::Vector3d v;
+  for (std::size_t i = 0; i < 3; ++i)
+    v[static_cast<Eigen::Index>(i)] = element(array(json, key, where), i, 3, text(where, ", ", key));
+  return v;
+}
+
 Sweep sweep_from(const Json& json, const std::string& where) {
   Sweep s;
   s.file = string(json, "file", where);
@@ -149,6 +163,8 @@ Sweep sweep_from(const Json& json, const std::string& where) {
   s.step = whole(json, "step", 0, kMaxSteps, where);
   s.split = split_from(json, where);
   s.world_from_lidar = matrix4(json, "world_from_lidar", where);
+  if (json.contains("velocity")) s.velocity = vector3(json, "velocity", where);
+  if (json.contains("second_lidar")) s.second_lidar = vector3(json, "second_lidar", where);
   return s;
 }
 
@@ -158,13 +174,6 @@ ActorBox box_from(const Json& json, const std::string& where) {
   box.timestamp = number(json, "timestamp", where);
   box.world_from_box = matrix4(json, "world_from_box", where);
   return box;
-}
-
-Eigen::Vector3d vector3(const Json& json, const char* key, const std::string& where) {
-  Eigen::Vector3d v;
-  for (std::size_t i = 0; i < 3; ++i)
-    v[static_cast<Eigen::Index>(i)] = element(array(json, key, where), i, 3, text(where, ", ", key));
-  return v;
 }
 
 /// What an actor's boxes are taken from; nothing where scene.json lists them itself.
@@ -207,6 +216,7 @@ Scene scene_from(const Json& json, const AllBoxes& boxes, const std::string& whe
   scene.is_log = flag(json, "is_log", false, where);
   scene.night = flag(json, "night", false, where);
   scene.up = vector3(json, "up", where);
+  if (json.contains("recording")) scene.recording = recording_from(json["recording"], where);
   for (const Json& camera : array(json, "cameras", where)) scene.cameras.push_back(camera_from(camera, where));
   const int cameras = static_cast<int>(scene.cameras.size());
   for (const Json& frame : array(json, "frames", where)) scene.frames.push_back(frame_from(frame, cameras, where));

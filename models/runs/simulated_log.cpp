@@ -94,6 +94,10 @@ LidarPoints measured(const RestoredRun& run, const EditedLog& log, const Sweep& 
 Scene output_log(const RestoredRun& run, const SimulatedLog& wish, const Listener& listener) {
   Scene log = run.scenes.at(static_cast<std::size_t>(wish.number));
   for (Actor& actor : log.actors) actor.label = seen_label(run, {wish.number, actor.id});
+  // Its times and poses are those of the middles of sweeps and images already.
+  log.recording.sweep_stamp = log.recording.image_stamp = 0;
+  log.recording.lidar_poses_wrong = false;
+  log.recording.poses_replaced = 0;
   keep_cameras(log, wish.cameras);
   const auto names = pandaset_names(log);
   const std::vector<Camera> cameras = log.cameras;

@@ -1,6 +1,8 @@
 // See training_sources.h.
 #include "models/runs/training_sources.h"
 
+#include <algorithm>
+
 #include "models/io/crc32c.h"
 #include "models/io/words.h"
 #include "models/latents/generates_assets.h"
@@ -71,6 +73,15 @@ void note_places(TrainJob& job, const std::vector<DataNow>& data) {
     job.record.data[i].fingerprint = data[i].fingerprint;
     job.record.data[i].relative = relative_to_run(fs::weakly_canonical(data[i].root, error), job.folder);
   }
+}
+
+void note_recordings(TrainJob& job, const Captures& captures) {
+  std::vector<Recording>& recordings = job.record.reading.recordings;
+  recordings.clear();
+  for (const Capture& capture : captures) recordings.push_back(capture.scene.recording);
+  const bool plain =
+      std::all_of(recordings.begin(), recordings.end(), [](const Recording& r) { return r == Recording{}; });
+  if (plain) recordings.clear();
 }
 
 void adopt_networks(TrainJob& job, const TrainRequest& request) {

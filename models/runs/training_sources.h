@@ -21,6 +21,8 @@ std::vector<DataNow> data_now(const TrainJob& job, const Captures& captures);
 void check_data_unchanged(const TrainJob& job, const std::vector<DataNow>& data);
 /// Into the job's record.
 void note_places(TrainJob& job, const std::vector<DataNow>& data);
+/// What is known of the clocks of logs, into the job's record.
+void note_recordings(TrainJob& job, const Captures& captures);
 
 /// The networks of the run named by --networks; a run that goes on has them in its own checkpoints and needs no other.
 /// Fault::usage for a method that shares none.

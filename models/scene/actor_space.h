@@ -1,5 +1,6 @@
 // The space that actors take up at a time.
 #pragma once
+#include <map>
 #include <vector>
 
 #include "models/scene/scene.h"
@@ -21,6 +22,24 @@ class ActorSpace {
     Eigen::Vector3d half;
   };
   std::vector<Box> boxes_;
+};
+
+/// The spaces of moments that are asked for more than once, as those of a sweep are.
+class ActorSpaces {
+ public:
+  /// `scene` must outlive this; `without` as above.
+  explicit ActorSpaces(const Scene& scene, std::vector<bool> without = {})
+      : scene_(scene), without_(std::move(without)) {}
+  const ActorSpace& at(double time) {
+    const auto found = spaces_.find(time);
+    return found != spaces_.end() ? found->second
+                                  : spaces_.emplace(time, ActorSpace(scene_, time, without_)).first->second;
+  }
+
+ private:
+  const Scene& scene_;
+  std::vector<bool> without_;
+  std::map<double, ActorSpace> spaces_;
 };
 
 }  // namespace cloam

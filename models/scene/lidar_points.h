@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "models/scene/scene.h"
+
 namespace cloam {
 
 /// One entry a return; positions are [N, 3].
@@ -17,5 +19,10 @@ struct LidarPoints {
 
   std::size_t size() const { return sensors.size(); }
 };
+
+/// From where and when a return of the sweep was seen.
+inline SeenFrom seen_from(const Sweep& sweep, const LidarPoints& points, std::size_t i) {
+  return seen_from(sweep, points.sensors[i], sweep.velocity ? double{points.times[i]} : 0);
+}
 
 }  // namespace cloam

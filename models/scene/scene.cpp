@@ -11,15 +11,35 @@
 namespace cloam {
 namespace {
 
-constexpr double kAloneSeconds = 0.1;  // of the moments of a log that usual LiDARs make
+constexpr double kAloneSeconds = 0.1;     // of the moments of a log that usual LiDARs make
+constexpr double kAcrossSeam = 2.1;       // usual distances between boxes of successive steps, of a LiDAR that turns
+constexpr double kMomentSeconds = 0.005;  // of returns that count as seen at once: 5 cm at 10 m/s
 
-Eigen::Matrix4d between(const Eigen::Matrix4d& a, const Eigen::Matrix4d& b, double share) {
-  const Eigen::Quaterniond from(Eigen::Matrix3d(a.topLeftCorner<3, 3>())), to(Eigen::Matrix3d(b.topLeftCorner<3, 3>()));
-  return pose_from(from.slerp(share, to).toRotationMatrix(),
-                   (1 - share) * a.topRightCorner<3, 1>() + share * b.topRightCorner<3, 1>());
+/// The distance in time of boxes, which gaps only make longer. Where a LiDAR turns, boxes that cross the seam of its
+/// sweeps are seen twice in a moment, or not for two turns; the former do not count.
+double usual_distance(const std::vector<ActorBox>& boxes) {
+  if (boxes.size() == 1) return kAloneSeconds;
+  const int steps = boxes.back().step - boxes.front().step;
+  const double a_step = steps > 0 ? (boxes.back().timestamp - boxes.front().timestamp) / steps : 0;
+  double usual = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 1; i < boxes.size(); ++i) {
+    const double gap = boxes[i].timestamp - boxes[i - 1].timestamp;
+    if (gap >= 0.5 * a_step * (boxes[i].step - boxes[i - 1].step)) usual = std::min(usual, gap);
+  }
+  return usual;
 }
 
 }  // namespace
+
+SeenFrom seen_from(const Sweep& sweep, int sensor, double seconds_after) {
+  SeenFrom from{sweep.world_from_lidar.topRightCorner<3, 1>(), sweep.timestamp};
+  if (sensor == 1 && sweep.second_lidar)
+    from.origin += sweep.world_from_lidar.topLeftCorner<3, 3>() * *sweep.second_lidar;
+  if (!sweep.velocity) return from;
+  from.origin += seconds_after * *sweep.velocity;
+  from.time += kMomentSeconds * std::round(seconds_after / kMomentSeconds);
+  return from;
+}
 
 std::vector<std::size_t> frames_of(const Scene& scene, Split split) {
   std::vector<std::size_t> indices;
@@ -32,9 +52,7 @@ std::vector<std::size_t> frames_of(const Scene& scene, Split split) {
 std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time) {
   const std::vector<ActorBox>& boxes = actor.boxes;
   if (boxes.empty()) return std::nullopt;
-  double usual = std::numeric_limits<double>::infinity();  // the distance of boxes, which gaps only make longer
-  for (std::size_t i = 1; i < boxes.size(); ++i) usual = std::min(usual, boxes[i].timestamp - boxes[i - 1].timestamp);
-  if (boxes.size() == 1) usual = kAloneSeconds;
+  const double usual = usual_distance(boxes);
   const auto next = std::lower_bound(boxes.begin(), boxes.end(), time,
                                      [](const ActorBox& box, double t) { return box.timestamp < t; });
   if (next == boxes.begin() || next == boxes.end()) {
@@ -44,8 +62,9 @@ std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time
   }
   const ActorBox& before = *(next - 1);
   const double gap = next->timestamp - before.timestamp, share = (time - before.timestamp) / gap;
-  if (gap > 1.5 * usual && time != next->timestamp) return std::nullopt;
-  return between(before.world_from_box, next->world_from_box, share);
+  const double longest = next->step - before.step == 1 ? kAcrossSeam : 1.5;
+  if (gap > longest * usual && time != next->timestamp) return std::nullopt;
+  return pose_between(before.world_from_box, next->world_from_box, share);
 }
 
 const ActorBox* box_at_step(const Actor& actor, int step) {

@@ -10,6 +10,7 @@
 
 #include "models/scene/camera.h"
 #include "models/scene/point_cloud.h"
+#include "models/scene/recording.h"
 
 namespace cloam {
 
@@ -43,7 +44,19 @@ struct Sweep {
   int step = 0;
   Split split = Split::train;
   bool points_in_world = true;  // what the file holds; false: in the LiDAR's own frame
+  // None: all returns count as seen at `timestamp`. Else each was seen at its own time, while the LiDAR moved on:
+  std::optional<Eigen::Vector3d> velocity = {};      // metres a second, in the world
+  std::optional<Eigen::Vector3d> second_lidar = {};  // place of sensor 1 in the axes of sensor 0; none: not known
 };
+
+/// Where a LiDAR was when it saw a return, and when that was.
+struct SeenFrom {
+  Eigen::Vector3d origin;  // in the world
+  double time = 0;         // seconds, of a grid of 5 ms about the sweep's: what moves is placed once for many returns
+};
+
+/// sensor and seconds_after: as LidarPoints has them for the return.
+SeenFrom seen_from(const Sweep& sweep, int sensor, double seconds_after);
 
 /// Where an actor is at one step. Axes of the box: x right, y forward, z up; the origin is its centre.
 struct ActorBox {
@@ -93,6 +106,7 @@ struct Scene {
   PointCloud cloud;                   // empty where the source has none
   bool is_log = false;                // frames, sweeps and actors have steps
   bool night = false;                 // of a log
+  Recording recording;                // of a log
   std::vector<std::string> warnings;  // one line each, for the user
 };
 

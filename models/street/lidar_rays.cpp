@@ -16,16 +16,17 @@ SweepRays sweep_rays(const Sweep& sweep, const LidarPoints& points, int scene) {
   SweepRays out;
   out.rays.scene = scene;
   out.rays.time = sweep.timestamp;
-  const Eigen::Vector3d origin = sweep.world_from_lidar.topRightCorner<3, 1>();
   const bool turning = std::count(points.sensors.begin(), points.sensors.end(), 0) > 0;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    if (turning && points.sensors[i] != 0) continue;
+    if (turning && points.sensors[i] != 0 && !sweep.second_lidar) continue;
+    const auto [origin, time] = seen_from(sweep, points, i);
     const Eigen::Vector3d way =
         Eigen::Vector3f(points.positions[3 * i], points.positions[3 * i + 1], points.positions[3 * i + 2])
             .cast<double>() -
         origin;
     if (way.norm() < kNearest) continue;
     out.depths.push_back(static_cast<float>(way.norm()));
+    if (sweep.velocity) out.rays.times.push_back(time);
     for (int axis = 0; axis < 3; ++axis) {
       out.rays.origins.push_back(static_cast<float>(origin[axis]));
       out.rays.directions.push_back(static_cast<float>(way[axis] / way.norm()));
@@ -41,6 +42,7 @@ SweepRays thinned(const SweepRays& rays, std::size_t most) {
   out.rays.time = rays.rays.time;
   for (std::size_t i = 0; i < rays.depths.size(); i += stride) {
     out.depths.push_back(rays.depths[i]);
+    if (!rays.rays.times.empty()) out.rays.times.push_back(rays.rays.times[i]);
     for (std::size_t axis = 0; axis < 3; ++axis) {
       out.rays.origins.push_back(rays.rays.origins[3 * i + axis]);
       out.rays.directions.push_back(rays.rays.directions[3 * i + axis]);

@@ -5,8 +5,8 @@
 
 namespace cloam {
 
-/// From the LiDAR's place at the sweep to each return of the LiDAR that turns (that of the one that looks ahead stands
-/// elsewhere, and no one says where); of all, if there is no such return.
+/// From the LiDAR's place, when it saw it, to each return: of the LiDAR that turns, and of the one that looks ahead
+/// where the log says where that stands; of all, if there is none of the former.
 struct SweepRays {
   WorldRays rays;
   std::vector<float> depths;  // [R] metres, as recorded

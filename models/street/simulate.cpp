@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <optional>
 
 #include "models/scene/edit.h"
@@ -94,6 +95,7 @@ std::vector<Box> boxes_at(const std::vector<const Actor*>& actors, double time) 
 /// A recorded return that may change.
 struct Beam {
   std::size_t point = 0;
+  SeenFrom from = {};
   Vector3d direction = Vector3d::Zero();
   double recorded = 0;  // depth
   bool freed = false;   // it lay on an actor that was edited
@@ -105,15 +107,7 @@ struct Beam {
 class SweepEditor {
  public:
   SweepEditor(Street& street, const EditedLog& log, const Sweep& sweep, const LidarPoints& recorded)
-      : street_(street),
-        log_(log),
-        sweep_(sweep),
-        points_(recorded),
-        edited_(log),
-        origin_(sweep.world_from_lidar.topRightCorner<3, 1>()),
-        old_boxes_(boxes_at(edited_.before, sweep.timestamp)),
-        new_boxes_(boxes_at(edited_.after, sweep.timestamp)),
-        present_boxes_(boxes_at(all_of(log.edited), sweep.timestamp)) {}
+      : street_(street), log_(log), sweep_(sweep), points_(recorded), edited_(log) {}
 
   SweepEdit run() {
     std::vector<Beam> beams = touched();
@@ -131,21 +125,36 @@ class SweepEditor {
     return Eigen::Map<const Eigen::Vector3f>(&points_.positions[3 * i]).cast<double>();
   }
 
-  bool is_freed(std::size_t i) const {
+  /// Where the edited actors were and are, and where all are, at a time.
+  struct Placed {
+    std::vector<Box> before, after, present;
+  };
+  const Placed& moment(double time) {
+    const auto [found, fresh] = moments_.try_emplace(time);
+    if (fresh)
+      found->second = {boxes_at(edited_.before, time), boxes_at(edited_.after, time),
+                       boxes_at(all_of(log_.edited), time)};
+    return found->second;
+  }
+
+  bool is_freed(std::size_t i, double time) {
     const Vector3d point = recorded_point(i);
     const auto holds = [&](const Box& box) { return box.contains(point, kMargin); };
-    if (std::any_of(old_boxes_.begin(), old_boxes_.end(), holds)) return true;
+    const std::vector<Box>& old_boxes = moment(time).before;
+    if (std::any_of(old_boxes.begin(), old_boxes.end(), holds)) return true;
     const std::vector<Box> then = boxes_at(edited_.before, sweep_.timestamp + double(points_.times[i]));
     return std::any_of(then.begin(), then.end(), holds);
   }
 
-  std::vector<Beam> touched() const {
+  std::vector<Beam> touched() {
     std::vector<Beam> beams;
     for (std::size_t i = 0; i < points_.size(); ++i) {
-      const Vector3d arm = recorded_point(i) - origin_;
-      Beam beam{i, arm.normalized(), arm.norm(), is_freed(i), 0, 0, 0};
-      const bool meets = std::any_of(new_boxes_.begin(), new_boxes_.end(), [&](const Box& box) {
-        const auto span = box.span(origin_, beam.direction);
+      const SeenFrom from = seen_from(sweep_, points_, i);
+      const Vector3d arm = recorded_point(i) - from.origin;
+      Beam beam{i, from, arm.normalized(), arm.norm(), is_freed(i, from.time), 0, 0, 0};
+      const std::vector<Box>& new_boxes = moment(from.time).after;
+      const bool meets = std::any_of(new_boxes.begin(), new_boxes.end(), [&](const Box& box) {
+        const auto span = box.span(from.origin, beam.direction);
         return span && span->enter < beam.recorded;
       });
       if (beam.recorded > 0 && (beam.freed || meets)) beams.push_back(beam);
@@ -156,16 +165,17 @@ class SweepEditor {
   LidarReturns measure(const std::vector<Beam*>& beams) const {
     WorldRays rays{log_.scene, sweep_.timestamp, {}, {}};
     for (const Beam* beam : beams) {
-      const Eigen::Vector3f from = (origin_ + beam->start * beam->direction).cast<float>(),
+      const Eigen::Vector3f from = (beam->from.origin + beam->start * beam->direction).cast<float>(),
                             along = beam->direction.cast<float>();
       rays.origins.insert(rays.origins.end(), from.data(), from.data() + 3);
       rays.directions.insert(rays.directions.end(), along.data(), along.data() + 3);
+      if (sweep_.velocity) rays.times.push_back(beam->from.time);
     }
     return street_.measure(rays);
   }
 
   /// Gives the beams their depths; those that ended on a ghost are handed back, with a start behind it.
-  std::vector<Beam*> ask(const std::vector<Beam*>& beams) const {
+  std::vector<Beam*> ask(const std::vector<Beam*>& beams) {
     const LidarReturns returns = measure(beams);
     std::vector<Beam*> again;
     for (std::size_t i = 0; i < beams.size(); ++i) {
@@ -189,13 +199,14 @@ class SweepEditor {
 
   /// The old box that the beam's answer lies in, unless an actor is there now. Whom the street names does not count:
   /// depths are blended, and may lie before the actor that they are mostly of.
-  std::optional<Span> old_box_around(const Beam& beam) const {
-    const Vector3d point = origin_ + beam.depth * beam.direction;
-    for (const Box& box : present_boxes_) {
+  std::optional<Span> old_box_around(const Beam& beam) {
+    const Vector3d point = beam.from.origin + beam.depth * beam.direction;
+    const Placed& now = moment(beam.from.time);
+    for (const Box& box : now.present) {
       if (box.contains(point, kSurface)) return std::nullopt;
     }
-    for (const Box& box : old_boxes_) {
-      const auto span = box.span(origin_, beam.direction);
+    for (const Box& box : now.before) {
+      const auto span = box.span(beam.from.origin, beam.direction);
       if (span && beam.depth >= span->enter && beam.depth <= span->leave) return span;
     }
     return std::nullopt;
@@ -214,7 +225,7 @@ class SweepEditor {
       result_.gone += is_gone;
       if (is_gone) continue;
       Eigen::Vector3f at(&points_.positions[3 * i]);
-      if (changes) at = (origin_ + answer->depth * answer->direction).cast<float>();
+      if (changes) at = (answer->from.origin + answer->depth * answer->direction).cast<float>();
       out.positions.insert(out.positions.end(), at.data(), at.data() + 3);
       out.intensities.push_back(points_.intensities[i]);
       out.times.push_back(points_.times[i]);
@@ -227,8 +238,7 @@ class SweepEditor {
   const Sweep& sweep_;
   const LidarPoints& points_;
   const Edited edited_;
-  const Vector3d origin_;
-  const std::vector<Box> old_boxes_, new_boxes_, present_boxes_;
+  std::map<double, Placed> moments_;
   SweepEdit result_;
 };
 

@@ -22,7 +22,7 @@ struct EditedLog {
 };
 
 /// The recorded points of a sweep of log.recorded as the edited log would return them. Along the recorded directions,
-/// from the LiDAR's place at the sweep, the street is asked (at the sweep's time) for
+/// from the LiDAR's place when it saw them, the street is asked (at that time) for
 ///   - returns within 0.2 m of the recorded box of an actor who was edited, at the sweep's time or at their own: they
 ///     become what is behind; where the street still sees something inside that box, with no actor's box there now (the
 ///     ghost of the actor), the ray goes on from the box's far side, and ends on its bottom if it leaves there and

@@ -11,6 +11,7 @@ struct WorldRays {
   int scene = 0;
   double time = 0;
   std::vector<float> origins, directions;  // [R,3]
+  std::vector<double> times = {};          // [R] seconds; empty: all are of `time`
 };
 
 /// What a LiDAR would measure along rays, [R] each.

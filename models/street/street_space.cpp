@@ -52,14 +52,15 @@ struct Static {
 };
 
 void add_sweep(const Scene& scene, const LoadedSweep& seen, const Eigen::Matrix4d& street_from_world, Static& out) {
-  const ActorSpace actors(scene, seen.sweep->timestamp);
-  const Eigen::Vector3d lidar = seen.sweep->world_from_lidar.block<3, 1>(0, 3), up = scene.up.normalized();
+  ActorSpaces actors(scene);
+  const Eigen::Vector3d up = scene.up.normalized();
   std::vector<double> elevations;
   Points kept;
   for (std::size_t i = 0; i < seen.points.size(); ++i) {
     const float* p = &seen.points.positions[3 * i];
-    const Eigen::Vector3d world(p[0], p[1], p[2]), way = world - lidar;
-    if (way.norm() < 1e-3 || actors.holds(world)) continue;
+    const SeenFrom from = seen_from(*seen.sweep, seen.points, i);
+    const Eigen::Vector3d world(p[0], p[1], p[2]), way = world - from.origin;
+    if (way.norm() < 1e-3 || actors.at(from.time).holds(world)) continue;
     kept.push_back((street_from_world * world.homogeneous()).head<3>());
     elevations.push_back(way.dot(up) / way.norm());
   }

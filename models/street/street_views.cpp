@@ -117,6 +117,7 @@ LidarReturns street_returns(const StreetPainter& painter, const WorldRays& rays,
     const Eigen::Vector3d origin = Eigen::Map<const Eigen::Vector3f>(&rays.origins[i]).cast<double>(),
                           direction = Eigen::Map<const Eigen::Vector3f>(&rays.directions[i]).cast<double>();
     list.add((street_from_world * origin.homogeneous()).head<3>(), street_from_world.topLeftCorner<3, 3>() * direction);
+    if (!rays.times.empty()) list.last_is_at(rays.times[i / 3], 0);
   }
   Everything all = look(painter, list);
   return {std::move(all.depth), std::move(all.actors)};

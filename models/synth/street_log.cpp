@@ -11,6 +11,7 @@
 #include "models/data/write_pandaset.h"
 #include "models/io/commit.h"
 #include "models/io/json.h"
+#include "models/synth/as_recorded.h"
 #include "models/synth/procedural.h"
 #include "models/synth/street_sensors.h"
 #include "runtime/error.h"
@@ -23,7 +24,6 @@ namespace fs = std::filesystem;
 constexpr double kStart = 1557539924;
 constexpr double kLongest = 20;      // seconds
 constexpr double kFarthestBox = 80;  // metres from the car
-constexpr double kShutter = 0.03;
 constexpr int kTurns = 8;
 
 void check(const StreetLogOptions& options) {
@@ -38,6 +38,8 @@ void check(const StreetLogOptions& options) {
              options.frames, ", ", options.width, "x", options.height, ", ", options.beams, ", ",
              options.cameras.size(), " and ", options.clouds));
   }
+  if (options.dead_lidar && !options.as_recorded)
+    throw Error(Fault::usage, "dead LiDAR poses are of logs that are made as recorded");
   const bool paced = options.rate >= 1 && options.rate <= 10 && options.frames <= kLongest * options.rate;
   if (paced) return;
   throw Error(Fault::usage, text("a synthetic log has 1 to 10 frames per second and lasts at most ", kLongest,
@@ -68,6 +70,7 @@ class StreetLog {
       : root_(root),
         options_(options),
         on_picture_(on_picture),
+        recording_(recording_of(options)),
         street_(make_street(options.seed, {options.night, options.clouds}, options.frames / options.rate)) {}
 
   void write() {
@@ -88,6 +91,7 @@ class StreetLog {
     Scene log;
     log.is_log = log.metric = true;
     log.night = options_.night;
+    log.recording = recording_;
     for (const std::string& name : options_.cameras) {
       const Mount& mount = mount_of(name);
       const double focal = mount.focal * options_.width;
@@ -103,13 +107,16 @@ class StreetLog {
         frame.sensor = name;
         frame.step = step;
         frame.camera = index;
-        frame.timestamp = kStart + time_of(step);
-        frame.world_from_camera = world_from_camera(street_, mount, time_of(step));
+        const double stamp = time_of(step) + exposed_after(options_, mount) + recording_.image_stamp;
+        frame.timestamp = kStart + stamp;
+        frame.world_from_camera = world_from_camera(street_, mount, stamp);
         log.frames.push_back(std::move(frame));
       }
     }
     for (int step = 0; step < options_.frames; ++step) {
-      log.sweeps.push_back({"", kStart + time_of(step), world_from_lidar(street_, time_of(step)), step, Split::train});
+      const double stamp = time_of(step) + recording_.sweep_stamp,
+                   posed = options_.dead_lidar ? recording_.sweep_stamp : stamp;
+      log.sweeps.push_back({"", kStart + stamp, world_from_lidar(street_, posed), step, Split::train});
     }
     for (const StreetActor& actor : street_.world.actors) log.actors.push_back(boxes_of(actor));
     return log;
@@ -122,8 +129,9 @@ class StreetLog {
     actor.size = made.thing->bounds.sizes();
     actor.stationary = made.parked;
     for (int step = 0; step < options_.frames; ++step) {
-      const PlacedThing placed = made.at(street_.world.course, time_of(step), 0, 0);
-      const Eigen::Vector3d ego = world_from_ego(street_, time_of(step)).topRightCorner<3, 1>();
+      const double time = seen_time(street_, made, time_of(step), recording_);
+      const PlacedThing placed = made.at(street_.world.course, time, 0, 0);
+      const Eigen::Vector3d ego = world_from_ego(street_, time).topRightCorner<3, 1>();
       if ((placed.position - ego).norm() > kFarthestBox) continue;
       ActorBox box{step, kStart + time_of(step)};
       box.world_from_box.topLeftCorner<2, 2>() << placed.turn.x(), -placed.turn.y(), placed.turn.y(), placed.turn.x();
@@ -137,10 +145,12 @@ class StreetLog {
     Exposure exposure;
     exposure.mount = &mount_of(frame.sensor);
     exposure.camera = log.cameras[std::size_t(frame.camera)];
-    exposure.time = time_of(frame.step);
-    exposure.duration = options_.rolling_shutter ? kShutter : 0;
+    exposure.time = time_of(frame.step) + exposed_after(options_, *exposure.mount);
+    exposure.duration = recording_.shutter;
     exposure.turn = turn;
     StreetPicture picture = take_picture(street_, exposure);
+    const auto covered = recording_.car_rows.find(frame.sensor);
+    if (covered != recording_.car_rows.end()) cover_rows(picture, covered->second);
     if (on_picture_) on_picture_();
     return picture;
   }
@@ -163,9 +173,13 @@ class StreetLog {
     Spin spin;
     spin.beams = options_.beams;
     spin.time = time_of(step);
-    spin.moving = options_.rolling_shutter;
+    spin.moving = recording_.sweep_seconds > 0;
     spin.seed = mixed(options_.seed) + std::uint64_t(step);
-    return take_sweep(street_, spin);
+    spin.car = recording_.car;
+    LidarPoints points = take_sweep(street_, spin);
+    if (recording_.second_lidar) add_ahead(street_, spin, *recording_.second_lidar, points);
+    for (float& time : points.times) time -= static_cast<float>(recording_.sweep_stamp);
+    return points;
   }
 
   void write_actor_names() const {
@@ -189,6 +203,7 @@ class StreetLog {
   fs::path root_;
   StreetLogOptions options_;
   std::function<void()> on_picture_;
+  Recording recording_;
   MadeStreet street_;
 };
 

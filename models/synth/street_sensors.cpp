@@ -155,36 +155,76 @@ StreetPicture take_picture(const MadeStreet& street, const Exposure& exposure) {
   return picture;
 }
 
-LidarPoints take_sweep(const MadeStreet& street, const Spin& spin) {
+namespace {
+
+/// One LiDAR's beams while it turns.
+struct Pattern {
+  int sensor, beams, columns;
+  Vector3d place;       // in the axes of the LiDAR that turns
+  double turn;          // radians that its columns cover, clockwise, ahead in their middle
+  double lowest, rise;  // degrees: of the lowest beam, and from there to the highest
+};
+
+/// Where a ray in the car's axes enters its box.
+std::optional<double> car_distance(const CarBox& car, const Vector3d& origin, const Vector3d& way) {
+  double enter = 0, leave = kReach;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double middle = (car.centre[axis] - origin[axis]) / way[axis],
+                 half = std::abs(0.5 * car.size[axis] / way[axis]);
+    enter = std::max(enter, middle - half);
+    leave = std::min(leave, middle + half);
+  }
+  return enter < leave ? std::optional(enter) : std::nullopt;
+}
+
+void add_returns(const MadeStreet& street, const Spin& spin, const Pattern& pattern, LidarPoints& points) {
+  constexpr double kCarIntensity = 0.3;  // intensity of the car's own body
   const StreetMoment still(street.world, spin.time);
-  std::vector<std::vector<Return>> returns(std::size_t(spin.columns));
-  const auto share_of = [&](int column) { return (column + 0.5) / spin.columns - 0.5; };
-  for_each_row(spin.columns, [&](int column) {
+  std::vector<std::vector<Return>> returns(std::size_t(pattern.columns));
+  const auto share_of = [&](int column) { return (column + 0.5) / pattern.columns - 0.5; };
+  for_each_row(pattern.columns, [&](int column) {
     HostRandom random(mixed(spin.seed) + std::uint64_t(column));
     const double time = spin.time + (spin.moving ? kTurnTime * share_of(column) : 0);
     const std::optional<StreetMoment> now =
         spin.moving ? std::optional<StreetMoment>(std::in_place, street.world, time) : std::nullopt;
     const Matrix4d pose = world_from_lidar(street, time);
-    const double yaw = -2 * M_PI * share_of(column);
-    for (int beam = 0; beam < spin.beams; ++beam) {
-      const double rise = (-24 + 36.0 * (spin.beams > 1 ? double(beam) / (spin.beams - 1) : 0.5)) * kDegree;
-      const Vector3d way(-std::sin(yaw) * std::cos(rise), std::cos(yaw) * std::cos(rise), std::sin(rise));
-      const Ray ray{pose.topRightCorner<3, 1>(), pose.topLeftCorner<3, 3>() * way};
-      if (const auto found = lidar_return(now ? *now : still, ray, random)) {
+    const double yaw = -pattern.turn * share_of(column);
+    for (int beam = 0; beam < pattern.beams; ++beam) {
+      const double up =
+          (pattern.lowest + pattern.rise * (pattern.beams > 1 ? double(beam) / (pattern.beams - 1) : 0.5)) * kDegree;
+      const Vector3d way(-std::sin(yaw) * std::cos(up), std::cos(yaw) * std::cos(up), std::sin(up));
+      const Ray ray{(pose * pattern.place.homogeneous()).head<3>(), pose.topLeftCorner<3, 3>() * way};
+      const auto found = lidar_return(now ? *now : still, ray, random);
+      const auto body = spin.car ? car_distance(*spin.car, pattern.place, way) : std::nullopt;
+      if (body)
+        returns[std::size_t(column)].push_back({ray.origin + *body * ray.direction, kCarIntensity});
+      else if (found)
         returns[std::size_t(column)].push_back(*found);
-      }
     }
   });
-  LidarPoints points;
-  for (int column = 0; column < spin.columns; ++column) {
+  for (int column = 0; column < pattern.columns; ++column) {
     for (const Return& found : returns[std::size_t(column)]) {
       for (const double value : found.point) points.positions.push_back(static_cast<float>(value));
       points.intensities.push_back(static_cast<float>(found.intensity));
       points.times.push_back(static_cast<float>(kTurnTime * share_of(column)));
-      points.sensors.push_back(0);
+      points.sensors.push_back(static_cast<std::uint8_t>(pattern.sensor));
     }
   }
+}
+
+}  // namespace
+
+LidarPoints take_sweep(const MadeStreet& street, const Spin& spin) {
+  LidarPoints points;
+  add_returns(street, spin, {0, spin.beams, spin.columns, Vector3d::Zero(), 2 * M_PI, -24, 36}, points);
   return points;
+}
+
+void add_ahead(const MadeStreet& street, const Spin& spin, const Vector3d& place, LidarPoints& points) {
+  Spin other = spin;
+  other.seed = mixed(spin.seed ^ 0x6168656164);
+  add_returns(street, other,
+              {1, std::max(1, spin.beams / 2), std::max(1, spin.columns / 6), place, 60 * kDegree, -10, 16}, points);
 }
 
 }  // namespace cloam

@@ -1,6 +1,7 @@
 // Cameras and the LiDAR of the car that drives through a made street.
 #pragma once
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "models/data/load_sweep.h"
@@ -40,10 +41,15 @@ StreetPicture take_picture(const MadeStreet& street, const Exposure& exposure);
 struct Spin {
   int beams = 32, columns = 720;
   double time = 0;
-  bool moving = false;     // car and actors move while the LiDAR turns; else they stand as they are at `time`
-  std::uint64_t seed = 0;  // of noise and drop-out
+  bool moving = false;             // car and actors move while the LiDAR turns; else they stand as they are at `time`
+  std::uint64_t seed = 0;          // of noise and drop-out
+  std::optional<CarBox> car = {};  // the car's own body, which beams hit, in the axes of the LiDAR
 };
 /// Beams from 24 degrees below to 12 above; clockwise from the rear, and `times` are 0 where the beam looks ahead.
 LidarPoints take_sweep(const MadeStreet& street, const Spin& spin);
+
+/// A second LiDAR (sensor 1) at `place` in the axes of the first, which looks ahead: 60 degrees from left to right
+/// while the first turns once, from 10 degrees below to 6 above with half as many beams. Its returns are added.
+void add_ahead(const MadeStreet& street, const Spin& spin, const Eigen::Vector3d& place, LidarPoints& points);
 
 }  // namespace cloam

@@ -42,7 +42,7 @@ class AnalyticStreet : public Street {
       double depth = background(o, d);
       int seen = 0;
       for (std::size_t a = 0; a < actors.size(); ++a) {
-        const auto pose = world_from_box_at(actors[a], rays.time);
+        const auto pose = world_from_box_at(actors[a], rays.times.empty() ? rays.time : rays.times[r / 3]);
         const double at = pose ? box_depth(pose->inverse(), actors[a].size, o, d) + sunk : kMissed;
         if (at < depth) depth = at, seen = static_cast<int>(a) + 1;
       }

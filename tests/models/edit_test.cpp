@@ -55,16 +55,19 @@ Vector3d centre(const Actor& actor, std::size_t box) {
   return actor.boxes.at(box).world_from_box.topRightCorner<3, 1>();
 }
 
-/// What a LiDAR of 1 degree would have returned, at one step.
+/// What a LiDAR of 1 degree would have returned, at one step; every seventh return is the second one's.
 LidarPoints recorded_sweep(AnalyticStreet& street, const Sweep& sweep) {
   WorldRays rays{0, sweep.timestamp, {}, {}};
-  const Vector3d origin = sweep.world_from_lidar.topRightCorner<3, 1>();
+  std::vector<float> times;
   for (int pitch = -25; pitch <= 5; ++pitch) {
     for (int azimuth = -70; azimuth <= 70; ++azimuth) {
       const double a = azimuth * kPi / 180 + 1e-3, p = pitch * kPi / 180 + 1e-3;
       const Vector3d d(std::cos(p) * std::sin(a), std::cos(p) * std::cos(a), std::sin(p));
+      times.push_back(sweep.velocity ? static_cast<float>(azimuth) * 0.0007f : 0);
+      const SeenFrom from = seen_from(sweep, times.size() % 7 == 1, double{times.back()});
+      if (sweep.velocity) rays.times.push_back(from.time);
       for (int axis = 0; axis < 3; ++axis) {
-        rays.origins.push_back(static_cast<float>(origin[axis]));
+        rays.origins.push_back(static_cast<float>(from.origin[axis]));
         rays.directions.push_back(static_cast<float>(d[axis]));
       }
     }
@@ -77,7 +80,7 @@ LidarPoints recorded_sweep(AnalyticStreet& street, const Sweep& sweep) {
       points.positions.push_back(rays.origins[3 * r + axis] + returns.depths[r] * rays.directions[3 * r + axis]);
     }
     points.intensities.push_back(static_cast<float>(r % 256) / 255);
-    points.times.push_back(0);
+    points.times.push_back(times[r]);
     points.sensors.push_back(r % 7 == 0);
   }
   return points;
@@ -258,6 +261,25 @@ TEST_CASE("simulate with remove: no return of the actor, what is behind it inste
     CHECK(s.edit.points.intensities == s.recorded.intensities);
     CHECK(s.edit.points.sensors == s.recorded.sensors);
   }
+}
+
+TEST_CASE("simulate: each return is seen from its own LiDAR at its own time") {
+  Scenes before = street_scenes();
+  before[0].sweeps[1].velocity = {6, 2, 0};
+  before[0].sweeps[1].second_lidar = {0.4, 1.2, -0.4};
+  Scenes after = before;
+  apply(Shift{{3, 0, 0}}, after, kVan);  // to its right, and it drives
+  apply(Remove{}, after, kCar);
+  AnalyticStreet then(before), now(after);
+  const Sweep& sweep = before[0].sweeps[1];
+  const LidarPoints recorded = recorded_sweep(then, sweep), truth = recorded_sweep(now, sweep);
+  const SweepEdit edit = edited_sweep(now, {before[0], after[0]}, sweep, recorded);
+  REQUIRE(truth.size() == edit.points.size());
+  double worst = 0;
+  for (std::size_t i = 0; i < truth.size(); ++i)
+    worst = std::max(worst, (point(truth, i) - point(edit.points, i)).norm());
+  CHECK(worst < 2e-3);
+  CHECK(edit.changed > 100);
 }
 
 TEST_CASE("simulate with shift: the actor's returns move with it") {

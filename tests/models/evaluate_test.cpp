@@ -346,6 +346,11 @@ TEST_CASE("LiDAR errors and Chamfer distances are of the test sweeps, along rays
   CHECK(scores.errors[1] == doctest::Approx(1));
   CHECK(scores.median_error() == doctest::Approx(3));
   CHECK(LidarScores{{4, 1, 2, 3}, {}}.median_error() == doctest::Approx(2.5));
+  log.sweeps[1].second_lidar = {0, 0, 2};  // now its place is known, too
+  const LidarScores both = lidar_scores(measured_sweeps(wall, log, 0));
+  REQUIRE(both.errors.size() == 4);
+  CHECK(both.errors[3] == doctest::Approx(std::hypot(99, 2) - 7));
+  log.sweeps[1].second_lidar.reset();
   // The wall is 7 m away: each point's nearest is that of its own ray, 3, 1 and 3 m away, from either side.
   REQUIRE(scores.chamfer.size() == 1);
   CHECK(scores.chamfer[0] == doctest::Approx(2 * (9 + 1 + 9) / 3.0));

@@ -215,6 +215,48 @@ TEST_CASE("returns lie where the LiDAR saw them, and not on actors that are left
   CHECK(car > 40);
 }
 
+TEST_CASE("returns of a moving LiDAR, and of a second one, are seen from where it was, among actors as they were") {
+  const Folder folder;
+  Scene scene = toy_street(folder.path, {.frames = 3});
+  Actor crossing = toy_actor("crossing", {2, 4, 3}, 12, 0);
+  for (ActorBox& box : crossing.boxes) box.world_from_box(1, 3) = 20 * box.timestamp;
+  scene.actors = {crossing};
+  const Vector3d velocity(8, 1, 0), second(0.4, 1.2, -0.4);
+  std::vector<LoadedSweep> sweeps;
+  for (Sweep& sweep : scene.sweeps) {
+    sweep.velocity = velocity;
+    sweep.second_lidar = second;
+    LidarPoints points = load_sweep(scene, sweep);
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      points.times[i] = 0.1f * static_cast<float>(i) / static_cast<float>(points.size()) - 0.05f;
+      points.sensors[i] = i % 3 == 0;
+      // All that it sees is the actor's middle, as it goes by.
+      const double time = sweep.timestamp + double{points.times[i]};
+      points.positions[3 * i] = 12, points.positions[3 * i + 1] = static_cast<float>(20 * time);
+      points.positions[3 * i + 2] = static_cast<float>(i % 3);
+    }
+    sweeps.push_back({&sweep, points});
+  }
+  const StreetSpace space(scene, {});
+  const LogSource data(scene, toy_pixels(scene), std::move(sweeps), {space.street_from_world(), 1});
+  HostRandom random(1, 1);
+  RayList rays;
+  data.add_returns(rays, random, 400, {});
+  REQUIRE(rays.count() == 400);
+  const Eigen::Matrix4d world_from_street = space.street_from_world().inverse();
+  for (std::size_t r = 0; r < 400; ++r) {
+    const Vector3d from = moved(world_from_street, origin_of(rays, r)),
+                   end = moved(world_from_street, origin_of(rays, r) + double{rays.ranges[r]} * direction_of(rays, r));
+    const double seen = end.y() / 20, sweep = 0.1 * std::lround(seen / 0.1);  // the actor is a clock
+    CHECK(std::abs(rays.times[std::size_t(rays.moments[r])] - seen) < 0.0026);
+    const Vector3d first = Vector3d(0, 0, 2) + (seen - sweep) * velocity;
+    CHECK((from - (end.z() < 0.5 ? Vector3d(first + second) : first)).norm() < 1e-3);
+  }
+  rays.actors = {false};
+  data.add_returns(rays, random, 400, {});
+  CHECK(rays.count() == 400);  // all of them are of the actor
+}
+
 TEST_CASE("images smaller than the pixels that a ray stands for, and logs without images, are errors") {
   const Folder folder;
   const Scene scene = toy_street(folder.path);

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <optional>
 
+#include "models/data/recording_file.h"
 #include "models/io/checkpoint.h"
 #include "models/nn/params.h"
 #include "models/runs/scene_file.h"
@@ -328,6 +329,9 @@ TEST_CASE("scene.json keeps all that a model of a log is built from, for each sc
   Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
   pose(1, 3) = 1.0 / 3.0;
   log.sweeps = {{"lidar/07.pkl.gz", 1557539924.5, pose, 7, Split::test}};
+  log.sweeps[0].velocity = {0.1, 2.0 / 3.0, 0};
+  log.sweeps[0].second_lidar = {0, 0.5, 1.0 / 7.0};
+  log.recording = pandaset_recording();
   log.actors = {{"a", "Car", {2, 4, 1.5}, true, {{7, 1557539924.5, pose}}, AssetName{1, "b"}},
                 {"b", "Bus", {3, 9, 3}, false, {}, {}}};
   Scene photos;
@@ -350,6 +354,9 @@ TEST_CASE("scene.json keeps all that a model of a log is built from, for each sc
   CHECK(back.sweeps[0].timestamp == 1557539924.5);
   CHECK(back.sweeps[0].split == Split::test);
   CHECK(back.sweeps[0].world_from_lidar == pose);
+  CHECK(back.sweeps[0].velocity == log.sweeps[0].velocity);
+  CHECK(back.sweeps[0].second_lidar == log.sweeps[0].second_lidar);
+  CHECK(back.recording == log.recording);
   REQUIRE(back.actors.size() == 2);
   CHECK(back.actors[0].label == "Car");
   CHECK(back.actors[0].size == log.actors[0].size);
