@@ -6,6 +6,10 @@
 // away and places divided by the stride; adjoint in w j = (c, r, s), k = (n, p, q).
 //: variant conv2d_tiled gpu any LANES=256 TM=64 TN=64 TK=16
 //: variant conv2d_tiled gpu any LANES=64 TM=32 TN=32 TK=16
+// narrow: C has 32 rows or fewer (the channels of an image decoder), of which a tile of 64 would leave half unused.
+//: variant conv2d_tiled gpu narrow LANES=256 TM=32 TN=128 TK=16
+//: variant conv2d_tiled gpu narrow LANES=64 TM=32 TN=64 TK=16
+//: variant conv2d_tiled gpu narrow LANES=64 TM=32 TN=32 TK=16
 #define SIDE (LANES == 64 ? 8 : 16)
 #define RM (TM / SIDE)
 #define RN (TN / SIDE)

@@ -90,7 +90,7 @@ struct Operands {
 };
 
 void run_product(const char* name, const Product& p, const Operands& of, int64_t groups, const Tensor& out) {
-  const Variant& v = choose("conv2d", "any");
+  const Variant& v = choose("conv2d", p.m <= 32 ? "narrow" : "any");
   // Weight gradients have few tiles but a long sum: share it out. A sum with an epilogue stays whole. The order of a
   // sum must not depend on the variant: tiles of 64 x 64 are counted whatever it takes.
   const int64_t tiles = ceil_div(p.n, 64) * ceil_div(p.m, 64);
