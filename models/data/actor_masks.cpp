@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "models/io/image.h"
+#include "models/io/in_parallel.h"
 #include "models/io/json.h"
 #include "models/io/paths.h"
 #include "runtime/error.h"
@@ -124,13 +125,14 @@ ActorMask ActorMasks::read(const Frame& frame, const Camera& camera) const {
   if (labels.width / factor != camera.width || labels.height / factor != camera.height)
     bad_data(path.string(), ": the mask has ", labels.width, "x", labels.height, " pixels, the image as loaded ",
              camera.width, "x", camera.height);
-  ActorMask mask{labels.width, labels.height, {}};
-  for (const std::uint16_t number : labels.values) {
-    const auto found = numbers_.find(number);
-    const int actor = found == numbers_.end() ? 0 : found->second;
-    const bool counts = actor > 0 && box_at_step(scene_.actors[static_cast<std::size_t>(actor) - 1], frame.step);
-    mask.actors.push_back(counts ? actor : 0);
-  }
+  std::vector<int> actors(1 << 16, 0);  // by number; 0: has no box at this step
+  for (const auto& [number, actor] : numbers_)
+    if (number < std::ssize(actors) && actor > 0 &&
+        box_at_step(scene_.actors[static_cast<std::size_t>(actor) - 1], frame.step))
+      actors[static_cast<std::size_t>(number)] = actor;
+  ActorMask mask{labels.width, labels.height, std::vector<int>(labels.values.size())};
+  std::transform(labels.values.begin(), labels.values.end(), mask.actors.begin(),
+                 [&](std::uint16_t number) { return actors[number]; });
   return reduced(mask, factor);
 }
 
@@ -147,11 +149,12 @@ ActorMask ActorMasks::of(const Frame& frame, const Camera& camera) const {
 
 std::vector<std::vector<float>> actor_shares(const Scene& scene, const Pixels& photos, int cell) {
   const ActorMasks masks(scene);
-  std::vector<std::vector<float>> shares;
-  for (const FramePixels& photo : photos.frames) {
-    std::vector<float>& cells = shares.emplace_back();
+  std::vector<std::vector<float>> shares(photos.frames.size());
+  in_parallel(shares.size(), [&](std::size_t i) {
+    const FramePixels& photo = photos.frames[i];
+    std::vector<float>& cells = shares[i];
     const Frame& frame = scene.frames[photo.frame];
-    if (!masks.has_truth(frame)) continue;
+    if (!masks.has_truth(frame)) return;
     const ActorMask mask = masks.of(frame, photos.cameras[static_cast<std::size_t>(photo.camera)]);
     const int rows = mask.height / cell, columns = mask.width / cell;
     cells.assign(static_cast<std::size_t>(rows * columns), 0.f);
@@ -159,7 +162,7 @@ std::vector<std::vector<float>> actor_shares(const Scene& scene, const Pixels& p
       for (int x = 0; x < columns * cell; ++x)
         if (mask.actors[static_cast<std::size_t>(y * mask.width + x)] != 0)
           cells[static_cast<std::size_t>(y / cell * columns + x / cell)] += 1.f / static_cast<float>(cell * cell);
-  }
+  });
   return shares;
 }
 

@@ -13,15 +13,18 @@ class ActorSpace {
   /// Of all actors that have a box at `time`, but for those that `without` marks (by place in scene.actors; empty:
   /// none).
   ActorSpace(const Scene& scene, double time, const std::vector<bool>& without = {});
-  /// world: a point in the scene's world frame.
+  /// world: a point in the scene's world frame. A sweep asks for each of its points: only boxes that are near along one
+  /// axis are looked at.
   bool holds(const Eigen::Vector3d& world) const;
 
  private:
   struct Box {
     Eigen::Matrix4d box_from_world;
-    Eigen::Vector3d half;
+    Eigen::Vector3d half, centre;  // of its axes; in the world
   };
-  std::vector<Box> boxes_;
+  std::vector<Box> boxes_;  // by their centres along axis_
+  Eigen::Index axis_ = 0;   // of the world, along which they lie furthest apart
+  double reach_ = 0;        // of the largest, from its centre
 };
 
 /// The spaces of moments that are asked for more than once, as those of a sweep are.

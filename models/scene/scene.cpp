@@ -68,9 +68,9 @@ std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time
 }
 
 const ActorBox* box_at_step(const Actor& actor, int step) {
-  const auto found =
-      std::find_if(actor.boxes.begin(), actor.boxes.end(), [&](const ActorBox& box) { return box.step == step; });
-  return found == actor.boxes.end() ? nullptr : &*found;
+  const auto found = std::lower_bound(actor.boxes.begin(), actor.boxes.end(), step,
+                                      [](const ActorBox& box, int wanted) { return box.step < wanted; });
+  return found == actor.boxes.end() || found->step != step ? nullptr : &*found;
 }
 
 std::optional<Eigen::Matrix4d> world_from_box_of_step(const Actor& actor, int step, std::optional<double> time) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 
+#include "models/io/in_parallel.h"
 #include "models/io/tensors.h"
 #include "models/scene/actor_space.h"
 #include "runtime/error.h"
@@ -41,7 +42,8 @@ Eigen::Matrix3d axes_of(const Scene& scene) {
   return axes;
 }
 
-double quantile(std::vector<double> values, double share) {
+/// Moves the values about.
+double quantile(std::vector<double>& values, double share) {
   const auto place = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), place, values.end());
   return *place;
@@ -65,7 +67,8 @@ void add_sweep(const Scene& scene, const LoadedSweep& seen, const Eigen::Matrix4
     elevations.push_back(way.dot(up) / way.norm());
   }
   if (kept.empty()) return;
-  const double edge = quantile(elevations, 1 - kUpperEdge);
+  std::vector<double> sorted = elevations;
+  const double edge = quantile(sorted, 1 - kUpperEdge);
   for (std::size_t i = 0; i < kept.size(); ++i) {
     out.points.push_back(kept[i]);
     if (elevations[i] >= edge) out.tops.push_back(kept[i]);
@@ -154,15 +157,13 @@ class Cameras {
       if (frame.split == Split::train)
         views_.push_back({frame.camera, (street_from_world * frame.world_from_camera).inverse()});
   }
-  /// Does the point (street axes) lie in any of the images?
-  bool see(const Eigen::Vector3d& point) const {
-    return std::any_of(views_.begin(), views_.end(), [&](const View& view) {
-      const Eigen::Vector3d p = (view.camera_from_street * point.homogeneous()).head<3>();
-      if (p.z() <= 0) return false;
-      const Camera& camera = scene_.cameras[static_cast<std::size_t>(view.camera)];
-      const Eigen::Vector2d at = project(camera, p);
-      return at.x() >= 0 && at.y() >= 0 && at.x() < camera.width && at.y() < camera.height;
-    });
+  /// Does the point (street axes) lie in any of the images? `likely`: the place of the image that is asked first, then
+  /// that of the one which sees it: neighbouring points mostly lie in one image.
+  bool see(const Eigen::Vector3d& point, std::size_t& likely) const {
+    if (likely < views_.size() && sees(views_[likely], point)) return true;
+    const auto found = std::find_if(views_.begin(), views_.end(), [&](const View& view) { return sees(view, point); });
+    likely = static_cast<std::size_t>(found - views_.begin());
+    return found != views_.end();
   }
 
  private:
@@ -170,6 +171,15 @@ class Cameras {
     int camera;
     Eigen::Matrix4d camera_from_street;
   };
+
+  bool sees(const View& view, const Eigen::Vector3d& point) const {
+    const Eigen::Vector3d p = (view.camera_from_street * point.homogeneous()).head<3>();
+    if (p.z() <= 0) return false;
+    const Camera& camera = scene_.cameras[static_cast<std::size_t>(view.camera)];
+    const Eigen::Vector2d at = project(camera, p);
+    return at.x() >= 0 && at.y() >= 0 && at.x() < camera.width && at.y() < camera.height;
+  }
+
   const Scene& scene_;
   std::vector<View> views_;
 };
@@ -193,10 +203,14 @@ void StreetSpace::raise(const Points& tops, const Scene& scene) {
       if (!fresh) top->second = std::min(top->second, (*c)[2]);
     }
   const int blind = static_cast<int>(kBlindRise / double{numbers_[3]});
-  for (const auto& [column, top] : lowest)
+  const std::vector<std::pair<std::pair<int, int>, int>> columns(lowest.begin(), lowest.end());
+  in_parallel(columns.size(), [&](std::size_t i) {
+    const auto& [column, top] = columns[i];
+    std::size_t likely = 0;
     for (int z = top; z < voxels.counts[2]; ++z)
-      if (z <= top + blind || cameras.see(voxels.middle(column.first, column.second, z)))
+      if (z <= top + blind || cameras.see(voxels.middle(column.first, column.second, z), likely))
         cells_[voxels.place(column.first, column.second, z)] = 1;
+  });
 }
 
 /// Along one axis after the other: a cube around every occupied voxel.
@@ -221,22 +235,31 @@ void StreetSpace::dilate() {
 }
 
 void StreetSpace::look(const Scene& scene, const std::vector<LoadedSweep>& sweeps) {
-  Static seen;
-  for (const LoadedSweep& sweep : sweeps) add_sweep(scene, sweep, street_from_world_, seen);
-  if (seen.points.empty()) return;
+  std::vector<Static> seen(sweeps.size());  // by sweep
+  in_parallel(sweeps.size(), [&](std::size_t i) { add_sweep(scene, sweeps[i], street_from_world_, seen[i]); });
+  std::size_t count = 0;
+  for (const Static& part : seen) count += part.points.size();
+  if (count == 0) return;
   Bounds all = reach(), middle;
-  for (int axis = 0; axis < 3; ++axis) {
+  in_parallel(3, [&](std::size_t k) {
+    const auto axis = static_cast<Eigen::Index>(k);
     std::vector<double> values;
-    for (const Eigen::Vector3d& p : seen.points) values.push_back(p[axis]);
+    values.reserve(count);
+    for (const Static& part : seen)
+      for (const Eigen::Vector3d& p : part.points) values.push_back(p[axis]);
     const auto [least, most] = std::minmax_element(values.begin(), values.end());
     all.low[axis] = std::max(all.low[axis], *least - 1);
     if (axis < 2) all.high[axis] = std::min(all.high[axis], *most + 1);
     middle.low[axis] = std::max(all.low[axis], quantile(values, kMiddle));
     middle.high[axis] = std::min(all.high[axis], quantile(values, 1 - kMiddle));
-  }
+  });
   lay(all, middle);
-  mark(seen.points);
-  raise(seen.tops, scene);
+  Points tops;
+  for (const Static& part : seen) {
+    mark(part.points);
+    tops.insert(tops.end(), part.tops.begin(), part.tops.end());
+  }
+  raise(tops, scene);
   dilate();
   upload();
 }
