@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "models/io/image.h"
 #include "models/io/safetensors.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
@@ -254,6 +255,28 @@ TEST_CASE(
   const double n = static_cast<double>(codes.size());
   CHECK(std::abs(sum / n) < 4 / std::sqrt(n));
   CHECK(std::abs(squares / n - 1) < 4 * std::sqrt(2 / n));
+}
+
+TEST_CASE("generate makes more assets than lie in memory at once; the sheet shows the first 256") {
+  const fs::path many = scratch() / "made_many", few = scratch() / "made_few";
+  const auto made = [](const fs::path& out, const std::string& count) {
+    const Outcome outcome = cloam_with({"generate", small_diffusion_run().string(), "-o", out.string(), "-n", count,
+                                        "--steps", "1", "--frames", "1", "--size", "16", "--no-meshes", "-q"});
+    REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+    return read_safetensors(out / "latents.safetensors").tensors.at("latents");
+  };
+  const NamedTensor all = made(many, "258"), first = made(few, "64");
+  CHECK(all.shape == std::vector<int64_t>{258, 4, 4, 4});
+  CHECK(std::equal(first.data.begin(), first.data.end(), all.data.begin()));
+  CHECK_FALSE(std::equal(first.data.begin(), first.data.end(), all.data.begin() + std::ssize(first.data)));
+  const auto rows = json_of(many / "generate.json").at("assets");
+  REQUIRE(rows.size() == 258);
+  for (std::size_t i = 0; i < rows.size(); ++i) CHECK(rows.at(i).at("asset") == i);
+  CHECK(rows.at(257).at("turntable") == "asset_257.gif");
+  CHECK(fs::exists(many / "asset_257.gif"));
+  CHECK(content_of(many / "asset_063.gif") == content_of(few / "asset_063.gif"));
+  constexpr int kSide = 16, kGap = 4;
+  CHECK(read_image(many / "grid.png").width == 16 * (kSide + kGap) - kGap);
 }
 
 TEST_CASE("generate's mistakes: one line that says what would do, and nothing is written") {
