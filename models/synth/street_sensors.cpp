@@ -3,13 +3,11 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
-#include <functional>
 #include <optional>
 #include <string>
-#include <thread>
 
+#include "models/io/in_parallel.h"
 #include "models/synth/procedural.h"
 #include "runtime/error.h"
 
@@ -29,17 +27,6 @@ constexpr std::array<Mount, 6> kMounts{{{"front_camera", 0, 328.333333 / 320},
                                         {"left_camera", 110 * kDegree, 155.0 / 320},
                                         {"right_camera", -110 * kDegree, 155.0 / 320},
                                         {"back_camera", M_PI, 155.0 / 320}}};
-
-/// Calls work(0 ... count - 1) on all cores.
-void for_each_row(int count, const std::function<void(int)>& work) {
-  std::atomic<int> next = 0;
-  const auto worker = [&] {
-    for (int row = next++; row < count; row = next++) work(row);
-  };
-  std::vector<std::jthread> threads;
-  for (unsigned i = 1; i < std::thread::hardware_concurrency(); ++i) threads.emplace_back(worker);
-  worker();
-}
 
 Ray pixel_ray(const Camera& camera, const Matrix4d& world_from_camera, double x, double y) {
   const Vector3d seen((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1);
@@ -146,7 +133,8 @@ StreetPicture take_picture(const MadeStreet& street, const Exposure& exposure) {
   picture.actor.resize(pixels);
   picture.depth.resize(pixels);
   const StreetMoment still(street.world, exposure.time, exposure.turn);
-  for_each_row(camera.height, [&](int y) {
+  in_parallel(std::size_t(camera.height), [&](std::size_t row) {
+    const int y = static_cast<int>(row);
     const double time = exposure.time + exposure.duration * ((y + 0.5) / camera.height - 0.5);
     const Matrix4d pose = world_from_camera(street, *exposure.mount, time);
     if (exposure.duration == 0) return Row(still, camera, pose, y).draw(picture);
@@ -182,7 +170,8 @@ void add_returns(const MadeStreet& street, const Spin& spin, const Pattern& patt
   const StreetMoment still(street.world, spin.time);
   std::vector<std::vector<Return>> returns(std::size_t(pattern.columns));
   const auto share_of = [&](int column) { return (column + 0.5) / pattern.columns - 0.5; };
-  for_each_row(pattern.columns, [&](int column) {
+  in_parallel(returns.size(), [&](std::size_t at) {
+    const int column = static_cast<int>(at);
     HostRandom random(mixed(spin.seed) + std::uint64_t(column));
     const double time = spin.time + (spin.moving ? kTurnTime * share_of(column) : 0);
     const std::optional<StreetMoment> now =
@@ -197,9 +186,9 @@ void add_returns(const MadeStreet& street, const Spin& spin, const Pattern& patt
       const auto found = lidar_return(now ? *now : still, ray, random);
       const auto body = spin.car ? car_distance(*spin.car, pattern.place, way) : std::nullopt;
       if (body)
-        returns[std::size_t(column)].push_back({ray.origin + *body * ray.direction, kCarIntensity});
+        returns[at].push_back({ray.origin + *body * ray.direction, kCarIntensity});
       else if (found)
-        returns[std::size_t(column)].push_back(*found);
+        returns[at].push_back(*found);
     }
   });
   for (int column = 0; column < pattern.columns; ++column) {
