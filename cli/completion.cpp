@@ -294,6 +294,9 @@ like \fB\-\-device\fR
 CLOAM_CACHE_DIR
 where tune and selftest keep what they found
 .TP
+CLOAM_DATA_CACHE
+where training keeps what it computed from LiDAR sweeps, or off
+.TP
 CLOAM_DEBUG
 some of kernels, nan, poison, bounds, sync, float64
 )";

@@ -6,6 +6,7 @@
 
 #include "cli/commands.h"
 #include "cli/doctor_checks.h"
+#include "models/io/data_cache.h"
 #include "runtime/error.h"
 #include "runtime/kernel_cache.h"
 #include "runtime/ops.h"
@@ -27,6 +28,15 @@ Finding check_cache() {
   if (cache.note.empty()) return {Finding::fine, "compiled kernels", "their folder can be written", ""};
   return {Finding::problem, "compiled kernels", cache.note,
           "free the disk, or export POCL_CACHE_DIR=FOLDER with one that this user can write"};
+}
+
+/// Nothing is wrong without it: what it would hold is computed anew each time.
+Finding tell_kept_data() {
+  const fs::path folder = data_cache_folder();
+  if (folder.empty()) return {Finding::fine, "kept sweeps", "none are kept (CLOAM_DATA_CACHE=off)", ""};
+  const KeptData kept = kept_data();
+  return {Finding::fine, "kept sweeps",
+          text(folder.string(), ", ", words_for_bytes(kept.bytes), " in ", kept.files, " files"), ""};
 }
 
 /// 64 ones times 64 ones, summed: 64 in each of 4,096 places.
@@ -51,6 +61,7 @@ Finding check_kernel(const Common& common) {
 Findings examine(const Common& common) {
   Findings all = check_drivers();
   all.push_back(check_cache());
+  all.push_back(tell_kept_data());
   std::vector<DeviceInfo> devices;
   try {
     devices = list_devices();

@@ -48,8 +48,6 @@ inline cl::Kernel& kernel(const Variant& variant, const Constants& more = {}) {
 bool has_kernel_text(const std::string& stem);
 std::string kernel_text(const std::string& stem);
 std::vector<std::string> kernel_stems();
-/// What is kept between runs on this machine: tuned choices.
-std::string cache_folder();
 
 /// One generated kernel: its name is a hash of its text. Missing ones are compiled together, in one program.
 struct Generated {

@@ -12,6 +12,7 @@
 #include <set>
 #include <sstream>
 
+#include "runtime/cache_folder.h"
 #include "runtime/cl.h"
 #include "runtime/hash.h"
 

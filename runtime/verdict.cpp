@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <fstream>
 
+#include "runtime/cache_folder.h"
 #include "runtime/cl.h"
 #include "runtime/debug.h"
 #include "runtime/hash.h"

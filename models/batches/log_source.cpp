@@ -98,7 +98,30 @@ struct LogSource::HostPixels {
   }
 };
 
-LogSource::LogSource(const Scene& scene, PhotoStore photos, std::vector<LoadedSweep> sweeps, const LogRays& axes)
+namespace {
+
+std::vector<LidarPoints> points_of(std::vector<LoadedSweep>& sweeps) {
+  std::vector<LidarPoints> points;
+  for (LoadedSweep& sweep : sweeps) points.push_back(std::move(sweep.points));
+  return points;
+}
+
+}  // namespace
+
+LogSweeps::LogSweeps(std::vector<LoadedSweep> sweeps) : points_(std::vector<LidarPoints>{}) {
+  for (size_t i = 0; i < sweeps.size(); ++i)
+    if (sweeps[i].points.size() > 0) kept_.push_back({sweeps[i].sweep, sweeps[i].points.size(), i});
+  points_ = points_of(sweeps);
+}
+
+LogSweeps::LogSweeps(const std::vector<const Sweep*>& sweeps, const std::vector<size_t>& counts,
+                     Stored<LidarPoints> points)
+    : points_(std::move(points)) {
+  for (size_t i = 0; i < sweeps.size(); ++i)
+    if (counts[i] > 0) kept_.push_back({sweeps[i], counts[i], i});
+}
+
+LogSource::LogSource(const Scene& scene, PhotoStore photos, LogSweeps sweeps, const LogRays& axes)
     : scene_(scene),
       photos_(std::move(photos)),
       sweeps_(std::move(sweeps)),
@@ -107,7 +130,6 @@ LogSource::LogSource(const Scene& scene, PhotoStore photos, std::vector<LoadedSw
       silhouettes_(axes.silhouettes) {
   if (photos_.size() == 0)
     throw Error(Fault::data, text(scene.root.string(), ": no image of this log is in the training split"));
-  std::erase_if(sweeps_, [](const LoadedSweep& sweep) { return sweep.points.size() == 0; });
 }
 
 int64_t LogSource::patch_side(int64_t wanted) const {
@@ -344,21 +366,31 @@ void LogSource::expect_image(StepAhead& ahead) const {
 void LogSource::add_returns(RayList& rays, HostRandom& random, int64_t count, const Share& share) const {
   const auto parts = static_cast<int64_t>(std::min(kSweepsAStep, sweeps_.size()));
   for (int64_t part = 0; part < parts; ++part) {
-    const LoadedSweep& seen = sweeps_[random.below(sweeps_.size())];
+    const size_t place = random.below(sweeps_.size());
+    const Sweep& sweep = sweeps_.sweep(place);
+    const std::shared_ptr<const LidarPoints> points = sweeps_.points(place);
     const size_t first = rays.times.size();
-    rays.times.push_back(seen.sweep->timestamp);
+    rays.times.push_back(sweep.timestamp);
     ActorSpaces others(scene_, rays.actors);
     for (int64_t i = part; i < count; i += parts) {
-      const size_t at = random.below(seen.points.size());
-      const float* p = &seen.points.positions[3 * at];
+      const size_t at = random.below(points->size());
+      const float* p = &points->positions[3 * at];
       if (!share.holds(i, count)) continue;
-      const SeenFrom from = seen_from(*seen.sweep, seen.points, at);
+      const SeenFrom from = seen_from(sweep, *points, at);
       const Eigen::Vector3d world(p[0], p[1], p[2]), lidar = move(log_from_world_, from.origin),
                                                      way = move(log_from_world_, world) - lidar;
       if (!rays.actors.empty() && others.at(from.time).holds(world)) continue;
       rays.add(lidar, way.norm() > 1e-3 ? way : Eigen::Vector3d::UnitX(), static_cast<float>(way.norm()));
       rays.last_is_at(from.time, first);
     }
+  }
+}
+
+void LogSource::expect_returns(StepAhead& ahead, int64_t count) const {
+  const auto parts = static_cast<int64_t>(std::min(kSweepsAStep, sweeps_.size()));
+  for (int64_t part = 0; part < parts; ++part) {
+    sweeps_.want(ahead.random.below(sweeps_.size()), ahead.step);
+    for (int64_t i = part; i < count; i += parts) (void)ahead.random.next();  // which return
   }
 }
 

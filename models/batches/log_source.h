@@ -45,6 +45,32 @@ struct LoadedSweep {
   LidarPoints points;
 };
 
+/// The sweeps of a log that have a return; their points when they are asked for.
+class LogSweeps {
+ public:
+  LogSweeps() : LogSweeps(std::vector<LoadedSweep>{}) {}
+  /// All in memory.
+  LogSweeps(std::vector<LoadedSweep> sweeps);  // NOLINT: sweeps in memory are sweeps
+  /// counts: of the returns that `points` has of each.
+  LogSweeps(const std::vector<const Sweep*>& sweeps, const std::vector<size_t>& counts, Stored<LidarPoints> points);
+
+  size_t size() const { return kept_.size(); }
+  const Sweep& sweep(size_t place) const { return *kept_[place].sweep; }
+  size_t returns(size_t place) const { return kept_[place].returns; }
+  /// Fault::data for a file that is damaged.
+  std::shared_ptr<const LidarPoints> points(size_t place) const { return points_[kept_[place].number]; }
+  /// As HostStore::want.
+  void want(size_t place, int64_t moment) const { points_.want(kept_[place].number, moment); }
+
+ private:
+  struct Kept {
+    const Sweep* sweep;
+    size_t returns, number;  // number: among points_
+  };
+  std::vector<Kept> kept_;
+  Stored<LidarPoints> points_;
+};
+
 /// [rows,columns] of a photo's cells: the share of a cell's pixels that show an actor. Empty: not known.
 using Silhouette = std::vector<float>;
 
@@ -86,7 +112,7 @@ struct StepAhead {
 class LogSource {
  public:
   /// The scene, and the sweeps that are pointed to, must outlive this. Fault::data for a log without images.
-  LogSource(const Scene& scene, PhotoStore photos, std::vector<LoadedSweep> sweeps, const LogRays& axes);
+  LogSource(const Scene& scene, PhotoStore photos, LogSweeps sweeps, const LogRays& axes);
 
   /// The largest patch that fits every image, at most `wanted`; in rays.
   int64_t patch_side(int64_t wanted) const;
@@ -106,10 +132,10 @@ class LogSource {
   void expect_patches(StepAhead& ahead, int64_t count, int64_t side) const;
   void expect_object(StepAhead& ahead, const ObjectPatches& objects) const;
   void expect_image(StepAhead& ahead) const;
+  void expect_returns(StepAhead& ahead, int64_t count) const;
   const PhotoStore& photos() const { return photos_; }
   size_t images() const { return photos_.size(); }
-  /// Those that have a return.
-  const std::vector<LoadedSweep>& sweeps() const { return sweeps_; }
+  const LogSweeps& sweeps() const { return sweeps_; }
 
  private:
   struct Corner {
@@ -144,7 +170,7 @@ class LogSource {
 
   const Scene& scene_;
   PhotoStore photos_;
-  std::vector<LoadedSweep> sweeps_;
+  LogSweeps sweeps_;
   Eigen::Matrix4d log_from_world_;
   int scale_;
   std::vector<Silhouette> silhouettes_;

@@ -96,6 +96,8 @@ class Stored {
   }
 
   std::size_t size() const { return count_; }
+  /// Null: all are in memory.
+  const std::shared_ptr<HostStore>& store() const { return store_; }
   std::shared_ptr<const T> operator[](std::size_t number) const {
     if (all_) return {all_, &all_->at(number)};
     return std::static_pointer_cast<const T>(store_->get(kind_, number));

@@ -6,11 +6,11 @@
 #include <cmath>
 
 #include "models/data/actor_masks.h"
-#include "models/data/load_sweep.h"
 #include "models/io/host_random.h"
 #include "models/io/tensors.h"
 #include "models/latents/code_rows.h"
 #include "models/scene/box_projection.h"
+#include "models/street/street_sweeps.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
 
@@ -126,20 +126,18 @@ void GenAssets::load_data(std::vector<TrainingData> data) {
   int64_t silhouettes = 0;
   for (size_t i = 0; i < data.size(); ++i) {
     StreetLog& log = model_->logs()[i];
-    std::vector<LoadedSweep> sweeps;
-    for (const Sweep& sweep : log.scene.sweeps)
-      if (sweep.split == Split::train) sweeps.push_back({&sweep, load_sweep(data[i].scene, sweep)});
+    LogSweeps sweeps = training_sweeps(log.scene, *log.space, data[i].photos.store());
     std::vector<Silhouette> shares;
     if (config_.weight_silhouette > 0) shares = actor_shares(log.scene, data[i].photos.listed(), model_->scale());
     silhouettes += std::count_if(shares.begin(), shares.end(), [](const Silhouette& one) { return !one.empty(); });
     log.data = std::make_unique<LogSource>(log.scene, std::move(data[i].photos), std::move(sweeps),
                                            LogRays{log.space->street_from_world(), model_->scale(), std::move(shares)});
-    log.space->look(log.scene, log.data->sweeps());
   }
   if (config_.weight_silhouette > 0 && silhouettes == 0)
     throw Error(Fault::data,
                 "weight.silhouette is above 0, but no training image has an actor mask (LOG/truth/CAMERA/NN_actor.png "
                 "and LOG/truth/actors.json, see docs/formats.md)\n  add masks, or set weight.silhouette=0");
+  training_->unpack_ahead();
   find_codes();
 }
 

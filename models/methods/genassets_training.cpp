@@ -13,6 +13,7 @@ constexpr float kDetail = 0.2f;    // of the background planes' rate, for texels
 constexpr float kRefining = 0.1f;  // of the codes' rate, once they have been denoised (SSDNeRF: 5e-3)
 constexpr double kWorst = 0.05;    // share of LiDAR rays that are left out
 constexpr int64_t kAhead = 8;      // steps whose images are decoded ahead
+constexpr size_t kShownLogs = 4;   // whose voxels stay on the device
 
 void hold(PatchDiscriminator::Block& block) {
   block.weight = stop_gradient(block.weight);
@@ -131,21 +132,43 @@ void GenAssetsTraining::look_ahead(const Progress& progress) {
   while (announced_ < now + kAhead) {
     const int64_t step = ++announced_;
     StepAhead ahead{{seed_, static_cast<uint64_t>(step)}, step, progress.share};
-    const LogSource& data = *model_.logs()[ahead.random.below(model_.logs().size())].data;
+    const size_t log = ahead.random.below(model_.logs().size());
+    const LogSource& data = *model_.logs()[log].data;
+    if (cells_) cells_->want(log, step);
     if (config_.whole_images) {
       data.expect_image(ahead);
-      continue;
+    } else {
+      const int64_t side = data.patch_side(config_.patch_side);
+      data.expect_patches(ahead, config_.patches, side);
+      if (sees_objects()) data.expect_object(ahead, {1, 2 * side});
     }
-    const int64_t side = data.patch_side(config_.patch_side);
-    data.expect_patches(ahead, config_.patches, side);
-    if (sees_objects()) data.expect_object(ahead, {1, 2 * side});
+    data.expect_returns(ahead, config_.lidar_rays);
   }
+}
+
+void GenAssetsTraining::unpack_ahead() {
+  const std::vector<StreetLog>& logs = model_.logs();
+  const auto& store = logs.front().data->photos().store();
+  if (!store) return;
+  cells_.emplace(
+      store, logs.size(), [&logs](size_t log) { return logs[log].space->unpacked(); },
+      [&logs](size_t log) { return logs[log].space->unpacked_bytes(); });
+}
+
+const StreetLog& GenAssetsTraining::met(size_t log) {
+  const StreetLog& now = model_.logs()[log];
+  if (!cells_) return now;
+  std::erase(shown_, log);
+  shown_.push_back(log);
+  for (; shown_.size() > kShownLogs; shown_.pop_front()) model_.logs()[shown_.front()].space->rest();
+  if (!now.space->is_shown()) now.space->show(*(*cells_)[log]);
+  return now;
 }
 
 StreetStep GenAssetsTraining::step(const Progress& progress, const Tensors& wanted) {
   look_ahead(progress);
   HostRandom random(seed_, static_cast<uint64_t>(progress.step));
-  const StreetLog& log = model_.logs()[random.below(model_.logs().size())];
+  const StreetLog& log = met(random.below(model_.logs().size()));
   return config_.whole_images ? in_tiles(log, random, progress, wanted) : on_patches(log, random, progress, wanted);
 }
 

@@ -1,5 +1,7 @@
 // GenAssets learning: its losses, parameter groups and steps, on patches or on whole images in tiles.
 #pragma once
+#include <deque>
+
 #include "models/methods/genassets_model.h"
 #include "models/nn/feature_network.h"
 #include "models/nn/patch_discriminator.h"
@@ -37,6 +39,9 @@ class GenAssetsTraining {
   /// denoised: the codes were, so that they fit already.
   ParameterGroups groups(bool denoised) const;
   StreetStep step(const Progress& progress, const Tensors& wanted);
+  /// Once the logs have their data: voxels of logs that no step to come sees leave the device, those of the next steps
+  /// are unpacked ahead, where the data have a store.
+  void unpack_ahead();
   /// Of the samples marched to, those that light reaches, in thousandths: part of a run's state.
   int64_t lit_permille = 1000;
 
@@ -44,6 +49,8 @@ class GenAssetsTraining {
   struct WholeImage;
   /// Announces what the steps after this one will read, so that it is decoded meanwhile.
   void look_ahead(const Progress& progress);
+  /// The log of the step, whose voxels are on the device.
+  const StreetLog& met(size_t log);
   Sampling sampling(const StreetLog& log, const Progress& progress, bool skip_hidden) const;
   StreetStep on_patches(const StreetLog& log, HostRandom& random, const Progress& progress, const Tensors& wanted);
   StreetStep in_tiles(const StreetLog& log, HostRandom& random, const Progress& progress, const Tensors& wanted);
@@ -65,7 +72,9 @@ class GenAssetsTraining {
   const GenAssetsConfig& config_;
   StreetModel& model_;
   uint64_t seed_;
-  int64_t announced_ = 0;  // the last step that was
+  int64_t announced_ = 0;                     // the last step that was
+  std::optional<Stored<StreetCells>> cells_;  // of the logs; none: all that are met stay on the device
+  std::deque<size_t> shown_;                  // logs whose voxels are on the device, the last one met at the end
   std::optional<FeatureNetwork> perceptual_;
   std::optional<PatchDiscriminator> discriminator_;
 };

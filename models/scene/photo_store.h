@@ -26,6 +26,8 @@ class PhotoStore {
   uint64_t bytes() const;
   /// The photo with its pixels. Fault::data for a file that is damaged.
   std::shared_ptr<const FramePixels> operator[](std::size_t place) const { return photos_[place]; }
+  /// Null: all are in memory.
+  const std::shared_ptr<HostStore>& store() const { return photos_.store(); }
   /// As HostStore::want and begin.
   void want(std::size_t place, int64_t moment) const { photos_.want(place, moment); }
   void begin(int64_t moment) const { photos_.begin(moment); }

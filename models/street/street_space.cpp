@@ -4,8 +4,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <map>
 
+#include "models/io/gzip.h"
 #include "models/io/in_parallel.h"
 #include "models/io/tensors.h"
 #include "models/scene/actor_space.h"
@@ -53,14 +55,20 @@ struct Static {
   Points points, tops;  // street axes; tops: of them those at the upper edge of the LiDAR's sight
 };
 
-void add_sweep(const Scene& scene, const LoadedSweep& seen, const Eigen::Matrix4d& street_from_world, Static& out) {
+struct SeenSweep {
+  const Sweep& sweep;
+  const LidarPoints& points;
+};
+
+void add_sweep(const Scene& scene, const SeenSweep& seen, const Eigen::Matrix4d& street_from_world, Static& out) {
+  const auto& [sweep, points] = seen;
   ActorSpaces actors(scene);
   const Eigen::Vector3d up = scene.up.normalized();
   std::vector<double> elevations;
   Points kept;
-  for (std::size_t i = 0; i < seen.points.size(); ++i) {
-    const float* p = &seen.points.positions[3 * i];
-    const SeenFrom from = seen_from(*seen.sweep, seen.points, i);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const float* p = &points.positions[3 * i];
+    const SeenFrom from = seen_from(sweep, points, i);
     const Eigen::Vector3d world(p[0], p[1], p[2]), way = world - from.origin;
     if (way.norm() < 1e-3 || actors.at(from.time).holds(world)) continue;
     kept.push_back((street_from_world * world.homogeneous()).head<3>());
@@ -91,8 +99,6 @@ StreetSpace::StreetSpace(const Scene& scene, const StreetSpaceOptions& options) 
   track_ = {track.low - middle, track.high - middle};
   const Bounds all = reach();
   lay(all, {all.low / 2, all.high / 2});
-  std::fill(cells_.begin(), cells_.end(), 1);
-  upload();
 }
 
 /// What counts around the track.
@@ -106,7 +112,7 @@ std::array<int, 3> StreetSpace::counts() const {
   return {static_cast<int>(numbers_[4]), static_cast<int>(numbers_[5]), static_cast<int>(numbers_[6])};
 }
 
-/// An empty grid. What is not contracted is the middle.
+/// The grid's numbers. What is not contracted is the middle.
 void StreetSpace::lay(const Bounds& grid, const Bounds& middle) {
   double voxel = options_.voxel;
   const Eigen::Vector3d size = (grid.high - grid.low).cwiseMax(voxel);
@@ -121,8 +127,6 @@ void StreetSpace::lay(const Bounds& grid, const Bounds& middle) {
   }
   numbers_[3] = static_cast<float>(voxel);
   numbers_[13] = options_.sky;
-  const std::array<int, 3> n = counts();
-  cells_.assign(std::size_t(n[0]) * std::size_t(n[1]) * std::size_t(n[2]), 0);
 }
 
 namespace {
@@ -235,8 +239,18 @@ void StreetSpace::dilate() {
 }
 
 void StreetSpace::look(const Scene& scene, const std::vector<LoadedSweep>& sweeps) {
-  std::vector<Static> seen(sweeps.size());  // by sweep
-  in_parallel(sweeps.size(), [&](std::size_t i) { add_sweep(scene, sweeps[i], street_from_world_, seen[i]); });
+  look(scene, sweeps.size(),
+       [&](std::size_t i, const SweepVisitor& visit) { visit(*sweeps[i].sweep, sweeps[i].points); });
+}
+
+void StreetSpace::look(const Scene& scene, std::size_t sweeps,
+                       const std::function<void(std::size_t number, const SweepVisitor& visit)>& with_sweep) {
+  std::vector<Static> seen(sweeps);  // by sweep
+  in_parallel(sweeps, [&](std::size_t i) {
+    with_sweep(i, [&](const Sweep& sweep, const LidarPoints& points) {
+      add_sweep(scene, {sweep, points}, street_from_world_, seen[i]);
+    });
+  });
   std::size_t count = 0;
   for (const Static& part : seen) count += part.points.size();
   if (count == 0) return;
@@ -254,6 +268,7 @@ void StreetSpace::look(const Scene& scene, const std::vector<LoadedSweep>& sweep
     middle.high[axis] = std::min(all.high[axis], quantile(values, 1 - kMiddle));
   });
   lay(all, middle);
+  cells_.assign(cell_count(), 0);
   Points tops;
   for (const Static& part : seen) {
     mark(part.points);
@@ -261,31 +276,86 @@ void StreetSpace::look(const Scene& scene, const std::vector<LoadedSweep>& sweep
   }
   raise(tops, scene);
   dilate();
-  upload();
+  pack();
 }
 
-void StreetSpace::upload() {
+std::size_t StreetSpace::cell_count() const {
   const std::array<int, 3> n = counts();
-  std::array<int, 3> b{};
+  return std::size_t(n[0]) * std::size_t(n[1]) * std::size_t(n[2]);
+}
+
+/// cells_, which are empty afterwards.
+void StreetSpace::pack() {
+  std::vector<uint8_t> bits((cells_.size() + 7) / 8, 0);
+  for (std::size_t i = 0; i < cells_.size(); ++i) bits[i / 8] |= static_cast<uint8_t>(cells_[i] << (i % 8));
+  packed_ = gzip(bits);
+  packed_.shrink_to_fit();
+  cells_ = {};
+  rest();
+}
+
+/// Eight cells a byte.
+std::vector<uint8_t> StreetSpace::bits() const {
+  const std::size_t count = cell_count();
+  if (!packed_.empty()) return gunzip(packed_, (count + 7) / 8, "the voxels of a street");
+  std::vector<uint8_t> all((count + 7) / 8, 0xff);
+  if (count % 8 != 0) all.back() = static_cast<uint8_t>((1 << count % 8) - 1);
+  return all;
+}
+
+uint64_t StreetSpace::unpacked_bytes() const { return cell_count() + cell_count() / 64; }
+
+StreetCells StreetSpace::unpacked() const {
+  StreetCells out{counts(), {}, {}, {}};
+  const std::array<int, 3>& n = out.counts;
+  std::array<int, 3>& b = out.block_counts;
   for (std::size_t k = 0; k < 3; ++k) b[k] = (n[k] + kBlock - 1) / kBlock;
-  const std::size_t block_count = std::size_t(b[0]) * std::size_t(b[1]) * std::size_t(b[2]);
-  std::vector<uint8_t> blocks(block_count, 0);
+  const std::vector<uint8_t> packed = bits();
+  out.cells.resize(cell_count());
+  out.blocks.resize(std::size_t(b[0]) * std::size_t(b[1]) * std::size_t(b[2]));
   std::size_t place = 0;
   for (int z = 0; z < n[2]; ++z)
     for (int y = 0; y < n[1]; ++y)
-      for (int x = 0; x < n[0]; ++x, ++place)
-        if (cells_[place])
-          blocks[(std::size_t(z / kBlock) * std::size_t(b[1]) + std::size_t(y / kBlock)) * std::size_t(b[0]) +
-                 std::size_t(x / kBlock)] = 1;
-  grid_.cells = from_host(cells_, {n[2], n[1], n[0]});
-  grid_.blocks = from_host(blocks, {b[2], b[1], b[0]});
+      for (int x = 0; x < n[0]; ++x, ++place) {
+        if (!(packed[place / 8] >> (place % 8) & 1)) continue;
+        out.cells[place] = 1;
+        out.blocks[(std::size_t(z / kBlock) * std::size_t(b[1]) + std::size_t(y / kBlock)) * std::size_t(b[0]) +
+                   std::size_t(x / kBlock)] = 1;
+      }
+  return out;
+}
+
+void StreetSpace::show(const StreetCells& cells) const {
+  const std::array<int, 3>&n = cells.counts, &b = cells.block_counts;
+  grid_.cells = from_host(cells.cells, {n[2], n[1], n[0]});
+  grid_.blocks = from_host(cells.blocks, {b[2], b[1], b[0]});
   grid_.numbers = from_host(std::vector<float>(numbers_.begin(), numbers_.end()), {16});
 }
 
+const StreetGrid& StreetSpace::grid() const {
+  if (!is_shown()) show(unpacked());
+  return grid_;
+}
+
+std::vector<uint8_t> StreetSpace::kept() const {
+  std::vector<uint8_t> bytes(sizeof numbers_ + packed_.size());
+  std::memcpy(bytes.data(), numbers_.data(), sizeof numbers_);
+  std::copy(packed_.begin(), packed_.end(), bytes.begin() + sizeof numbers_);
+  return bytes;
+}
+
+bool StreetSpace::take(std::span<const uint8_t> bytes) {
+  if (bytes.size() < sizeof numbers_) return false;
+  std::memcpy(numbers_.data(), bytes.data(), sizeof numbers_);
+  packed_.assign(bytes.begin() + sizeof numbers_, bytes.end());
+  rest();
+  return true;
+}
+
 TensorMap StreetSpace::state() const {
-  std::vector<uint8_t> bits((cells_.size() + 7) / 8, 0);
-  for (std::size_t i = 0; i < cells_.size(); ++i) bits[i / 8] |= static_cast<uint8_t>(cells_[i] << (i % 8));
-  return {{"cells", named(from_host(bits, {static_cast<int64_t>(bits.size())}))}, {"numbers", named(grid_.numbers)}};
+  const std::vector<uint8_t> packed = bits();
+  return {{"cells", named(from_host(packed, {static_cast<int64_t>(packed.size())}))},
+          {"numbers", named(from_host(std::vector<float>(numbers_.begin(), numbers_.end()), {16}))}};
 }
 
 void StreetSpace::restore(const TensorMap& state) {
@@ -296,10 +366,8 @@ void StreetSpace::restore(const TensorMap& state) {
     throw Error(Fault::data, text("the checkpoint's grid has ", cells, " voxels of ", numbers[3], " m"));
   std::copy(numbers.begin(), numbers.end(), numbers_.begin());
   const auto count = static_cast<int64_t>(cells);
-  const std::vector<uint8_t> bits = tensor_from(state, "cells", {(count + 7) / 8}).to_host<uint8_t>();
-  cells_.resize(static_cast<std::size_t>(count));
-  for (std::size_t i = 0; i < cells_.size(); ++i) cells_[i] = bits[i / 8] >> (i % 8) & 1;
-  upload();
+  packed_ = gzip(tensor_from(state, "cells", {(count + 7) / 8}).to_host<uint8_t>());
+  rest();
 }
 
 }  // namespace cloam

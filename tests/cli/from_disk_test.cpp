@@ -19,8 +19,8 @@ Words small_genassets(const std::string& run, const Words& more) {
   return words;
 }
 
-std::string trained_bytes(const std::string& run, const Words& more) {
-  const Outcome outcome = cloam_with(small_genassets(run, more));
+std::string trained_bytes(const std::string& run, const Words& more, const Words& environment = {}) {
+  const Outcome outcome = cloam_with(small_genassets(run, more), environment);
   REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
   return content_of(scratch() / run / "ckpt" / "000010.safetensors");
 }
@@ -40,6 +40,21 @@ TEST_CASE("a training from disk gives the bytes of one from memory, also where e
     CHECK(with("6K") == all);  // one is: what is decoded ahead takes its place
     CHECK(with("1M") == all);
   }
+}
+
+TEST_CASE("a training from kept sweeps gives the bytes of one that reads the log") {
+  const std::string read = trained_bytes("read", {}, {"CLOAM_DATA_CACHE=off"});
+  const fs::path folder = scratch() / "kept-sweeps";
+  const Words kept = {"CLOAM_DATA_CACHE=" + folder.string()};
+  CHECK(trained_bytes("cold", {}, kept) == read);
+  CHECK(snapshot(folder).size() == 4);  // three sweeps and the voxels
+  const auto entries = snapshot(folder);
+  CHECK(trained_bytes("warm", {"--host-memory", "1K"}, kept) == read);
+  CHECK(snapshot(folder) == entries);
+  const Outcome doctor = cloam_with({"doctor"}, kept);
+  CHECK_MESSAGE(contains(doctor.out, "kept sweeps: " + folder.string() + ", "), doctor.out);
+  CHECK_MESSAGE(contains(doctor.out, " in 4 files"), doctor.out);
+  CHECK(contains(cloam_with({"doctor"}, {"CLOAM_DATA_CACHE=off"}).out, "none are kept"));
 }
 
 TEST_CASE("the plan tells host and device memory apart, and the record keeps both") {

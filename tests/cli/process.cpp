@@ -6,6 +6,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cstdlib>
 #include <fstream>
@@ -56,7 +57,11 @@ fs::path trained_into(const std::string& name, const Words& how) {
   return scratch() / name;
 }
 
-Words merged_environment(const Words& over) {
+/// What is kept of sweeps lies in the tests' own folder, unless the test says where.
+Words merged_environment(Words over) {
+  const std::string kept = "CLOAM_DATA_CACHE=";
+  if (std::none_of(over.begin(), over.end(), [&](const std::string& word) { return word.starts_with(kept); }))
+    over.push_back(kept + (scratch() / "kept").string());
   Words all = over;
   for (char** entry = environ; *entry; ++entry) {
     const std::string line = *entry, name = line.substr(0, line.find('=') + 1);

@@ -63,7 +63,7 @@ struct Seen {
   }
   StreetSpace space(const StreetSpaceOptions& options) const {
     StreetSpace out(scene, options);
-    out.look(scene, {{&scene.sweeps[0], lidar}});
+    out.look(scene, std::vector<LoadedSweep>{{&scene.sweeps[0], lidar}});
     return out;
   }
   Folder folder;
@@ -148,7 +148,7 @@ TEST_CASE("what stands still is in occupied voxels, what drives is not, and most
   Scene without = seen().scene;
   without.actors.clear();
   StreetSpace space(without, {});
-  space.look(without, {{&without.sweeps[0], seen().lidar}});
+  space.look(without, std::vector<LoadedSweep>{{&without.sweeps[0], seen().lidar}});
   CHECK(Voxels(space).occupied(in_street(space, seen().moving, 0)));  // nobody says that it drives
 }
 
