@@ -127,6 +127,38 @@ TEST_CASE("synth makes logs that check finds sound, and never in silence over ot
   CHECK_FALSE(fs::exists(other));
 }
 
+TEST_CASE("a log as recorded: check says what it found of its clock, and a run keeps it") {
+  const fs::path out = scratch() / "as-recorded";
+  const Outcome made = cloam_with({"synth", "-o", out.string(), "--logs", "2", "--frames", "3", "--size", "48x27",
+                                   "--cameras", "front,back", "--no-truth", "--as-recorded", "-q"});
+  REQUIRE_MESSAGE(made.code == 0, made.err);
+  for (const bool dead : {true, false}) {
+    const std::string log = (out / (dead ? "001" : "002")).string();
+    const auto clock = nlohmann::json::parse(cloam_with({"check", log, "--json"}).out)["log"]["clock"];
+    CHECK(clock["sweep_seconds"] == 0.1);
+    CHECK(clock["sweep_stamp_after_middle"] == 0.05);
+    CHECK(clock["image_stamp_after_middle"] == 0.01);
+    CHECK(clock["cameras_after_sweep"]["back_camera"].get<double>() == doctest::Approx(-0.05).epsilon(1e-3));
+    CHECK(clock["boxes_after_sweep"][0] < -0.01);
+    CHECK(clock["boxes_after_sweep"][1] > 0.01);
+    CHECK((clock["lidar_poses_replaced"] >= 2) == dead);
+    CHECK(clock["second_lidar_points"] > 500);
+    CHECK(clock["second_lidar_placed"] == true);
+    CHECK(clock["car_points"] > 500);
+    CHECK(clock["car_rows"]["back_camera"].get<double>() == doctest::Approx(260.0 / 1080));
+    const std::string words = cloam_with({"check", log}).out;
+    CHECK((words.find("judged wrong; the front camera's poses and times are used") != std::string::npos) == dead);
+    CHECK(words.find("points, seen from its own place") != std::string::npos);
+  }
+  const fs::path run = scratch() / "as-recorded-run";
+  const Outcome trained = cloam_with(small_training(out / "001", run, {"--steps", "2"}));
+  REQUIRE_MESSAGE(trained.code == 0, trained.err);
+  const auto record = json_of(run / "run.json");
+  REQUIRE(record.at("reading").at("recordings").size() == 1);
+  CHECK(record.at("reading").at("recordings")[0]["poses_replaced"] >= 2);
+  CHECK(record.at("reading").at("recordings")[0]["second_lidar"][1] == 1.2);
+}
+
 TEST_CASE("hostile pickles in a log: exit 3, the file named, nothing run") {
   const fs::path log = small_log("hostile"), canary = scratch() / "canary";
   const char* files[] = {"annotations/cuboids/01.pkl.gz", "lidar/01.pkl.gz"};
