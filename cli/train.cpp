@@ -82,6 +82,7 @@ TrainOptions options_of(const TrainJob& job, const TrainRequest& request) {
   options.save_every = job.record.save_every;
   options.default_steps = job.default_steps;
   options.seed = job.record.seed;
+  options.shares = job.record.shares;
   return options;
 }
 
@@ -317,6 +318,9 @@ int run_train(TrainRequest request, const Common& common) {
   const ProgressStyle style = progress_style(request.progress, common);
   TrainJob job = request.resume ? resumed_job(request) : new_job(request, listener_of(common));
   if (job.finished) return end_finished(job, common);
+  if (request.resume && job.record.shares != job.shares_before)
+    warn(text("from here on a step's batch is parted in ", job.record.shares, " instead of ", job.shares_before,
+              " shares: the run will not be the same bytes as one that goes on as it began"));
   open_device(common);
   EventLog log(style == ProgressStyle::jsonl);
   ProgressView view(style, log);
@@ -342,7 +346,9 @@ void add_method_options(const Options& add, TrainRequest& r) {
   add("METHOD", r.method, joined(method_names())).offers(method_names());
   add("DATA", r.data, "Folder of the capture; several driving logs make one run; for diffusion, a genassets run");
   add.group("Method");
-  add("--preset", r.preset, joined(preset_names()) + " (default: the method's name)").offers(preset_names());
+  add("--preset", r.preset,
+      "Settings to begin with, such as genassets-small (the method's name); a shell completes them")
+      .offers(preset_names());
   add("--networks", r.networks,
       "Freeze the networks of this genassets run (or: shipped) and learn only what is new in DATA");
   add("--prior", r.prior, "With --networks: a diffusion run trained on it (or: shipped), as a prior for new actors");
@@ -360,6 +366,8 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add("--stop-after", r.stop_after, "Save and stop after this step; --resume continues", whole_number(1));
   add("--save-every", r.save_every, "Save a checkpoint every N steps", whole_number(1));
   add("--seed", r.seed, "Random seed (42)", whole_number(0));
+  add("--gradient-accumulation", r.accumulation, "Take a step's batch in N shares, one after the other (1)",
+      whole_number(1, kMostShares));
   add("--overwrite", r.overwrite, "Replace an existing run in the folder");
   add("--preview-every", r.preview_every,
       "Steps or time (500, 30s) between previews; off; auto: at most 2 % of the time (auto)");
@@ -393,7 +401,7 @@ void add_data_options(const Options& add, TrainRequest& r) {
       whole_number(2, 1 << 20));
   add("--image", r.image, "Driving log: train on one image, such as front_camera/05, and its LiDAR sweep");
   add("--host-memory", r.host_memory,
-      "Limit of host memory for images and sweeps, such as 4G (half of what is free; beside a CPU device 15 %)");
+      "Limit of host memory for images and sweeps, such as 4G (half of what is free, 15 % with a CPU)");
   add("--data", r.new_data, "With --resume: where the data is now; repeat for each folder of the run").one_word();
 }
 

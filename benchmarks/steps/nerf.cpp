@@ -10,6 +10,7 @@
 #include "models/train/capability.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/optimiser.h"
+#include "models/train/shared_step.h"
 #include "models/train/trainer.h"
 
 namespace cloam {
@@ -40,7 +41,7 @@ std::shared_ptr<NerfTraining> begin(const char* preset_name) {
 void step(NerfTraining& training) {
   Method& method = *training.method;
   training.progress.step++;
-  (void)take_step(method, *training.optimiser, training.progress).loss.item();
+  (void)take_step(method, *training.optimiser, training.progress);
   method.after_step(training.progress);
 }
 

@@ -16,6 +16,7 @@
 #include "models/train/capability.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/optimiser.h"
+#include "models/train/shared_step.h"
 #include "models/train/trainer.h"
 
 namespace cloam {
@@ -93,7 +94,7 @@ struct SplatTraining {
 void step(SplatTraining& training) {
   Method& method = *training.method;
   training.progress.step++;
-  (void)take_step(method, *training.optimiser, training.progress).loss.item();
+  (void)take_step(method, *training.optimiser, training.progress);
 }
 
 Workload fox(int downscale, int warm, const char* size) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <numeric>
 
+#include "models/batches/own_rows.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -55,11 +56,8 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
 }
 
 PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& share) const {
-  const auto own = [&](const Tensor& all) {
-    return share.ranks == 1 ? all : slice(all, 0, share.begin(count), share.end(count));
-  };
-  const Tensor frame = own(random_below({count}, frames_.dim(0), key));
-  const Tensor place = own(random_uniform({count}, {key.seed, key.step, key.stream + 1}));
+  const Tensor frame = own_rows(random_below({count}, frames_.dim(0), key), share);
+  const Tensor place = own_rows(random_uniform({count}, {key.seed, key.step, key.stream + 1}), share);
   const Tensor record = gather_rows(frames_, frame);
   const auto column = [&](int i) { return reshape(slice(record, 1, i, i + 1), {share.size(count)}); };
   const Tensor inside = minimum(cast(place * cast(column(1), DType::f32), DType::i32), column(1) - 1);

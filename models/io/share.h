@@ -4,6 +4,8 @@
 
 namespace cloam {
 
+constexpr int64_t kMostShares = 4096;
+
 /// All ranks draw the same batch, by its seed and step, and keep rows begin(count) to end(count) of it each.
 struct Share {
   int64_t rank = 0, ranks = 1;

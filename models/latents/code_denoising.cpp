@@ -48,7 +48,10 @@ void CodeDenoising::show(int64_t step) {
 void CodeDenoising::take(Step& rendering, const Tensors& wanted) {
   const Tensor by_codes = rows_.take_gradient(rendering, wanted, clean_.numel() / clean_.dim(0));
   gradient_ = by_codes ? denoiser_.gradient(reshape(by_codes, clean_.shape())) : Tensor();
-  if (gradient_) rendering.more.push_back(gradient_);
+  if (!gradient_) return;
+  if (rendering.weight > 0) gradient_ = gradient_ * static_cast<float>(rendering.weight);
+  rendering.more.push_back(gradient_);
+  rendering.sums.push_back(gradient_);
 }
 
 void CodeDenoising::advance(int64_t step) {

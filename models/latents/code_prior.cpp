@@ -65,7 +65,12 @@ void CodePrior::begin_step(const Progress& progress) {
 void CodePrior::add(Step& step, const Tensors& wanted, const VisibleCodes& met, const Progress& progress) {
   norms_ = Tensor();
   if (start_ && start_->includes(progress.step)) return start_->take(step, wanted);
-  if (!met.codes || options_.weight == 0) return;
+  if (options_.weight == 0) return;
+  const bool alone = progress.share.ranks == 1;
+  if (!met.codes) {
+    if (!alone) step.sums.push_back(norms_ = zeros({3}));
+    return;
+  }
   const Tensor of_prior = term(met, progress);
   const Tensors by = grad_where_reached(of_prior, wanted);
   const float scale = weight();
@@ -78,17 +83,19 @@ void CodePrior::add(Step& step, const Tensors& wanted, const VisibleCodes& met, 
     all = all ? all + by[i] * scale : by[i] * scale;
   }
   step.loss = step.loss + stop_gradient(of_prior) * scale;
-  norms_ = concat({reshape(sqrt(rendering), {1}), reshape(sqrt(prior), {1})}, 0);
+  norms_ = concat({reshape(sqrt(rendering), {1}), reshape(sqrt(prior), {1}), ones({1})}, 0);
   step.more.push_back(norms_);
+  if (!alone) step.sums.push_back(norms_);
 }
 
 void CodePrior::end_step(const Progress& progress) {
   if (start_ && start_->includes(progress.step)) start_->advance(progress.step);
   if (!norms_) return;
   const std::vector<float> now = norms_.to_host();
+  if (now[2] == 0) return;
   const auto kept = static_cast<float>(warm_decay(kNormDecay, ++measured_));
-  rendering_ = kept * rendering_ + (1 - kept) * now[0];
-  term_ = kept * term_ + (1 - kept) * now[1];
+  rendering_ = kept * rendering_ + (1 - kept) * now[0] / now[2];
+  term_ = kept * term_ + (1 - kept) * now[1] / now[2];
   norms_ = Tensor();
 }
 

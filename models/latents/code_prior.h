@@ -63,7 +63,7 @@ class CodePrior {
   std::unique_ptr<CodeStart> start_;
   float rendering_ = 0, term_ = 0;  // running means of the gradients' norms
   int64_t measured_ = 0;            // steps that are in them
-  Tensor norms_;                    // both, of the last step; empty: it met no actor
+  Tensor norms_;                    // both, of the last step, and how many shares of it met actors; empty: it met none
 };
 
 }  // namespace cloam

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "models/batches/own_rows.h"
 #include "models/batches/row_source.h"
 #include "models/diffusion/sampler.h"
 #include "runtime/error.h"
@@ -153,13 +154,17 @@ ParameterGroups Diffusion::groups() const {
 
 Step Diffusion::step(const Progress& progress, const Tensors& wanted) {
   const auto number = static_cast<uint32_t>(progress.step);
-  const RowBatch batch = draw_rows(codes_->training(), config_.batch, HostRandom(seed_, number), progress.share);
+  const auto rows = [&](const Share& of) {
+    return draw_rows(codes_->training(), config_.batch, HostRandom(seed_, number), of);
+  };
+  const RowBatch whole = rows({}), batch = rows(progress.share);
+  const auto own = [&](const Tensor& all) { return own_rows(all, progress.share); };
   std::vector<bool> dropped;
   for (const float chance : batch.chances) dropped.push_back(chance < config_.drop);
   const NoiseSchedule& schedule = network_->schedule();
-  const Tensor x = codes_->draw(batch.rows, {seed_, number, kCodes});
-  const Tensor noise = random_normal(x.shape(), {seed_, number, kNoise});
-  const Tensor t = random_below({x.dim(0)}, config_.timesteps, {seed_, number, kTimes});
+  const Tensor x = own(codes_->draw(whole.rows, {seed_, number, kCodes}));
+  const Tensor noise = own(random_normal(shape_of(config_, config_.batch), {seed_, number, kNoise}));
+  const Tensor t = own(random_below({config_.batch}, config_.timesteps, {seed_, number, kTimes}));
   const Tensor v = network_->velocity(CodeNetwork::Weights::trained, schedule.noisy(x, noise, t), t,
                                       codes_->condition_of(batch.rows, dropped));
   const Tensor errors = mean(square(v - schedule.target(Prediction::velocity, x, noise, t)), {{1, 2, 3}});
@@ -167,6 +172,7 @@ Step Diffusion::step(const Progress& progress, const Tensors& wanted) {
   const auto gamma = static_cast<double>(config_.min_snr);
   Step step =
       step_of(gamma > 0 ? mean(errors * schedule.min_snr_weights(Prediction::velocity, gamma, t)) : error, wanted);
+  step.weight = static_cast<double>(batch.rows.size()) / config_.batch;
   step.figures = {{"v_loss", 0, error}};
   return step;
 }

@@ -34,6 +34,7 @@ class Diffusion final : public Method, public LearnsFromRun, public GeneratesAss
   Params& parameters() override { return network_->parameters(); }
   ParameterGroups groups() const override;
   Step step(const Progress& progress, const Tensors& wanted) override;
+  int64_t most_shares() const override { return config_.batch; }
   void after_step(const Progress& progress) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;

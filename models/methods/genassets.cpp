@@ -166,6 +166,7 @@ Step GenAssets::step(const Progress& progress, const Tensors& wanted) {
 }
 
 void GenAssets::after_step(const Progress& progress) {
+  training_->after_step();
   if (prior_) prior_->end_step(progress);
 }
 

@@ -36,6 +36,7 @@ class GenAssets final : public Method,
   Params& parameters() override { return params_; }
   ParameterGroups groups() const override { return training_->groups(prior_ && prior_->finds()); }
   Step step(const Progress& progress, const Tensors& wanted) override;
+  int64_t most_shares() const override { return config_.whole_images ? kMostShares : config_.patches; }
   void after_step(const Progress& progress) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;

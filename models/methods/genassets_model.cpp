@@ -24,7 +24,7 @@ constexpr float kNormalStep = 0.01f;    // metres
 constexpr int64_t kMostKept = 1 << 26;  // numbers of decoded planes
 
 // Streams of random numbers within a step.
-enum StreetStream : uint32_t { kJitter = 0, kCodeNoise = 1 };
+enum StreetStream : uint32_t { kJitter = 0, kCodeNoise = 1, kJitterOfShares = 1024 };
 
 Tensor columns(const Tensor& x, int64_t begin, int64_t end) { return slice(x, 1, begin, end); }
 Tensor column(const Tensor& x, int64_t at) { return reshape(slice(x, 1, at, at + 1), {x.dim(0)}); }
@@ -335,8 +335,9 @@ Tensor StreetModel::texels_of(const StreetLog& log, const StreetSamples& s, cons
 RenderedRays StreetModel::render(const RayScene& scene, const RayList& rays, const Sampling& how, bool shadows,
                                  const DecodedAssets* ready) const {
   const int64_t count = rays.count();
+  const RandomKey jitter = how.key.of_stream(how.share == 0 ? kJitter : kJitterOfShares + how.share);
   const StreetRays at = {from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
-                         how.random ? random_uniform({count, 2}, how.key.of_stream(kJitter)) : full({count, 2}, 0.5f),
+                         how.random ? random_uniform({count, 2}, jitter) : full({count, 2}, 0.5f),
                          from_host(rays.moments, {count})};
   StreetSteps steps = options_.steps;
   steps.shadows = shadows && shadow_;

@@ -64,6 +64,7 @@ struct Sampling {
   RandomKey key = {};
   bool random = false;
   bool skip_hidden = true;         // leave out samples behind surfaces
+  uint32_t share = 0;              // of the batch: each shifts the samples along its rays by numbers of its own
   bool detach_background = false;  // where rays meet boxes, the background learns nothing
 };
 

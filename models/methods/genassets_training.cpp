@@ -1,6 +1,8 @@
 // See genassets_training.h.
 #include "models/methods/genassets_training.h"
 
+#include <cmath>
+
 #include "models/io/host_random.h"
 #include "runtime/ops.h"
 
@@ -122,7 +124,8 @@ Sampling GenAssetsTraining::sampling(const StreetLog& log, const Progress& progr
   // Of one image the background could learn the actors' picture where it lies behind them: no other image says that it
   // is wrong, and codes, which begin slowly, would have nothing left to explain.
   const bool detach = config_.street.frozen && log.data->images() == 1 && progress.step <= kCodesFirst;
-  return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skip_hidden, detach};
+  const auto share = static_cast<uint32_t>(progress.share.rank);
+  return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skip_hidden, share, detach};
 }
 
 void GenAssetsTraining::look_ahead(const Progress& progress) {
@@ -185,8 +188,8 @@ StreetStep GenAssetsTraining::on_patches(const StreetLog& log, HostRandom& rando
   log.data->add_returns(rays, random, config_.lidar_rays, progress.share);
   const int64_t all = rays.count();
   // A pass through the distance alone finds what lies behind surfaces; it pays once a quarter of the samples are dark.
-  const bool skip = progress.step <= 3 || lit_permille < 750 || progress.step % 16 == 0;
-  const RenderedRays seen = model_.render(model_.street(log, rays), rays, sampling(log, progress, skip), true);
+  skipped_ = progress.step <= 3 || lit_permille < 750 || progress.step % 16 == 0;
+  const RenderedRays seen = model_.render(model_.street(log, rays), rays, sampling(log, progress, skipped_), true);
   const auto image_of = [&](int64_t begin, int64_t end, const Photographed& photo) {
     const int64_t rows = photo.truth.dim(2) / model_.scale(), columns = photo.truth.dim(3) / model_.scale();
     const auto map = [&](const Tensor& x) {
@@ -212,13 +215,21 @@ StreetStep GenAssetsTraining::on_patches(const StreetLog& log, HostRandom& rando
   }
   if (seen.assets.kl) total = total + seen.assets.kl * config_.weight_kl;
   const int64_t samples = seen.samples.t.dim(0);
-  if (skip) lit_permille = 1000 * (samples + 1) / (seen.marched + 1);
+  samples_ = static_cast<double>(samples);
+  marched_ = static_cast<double>(seen.marched);
   Step step = step_of(total, wanted);
   step.figures = std::move(figures);
-  step.figures.push_back(count("samples", samples));
+  step.weight = static_cast<double>(progress.share.size(config_.patches)) / config_.patches;
+  step.counts = {&samples_, &marched_};
+  step.figures.push_back(count("samples", samples * progress.share.ranks));
   step.figures.push_back(count("actors", seen.assets.planes ? seen.assets.planes.dim(1) : 0));
-  step.figures.push_back({"lit", static_cast<double>(lit_permille) / 1000});
+  step.figures.push_back(
+      {"lit", skipped_ ? (samples_ + 1) / (marched_ + 1) : static_cast<double>(lit_permille) / 1000});
   return {std::move(step), seen.assets.codes};
+}
+
+void GenAssetsTraining::after_step() {
+  if (skipped_) lit_permille = 1000 * (std::llround(samples_) + 1) / (std::llround(marched_) + 1);
 }
 
 // ---- Whole images: a graph of all their rays and pixels would not fit in memory, so a step goes through them in
@@ -345,7 +356,7 @@ StreetStep GenAssetsTraining::in_tiles(const StreetLog& log, HostRandom& random,
   image.render_again(sums);
   Step step{full({}, config_.weight_rgb * static_cast<float>(image.squared)), {}};
   step.figures = {psnr_figure(full({}, static_cast<float>(image.squared))),
-                  count("samples", image.samples),
+                  count("samples", image.samples * progress.share.ranks),
                   count("actors", planes ? planes.dim(1) : 0),
                   {"lit", static_cast<double>(lit_permille) / 1000}};
   if (image.returns.count() > 0) {

@@ -42,6 +42,7 @@ class GenAssetsTraining {
   /// Once the logs have their data: voxels of logs that no step to come sees leave the device, those of the next steps
   /// are unpacked ahead, where the data have a store.
   void unpack_ahead();
+  void after_step();
   /// Of the samples marched to, those that light reaches, in thousandths: part of a run's state.
   int64_t lit_permille = 1000;
 
@@ -69,6 +70,8 @@ class GenAssetsTraining {
   Tensor with_silhouette(const Tensor& total, const Tensor& opacity, const Tensor& wanted) const;
   Tensor lidar_terms(const Tensor& depth, const Tensor& ranges, const Tensor& line_of_sight) const;
 
+  double samples_ = 0, marched_ = 0;  // of the last step, shaded and marched to
+  bool skipped_ = false;              // it left out the dark ones
   const GenAssetsConfig& config_;
   StreetModel& model_;
   uint64_t seed_;

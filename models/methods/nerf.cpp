@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/batches/own_rows.h"
 #include "models/io/tensors.h"
 #include "runtime/error.h"
 
@@ -87,10 +88,11 @@ ParameterGroups Nerf::groups() const {
   return {all};
 }
 
-/// [R,3] or [1,3]: what is seen where nothing is. Random colours in training teach the field to be opaque or empty.
-Tensor Nerf::background_for(int64_t rays, const RandomKey& key) const {
+/// [R,3] of the share's rays, or [1,3]: what is seen where nothing is. Random colours in training teach the field to be
+/// opaque or empty.
+Tensor Nerf::background_for(const RandomKey& key, const Share& share) const {
   const bool random = config_.background == "random" || (config_.background == "auto" && has_alpha_);
-  if (random) return random_uniform({rays, 3}, key.of_stream(kBackground));
+  if (random) return own_rows(random_uniform({rays_, 3}, key.of_stream(kBackground)), share);
   return full({1, 3}, config_.background == "white" ? 1.f : 0.f);
 }
 
@@ -105,9 +107,9 @@ Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   const PixelBatch batch = pixels_->draw(rays_, key.of_stream(kPixels), progress.share);
   // What lies behind a surface gets no light and no gradient. A pass through the density alone finds it, and pays once
   // a quarter of the samples are dark; until then it only looks now and then.
-  const bool skim = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
-  const NerfRenderer::Rendered seen = renderer_->shade(batch.rays, {key, true, skim});
-  const Tensor background = background_for(batch.rgba.dim(0), key);
+  skimmed_ = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
+  const NerfRenderer::Rendered seen = renderer_->shade(batch.rays, {key, true, skimmed_, progress.share, rays_});
+  const Tensor background = background_for(key, progress.share);
   const Tensor alpha = slice(batch.rgba, 1, 3, 4);
   const Tensor truth =
       has_alpha_ ? slice(batch.rgba, 1, 0, 3) * alpha + background * (1.f - alpha) : slice(batch.rgba, 1, 0, 3);
@@ -116,24 +118,30 @@ Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   };
   const Tensor fine = colour(seen.fine);
   const Tensor error = mean(square(stop_gradient(fine) - truth));
-  last_samples_ = seen.samples;
-  if (skim) lit_permille_ = kAllLit * (seen.samples + 1) / (seen.marched + 1);
+  samples_ = static_cast<double>(seen.samples);
+  marched_ = static_cast<double>(seen.marched);
   const Tensor spread = mean(slice(seen.fine, 1, 5, 6)) * config_.distortion;
   Tensor loss = pixel_loss(fine, truth, batch.used) + spread;
   if (seen.coarse) loss = loss + pixel_loss(colour(seen.coarse), truth, batch.used);
   Step step = step_of(loss, wanted);
-  step.figures = {
-      psnr_figure(error), {"rays", static_cast<double>(rays_)}, {"samples", static_cast<double>(last_samples_)}};
-  if (renderer_->marching()) step.figures.push_back({"lit", static_cast<double>(lit_permille_) / 1000});
+  step.weight = static_cast<double>(progress.share.size(rays_)) / static_cast<double>(rays_);
+  step.counts = {&samples_, &marched_};
+  step.figures = {psnr_figure(error),
+                  {"rays", static_cast<double>(rays_)},
+                  {"samples", samples_ * static_cast<double>(progress.share.ranks)}};
+  if (renderer_->marching())
+    step.figures.push_back(
+        {"lit", skimmed_ ? (samples_ + 1) / (marched_ + 1) : static_cast<double>(lit_permille_) / 1000});
   return step;
 }
 
 void Nerf::after_step(const Progress& progress) {
+  if (skimmed_) lit_permille_ = kAllLit * (std::llround(samples_) + 1) / (std::llround(marched_) + 1);
   if (!renderer_->marching()) return;
   // Rays follow the samples they cost, slowly, so that a step keeps its size.
-  const double per_ray = static_cast<double>(last_samples_ + 1) / static_cast<double>(rays_);
-  const double goal = std::clamp(config_.batch_samples / per_ray, 64.0, 16.0 * config_.batch_rays);
-  rays_ = std::max<int64_t>(64, std::llround(0.8 * static_cast<double>(rays_) + 0.2 * goal));
+  const double per_ray = (samples_ + 1) / static_cast<double>(rays_);
+  const double goal = std::clamp(config_.batch_samples / per_ray, double{kLeastRays}, 16.0 * config_.batch_rays);
+  rays_ = std::max<int64_t>(kLeastRays, std::llround(0.8 * static_cast<double>(rays_) + 0.2 * goal));
   renderer_->follow(progress.step, seed_);
 }
 

@@ -2,6 +2,7 @@
 // Preset nerf: hash grid, occupancy grid, marching (Mueller et al. 2022). Preset nerf-paper: frequency encoding, 8x256,
 // 64 stratified and 128 importance samples, two networks.
 #pragma once
+#include <algorithm>
 #include <memory>
 
 #include "models/batches/image_source.h"
@@ -21,13 +22,15 @@ class Nerf final : public Method, public LearnsFromCaptures, public RendersViews
   Params& parameters() override { return params_; }
   ParameterGroups groups() const override;
   Step step(const Progress& progress, const Tensors& wanted) override;
+  int64_t most_shares() const override { return std::min<int64_t>(kLeastRays, config_.batch_rays); }
   void after_step(const Progress& progress) override;
   Picture render(const View& view) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
 
  private:
-  Tensor background_for(int64_t rays, const RandomKey& key) const;
+  static constexpr int64_t kLeastRays = 64;  // a step
+  Tensor background_for(const RandomKey& key, const Share& share) const;
   Tensor pixel_loss(const Tensor& rendered, const Tensor& truth, const Tensor& used) const;
 
   NerfConfig config_;
@@ -36,9 +39,10 @@ class Nerf final : public Method, public LearnsFromCaptures, public RendersViews
   Params params_;
   std::unique_ptr<NerfRenderer> renderer_;
   std::unique_ptr<PixelSource> pixels_;
-  int64_t rays_ = 0;  // of the next step: follows the samples a ray costs
-  int64_t last_samples_ = 0;
-  int64_t lit_permille_ = 1000;  // of the samples marched to, those that get light
+  int64_t rays_ = 0;                  // of the next step: follows the samples a ray costs
+  double samples_ = 0, marched_ = 0;  // of the last step, shaded and marched to
+  bool skimmed_ = false;              // it left out the dark ones
+  int64_t lit_permille_ = 1000;       // of the samples marched to, those that get light
 };
 
 }  // namespace cloam

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/batches/own_rows.h"
 #include "runtime/error.h"
 #include "runtime/ops/composite.h"
 #include "runtime/ops/volume.h"
@@ -48,9 +49,14 @@ NerfRenderer::Rendered NerfRenderer::shade(const Rays& rays, const Sampling& how
   return marching() ? shade_marched(rays, how) : shade_importance(rays, how);
 }
 
+/// [count,numbers]: the rays' own part of what is drawn for the whole batch.
+Tensor NerfRenderer::random_of(int64_t count, int64_t numbers, const Sampling& how, uint32_t stream) {
+  return own_rows(random_uniform({how.all > 0 ? how.all : count, numbers}, how.key.of_stream(stream)), how.share);
+}
+
 NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Sampling& how) const {
   const int64_t count = rays.origins.dim(0);
-  const Tensor shift = how.jitter ? random_uniform({count}, how.key.of_stream(kRayJitter)) : full({count}, 0.5f);
+  const Tensor shift = how.jitter ? reshape(random_of(count, 1, how, kRayJitter), {count}) : full({count}, 0.5f);
   MarchOptions steps = march_options();
   steps.explore = how.jitter ? static_cast<int>(how.key.step) : 0;
   const RaySamples all = march(rays, shift, occupancy_->values(), steps);
@@ -83,7 +89,7 @@ NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Sa
   const Tensor near = slice(rays.span, 1, 0, 1), far = maximum(slice(rays.span, 1, 1, 2), near + 1e-3f);
   const Tensor edges = near + (far - near) * from_host(steps, {1, coarse + 1});
   const auto place = [&](int64_t n, uint32_t which) {
-    return how.jitter ? random_uniform({count, n}, how.key.of_stream(which)) : full({count, n}, 0.5f);
+    return how.jitter ? random_of(count, n, how, which) : full({count, n}, 0.5f);
   };
   Rendered out;
   Tensor weights;

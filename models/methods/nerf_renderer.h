@@ -39,6 +39,8 @@ class NerfRenderer {
   struct Sampling {
     RandomKey key = {};
     bool jitter = false, skim = true;  // skim: leave out samples behind surfaces
+    Share share = {};                  // the rays are this one
+    int64_t all = 0;                   // of so many; 0: they are all
   };
   Rendered shade(const Rays& rays, const Sampling& how) const;
   /// Block by block; `back`: how bright it is where nothing is.
@@ -55,6 +57,7 @@ class NerfRenderer {
 
  private:
   MarchOptions march_options() const;
+  static Tensor random_of(int64_t count, int64_t numbers, const Sampling& how, uint32_t stream);
   Rendered shade_marched(const Rays& rays, const Sampling& how) const;
   Rendered shade_importance(const Rays& rays, const Sampling& how) const;
   Tensor shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place,

@@ -148,6 +148,7 @@ Step Splat::step(const Progress& progress, const Tensors& wanted) {
   step.gradients.pop_back();
   step.figures = {psnr_figure(mean(square(picture - truth))), {"gaussians", static_cast<double>(count)}};
   step.more = observed_.pending();
+  step.sums = observed_.of_view();
   return step;
 }
 

@@ -27,6 +27,7 @@ class Splat final : public Method,
   Params& parameters() override { return params_; }
   ParameterGroups groups() const override;
   Step step(const Progress& progress, const Tensors& wanted) override;
+  void after_step(const Progress&) override { observed_.take(); }
   RowMoves grow(const Progress& progress) override;
   Picture render(const View& view) override { return renderer_->picture(view); }
   Gaussians gaussians() const override { return gaussians_in(params_, common_); }

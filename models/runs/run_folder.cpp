@@ -80,6 +80,7 @@ Reading reading_from(const Json& json, const std::string& where) {
 
 Json options_to_json(const RunRecord& record) {
   Json options = {{"save_every", record.save_every}};
+  if (record.shares > 1) options["shares"] = record.shares;
   if (record.steps) options["steps"] = *record.steps;
   if (record.time_budget_seconds) options["time_budget_seconds"] = *record.time_budget_seconds;
   return options;
@@ -87,6 +88,8 @@ Json options_to_json(const RunRecord& record) {
 
 void read_options(RunRecord& record, const Json& options, const std::string& where) {
   record.save_every = whole(options, "save_every", where);
+  if (optional_number(options, "shares", where))
+    record.shares = std::clamp<int64_t>(whole(options, "shares", where), 1, kMostShares);
   if (optional_number(options, "steps", where)) record.steps = whole(options, "steps", where);
   record.time_budget_seconds = optional_number(options, "time_budget_seconds", where);
 }

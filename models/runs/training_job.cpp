@@ -91,6 +91,20 @@ void take_prior(const TrainRequest& request, TrainJob& job) {
   job.record.prior = RunData{request.prior, "", ""};
 }
 
+/// Into how many shares batches are parted. A run goes on as it began, as long as its ranks can part the work.
+void settle_shares(const TrainRequest& request, TrainJob& job) {
+  int64_t& shares = job.record.shares;
+  job.shares_before = request.resume ? shares : 1;
+  if (!request.resume || job.record.step == 0 || request.accumulation || shares % request.ranks != 0)
+    shares = request.ranks * request.accumulation.value_or(1);
+  const int64_t most = job.method->most_shares();
+  if (shares > most)
+    throw Error(Fault::usage,
+                text("a step's batch cannot be parted in ", shares, " shares (", request.ranks,
+                     request.ranks == 1 ? " rank" : " ranks", ", --gradient-accumulation ", shares / request.ranks,
+                     "): its settings allow ", most, "\n  fix: fewer of them, or a larger batch: --set batch.*"));
+}
+
 /// Options that say how captures are read have no meaning for a run.
 void check_source_options(const TrainRequest& request) {
   const std::pair<const char*, bool> options[] = {{"--downscale", request.downscale.has_value()},
@@ -249,6 +263,7 @@ TrainJob new_job(const TrainRequest& request, const Listener& listener) {
   job.folder = request.out.empty() ? default_folder(request) : fs::path(request.out);
   check_folder(job.folder, request.overwrite);
   fill_record(request, job);
+  settle_shares(request, job);
   return job;
 }
 
@@ -273,6 +288,7 @@ TrainJob resumed_job(const TrainRequest& request) {
   if (!job.finished || !given.empty()) find_captures(given, job);
   if (as<LearnsFromRun>(*job.method) && !job.data.empty()) job.source = read_run(job.data.front());
   if (job.finished) return job;
+  settle_shares(request, job);
   if (request.save_every) job.record.save_every = *request.save_every;
   if (request.steps) job.record.steps = request.steps;
   if (request.time_budget)

@@ -22,6 +22,8 @@ struct TrainRequest {
   std::optional<int64_t> steps;
   std::optional<double> time_budget;  // seconds
   std::optional<int64_t> seed, save_every;
+  std::optional<int64_t> accumulation;  // shares of a batch that each rank takes, one after the other
+  int64_t ranks = 1;                    // that train together
   std::optional<int> downscale, holdout, sparse_every;
   std::string protocol, image, masks, actors;
   int64_t stop_after = 0;
@@ -43,6 +45,7 @@ struct TrainJob {
   std::unique_ptr<Method> method;
   std::optional<StoredRun> source;        // of methods that learn from a run: that run, until it is loaded
   int64_t default_steps = 0, epochs = 0;  // of the preset
+  int64_t shares_before = 1;              // of a resumed run: that its batches were parted in
   bool finished = false;                  // a resumed run that has nothing left to do
 };
 

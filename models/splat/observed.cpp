@@ -10,18 +10,25 @@ namespace cloam {
 void Observed::restart(int64_t count) {
   gradient_sums_ = zeros({count});
   views_ = zeros({count});
+  gradient_ = listed_ = Tensor();
 }
 
 /// |d loss / d mean|, in units of half the picture, of the gaussians that some tile lists.
 void Observed::add(const Drawn& drawn, const Tensor& by_means) {
   const SplatTiles& tiles = drawn.tiles;
   const int64_t count = drawn.seen.dim(0);
-  const Tensor listed = cast(slice(tiles.first, 0, 1, count + 1) > slice(tiles.first, 0, 0, count), DType::f32);
+  listed_ = cast(slice(tiles.first, 0, 1, count + 1) > slice(tiles.first, 0, 0, count), DType::f32);
   const Tensor gradient = by_means ? stop_gradient(by_means) : zeros({count, 2});
   const Tensor half = from_host(
       std::vector<float>{0.5f * static_cast<float>(tiles.width), 0.5f * static_cast<float>(tiles.height)}, {1, 2});
-  gradient_sums_ = gradient_sums_ + sqrt(sum(square(slice(gradient, 1, 0, 2) * half), {{1}}));
-  views_ = views_ + listed;
+  gradient_ = sqrt(sum(square(slice(gradient, 1, 0, 2) * half), {{1}}));
+}
+
+void Observed::take() {
+  if (!listed_) return;
+  gradient_sums_ = gradient_sums_ + gradient_;
+  views_ = views_ + listed_;
+  gradient_ = listed_ = Tensor();
 }
 
 GrowthStatistics Observed::statistics() const {

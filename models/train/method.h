@@ -35,12 +35,18 @@ struct Figure {
 };
 Figure psnr_figure(const Tensor& mean_squared_error);
 
-/// The loss of one step and its gradients, pending: the trainer evaluates all of it together.
+/// The loss of one step and its gradients, pending: the trainer evaluates all of it together. All of that is of the
+/// share of the batch that was asked for (Progress::share), as if there were no other.
 struct Step {
   Tensor loss;
   Tensors gradients;  // in the order asked for; an empty handle where the loss does not depend on one
   std::vector<Figure> figures = {};
   Tensors more = {};  // what after_step will read
+  double weight = 0;  // of the share in the batch's mean; 0: as much as every other
+  // What after_step and grow must know of the whole batch: they find the sums over all shares in their places. As many
+  // of each kind in every share.
+  Tensors sums = {};                 // f32
+  std::vector<double*> counts = {};  // the method's own numbers
 };
 /// The gradients of a loss that is one graph.
 Step step_of(const Tensor& loss, const Tensors& wanted);
@@ -58,6 +64,8 @@ class Method {
   virtual ParameterGroups groups() const = 0;
   /// One step's loss and its gradients by `wanted`, some of parameters().
   virtual Step step(const Progress& progress, const Tensors& wanted) = 0;
+  /// Into how many shares its batch can be parted so that each has something.
+  virtual int64_t most_shares() const { return kMostShares; }
   /// After the optimiser's step: refresh an occupancy grid, update an EMA.
   virtual void after_step(const Progress&) {}
   /// What a resumed run needs beside parameters and optimiser; names without prefix.

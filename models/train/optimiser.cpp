@@ -65,6 +65,35 @@ void Optimiser::expect(Tensors& gradients) const {
   }
 }
 
+Tensors Optimiser::buffers_of(const Tensors& gradients) {
+  Tensors out;
+  for (Flats& flats : flats_) {
+    for (size_t i = 0; i < flats.order.size(); i++) put_at(gradients[flats.order[i]], flats.gradients.parts[i]);
+    out.push_back(flats.gradients.all);
+  }
+  for (size_t i = 0; i < names_.size(); i++)
+    if (steps_.contains(names_[i])) out.push_back(gradients[i]);
+  return out;
+}
+
+std::vector<Shape> Optimiser::buffer_shapes() const {
+  std::vector<Shape> out;
+  for (const Flats& flats : flats_) out.push_back(flats.gradients.all.shape());
+  for (const std::string& name : names_)
+    if (steps_.contains(name)) out.push_back(m_.at(name).shape());
+  return out;
+}
+
+void Optimiser::take_buffers(const Tensors& buffers, Tensors& gradients) {
+  size_t next = 0;
+  for (Flats& flats : flats_) {
+    put_at(buffers[next++], flats.gradients.all);
+    for (size_t i = 0; i < flats.order.size(); i++) gradients[flats.order[i]] = flats.gradients.parts[i];
+  }
+  for (size_t i = 0; i < names_.size(); i++)
+    if (steps_.contains(names_[i])) gradients[i] = buffers[next++];
+}
+
 void Optimiser::step_group(Flats& flats, const Tensors& parameters, const Tensors& gradients, const AdamStep& with) {
   for (size_t i = 0; i < flats.order.size(); i++) {
     move_to(parameters[flats.order[i]], flats.parameters.parts[i]);  // assign() may have moved it away

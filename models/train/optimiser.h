@@ -20,6 +20,12 @@ class Optimiser {
   /// copies; they hold until the next step's are evaluated. An empty one of a dense parameter becomes zeros, since its
   /// moments fade all the same; a sparse parameter stands still.
   void expect(Tensors& gradients) const;
+  /// What step() will read of evaluated gradients, as few buffers in an order that is fixed: a group's together, then
+  /// those of sparse parameters, empty handles where one stands still.
+  Tensors buffers_of(const Tensors& gradients);
+  std::vector<Shape> buffer_shapes() const;
+  /// Such buffers in place of the gradients.
+  void take_buffers(const Tensors& buffers, Tensors& gradients);
   /// One step in place, with evaluated gradients.
   void step(Params& parameters, const Tensors& gradients, const ParameterGroups& groups, const Progress& progress);
   /// After a method replaced parameters by others of more, fewer or other rows: moments and counts move along.

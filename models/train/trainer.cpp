@@ -12,6 +12,7 @@
 #include "models/train/grows.h"
 #include "models/train/old_names.h"
 #include "models/train/optimiser.h"
+#include "models/train/shared_step.h"
 #include "models/train/step_pace.h"
 #include "runtime/debug.h"
 #include "runtime/device.h"
@@ -36,16 +37,6 @@ constexpr double kLargestShare = 0.1;  // of the time, where saves take minutes
 
 void add_prefixed(TensorMap& to, const TensorMap& from, const std::string& prefix) {
   for (const auto& [name, tensor] : from) to[prefix + name] = tensor;
-}
-
-/// Loss, gradients, figures and the rest in one evaluation.
-void eval_step(const Step& step) {
-  Tensors results = step.more;
-  results.insert(results.end(), step.gradients.begin(), step.gradients.end());
-  for (const Figure& figure : step.figures) results.push_back(figure.pending);
-  results.push_back(step.loss);
-  std::erase_if(results, [](const Tensor& x) { return !x; });
-  eval(results);
 }
 
 /// When to save, and what it takes.
@@ -143,7 +134,7 @@ class Loop {
  private:
   void begin();
   void one_step();
-  Step take_next_step();
+  TakenStep take_next_step();
   bool finished();
   int64_t end() const;
   void require_finite();
@@ -152,6 +143,8 @@ class Loop {
   void go_back(const NotFinite& why);
   void end_search();
   void save();
+  int64_t agreed(int64_t mine) const;
+  bool saves_now() const { return agreed(saving_.is_due(progress_.step, time_.seconds())); }
   double learning_rate() const;
   std::optional<double> seconds_left() const;
 
@@ -186,10 +179,10 @@ void Loop::begin() {
 }
 
 /// Data that are read while the training goes on may turn out to be damaged: what was learned until then is saved.
-Step Loop::take_next_step() {
+TakenStep Loop::take_next_step() {
   progress_.step++;
   try {
-    return take_step(run_.method, optimiser_, progress_);
+    return take_step(run_.method, optimiser_, progress_, {*options_.ranks, options_.shares});
   } catch (const Error& error) {
     if (error.fault() != Fault::data) throw;
     progress_.step--;
@@ -200,12 +193,11 @@ Step Loop::take_next_step() {
 
 void Loop::one_step() {
   const double before = time_.seconds();
-  const Step step = take_next_step();
-  figures_.clear();
-  for (const Figure& figure : step.figures) figures_[figure.name] = figure.value();
-  result_.loss = static_cast<double>(step.loss.item());
+  const TakenStep taken = take_next_step();
+  figures_ = taken.figures;
+  result_.loss = taken.loss;
   if (!std::isfinite(result_.loss)) diverged(text("the loss became ", result_.loss));
-  const bool saves_next = saving_.is_due(progress_.step, time_.seconds()) || progress_.step == end();
+  const bool saves_next = saves_now() || progress_.step == end();
   if (progress_.step >= next_look_ || saves_next) {
     next_look_ = progress_.step + kFiniteEvery;
     require_finite();
@@ -222,9 +214,14 @@ int64_t Loop::end() const {
   return progress_.horizon == 0 ? 0 : std::max(progress_.horizon, options_.steps.value_or(0));
 }
 
+/// What follows from clocks and signals must be the same on all ranks: as the first one says.
+int64_t Loop::agreed(int64_t mine) const {
+  return options_.ranks->size() == 1 ? mine : std::stoll(from_first(*options_.ranks, std::to_string(mine)));
+}
+
 bool Loop::finished() {
-  result_.interrupted = run_.stop && *run_.stop != 0;
-  result_.out_of_time = time_.is_up(saving_.seconds() + step_seconds_) && end() != progress_.step;
+  result_.interrupted = agreed(run_.stop && *run_.stop != 0);
+  result_.out_of_time = agreed(time_.is_up(saving_.seconds() + step_seconds_)) && end() != progress_.step;
   const bool stop_here = options_.stop_after > 0 && progress_.step >= options_.stop_after;
   return result_.interrupted || result_.out_of_time || stop_here || (end() > 0 && progress_.step >= end());
 }
@@ -277,11 +274,12 @@ void Loop::require_finite() {
 
 void Loop::save() {
   require_finite();
+  saved_step_ = progress_.step;
+  if (options_.ranks->rank() > 0) return;
   const double before = time_.seconds();
   SafetensorsFile file = checkpoint_of(run_.method, progress_, run_.metadata);
   add_prefixed(file.tensors, optimiser_.state(), kOptimiser);
   result_.checkpoint = save_checkpoint(run_.checkpoints, progress_.step, file);
-  saved_step_ = progress_.step;
   saving_.saved(before, time_.seconds());
   listener_.checkpoint(progress_.step, result_.checkpoint);
 }
@@ -307,9 +305,10 @@ TrainResult Loop::train() {
     now = time_.seconds();
     if (progress_.step > warm) time_.add_step(now - before);
     if (planning_) time_.choose_horizon(progress_, saving_.seconds());
+    progress_.horizon = agreed(progress_.horizon);
     listener_.step(
         {progress_, end(), result_.loss, time_.seconds(), step_seconds_, learning_rate(), seconds_left(), figures_});
-    if (saving_.is_due(progress_.step, time_.seconds())) save();
+    if (saves_now()) save();
   }
   if (saved_step_ != progress_.step) save();
   result_.step = progress_.step;
@@ -345,14 +344,6 @@ int64_t number_in(const SafetensorsFile& file, const std::string& key) {
 
 double steady_seconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
-Step take_step(Method& method, Optimiser& optimiser, const Progress& progress) {
-  Step step = method.step(progress, optimiser.wanted(method.parameters()));
-  optimiser.expect(step.gradients);
-  eval_step(step);
-  optimiser.step(method.parameters(), step.gradients, method.groups(), progress);
-  return step;
 }
 
 TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainListener& listener) {

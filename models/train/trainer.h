@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "models/train/method.h"
+#include "models/train/ranks.h"
 
 namespace cloam {
 
@@ -24,6 +25,8 @@ struct TrainOptions {
   double save_seconds = 300;                  // between saves, or more where they would take 2 % of the time
   int64_t default_steps = 1000;
   uint64_t seed = 42;
+  int64_t shares = 1;             // of each step's batch, a multiple of the ranks: their gradients are summed in order
+  const Ranks* ranks = &alone();  // that train together; the first one saves
   std::function<double()> clock = steady_seconds;  // what a time budget goes by
 };
 
@@ -67,9 +70,6 @@ struct TrainRun {
   const std::atomic<int>* stop = nullptr;
 };
 TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainListener& listener);
-
-/// One step of a training, as train() takes it: what was evaluated for it.
-Step take_step(Method& method, Optimiser& optimiser, const Progress& progress);
 
 /// The parameters that a checkpoint holds, under their names in the model.
 TensorMap parameters_in(const SafetensorsFile& checkpoint);

@@ -20,6 +20,7 @@ struct Resumable {
   /// What a user sees of it: a render, samples.
   std::function<std::vector<float>(Method&)> look;
   int64_t steps = 80;
+  int64_t shares = 1;  // of each step's batch
 };
 
 struct SavedStep {
@@ -33,6 +34,7 @@ inline std::vector<SavedStep> train_step_by_step(const Resumable& what, const st
   std::vector<SavedStep> saved;
   TrainOptions options;
   options.steps = what.steps;
+  options.shares = what.shares;
   options.save_every = 1;
   TrainListener listener;
   listener.checkpoint = [&](int64_t, const std::filesystem::path& path) {
@@ -64,6 +66,7 @@ inline void check_resumes_from_every_step(const Resumable& what) {
     REQUIRE_MESSAGE(what.look(*method) == saved[i].look, "a render after restoring differs");
     TrainOptions options;
     options.steps = what.steps;
+    options.shares = what.shares;
     options.stop_after = step + 1;
     const auto path = train({*method, folder.path / "again", {}, &saved[i].file, nullptr}, options, {}).checkpoint;
     const std::string other = differences(read_safetensors(path), saved[i + 1].file);

@@ -1,0 +1,102 @@
+// See ranks.h.
+#include "models/train/ranks.h"
+
+#include <cstring>
+
+namespace cloam {
+namespace {
+
+using Sent = std::vector<std::span<const std::byte>>;
+using Received = std::vector<std::span<std::byte>>;
+
+class Alone final : public Ranks {
+ public:
+  int64_t rank() const override { return 0; }
+  int64_t size() const override { return 1; }
+  void trade(const Sent&, const Received&) const override {}
+};
+
+/// Each rank gets `mine`, and gives as much as `all` has room for.
+void trade_texts(const Ranks& ranks, const std::string& mine, std::vector<std::string>& all) {
+  Received from;
+  for (std::string& other : all) from.push_back(std::as_writable_bytes(std::span(other)));
+  ranks.trade(Sent(all.size(), std::as_bytes(std::span(mine))), from);
+  all[static_cast<size_t>(ranks.rank())] = mine;
+}
+
+std::string as_text(uint64_t number) {
+  std::string out(sizeof number, '\0');
+  std::memcpy(out.data(), &number, sizeof number);
+  return out;
+}
+
+size_t size_in(const std::string& written) {
+  uint64_t number = 0;
+  std::memcpy(&number, written.data(), sizeof number);
+  return number;
+}
+
+Share share_of(const Ranks& ranks, int64_t rank) { return {rank, ranks.size()}; }
+
+template <class Float>
+auto part_of(std::span<Float> values, const Share& share) {
+  const auto count = static_cast<int64_t>(values.size());
+  return values.subspan(static_cast<size_t>(share.begin(count)), static_cast<size_t>(share.size(count)));
+}
+
+void add_weighted(std::span<float> sum, std::span<const float> values, float weight) {
+  for (size_t i = 0; i < sum.size(); ++i) sum[i] += weight * values[i];
+}
+
+}  // namespace
+
+const Ranks& alone() {
+  static const Alone one;
+  return one;
+}
+
+std::vector<std::string> gathered(const Ranks& ranks, const std::string& mine) {
+  const auto count = static_cast<size_t>(ranks.size());
+  std::vector<std::string> sizes(count, std::string(sizeof(uint64_t), '\0')), all(count);
+  trade_texts(ranks, as_text(mine.size()), sizes);
+  for (size_t rank = 0; rank < count; ++rank) all[rank].resize(size_in(sizes[rank]));
+  trade_texts(ranks, mine, all);
+  return all;
+}
+
+std::string from_first(const Ranks& ranks, const std::string& mine) {
+  return gathered(ranks, ranks.rank() == 0 ? mine : "").front();
+}
+
+void OrderedSum::add(const std::vector<float>& mine, const std::vector<float>& weights) {
+  const std::span<float> own = part_of(std::span(sum_), share_of(ranks_, ranks_.rank()));
+  std::vector<std::vector<float>> others(static_cast<size_t>(ranks_.size()));
+  Sent to;
+  Received from;
+  for (int64_t rank = 0; rank < ranks_.size(); ++rank) {
+    std::vector<float>& other = others[static_cast<size_t>(rank)];
+    if (rank != ranks_.rank()) other.resize(own.size());
+    to.push_back(std::as_bytes(part_of(std::span(mine), share_of(ranks_, rank))));
+    from.push_back(std::as_writable_bytes(std::span(other)));
+  }
+  ranks_.trade(to, from);
+  const std::span<const float> of_mine = part_of(std::span(mine), share_of(ranks_, ranks_.rank()));
+  for (int64_t rank = 0; rank < ranks_.size(); ++rank) {
+    const auto at = static_cast<size_t>(rank);
+    add_weighted(own, rank == ranks_.rank() ? of_mine : std::span<const float>(others[at]), weights[at]);
+  }
+}
+
+std::vector<float> OrderedSum::take() {
+  const std::span<const float> own = part_of(std::span<const float>(sum_), share_of(ranks_, ranks_.rank()));
+  Sent to;
+  Received from;
+  for (int64_t rank = 0; rank < ranks_.size(); ++rank) {
+    to.push_back(std::as_bytes(own));
+    from.push_back(std::as_writable_bytes(part_of(std::span(sum_), share_of(ranks_, rank))));
+  }
+  ranks_.trade(to, from);
+  return std::move(sum_);
+}
+
+}  // namespace cloam

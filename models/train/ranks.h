@@ -1,0 +1,51 @@
+// Processes that train one model together, each on a device of its own: what they tell each other, and sums of floats
+// that are the same bits however many they are.
+#pragma once
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "models/io/share.h"
+
+namespace cloam {
+
+class Ranks {
+ public:
+  virtual ~Ranks() = default;
+  virtual int64_t rank() const = 0;  // 0 is the first
+  virtual int64_t size() const = 0;
+  /// Sends each rank its bytes of `to` and fills those of `from`, both by rank, as long as what the other sends; the
+  /// own places are not looked at. Every rank calls it, in one order of calls. Fault::device, naming the rank, where
+  /// one is gone or silent for too long.
+  virtual void trade(const std::vector<std::span<const std::byte>>& to,
+                     const std::vector<std::span<std::byte>>& from) const = 0;
+};
+
+/// One rank, which needs no others.
+const Ranks& alone();
+
+/// What every rank gave, by rank, for all of them.
+std::vector<std::string> gathered(const Ranks& ranks, const std::string& mine);
+/// What the first rank gave.
+std::string from_first(const Ranks& ranks, const std::string& mine);
+/// Returns once every rank is here.
+inline void meet(const Ranks& ranks) { gathered(ranks, ""); }
+
+/// A sum over shares of weight times values, of which each rank adds one at a time, in the order of the ranks. One
+/// addition at a time in one order: a single rank that adds all shares gets the same bits.
+class OrderedSum {
+ public:
+  OrderedSum(const Ranks& ranks, size_t count) : ranks_(ranks), sum_(count, 0.f) {}
+  size_t count() const { return sum_.size(); }
+  /// `mine` has count() values; weights: of all ranks' shares.
+  void add(const std::vector<float>& mine, const std::vector<float>& weights);
+  /// The whole, for all ranks. Nothing can be added any more.
+  std::vector<float> take();
+
+ private:
+  const Ranks& ranks_;
+  std::vector<float> sum_;  // each rank keeps its part of it (Share) until take()
+};
+
+}  // namespace cloam

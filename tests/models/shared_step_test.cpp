@@ -1,0 +1,151 @@
+// A step in shares: the gradients, and all else that it leaves behind, are those of the whole batch.
+#include "models/train/shared_step.h"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <cstring>
+
+#include "tests/models/resume.h"
+#include "tests/models/worlds.h"
+
+using namespace cloam;
+
+namespace {
+
+const Worlds& worlds() {
+  static const Worlds all;
+  return all;
+}
+
+std::unique_ptr<Method> small_method(const std::string& name, const Settings& more = {}) {
+  Settings settings = small_settings(name);
+  settings.insert(settings.end(), more.begin(), more.end());
+  if (name == "genassets") settings.emplace_back("batch.patches", "3");
+  auto method = configured(name, settings);
+  load_world(*method, worlds());
+  return method;
+}
+
+std::vector<float> numbers_in(const NamedTensor& tensor) {
+  std::vector<float> out(tensor.data.size() / sizeof(float));
+  std::memcpy(out.data(), tensor.data.data(), tensor.data.size());
+  return out;
+}
+
+using Values = std::map<std::string, std::vector<float>>;
+
+/// Adam's first moments after one step are a tenth of its gradients.
+Values moments_after(Method& method, int64_t shares) {
+  Optimiser optimiser(method.parameters(), method.groups());
+  take_step(method, optimiser, {1, 10, 1}, {alone(), shares});
+  Values out;
+  for (const auto& [name, tensor] : optimiser.state())
+    if (name.starts_with("m.")) out[name.substr(2)] = numbers_in(tensor);
+  return out;
+}
+
+double norm(const std::vector<float>& values) {
+  double sum = 0;
+  for (const float value : values) sum += static_cast<double>(value) * static_cast<double>(value);
+  return std::sqrt(sum);
+}
+
+/// Of the difference, over the norm of what was expected.
+double error_of(const std::vector<float>& found, const std::vector<float>& expected) {
+  std::vector<float> difference;
+  for (size_t i = 0; i < found.size(); ++i) difference.push_back(found[i] - expected[i]);
+  return norm(difference) / std::max(norm(expected), 1e-12);
+}
+
+/// The mean over `shares` of the gradients that the method gives for each, asked for alone.
+Values mean_of_shares(const std::string& name, int64_t shares) {
+  Values sums;
+  for (int64_t rank = 0; rank < shares; ++rank) {
+    const auto method = small_method(name);
+    Tensors wanted;
+    std::vector<std::string> names;
+    for (const auto& [parameter, tensor] : method->parameters()) {
+      if (group_of(parameter, method->groups()).frozen) continue;
+      names.push_back(parameter);
+      wanted.push_back(tensor);
+    }
+    const Step step = method->step({1, 10, 1, {rank, shares}}, wanted);
+    for (size_t i = 0; i < names.size(); ++i) {
+      std::vector<float>& sum = sums[names[i]];
+      sum.resize(static_cast<size_t>(wanted[i].numel()));
+      if (!step.gradients[i]) continue;
+      const std::vector<float> one = step.gradients[i].to_host();
+      for (size_t k = 0; k < one.size(); ++k) sum[k] += one[k] / static_cast<float>(shares);
+    }
+  }
+  return sums;
+}
+
+}  // namespace
+
+TEST_CASE("batches that are drawn as a whole: the gradients of three shares are those of one") {
+  for (const std::string name : {"nerf", "diffusion"}) {
+    CAPTURE(name);
+    const Values whole = moments_after(*small_method(name), 1), parts = moments_after(*small_method(name), 3);
+    for (const auto& [parameter, expected] : whole) {
+      CAPTURE(parameter);
+      CHECK(error_of(parts.at(parameter), expected) < 1e-5);
+    }
+  }
+}
+
+TEST_CASE("gradients of three shares are the mean of those that each has alone") {
+  for (const std::string name : {"splat", "genassets"}) {
+    CAPTURE(name);
+    const Values parts = moments_after(*small_method(name), 3), expected = mean_of_shares(name, 3);
+    for (const auto& [parameter, found] : parts) {
+      CAPTURE(parameter);
+      std::vector<float> scaled = expected.at(parameter);
+      for (float& value : scaled) value *= 0.1f;
+      CHECK(error_of(found, scaled) < 1e-5);
+    }
+  }
+}
+
+TEST_CASE("what growth goes by are the views of all shares") {
+  // What stands still shows the same gaussians in three steps as in the three shares of one.
+  const Settings still = {{"train.rate_means", "0"},  {"train.rate_first", "0"},     {"train.rate_rest", "0"},
+                          {"train.rate_scales", "0"}, {"train.rate_rotations", "0"}, {"train.rate_opacities", "0"},
+                          {"background", "black"}};
+  const auto views_after = [&](int64_t shares, int64_t steps) {
+    const auto method = small_method("splat", still);
+    Optimiser optimiser(method->parameters(), method->groups());
+    for (int64_t step = 1; step <= steps; ++step) {
+      take_step(*method, optimiser, {step, 30000, 1}, {alone(), shares});
+      method->after_step({step, 30000, 1});
+    }
+    const TensorMap state = method->state();
+    return std::pair(numbers_in(state.at("views")), numbers_in(state.at("gradient_sums")));
+  };
+  const auto [views, sums] = views_after(3, 1);
+  const auto [views_by_steps, sums_by_steps] = views_after(1, 3);
+  CHECK(views == views_by_steps);
+  CHECK(norm(views) > 0);
+  CHECK(error_of(sums, sums_by_steps) < 1e-5);
+}
+
+TEST_CASE("trainings in two shares go on from every step to the same bytes") {
+  for (const std::string name : {"nerf", "splat", "genassets", "diffusion"}) {
+    CAPTURE(name);
+    const auto look = [](Method& method) {
+      std::vector<float> all;
+      for (const auto& [parameter, tensor] : method.parameters())
+        for (const float value : tensor.to_host()) all.push_back(value);
+      return all;
+    };
+    check_resumes_from_every_step({[&] { return small_method(name); }, look, 3, 2});
+  }
+}
+
+TEST_CASE("an ordered sum adds one share at a time") {
+  OrderedSum sum(alone(), 2);
+  for (const float value : {1e8f, 1.f, 1.f, -1e8f}) sum.add({value, value}, {0.5f});
+  // 5e7 + 0.5 is 5e7 in float32, twice; in another order it would be 1.
+  CHECK(sum.take() == std::vector<float>{0, 0});
+}
