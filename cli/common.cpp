@@ -164,7 +164,14 @@ void say(const Common& common, const std::string& line) {
   if (!common.quiet) std::fprintf(stderr, "%s\n", line.c_str());
 }
 
+namespace {
+bool muted = false;
+}
+
+void mute_warnings() { muted = true; }
+
 void warn(const std::string& warning) {
+  if (muted) return;
   end_build_news();
   std::fprintf(stderr, "warning: %s\n", warning.c_str());
 }

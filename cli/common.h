@@ -51,6 +51,8 @@ RestoredRun restored(const std::string& run, const Common& common);
 /// A line on stderr, unless -q.
 void say(const Common& common, const std::string& line);
 void warn(const std::string& warning);
+/// From here on none is told: another rank tells them.
+void mute_warnings();
 /// Of a sheet of pictures that was to have captions.
 void warn_without_font();
 /// say, warn and check_stop, for long work in models/.

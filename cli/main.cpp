@@ -7,6 +7,7 @@
 
 #include "cli/commands.h"
 #include "cli/failure.h"
+#include "cli/ranks.h"
 #include "cli/stop_signal.h"
 #include "models/io/words.h"
 #include "runtime/error.h"
@@ -59,7 +60,9 @@ int report(int code, std::string message) {
   const std::string tag = "  [exit " + std::to_string(code) + "]";
   const std::size_t line_end = std::min(message.find('\n'), message.size());
   message.insert(line_end, tag);
-  std::fprintf(stderr, "error: %s\n", message.c_str());
+  await_first_rank();
+  std::fprintf(stderr, "error: %s%s\n", rank_words().c_str(), message.c_str());
+  end_ranks(code);
   return code;
 }
 
@@ -131,11 +134,14 @@ int parse(CLI::App& program, const std::vector<std::string>& words) {
   }
 }
 
-int run(const std::function<int()>& command) {
+int run(const std::string& name, const std::function<int()>& command) {
   on_hang([](const std::string& message) { report(static_cast<int>(Fault::device), message); });
   try {
+    join_ranks();
+    if (name != "train") check_alone(name);
     const int code = command();
     end_profile();
+    leave_ranks();
     return code;
   } catch (const Interrupted& interrupted) {
     std::fprintf(stderr, "%s\n", interrupted.what());
@@ -151,7 +157,7 @@ int main_of(int argc, char** argv) {
   seconds_since_start();
   const std::vector<std::string> words(argv + 1, argv + argc);
   command_line() = typed(words);
-  if (words.empty()) return run(introduce);
+  if (words.empty()) return run("", introduce);
   CLI::App program("3D scenes from photos on any OpenCL device", "cloam");
   program.set_version_flag("--version", std::string("cloam ") + kVersion);
   program.require_subcommand(0, 1);
@@ -159,7 +165,7 @@ int main_of(int argc, char** argv) {
   const int parsed = parse(program, spelled_out(words));
   if (parsed >= 0) return parsed;
   for (const Command& command : commands) {
-    if (command.parser->parsed()) return run(command.run);
+    if (command.parser->parsed()) return run(command.parser->get_name(), command.run);
   }
   return unknown_words(program);
 }

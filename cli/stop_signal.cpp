@@ -37,6 +37,7 @@ extern "C" void ask_to_stop(int signal) {
   }
   stop_signal.store(signal);
   asked_at.store(seconds_now());
+  if (!what_comes_first.load()) return;
   tell("\nstopping: ");  // a line may be open on a terminal
   tell(what_comes_first.load());
   tell("; press Ctrl-C again to quit at once\n");
@@ -51,11 +52,13 @@ StopOnSignal::StopOnSignal(const char* soon) {
   action.sa_handler = ask_to_stop;
   sigaction(SIGINT, &action, &old_interrupt_);
   sigaction(SIGTERM, &action, &old_terminate_);
+  sigaction(SIGUSR1, &action, &old_user_);
 }
 
 StopOnSignal::~StopOnSignal() {
   sigaction(SIGINT, &old_interrupt_, nullptr);
   sigaction(SIGTERM, &old_terminate_, nullptr);
+  sigaction(SIGUSR1, &old_user_, nullptr);
 }
 
 }  // namespace cloam

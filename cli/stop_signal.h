@@ -10,11 +10,11 @@ namespace cloam {
 /// The signal that came since the last StopOnSignal began; 0: none.
 extern std::atomic<int> stop_signal;
 
-/// SIGINT and SIGTERM only set stop_signal and say what happens next, as long as this lives; a second one ends the
+/// SIGINT, SIGTERM and SIGUSR1 (which mpirun passes on, and SLURM sends ahead of a limit) only set stop_signal and say what happens next, as long as this lives; a second one ends the
 /// program at once.
 class StopOnSignal {
  public:
-  /// soon: what the program does before it stops, a literal; it follows "stopping: " on stderr.
+  /// soon: what the program does before it stops, a literal; it follows "stopping: " on stderr. Null: it says nothing.
   explicit StopOnSignal(const char* soon);
   ~StopOnSignal();
   StopOnSignal(const StopOnSignal&) = delete;
@@ -23,6 +23,7 @@ class StopOnSignal {
  private:
   struct sigaction old_interrupt_ {};
   struct sigaction old_terminate_ {};
+  struct sigaction old_user_ {};
 };
 
 /// A command that was asked to stop and has: what() says what is complete and where.

@@ -8,6 +8,7 @@
 
 #include "cli/commands.h"
 #include "cli/failure.h"
+#include "cli/ranks.h"
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
 #include "cli/tensorboard.h"
@@ -32,7 +33,6 @@ constexpr char kTrainExamples[] = R"(Train a scene from photos or driving logs.
 Examples:
   cloam train nerf data/fox -o runs/fox --downscale 4 --holdout 8 --time-budget 5m
   cloam train --resume runs/fox
-  cloam train nerf data/pandaset/001 --protocol sparse
   cloam train diffusion runs/street -o runs/assets --preset diffusion-small
   cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets --image front_camera/05
   cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
@@ -83,6 +83,7 @@ TrainOptions options_of(const TrainJob& job, const TrainRequest& request) {
   options.default_steps = job.default_steps;
   options.seed = job.record.seed;
   options.shares = job.record.shares;
+  options.ranks = &ranks();
   return options;
 }
 
@@ -209,6 +210,44 @@ std::unique_ptr<TrainingView> followed(TrainJob& job, const Scene& scene, int po
   return pages;
 }
 
+/// The captures' data for the method; gives their scenes. One copy of a hundred logs is kept, and what reading them
+/// took goes back to the system.
+Scenes give_data(TrainJob& job, Captures captures) {
+  Scenes scenes;
+  for (Capture& capture : captures) scenes.push_back(std::move(capture.scene));
+  std::vector<TrainingData> data;
+  for (std::size_t i = 0; i < captures.size(); ++i) data.push_back({scenes[i], std::move(captures[i].train)});
+  if (auto* learns = as<LearnsFromCaptures>(*job.method)) learns->load_data(std::move(data));
+  malloc_trim(0);
+  return scenes;
+}
+
+/// A rank beside the first: it trains along, and writes nothing.
+int train_along(TrainJob& job, Captures captures, const TrainRequest& request, ProgressView& view) {
+  job.source.reset();
+  (void)give_data(job, std::move(captures));
+  meet(ranks());
+  const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
+  job.record.step = 0;
+  if (checkpoint) take_progress(job, *checkpoint, request);
+  TrainRun run{*job.method, RunPaths{job.folder}.checkpoints(), {}};
+  run.resume = checkpoint ? &checkpoint->file : nullptr;
+  run.stop = &stop_signal;
+  const StopOnSignal signals(nullptr);
+  const TrainResult result = train(run, options_of(job, request), {});
+  return result.interrupted && result.step < result.end ? 128 + stop_signal.load() : 0;
+}
+
+/// What the first rank does for all.
+void leave_to_first(TrainRequest& request, Common& common) {
+  request.progress = "none";
+  request.pictures = "off";
+  request.view.reset();
+  request.tensorboard = false;
+  common.quiet = true;
+  mute_warnings();
+}
+
 /// From here on files are written. Everything was read and checked before.
 int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>& now, const TrainRequest& request,
                     const Common& common, EventLog& log, ProgressView& view) {
@@ -218,11 +257,8 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   std::optional<Previews> previews;
   if (auto* renders = as<RendersViews>(*job.method); renders && !captures.empty() && !wish.off)
     previews.emplace(*renders, preview_frame(captures), job.folder, log);
-  for (Capture& capture : captures) scenes.push_back(std::move(capture.scene));  // one copy of a hundred logs less
-  std::vector<TrainingData> data;
-  for (std::size_t i = 0; i < captures.size(); ++i) data.push_back({scenes[i], std::move(captures[i].train)});
-  if (auto* learns = as<LearnsFromCaptures>(*job.method)) learns->load_data(std::move(data));
-  malloc_trim(0);  // what reading took
+  if (Scenes given = give_data(job, std::move(captures)); !given.empty()) scenes = std::move(given);
+  meet(ranks());  // the others have looked at the folder as it was
   const FolderLock lock(job.folder);
   if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
   auto pages = request.view ? followed(job, scenes.front(), *request.view) : nullptr;
@@ -306,7 +342,12 @@ int end_finished(TrainJob& job, const Common& common) {
   return 0;
 }
 
-int run_train(TrainRequest request, const Common& common) {
+int run_train(TrainRequest request, const Common& given) {
+  Common common = given;
+  const bool first = ranks().rank() == 0;
+  request.ranks = ranks().size();
+  if (!first) leave_to_first(request, common);
+  choose_rank_device(request.devices, common);
   resolve_alias(request, common);
   preview_wish(request.preview_every);  // typing errors are told first
   request.networks = networks_named(request.networks);
@@ -317,11 +358,12 @@ int run_train(TrainRequest request, const Common& common) {
     throw Error(Fault::usage, "--view takes a port from 1 to 65535, or nothing: cloam train nerf DATA --view");
   const ProgressStyle style = progress_style(request.progress, common);
   TrainJob job = request.resume ? resumed_job(request) : new_job(request, listener_of(common));
-  if (job.finished) return end_finished(job, common);
+  if (job.finished) return first ? end_finished(job, common) : 0;
   if (request.resume && job.record.shares != job.shares_before)
     warn(text("from here on a step's batch is parted in ", job.record.shares, " instead of ", job.shares_before,
               " shares: the run will not be the same bytes as one that goes on as it began"));
   open_device(common);
+  check_devices_alike();
   EventLog log(style == ProgressStyle::jsonl);
   ProgressView view(style, log);
   const uint64_t host_bytes = host_budget(request.host_memory);
@@ -337,6 +379,7 @@ int run_train(TrainRequest request, const Common& common) {
   adopt_networks(job, request);
   adopt_prior(job, request);
   tell_plan(job, captures, host_bytes, common, log);
+  if (!request.dry_run && !first) return train_along(job, std::move(captures), request, view);
   if (!request.dry_run) return train_in_folder(job, std::move(captures), now, request, common, log, view);
   say(common, "dry run: nothing was written");
   return 0;
@@ -373,6 +416,8 @@ void add_run_options(const Options& add, TrainRequest& r) {
       "Steps or time (500, 30s) between previews; off; auto: at most 2 % of the time (auto)");
   add("--pictures", r.pictures, "off: no previews, curves, turntable and report (on)", one_of({"on", "off"}));
   add("--tb", r.tensorboard, "Also write event files for TensorBoard to the run folder");
+  add("--devices", r.devices,
+      "With mpirun: the devices of a host's ranks in turn, such as 0:0,0:1 (its GPUs of one kind)");
   add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
   add("--progress", r.progress, "auto, bar, plain, jsonl or none", one_of({"auto", "bar", "plain", "jsonl", "none"}));
   add.with_or_without("--view", "[PORT]", "Follow the training in the browser, at an address that is printed",

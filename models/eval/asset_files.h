@@ -9,6 +9,7 @@
 #include "models/latents/generates_assets.h"
 #include "models/runs/listener.h"
 #include "models/runs/restore_run.h"
+#include "models/street/street.h"
 
 namespace cloam {
 

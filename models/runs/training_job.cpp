@@ -95,7 +95,7 @@ void take_prior(const TrainRequest& request, TrainJob& job) {
 void settle_shares(const TrainRequest& request, TrainJob& job) {
   int64_t& shares = job.record.shares;
   job.shares_before = request.resume ? shares : 1;
-  if (!request.resume || job.record.step == 0 || request.accumulation || shares % request.ranks != 0)
+  if (!request.resume || request.accumulation || shares % request.ranks != 0)
     shares = request.ranks * request.accumulation.value_or(1);
   const int64_t most = job.method->most_shares();
   if (shares > most)

@@ -31,6 +31,7 @@ struct TrainRequest {
   std::vector<std::string> settings;  // key=value
   std::string host_memory;  // --host-memory, as typed; empty: a share of what is free
   std::string progress = "auto";
+  std::string devices;                                  // --devices: of the ranks of a host, between commas
   std::optional<int> view;                              // --view: the port; 0: any
   std::string preview_every = "auto", pictures = "on";  // as typed
   bool tensorboard = false;                             // event files, too

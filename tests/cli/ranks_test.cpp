@@ -1,8 +1,12 @@
 // Batches in shares and several ranks, through the program.
 #include <doctest/doctest.h>
 
-#include "tests/cli/process.h"
+#include <cstdlib>
+#include <regex>
+
+#include "tests/cli/mpirun.h"
 #include "tests/cli/small_street.h"
+#include "tests/cli/small_trainings.h"
 
 using namespace cloam;
 namespace fs = std::filesystem;
@@ -41,4 +45,91 @@ TEST_CASE("a batch is not parted so far that a share has nothing") {
   CHECK(outcome.code == 2);
   CHECK_MESSAGE(contains(outcome.err, "a step's batch cannot be parted in 5 shares"), outcome.err);
   CHECK_FALSE(fs::exists(scratch() / "too_many_shares"));
+}
+
+TEST_CASE("two ranks are two shares on one, byte for byte, in every method") {
+  for (const SmallTraining& small : small_trainings()) {
+    CAPTURE(small.method);
+    const fs::path one = scratch() / (std::string(small.method) + "_shares"),
+                   two = scratch() / (std::string(small.method) + "_ranks");
+    Words how = {"--steps", "6", "--save-every", "3"};
+    if (small.method == std::string("genassets")) how.insert(how.end(), {"--set", "batch.patches=2"});
+    Words alone = how;
+    alone.insert(alone.end(), {"--gradient-accumulation", "2"});
+    const Outcome shares = cloam_with(small.words(one, alone));
+    REQUIRE_MESSAGE(shares.code == 0, shares.err);
+    const Outcome ranks = Ranks(2, small.words(two, how)).wait();
+    REQUIRE_MESSAGE(ranks.code == 0, ranks.err);
+    CHECK(checkpoint_of(two, "000003") == checkpoint_of(one, "000003"));
+    CHECK(checkpoint_of(two, "000006") == checkpoint_of(one, "000006"));
+    CHECK(json_of(two / "run.json").at("options").at("shares") == 2);
+    CHECK(json_of(two / "run.json").at("state") == "finished");
+  }
+}
+
+TEST_CASE("a run of two ranks goes on as one process, and as four ranks with other shares") {
+  const fs::path run = scratch() / "two_then_one", left_alone = scratch() / "nerf_ranks";
+  const Words how = {"--steps", "6", "--save-every", "3"};
+  if (!fs::exists(left_alone)) REQUIRE(Ranks(2, small_training(small_scene(), left_alone, how)).wait().code == 0);
+  Words first = how;
+  first.insert(first.end(), {"--stop-after", "3"});
+  REQUIRE(Ranks(2, small_training(small_scene(), run, first)).wait().code == 0);
+  const fs::path four = copy_of(run, "two_then_four");
+  REQUIRE(cloam_with({"train", "--resume", run.string()}).code == 0);
+  CHECK(checkpoint_of(run, "000006") == checkpoint_of(left_alone, "000006"));
+  const Outcome more = Ranks(4, {"train", "--resume", four.string()}).wait();
+  CHECK_MESSAGE(more.code == 0, more.err);
+  CHECK_MESSAGE(contains(more.err, "is parted in 4 instead of 2 shares"), more.err);
+  CHECK(json_of(four / "run.json").at("state") == "finished");
+}
+
+TEST_CASE("one rank speaks and writes: the words of a run are said once") {
+  const fs::path run = scratch() / "said_once";
+  const Outcome outcome = Ranks(2, small_training(small_scene(), run, {"--steps", "2"})).wait();
+  REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+  CHECK(std::regex_search(outcome.err, std::regex("model  nerf")));
+  CHECK(std::distance(std::sregex_iterator(outcome.err.begin(), outcome.err.end(), std::regex("model  nerf")), {}) ==
+        1);
+  const std::string log = content_of(run / "metrics.jsonl");
+  CHECK(std::distance(std::sregex_iterator(log.begin(), log.end(), std::regex("\"event\":\"end\"")), {}) == 1);
+}
+
+TEST_CASE("what all ranks find wrong is told once, and ends all") {
+  const Outcome outcome = Ranks(2, {"train", "nerf", (scratch() / "no_such_data").string()}).wait();
+  CHECK(outcome.code == 3);
+  CHECK_MESSAGE(contains(outcome.err, "error: rank 0 of 2: "), outcome.err);
+  CHECK_MESSAGE(!contains(outcome.err, "error: rank 1 of 2: "), outcome.err);
+}
+
+TEST_CASE("commands that cannot share their work refuse several ranks") {
+  for (const std::string command : {"render", "simulate", "eval", "info"}) {
+    Words words = {command};
+    if (command != "info") words.insert(words.end(), {small_run().string()});
+    if (command == "render" || command == "simulate") words.insert(words.end(), {"-o", (scratch() / "none").string()});
+    const Outcome outcome = Ranks(2, words).wait();
+    CHECK(outcome.code == 2);
+    CHECK_MESSAGE(contains(outcome.err, "cloam " + command + " cannot share its work among 2 ranks"), outcome.err);
+  }
+}
+
+TEST_CASE("started as one of several without the library: one clear error") {
+  const fs::path bin = scratch() / "without_mpi" / "bin";
+  fs::create_directories(bin);
+  fs::copy_file(CLOAM_BINARY, bin / "cloam");
+  const fs::path said = scratch() / "without_mpi" / "said";
+  const std::string line = "OMPI_COMM_WORLD_SIZE=2 " + (bin / "cloam").string() + " info 2>" + said.string();
+  CHECK(WEXITSTATUS(std::system(line.c_str())) == 2);
+  CHECK_MESSAGE(contains(content_of(said), "started as one of several ranks, but without MPI"), content_of(said));
+}
+
+TEST_CASE("ranks part the cores that they share, and take the devices that are named") {
+  const fs::path run = scratch() / "named_devices";
+  const Outcome unknown =
+      Ranks(2, small_training(small_scene(), run, {"--steps", "2", "--devices", "0:0,no-such-device"})).wait();
+  CHECK(unknown.code != 0);
+  CHECK_MESSAGE(contains(unknown.err, "rank 1 of 2: "), unknown.err);
+  CHECK_MESSAGE(contains(unknown.err, "no-such-device"), unknown.err);
+  const Outcome alone = cloam_with(small_training(small_scene(), run, {"--devices", "0:0"}));
+  CHECK(alone.code == 2);
+  CHECK_MESSAGE(contains(alone.err, "--devices is for the ranks of mpirun"), alone.err);
 }
