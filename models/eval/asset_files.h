@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "models/latents/generates_assets.h"
+#include "models/runs/actor_names.h"
 #include "models/runs/listener.h"
 #include "models/runs/restore_run.h"
-#include "models/street/street.h"
 
 namespace cloam {
 
