@@ -37,8 +37,8 @@ Examples:
 
 Writes latents.safetensors, grid.png, generate.json and, for each asset, a turntable (GIF) and a mesh (GLB). The same seed
 gives the same files. Without --class and --time, both are drawn as often as they occur in the training data. Each asset
-takes the box of the training actor of its class with the nearest code. Memory does not grow with their number; grid.png shows
-the first 256.)";
+takes the box of the training actor of its class with the nearest code. Memory does not grow with their number; grid.png
+shows the first 256.)";
 
 struct GenerateRequest {
   std::string run = kShipped, asset_class, time, codes = "sampled";

@@ -446,7 +446,7 @@ void add_data_options(const Options& add, TrainRequest& r) {
       whole_number(2, 1 << 20));
   add("--image", r.image, "Driving log: train on one image, such as front_camera/05, and its LiDAR sweep");
   add("--host-memory", r.host_memory,
-      "Limit of host memory for images and sweeps, such as 4G (half of what is free, 15 % with a CPU)");
+      "Host memory for images and sweeps, such as 4G (half of what is free, 15 % beside a CPU)");
   add("--data", r.new_data, "With --resume: where the data is now; repeat for each folder of the run").one_word();
 }
 

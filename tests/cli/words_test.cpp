@@ -117,10 +117,19 @@ const std::map<std::string, std::string> kForeignOptions = {
 };
 
 /// Those that the documents alone name.
-const Names kForeignInDocuments = {"--data-races", "--uniform-writes",  // Oclgrind's
-                                   "--logdir",                          // TensorBoard's
-                                   "--rm",         "--user",           "--gpus",
-                                   "--group-add",  "--build-arg"};  // docker's
+const Names kForeignInDocuments = {"--data-races",
+                                   "--uniform-writes",  // Oclgrind's
+                                   "--logdir",          // TensorBoard's
+                                   "--rm",
+                                   "--user",
+                                   "--gpus",
+                                   "--group-add",
+                                   "--build-arg",  // docker's
+                                   "--nodes",
+                                   "--ntasks-per-node",
+                                   "--gpus-per-node",
+                                   "--signal",  // SLURM's
+                                   "--nv"};     // Apptainer's
 
 const std::string kOption = "(?:^|[^A-Za-z0-9_-])(--[a-z][a-z0-9_-]*)";
 
