@@ -1,7 +1,11 @@
 // Batches in shares and several ranks, through the program.
 #include <doctest/doctest.h>
+#include <signal.h>
 
+#include <chrono>
 #include <cstdlib>
+#include <memory>
+#include <thread>
 
 #include "tests/cli/mpirun.h"
 #include "tests/cli/small_street.h"
@@ -134,4 +138,89 @@ TEST_CASE("ranks part the cores that they share, and take the devices that are n
   const Outcome alone = cloam_with(small_training(small_scene(), run, {"--devices", "0:0"}));
   CHECK(alone.code == 2);
   CHECK_MESSAGE(contains(alone.err, "--devices is for the ranks of mpirun"), alone.err);
+}
+
+namespace {
+
+/// Steps enough that a rank can be lost among them.
+const Words kLongRun = {"--steps", "150", "--save-every", "10"};
+
+const std::string& bytes_left_alone() {
+  static const std::string bytes = [] {
+    const fs::path run = scratch() / "long_shares";
+    Words how = kLongRun;
+    how.insert(how.end(), {"--gradient-accumulation", "2", "-q"});
+    REQUIRE(cloam_with(small_training(small_scene(), run, how)).code == 0);
+    return checkpoint_of(run, "000150");
+  }();
+  return bytes;
+}
+
+/// Two ranks that have saved a checkpoint of a run that is not over.
+std::unique_ptr<Ranks> ranks_under_way(const fs::path& run, const Words& environment = {}) {
+  auto ranks = std::make_unique<Ranks>(2, small_training(small_scene(), run, kLongRun), environment);
+  for (int i = 0; i < 600 && ranks->running() && !fs::exists(run / "ckpt" / "latest.txt"); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  REQUIRE_MESSAGE(ranks->running(), ranks->wait().err);
+  return ranks;
+}
+
+/// What has ended may wait, as a zombie, for somebody to ask after it.
+bool lives(pid_t process) {
+  const std::string stat = content_of("/proc/" + std::to_string(process) + "/stat");
+  const size_t state = stat.rfind(") ");
+  return state != std::string::npos && stat[state + 2] != 'Z';
+}
+
+/// Its outcome, which a minute is enough for, and that nothing of it is left.
+Outcome ended(Ranks& ranks, const std::vector<pid_t>& processes) {
+  for (int i = 0; i < 600 && ranks.running(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  REQUIRE_MESSAGE(!ranks.running(), "still there after a minute: " << ranks.said());
+  for (const pid_t process : processes) CHECK_FALSE(lives(process));
+  return ranks.wait();
+}
+
+}  // namespace
+
+TEST_CASE("a rank that is killed ends all; the run goes on from its checkpoint to the same bytes") {
+  for (const int lost : {0, 1}) {
+    CAPTURE(lost);
+    const fs::path run = scratch() / ("lost_rank_" + std::to_string(lost));
+    const auto ranks = ranks_under_way(run);
+    const std::vector<pid_t> processes = ranks->processes();
+    CHECK(processes.size() == 2);
+    REQUIRE(kill(ranks->process_of(lost), SIGKILL) == 0);
+    const Outcome outcome = ended(*ranks, processes);
+    CHECK(outcome.code != 0);
+    CHECK_MESSAGE(contains(outcome.err, "rank " + std::to_string(lost) + " "), outcome.err);
+    const Words resume = {"train", "--resume", run.string(), "-q"};
+    const Outcome resumed = lost == 0 ? cloam_with(resume) : Ranks(2, resume).wait();
+    CHECK_MESSAGE(resumed.code == 0, resumed.err);
+    CHECK(checkpoint_of(run, "000150") == bytes_left_alone());
+  }
+}
+
+TEST_CASE("a rank that stands still is noticed and named") {
+  const fs::path run = scratch() / "stopped_rank";
+  const auto ranks = ranks_under_way(run, {"CLOAM_RANK_TIMEOUT=5s"});
+  const std::vector<pid_t> processes = ranks->processes();
+  REQUIRE(kill(ranks->process_of(1), SIGSTOP) == 0);
+  const Outcome outcome = ended(*ranks, processes);
+  CHECK(outcome.code == 4);
+  CHECK_MESSAGE(contains(outcome.err, "rank 1 has not answered for 5s"), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "is whole; cloam train --resume"), outcome.err);
+  CHECK(json_of(run / "run.json").at("state") == "failed");
+}
+
+TEST_CASE("ranks that are asked to stop save first, and go on later") {
+  const fs::path run = scratch() / "asked_ranks";
+  const auto ranks = ranks_under_way(run);
+  const std::vector<pid_t> processes = ranks->processes();
+  for (const pid_t process : processes) REQUIRE(kill(process, SIGUSR1) == 0);  // as mpirun passes it on
+  const Outcome outcome = ended(*ranks, processes);
+  CHECK(outcome.code == 128 + SIGUSR1);
+  CHECK_MESSAGE(contains(outcome.err, "stopping: finishing this step, then saving"), outcome.err);
+  CHECK(json_of(run / "run.json").at("state") == "interrupted");
+  CHECK(cloam_with({"train", "--resume", run.string(), "-q"}).code == 0);
+  CHECK(checkpoint_of(run, "000150") == bytes_left_alone());
 }
