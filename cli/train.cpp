@@ -14,6 +14,7 @@
 #include "cli/tensorboard.h"
 #include "cli/train_pictures.h"
 #include "cli/train_plan.h"
+#include "cli/train_scale.h"
 #include "cli/view_training.h"
 #include "models/io/checkpoint.h"
 #include "models/io/commit.h"
@@ -32,10 +33,8 @@ constexpr char kTrainExamples[] = R"(Train a scene from photos or driving logs.
 
 Examples:
   cloam train nerf data/fox -o runs/fox --downscale 4 --holdout 8 --time-budget 5m
-  cloam train --resume runs/fox
   cloam train diffusion runs/street -o runs/assets --preset diffusion-small
-  cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets --image front_camera/05
-  cloam train nerf data/fox --preset nerf-paper --set batch.rays=256 --steps 2000 --save-every 500)";
+  cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets --image front_camera/05)";
 
 /// A checkpoint to go on from; none (with a warning) if the run was ended before its first.
 std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView& view) {
@@ -381,6 +380,10 @@ int run_train(TrainRequest request, const Common& given) {
   tell_plan(job, captures, host_bytes, common, log);
   if (!request.dry_run && !first) return train_along(job, std::move(captures), request, view);
   if (!request.dry_run) return train_in_folder(job, std::move(captures), now, request, common, log, view);
+  if (request.planned_ranks > 0) {
+    (void)give_data(job, std::move(captures));
+    tell_scale(job, request.planned_ranks, request.link, common, log);
+  }
   say(common, "dry run: nothing was written");
   return 0;
 }
@@ -419,6 +422,9 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add("--devices", r.devices,
       "With mpirun: the devices of a host's ranks in turn, such as 0:0,0:1 (its GPUs of one kind)");
   add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
+  add("--ranks", r.planned_ranks, "With --dry-run: take some steps, and tell what they would take on N devices",
+      whole_number(1, kMostShares));
+  add("--link", r.link, "With --ranks: what each device is linked with (100Gb)");
   add("--progress", r.progress, "auto, bar, plain, jsonl or none", one_of({"auto", "bar", "plain", "jsonl", "none"}));
   add.with_or_without("--view", "[PORT]", "Follow the training in the browser, at an address that is printed",
                       [&r](const std::string& port) { r.view = port.empty() ? 0 : number_in<int>(port).value_or(-1); });

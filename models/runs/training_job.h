@@ -29,9 +29,11 @@ struct TrainRequest {
   int64_t stop_after = 0;
   bool skip_bad = false, allow_outside = false, resume = false, overwrite = false, dry_run = false;
   std::vector<std::string> settings;  // key=value
-  std::string host_memory;  // --host-memory, as typed; empty: a share of what is free
+  std::string host_memory;            // --host-memory, as typed; empty: a share of what is free
   std::string progress = "auto";
   std::string devices;                                  // --devices: of the ranks of a host, between commas
+  int64_t planned_ranks = 0;                            // --dry-run --ranks: devices to plan for; 0: none
+  std::string link = "100Gb";                           // --link, as typed: what each of them is linked with
   std::optional<int> view;                              // --view: the port; 0: any
   std::string preview_every = "auto", pictures = "on";  // as typed
   bool tensorboard = false;                             // event files, too

@@ -2,11 +2,13 @@
 #include <doctest/doctest.h>
 #include <signal.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cstdlib>
 #include <memory>
 #include <thread>
 
+#include "models/io/safetensors.h"
 #include "tests/cli/mpirun.h"
 #include "tests/cli/small_street.h"
 #include "tests/cli/small_trainings.h"
@@ -46,6 +48,33 @@ TEST_CASE("a run records its shares and keeps them when it is resumed") {
   CHECK_MESSAGE(contains(others.err, "warning: from here on a step's batch is parted in 3 instead of 2 shares"),
                 others.err);
   CHECK(json_of(halves / "run.json").at("options").at("shares") == 3);
+}
+
+TEST_CASE("a plan for more devices than there are: what a step sends, and the time that links add") {
+  const auto planned = [](const Words& how) {
+    Words words = small_training(small_scene(), scratch() / "planned", {"--steps", "50", "--dry-run"});
+    std::replace(words.begin(), words.end(), std::string("plain"), std::string("jsonl"));
+    words.insert(words.end(), how.begin(), how.end());
+    return cloam_with(words);
+  };
+  const Outcome outcome = planned({"--ranks", "2", "--link", "8Mb"});
+  REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+  const auto scale = nlohmann::json::parse(outcome.out.substr(outcome.out.rfind("{\"")));
+  CHECK(scale.at("event") == "scale");
+  CHECK(scale.at("steps") == 50);
+  CHECK(scale.at("link_bytes_per_second") == 1e6);
+  // Of two ranks each sends half of its gradients to be summed, and half of the sums: as many floats as parameters.
+  const fs::path trained = scratch() / "planned_and_made";
+  REQUIRE(cloam_with(small_training(small_scene(), trained, {"--steps", "1", "-q"})).code == 0);
+  double parameters = 0;  // bytes
+  for (const auto& [name, tensor] : read_safetensors(trained / "ckpt" / "000001.safetensors").tensors)
+    if (name.starts_with("param.")) parameters += static_cast<double>(tensor.data.size());
+  CHECK(scale.at("sent_bytes").get<double>() == doctest::Approx(parameters).epsilon(0.02));
+  const double step = scale.at("rank_step_seconds").get<double>() + scale.at("sent_bytes").get<double>() / 1e6;
+  CHECK(scale.at("step_seconds").get<double>() == doctest::Approx(step));
+  CHECK(scale.at("seconds").get<double>() == doctest::Approx(50 * step));
+  CHECK_FALSE(fs::exists(scratch() / "planned"));
+  CHECK(contains(planned({"--ranks", "2", "--link", "fast"}).err, "--link fast: want a speed such as 100Gb"));
 }
 
 TEST_CASE("a batch is not parted so far that a share has nothing") {
