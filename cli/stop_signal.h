@@ -10,8 +10,8 @@ namespace cloam {
 /// The signal that came since the last StopOnSignal began; 0: none.
 extern std::atomic<int> stop_signal;
 
-/// SIGINT, SIGTERM and SIGUSR1 (which mpirun passes on, and SLURM sends ahead of a limit) only set stop_signal and say what happens next, as long as this lives; a second one ends the
-/// program at once.
+/// SIGINT, SIGTERM and SIGUSR1 (which mpirun passes on, and SLURM sends ahead of a limit) only set stop_signal and say
+/// what happens next, as long as this lives; a second one ends the program at once.
 class StopOnSignal {
  public:
   /// soon: what the program does before it stops, a literal; it follows "stopping: " on stderr. Null: it says nothing.
