@@ -31,8 +31,7 @@ constexpr int64_t kMinPlanned = 8;  // steps between one choice and the next
 constexpr int64_t kFirstSteps = 3;  // compile kernels: they tell nothing of the others
 constexpr int64_t kFiniteEvery = 10;   // steps between looks at the parameters: a loss can hide that they are NaN
 constexpr double kSavingShare = 0.02;  // of the time, at most
-constexpr double kMostUnsaved =
-    3600;  // seconds of training that may be lost, unless a larger share of the time goes by
+constexpr double kMostUnsaved = 3600;  // seconds of training that may be lost, where kLargestShare allows it
 constexpr double kLargestShare = 0.1;  // of the time, where saves take minutes
 
 void add_prefixed(TensorMap& to, const TensorMap& from, const std::string& prefix) {
