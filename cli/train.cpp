@@ -355,6 +355,10 @@ int run_train(TrainRequest request, const Common& given) {
     throw Error(Fault::usage, "--resume needs a run folder: cloam train --resume RUN");
   if (request.view && (*request.view < 0 || *request.view > 65535))
     throw Error(Fault::usage, "--view takes a port from 1 to 65535, or nothing: cloam train nerf DATA --view");
+  if (request.planned_ranks > 0 && !request.dry_run)
+    throw Error(Fault::usage, text("--ranks ", request.planned_ranks,
+                                   " predicts and does not train\n  fix: add --dry-run; mpirun -n ",
+                                   request.planned_ranks, " cloam train trains on as many devices"));
   const ProgressStyle style = progress_style(request.progress, common);
   TrainJob job = request.resume ? resumed_job(request) : new_job(request, listener_of(common));
   if (job.finished) return first ? end_finished(job, common) : 0;
@@ -412,8 +416,8 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add("--stop-after", r.stop_after, "Save and stop after this step; --resume continues", whole_number(1));
   add("--save-every", r.save_every, "Save a checkpoint every N steps", whole_number(1));
   add("--seed", r.seed, "Random seed (42)", whole_number(0));
-  add("--gradient-accumulation", r.accumulation, "Take a step's batch in N shares, one after the other (1)",
-      whole_number(1, kMostShares));
+  add("--gradient-accumulation", r.accumulation,
+      "Split each step's batch into N shares, computed one after the other (1)", whole_number(1, kMostShares));
   add("--overwrite", r.overwrite, "Replace an existing run in the folder");
   add("--preview-every", r.preview_every,
       "Steps or time (500, 30s) between previews; off; auto: at most 2 % of the time (auto)");
@@ -422,9 +426,9 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add("--devices", r.devices,
       "With mpirun: the devices of a host's ranks in turn, such as 0:0,0:1 (its GPUs of one kind)");
   add("--dry-run", r.dry_run, "Check the data and show the plan; write nothing");
-  add("--ranks", r.planned_ranks, "With --dry-run: take some steps, and tell what they would take on N devices",
+  add("--ranks", r.planned_ranks, "With --dry-run: measure some steps and predict the time of training on N devices",
       whole_number(1, kMostShares));
-  add("--link", r.link, "With --ranks: what each device is linked with (100Gb)");
+  add("--link", r.link, "With --ranks: speed of each device's link, such as 12GB a second or 800Mb (100Gb)");
   add("--progress", r.progress, "auto, bar, plain, jsonl or none", one_of({"auto", "bar", "plain", "jsonl", "none"}));
   add.with_or_without("--view", "[PORT]", "Follow the training in the browser, at an address that is printed",
                       [&r](const std::string& port) { r.view = port.empty() ? 0 : number_in<int>(port).value_or(-1); });

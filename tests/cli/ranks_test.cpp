@@ -75,6 +75,9 @@ TEST_CASE("a plan for more devices than there are: what a step sends, and the ti
   CHECK(scale.at("seconds").get<double>() == doctest::Approx(50 * step));
   CHECK_FALSE(fs::exists(scratch() / "planned"));
   CHECK(contains(planned({"--ranks", "2", "--link", "fast"}).err, "--link fast: want a speed such as 100Gb"));
+  const Outcome trained_by_mistake = cloam_with(small_training(small_scene(), scratch() / "planned", {"--ranks", "2"}));
+  CHECK(trained_by_mistake.code == 2);
+  CHECK_MESSAGE(contains(trained_by_mistake.err, "fix: add --dry-run"), trained_by_mistake.err);
 }
 
 TEST_CASE("a batch is not parted so far that a share has nothing") {
