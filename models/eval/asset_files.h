@@ -33,7 +33,6 @@ class Generation {
   Street& street() const { return street_of(decoder_); }
   const std::vector<NewAsset>& assets() const { return assets_; }
   const std::vector<AssetName>& names() const { return names_; }  // as the street knows them
-  std::size_t first() const { return static_cast<std::size_t>(part_.first); }
   /// How many there will be in all; of training codes at most so many.
   std::size_t wished() const { return static_cast<std::size_t>(wish_.count); }
   std::array<int64_t, 2> code_shape() const { return prior_.code_shape(); }
