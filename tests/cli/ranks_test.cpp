@@ -52,7 +52,7 @@ TEST_CASE("a run records its shares and keeps them when it is resumed") {
 
 TEST_CASE("a plan for more devices than there are: what a step sends, and the time that links add") {
   const auto planned = [](const Words& how) {
-    Words words = small_training(small_scene(), scratch() / "planned", {"--steps", "50", "--dry-run"});
+    Words words = small_training(small_scene(), scratch() / "planned_for_ranks", {"--steps", "50", "--dry-run"});
     std::replace(words.begin(), words.end(), std::string("plain"), std::string("jsonl"));
     words.insert(words.end(), how.begin(), how.end());
     return cloam_with(words);
@@ -73,9 +73,9 @@ TEST_CASE("a plan for more devices than there are: what a step sends, and the ti
   const double step = scale.at("rank_step_seconds").get<double>() + scale.at("sent_bytes").get<double>() / 1e6;
   CHECK(scale.at("step_seconds").get<double>() == doctest::Approx(step));
   CHECK(scale.at("seconds").get<double>() == doctest::Approx(50 * step));
-  CHECK_FALSE(fs::exists(scratch() / "planned"));
+  CHECK_FALSE(fs::exists(scratch() / "planned_for_ranks"));
   CHECK(contains(planned({"--ranks", "2", "--link", "fast"}).err, "--link fast: want a speed such as 100Gb"));
-  const Outcome trained_by_mistake = cloam_with(small_training(small_scene(), scratch() / "planned", {"--ranks", "2"}));
+  const Outcome trained_by_mistake = cloam_with(small_training(small_scene(), scratch() / "planned_for_ranks", {"--ranks", "2"}));
   CHECK(trained_by_mistake.code == 2);
   CHECK_MESSAGE(contains(trained_by_mistake.err, "fix: add --dry-run"), trained_by_mistake.err);
 }
