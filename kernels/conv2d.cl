@@ -57,3 +57,8 @@ __kernel void conv2d_end(__global float* restrict y, __global const float* restr
   if (epilogue & EPILOGUE_RESIDUAL) sum += residual[at];
   y[at] = activate(sum, epilogue);
 }
+
+// An image of halves for the kernels that read floats: all but those of GPUs.
+__kernel FAT void widen(__global const half* restrict from, __global float* restrict to, int count, int chunk) {
+  for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) to[i] = vload_half(i, from);
+}

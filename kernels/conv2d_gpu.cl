@@ -36,18 +36,27 @@ static inline int4 step_to(int k, int end, Walk w, Split a) {
   return (int4)(place.xyz, (int)place_in(min(k, end - 1), a));
 }
 
+// HALF: the image lies in half precision; sums are of floats all the same.
+#if HALF
+typedef half pixel;
+#define READ_PIXEL(image, at) vload_half(at, image)
+#else
+typedef float pixel;
+#define READ_PIXEL(image, at) (image)[at]
+#endif
+
 // The image [.., height, width] at the sum of two places; zero outside, and where `spread` does not divide.
-static inline float image_at(__global const float* restrict image, int4 a, int4 b, int height, int width, int spread) {
+static inline float image_at(__global const pixel* restrict image, int4 a, int4 b, int height, int width, int spread) {
   const int y = a.y + b.y, x = a.z + b.z;
   if (y < 0 || x < 0) return 0.0f;
   const int row = spread == 1 ? y : y / spread, column = spread == 1 ? x : x / spread;
   if (row * spread != y || column * spread != x || row >= height || column >= width) return 0.0f;
-  return image[a.x + b.x + row * width + column];
+  return READ_PIXEL(image, a.x + b.x + row * width + column);
 }
 
 // Group (j, i, z): tile (i, j) of C; z = group * splits + split. A split sums k_each of the depth into its own part of c.
 __attribute__((reqd_work_group_size(SIDE, SIDE, 1))) __kernel void conv2d_tiled(
-    __global const float* restrict a, __global const float* restrict image, __global float* restrict c,
+    __global const float* restrict a, __global const pixel* restrict image, __global float* restrict c,
     __global const float* restrict bias, __global const float* restrict residual, int m, int n, int depth, int a_row,
     int a_inner, int a_outer, int a_group, int image_group, int height, int width, int spread, int j_columns,
     int j_plane, int j_step, int j_first, int j_outer, int k_columns, int k_plane, int k_step, int k_first, int k_outer,

@@ -47,7 +47,21 @@ typedef ulong element;
 #define m_pow pow
 static inline float m_sigmoid(float x) { return 1.0f / (1.0f + exp(-x)); }
 static inline float m_softplus(float x) { return fmax(x, 0.0f) + log1p(exp(-fabs(x))); }
+static inline float m_half(float x) {
+  const float step = ldexp(1.0f, max(ilogb(x), -14) - 10), y = rint(x / step) * step;
+  return x == 0.0f || x != x || isinf(x) ? x : fabs(y) > 65504.0f ? copysign(INFINITY, y) : y;
+}
 #else
+// The nearest number of half precision, ties to even: 11 bits from 2^-14 on, below it multiples of 2^-24, from 65520 on
+// inf. In registers, so that what is stored in half and what is computed again instead are the same.
+static inline float m_half(float x) {
+  const uint bits = as_uint(x), sign = bits & 0x80000000u;
+  const float a = fabs(x), tiny = (a + 0.5f) - 0.5f;  // a sum in [0.5, 1) ends at 2^-24
+  const uint rounded = (bits + 0xfffu + (bits >> 13 & 1u)) & 0xffffe000u;
+  const float y = as_float(a < 6.103515625e-5f ? as_uint(tiny) | sign : rounded);
+  return x != x ? x : a >= 65520.0f ? as_float(0x7f800000u | sign) : y;
+}
+
 // exp, 2 ulp: 2^n * p(f), |f| <= ln2/2. Saturates to 0 and inf outside the float range.
 static inline float m_exp(float x) {
   const float c = fmin(fmax(x, -104.0f), 89.0f);

@@ -112,7 +112,7 @@ struct Writer {
   std::string operand(const Operand& o, Typing typing, DType result) {
     static const char* const prefix[] = {"v", "a", "c"};
     const std::string name = prefix[o.kind] + std::to_string(o.index);
-    if (typing == Typing::floating) return "(float)" + name;
+    if (typing == Typing::floating || typing == Typing::same) return "(float)" + name;
     if (typing == Typing::promote && result == DType::f32) return "(float)" + name;
     return name;
   }
@@ -140,9 +140,12 @@ struct Writer {
     for (size_t i = 0; i < group.inputs.size(); i++)
       out << indent << "const " << register_type(group.inputs[i].dtype) << " a" << i << " = " << load(i, index)
           << ";\n";
-    for (size_t i = 0; i < group.code.size(); i++)
-      out << indent << "const " << register_type(group.code[i].dtype) << " v" << i << " = ("
-          << register_type(group.code[i].dtype) << ")(" << expression(group.code[i]) << ");\n";
+    for (size_t i = 0; i < group.code.size(); i++) {
+      const DType dtype = group.code[i].dtype;
+      out << indent << "const " << register_type(dtype) << " v" << i << " = "
+          << (dtype == DType::f16 ? "m_half" : text("(", register_type(dtype), ")")) << "(" << expression(group.code[i])
+          << ");\n";
+    }
   }
 
   void store(const GroupOutput& output, size_t i) {

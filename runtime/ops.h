@@ -38,7 +38,7 @@ Tensor erf(const Tensor& x);
 Tensor sigmoid(const Tensor& x);
 Tensor softplus(const Tensor& x);
 Tensor silu(const Tensor& x);
-Tensor relu(const Tensor& x);
+Tensor relu(const Tensor& x);  // of float16 in float16
 Tensor leaky_relu(const Tensor& x, float slope);
 Tensor gelu(const Tensor& x);  // x * Phi(x)
 Tensor clamp(const Tensor& x, const Tensor& low, const Tensor& high);
@@ -97,7 +97,7 @@ struct Cumulative {
 /// Along one axis, f32 or i32 (which wraps); keeps shape and dtype.
 Tensor cumsum(const Tensor& x, int axis, const Cumulative& how = {});
 
-// ---- Dense (ops/matmul.cpp, ops/conv2d.cpp). float32.
+// ---- Dense (ops/matmul.cpp, ops/conv2d.cpp). float32; the x of conv2d and conv2d_dw may be float16. Sums are float32.
 /// a [..,M,K] x b [..,K,N] -> [..,M,N]; batch axes broadcast. Transposed operands are transpose() views: no copy.
 Tensor matmul(const Tensor& a, const Tensor& b);
 enum class Activation { none, relu, silu };

@@ -253,7 +253,8 @@ std::vector<int> results_of(const PlanStep& step, const Plan& plan) {
 void check_finite(const PlanStep& step, const Plan& plan, const Walk& graph) {
   for (int i : results_of(step, plan)) {
     Node* node = at(graph, i);
-    if (node->dtype != DType::f32 || step.kind == PlanStep::view) continue;
+    const bool is_float = node->dtype == DType::f32 || node->dtype == DType::f16;
+    if (!is_float || step.kind == PlanStep::view) continue;
     const std::vector<float> values = handle(graph, i).to_host();
     for (size_t k = 0; k < values.size(); k++)
       if (std::isnan(values[k]) || (debug().nan && std::isinf(values[k])))

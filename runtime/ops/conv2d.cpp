@@ -18,9 +18,8 @@ struct Conv2d final : Op {
     return part == Part::forward ? "conv2d" : part == Part::dx ? "conv2d_dx" : "conv2d_dw";
   }
   uint64_t key() const override { return static_cast<uint64_t>(flags); }
-  void run(const Tensors& in, Tensor& out) const override {
-    if (sizes.empty() || !run_tiled(in, out)) run_reference(in, out);
-  }
+  void run(const Tensors& in, Tensor& out) const override;
+  bool is_reference() const;
   bool run_tiled(const Tensors& in, const Tensor& out) const;
   void run_reference(const Tensors& in, const Tensor& out) const;
   Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override;
@@ -30,8 +29,27 @@ struct Conv2d final : Op {
   int flags;  // of the epilogue, forward only: bias and residual follow x and w
 };
 
+/// float16 as float32, in scratch.
+Tensor widened(const Tensor& x) {
+  const Tensor wide = empty(x.shape());
+  const Chunks walk = chunks(x.numel(), 1 << 14);
+  if (x.numel() > 0) launch(kernel("conv2d", "widen"), "conv2d_widen", walk.range, x, wide, x.numel(), walk.chunk);
+  return wide;
+}
+
+// Kernels for GPUs read an image of halves as it lies. On a CPU, whose kernels pack their inputs anyway, it is widened
+// first: the same sums either way.
+void Conv2d::run(const Tensors& in, Tensor& out) const {
+  Tensors of = in;
+  if (of[0].dtype() == DType::f16 && (is_cpu_class() || sizes.empty() || is_reference())) of[0] = widened(of[0]);
+  if (sizes.empty() || is_reference() || !run_tiled(of, out)) run_reference(of, out);
+}
+
+bool Conv2d::is_reference() const {
+  return runs_reference("conv2d") || (part == Part::dw && runs_reference("conv2d_dw"));
+}
+
 bool Conv2d::run_tiled(const Tensors& in, const Tensor& out) const {
-  if (runs_reference("conv2d") || (part == Part::dw && runs_reference("conv2d_dw"))) return false;
   if (is_cpu_class()) {
     if (part == Part::dw) return run_conv2d_dw_cpu(sizes, in, out);
     return run_conv2d_cpu(sizes, part == Part::forward ? forward_pass(sizes) : backward_pass(sizes), flags, in, out);
@@ -93,8 +111,9 @@ ConvSizes check(const Tensor& x, const Tensor& w, const Conv2dParams& p) {
   const Dims d = match("conv2d", {{"x", x, "N C H W"}, {"w", w, "K C/groups R S"}});
   const std::string given = text("[conv2d] x ", to_string(x.shape()), ", w ", to_string(w.shape()), ", stride ",
                                  p.stride, ", pad ", p.pad, ", groups ", p.groups, ": ");
-  if (x.dtype() != DType::f32 || w.dtype() != DType::f32)
-    throw Error(Fault::internal, text(given, "want float32, got ", name_of(x.dtype()), " and ", name_of(w.dtype())));
+  if ((x.dtype() != DType::f32 && x.dtype() != DType::f16) || w.dtype() != DType::f32)
+    throw Error(Fault::internal, text(given, "want x in float32 or float16 and w in float32, got ", name_of(x.dtype()),
+                                      " and ", name_of(w.dtype())));
   if (p.stride < 1 || p.pad < 0 || p.groups < 1)
     throw Error(Fault::internal, text(given, "want stride and groups from 1, pad from 0"));
   if (d["C/groups"] * p.groups != d["C"] || d["K"] % p.groups != 0)

@@ -104,11 +104,12 @@ void run_product(const char* name, const Product& p, const Operands& of, int64_t
   range.global[2] = static_cast<size_t>(groups * splits);
   range.local = {static_cast<size_t>(side), static_cast<size_t>(side), 1};
   range.flops = 2.0 * static_cast<double>(groups * p.m) * static_cast<double>(p.n * p.depth);
-  launch(kernel(v), name, range, of.a, of.image, to, of.bias, of.residual, p.m, p.n, p.depth, p.a_row, p.a_inner,
-         p.a_outer, p.a_group, p.image_group, p.height, p.width, p.spread, p.j.columns, p.j.plane, p.j.step, p.j.first,
-         p.j.outer, p.k.columns, p.k.plane, p.k.step, p.k.first, p.k.outer, p.c_row, p.c_inner, p.c_outer, p.c_group,
-         splits == 1 ? 0 : count, splits, k_each, of.bias_step, of.epilogue);
-  if (splits > 1) launch(kernel(v, "add_parts"), "conv2d_add", elements(count), to, out, count, splits);
+  const Constants halves = of.image.dtype() == DType::f16 ? Constants{{"HALF", 1}} : Constants{};
+  launch(kernel(v, halves), name, range, of.a, of.image, to, of.bias, of.residual, p.m, p.n, p.depth, p.a_row,
+         p.a_inner, p.a_outer, p.a_group, p.image_group, p.height, p.width, p.spread, p.j.columns, p.j.plane, p.j.step,
+         p.j.first, p.j.outer, p.k.columns, p.k.plane, p.k.step, p.k.first, p.k.outer, p.c_row, p.c_inner, p.c_outer,
+         p.c_group, splits == 1 ? 0 : count, splits, k_each, of.bias_step, of.epilogue);
+  if (splits > 1) launch(kernel(v, "add_parts", halves), "conv2d_add", elements(count), to, out, count, splits);
 }
 
 }  // namespace

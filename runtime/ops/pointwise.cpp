@@ -31,6 +31,7 @@ DType common(const Tensors& in) {
 }
 
 DType result_type(const PointwiseOp& row, const Tensors& in) {
+  if (row.typing == Typing::same) return is_float(in[0].dtype()) ? in[0].dtype() : DType::f32;
   if (row.typing == Typing::floating) return DType::f32;
   if (row.typing == Typing::mask) return DType::i32;
   return common(in);
@@ -49,7 +50,7 @@ Tensor apply(const std::shared_ptr<PointwiseOp>& op, Tensors in) {
   return make(op, shape, std::move(in), dtype);
 }
 
-constexpr auto kF = Typing::floating, kP = Typing::promote, kM = Typing::mask;
+constexpr auto kF = Typing::floating, kP = Typing::promote, kM = Typing::mask, kS = Typing::same;
 
 }  // namespace
 
@@ -109,7 +110,7 @@ ROW1(erf, "m_erf(a)", kF, g* exp(-(a* a)) * float(M_2_SQRTPI))
 ROW1(sigmoid, "m_sigmoid(a)", kF, g* y*(1.f - y))
 ROW1(softplus, "m_softplus(a)", kF, g* sigmoid(a))
 ROW1(silu, "a * m_sigmoid(a)", kF, g* sigmoid(a) * (1.f + a * (1.f - sigmoid(a))))
-ROW1(relu, "fmax(a, 0.0f)", kF, where(a > 0.f, g, 0.f))
+ROW1(relu, "fmax(a, 0.0f)", kS, where(y > 0.f, g, 0.f))  // by the result: the operand need not be kept
 #undef ROW1
 #undef ROW2
 

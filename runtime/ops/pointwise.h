@@ -9,6 +9,7 @@ namespace cloam {
 /// What type a row computes in and gives back.
 enum class Typing : uint8_t {
   floating,  // operands become float, float result
+  same,      // the same, but float16 gives float16
   promote,   // operands become their common type (int with int stays int), result too
   mask,      // operands as promote, int32 0/1 result
   cast_to    // result as the node says

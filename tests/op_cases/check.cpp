@@ -47,7 +47,7 @@ double mean_size(const HostArray& array) {
 }
 
 bool differentiable(const OpCase& row, size_t i) {
-  return row.gradient && row.inputs[i].differentiable && row.inputs[i].dtype == DType::f32;
+  return row.gradient && row.inputs[i].differentiable && is_float(row.inputs[i].dtype);
 }
 
 double loss_of(const OpCase& row, const HostArrays& in, const HostArray& weight) {

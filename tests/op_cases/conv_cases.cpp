@@ -49,6 +49,13 @@ OpCase convolving(const Convolution& c) {
               }};
 }
 
+/// The image in half precision. Products and sums are those of floats, so the bounds are, too.
+OpCase of_halves(OpCase row) {
+  row.label += ", halves";
+  row.inputs[0] = halves(row.inputs[0].shape);
+  return row;
+}
+
 OpCase adjoint_x(const Convolution& c) {
   return {.op = "conv2d_dx",
           .label = c.label,
@@ -125,6 +132,14 @@ void add_endings(OpCases& rows) {
   rows.push_back(ending(large, {"large, bias, residual, SiLU", {9}, true, Activation::silu}));
   rows.back().second_order = true;
   rows.push_back(ending(grouped, {"groups, bias, ReLU", {6}, false, Activation::relu}));
+}
+
+void add_halves(OpCases& rows, const std::vector<Convolution>& all) {
+  for (const Convolution& c : all) rows.push_back(of_halves(convolving(c)));
+  rows[rows.size() - all.size()].zero = {{0, 3, 7, 5}, all[0].w};
+  rows[rows.size() - all.size()].second_order = true;
+  rows.push_back(of_halves(adjoint_w(all[1])));
+  rows.push_back(of_halves(ending(all[0], {"bias, residual, ReLU", {4}, true, Activation::relu})));
 }
 
 struct Pool {
@@ -214,6 +229,7 @@ void add_conv_cases(OpCases& rows) {
     rows.push_back(adjoint_w(c));
   }
   add_endings(rows);
+  add_halves(rows, all);
   add_pooling(rows);
 }
 

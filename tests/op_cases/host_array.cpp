@@ -1,7 +1,10 @@
 // Arrays of float64 for references.
 #include "tests/op_cases/host_array.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
+#include <limits>
 
 namespace cloam {
 
@@ -16,6 +19,12 @@ double HostArray::spread(const Shape& index) const {
   for (int axis = 0; axis < shape.rank(); axis++)
     own[axis] = shape[axis] == 1 ? 0 : index[index.rank() - shape.rank() + axis];
   return at(own);
+}
+
+double rounded_to_half(double x) {
+  if (x == 0 || !std::isfinite(x)) return x;
+  const double step = std::ldexp(1.0, std::max(std::ilogb(x), -14) - 10), y = std::nearbyint(x / step) * step;
+  return std::abs(y) > 65504 ? std::copysign(std::numeric_limits<double>::infinity(), x) : y;
 }
 
 void each_index(const Shape& shape, const std::function<void(const Shape&)>& visit) {

@@ -26,6 +26,8 @@ struct HostArray {
 
 using HostArrays = std::vector<HostArray>;
 
+/// The nearest number of IEEE 754's binary16, ties to even; inf beyond its range.
+double rounded_to_half(double x);
 /// Calls `visit` with every index of the shape, in row-major order.
 void each_index(const Shape& shape, const std::function<void(const Shape&)>& visit);
 /// An array from a formula of the index.

@@ -12,6 +12,7 @@ InputSpec between(const Shape& shape, double low, double high) {
   return {.shape = shape, .kind = InputSpec::kUniform, .low = low, .high = high};
 }
 InputSpec distinct(const Shape& shape) { return {.shape = shape, .kind = InputSpec::kDistinct}; }
+InputSpec halves(const Shape& shape) { return {.shape = shape, .dtype = DType::f16}; }
 InputSpec below(const Shape& shape, int64_t high, DType dtype) {
   return {.shape = shape,
           .kind = InputSpec::kBelow,
@@ -21,11 +22,8 @@ InputSpec below(const Shape& shape, int64_t high, DType dtype) {
           .differentiable = false};
 }
 InputSpec given(const Shape& shape, const std::vector<double>& values, DType dtype) {
-  return {.shape = shape,
-          .kind = InputSpec::kGiven,
-          .dtype = dtype,
-          .differentiable = dtype == DType::f32,
-          .given = values};
+  return {
+      .shape = shape, .kind = InputSpec::kGiven, .dtype = dtype, .differentiable = is_float(dtype), .given = values};
 }
 InputSpec constant(InputSpec spec) {
   spec.differentiable = false;
@@ -86,8 +84,9 @@ Tensor packed(const HostArray& values, const InputSpec& spec) {
     case DType::u8:
       return from_host(converted<uint8_t>(values), values.shape);
     default:
-      return spec.differentiable ? parameter(converted<float>(values), values.shape)
-                                 : from_host(converted<float>(values), values.shape);
+      const Tensor floats = spec.differentiable ? parameter(converted<float>(values), values.shape)
+                                                : from_host(converted<float>(values), values.shape);
+      return cast(floats, spec.dtype);
   }
 }
 
@@ -119,8 +118,9 @@ HostArray widened(const HostArray& array, double filler) {
 }
 
 Tensor sliced(const HostArray& array, const InputSpec& spec) {
-  const bool is_float = spec.dtype == DType::f32;
-  const double filler = is_float ? std::numeric_limits<double>::quiet_NaN() : spec.dtype == DType::i32 ? -7 : 250;
+  const double filler = is_float(spec.dtype)       ? std::numeric_limits<double>::quiet_NaN()
+                        : spec.dtype == DType::i32 ? -7
+                                                   : 250;
   const int last = array.shape.rank() - 1;
   const Tensor wide = packed(widened(array, filler), spec);
   const Tensor rows = last > 0 ? slice(wide, 0, 1, wide.dim(0)) : wide;
@@ -136,6 +136,8 @@ HostArray host_input(const InputSpec& spec, const std::string& seed) {
   if (spec.kind == InputSpec::kDistinct) shuffle(out.values, numbers);
   if (spec.dtype == DType::f32)
     for (double& value : out.values) value = static_cast<float>(value);
+  if (spec.dtype == DType::f16)
+    for (double& value : out.values) value = rounded_to_half(value);
   return out;
 }
 

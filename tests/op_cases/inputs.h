@@ -16,6 +16,8 @@ class Numbers {
   uint64_t state_;
 };
 
+inline bool is_float(DType dtype) { return dtype == DType::f32 || dtype == DType::f16; }
+
 /// What the spec describes, rounded to its dtype.
 HostArray host_input(const InputSpec& spec, const std::string& seed);
 

@@ -54,6 +54,12 @@ void add_casts(OpCases& rows) {
   half.tolerance = 5e-4;
   half.gradient = true;
   rows.push_back(half);
+  const std::vector<double> edges = {
+      0,           2049,        2051,          -2051,         2048.9,  0x1p-24, 0x1p-25, 0x3p-25, 0x1.8p-26, -0x5p-25,
+      0x1.ffep-15, 0x1.ffcp-15, 1.00048828125, 1.00146484375, 65519.9, 65520,   -65520,  1e9,     -1e30,     0.1};
+  rows.push_back(casting("to float16, rounded", DType::f32, DType::f16, edges, rounded_to_half));
+  rows.push_back(casting("to float16 and back", DType::f32, DType::f32, edges, rounded_to_half));
+  rows.back().run = [](const Tensors& in) { return cast(cast(in[0], DType::f16), DType::f32); };
 }
 
 }  // namespace

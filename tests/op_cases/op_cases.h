@@ -32,6 +32,7 @@ struct InputSpec {
 };
 InputSpec normal(const Shape& shape);
 InputSpec between(const Shape& shape, double low, double high);
+InputSpec halves(const Shape& shape);    // normal numbers in float16
 InputSpec distinct(const Shape& shape);  // no two values closer than 0.01: extrema have one place
 InputSpec below(const Shape& shape, int64_t high, DType dtype = DType::i32);  // integers in [0, high)
 InputSpec given(const Shape& shape, const std::vector<double>& values, DType dtype = DType::f32);

@@ -98,6 +98,11 @@ void add_unary(OpCases& rows) {
   rows.push_back(unary(
       "relu", relu, [](double x) { return std::max(x, 0.0); }, any));
   rows.push_back(unary(
+      "relu", relu, [](double x) { return std::max(x, 0.0); }, halves({5, 7})));
+  rows.back().label = "halves";
+  rows.back().result = DType::f16;
+  rows.back().bench = {};
+  rows.push_back(unary(
       "leaky_relu", [](const Tensor& x) { return leaky_relu(x, 0.2f); }, [](double x) { return x > 0 ? x : 0.2f * x; },
       any));
 }
