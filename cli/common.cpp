@@ -18,6 +18,7 @@
 #include <utility>
 
 #include "cli/commands.h"
+#include "cli/ranks.h"
 #include "cli/stop_signal.h"
 #include "models/io/draw_text.h"
 #include "models/runs/restore_run.h"
@@ -87,7 +88,7 @@ BuildNews& build_news() {
 }
 
 void tell_of_builds(const Common& common) {
-  if (common.quiet || common.json) return;
+  if (common.quiet || common.json || muted()) return;
   on_build([](const DeviceStats& stats) { build_news().tell(stats); });
 }
 
@@ -135,6 +136,7 @@ void open_device(const Common& common) {
   open_any_device(common);
   heed_verdict(common);
   warn_of_build_flags();
+  check_devices_alike();
 }
 
 void open_any_device(const Common& common) {
@@ -159,19 +161,20 @@ RestoredRun restored(const std::string& run, const Common& common) {
 
 void end_build_news() { build_news().end(); }
 
+namespace {
+bool is_muted = false;
+}
+
+void mute() { is_muted = true; }
+bool muted() { return is_muted; }
+
 void say(const Common& common, const std::string& line) {
   end_build_news();
-  if (!common.quiet) std::fprintf(stderr, "%s\n", line.c_str());
+  if (!common.quiet && !muted()) std::fprintf(stderr, "%s\n", line.c_str());
 }
-
-namespace {
-bool muted = false;
-}
-
-void mute_warnings() { muted = true; }
 
 void warn(const std::string& warning) {
-  if (muted) return;
+  if (muted()) return;
   end_build_news();
   std::fprintf(stderr, "warning: %s\n", warning.c_str());
 }
@@ -187,6 +190,7 @@ Listener listener_of(const Common& common) {
 }
 
 void put(std::string_view data) {
+  if (muted()) return;
   end_build_news();
   const bool written = std::fwrite(data.data(), 1, data.size(), stdout) == data.size();
   if (!written || std::fflush(stdout) != 0)

@@ -48,11 +48,13 @@ void open_any_device(const Common& common);
 /// Opens the device and restores a run. Tells what is odd of its checkpoint.
 RestoredRun restored(const std::string& run, const Common& common);
 
+/// From here on nothing is said on stderr and nothing put on stdout but how a failure ends the program: another rank
+/// speaks for this one.
+void mute();
+bool muted();
 /// A line on stderr, unless -q.
 void say(const Common& common, const std::string& line);
 void warn(const std::string& warning);
-/// From here on none is told: another rank tells them.
-void mute_warnings();
 /// Of a sheet of pictures that was to have captions.
 void warn_without_font();
 /// say, warn and check_stop, for long work in models/.

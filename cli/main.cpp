@@ -138,13 +138,16 @@ int run(const std::string& name, const std::function<int()>& command) {
   on_hang([](const std::string& message) { report(static_cast<int>(Fault::device), message); });
   try {
     join_ranks();
-    if (name != "train") check_alone(name);
+    check_can_share(name);
+    take_gpu_in_turn();
     const int code = command();
     end_profile();
     leave_ranks();
     return code;
   } catch (const Interrupted& interrupted) {
+    await_first_rank();
     std::fprintf(stderr, "%s\n", interrupted.what());
+    end_ranks(interrupted.code());
     return interrupted.code();
   } catch (...) {
     const Error error = current_error();

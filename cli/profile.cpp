@@ -57,6 +57,7 @@ void tell_step(const StepCost& step) {
 }  // namespace
 
 void begin_profile(const Common& common) {
+  if (muted()) return;
   if (!common.profile_trace.empty()) trace_file() = common.profile_trace;
   if (common.profile || !trace_file().empty()) start_profile(!trace_file().empty());
 }

@@ -21,7 +21,7 @@ using Event = nlohmann::ordered_json;
 /// A line on stderr that is rewritten where that is a terminal, and not there with -q; it ends with this.
 class RewrittenLine {
  public:
-  explicit RewrittenLine(const Common& common) : quiet_(common.quiet) {}
+  explicit RewrittenLine(const Common& common) : quiet_(common.quiet || muted()) {}
   ~RewrittenLine() { end(); }
   bool on_terminal() const { return terminal_; }
   void draw(const std::string& line);

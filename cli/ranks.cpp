@@ -12,6 +12,7 @@
 #include <sstream>
 #include <thread>
 
+#include "models/io/words.h"
 #include "models/train/ranks_library.h"
 #include "runtime/error.h"
 
@@ -19,6 +20,7 @@ namespace cloam {
 namespace {
 
 constexpr double kTimeout = 600;  // seconds
+constexpr const char* kSharing[] = {"train", "render"};
 constexpr auto kFirstTells = std::chrono::milliseconds(1500);
 
 double timeout() {
@@ -49,6 +51,14 @@ class LibraryRanks final : public Ranks {
                      " not answered for ", words_for_seconds(seconds_),
                      ": stopped, hanging, or cut off\n  fix: look at the device and the network of its host; "
                      "CLOAM_RANK_TIMEOUT=30m waits longer"));
+  }
+  /// MPI's own way of waiting takes a whole core.
+  void await_all() const override {
+    const auto count = static_cast<size_t>(size());
+    std::vector<std::byte> sent(1), received(count);
+    std::vector<std::span<std::byte>> from;
+    for (std::byte& one : received) from.emplace_back(&one, 1);
+    library_.trade({count, std::span<const std::byte>(sent)}, from, std::numeric_limits<double>::infinity());
   }
   RanksLibrary& library() const { return library_; }
 
@@ -144,6 +154,7 @@ void join_ranks() {
   if (library_ranks() || !started_as_one_of_several()) return;
   const double seconds = timeout();
   library_ranks() = std::make_unique<LibraryRanks>(opened_library(), seconds);
+  if (ranks().rank() > 0) mute();
   part_cores();
 }
 
@@ -153,10 +164,19 @@ std::string rank_words() {
   return ranks().size() > 1 ? text("rank ", ranks().rank(), " of ", ranks().size(), ": ") : "";
 }
 
-void check_alone(const std::string& command) {
-  if (ranks().size() == 1) return;
+void check_can_share(const std::string& command) {
+  const auto found = std::find(std::begin(kSharing), std::end(kSharing), command);
+  if (ranks().size() == 1 || found != std::end(kSharing)) return;
   throw Error(Fault::usage, text("cloam ", command, " cannot share its work among ", ranks().size(),
-                                 " ranks\n  fix: start it without mpirun; cloam train can"));
+                                 " ranks\n  fix: start it without mpirun; those that can are ",
+                                 joined({std::begin(kSharing), std::end(kSharing)})));
+}
+
+void take_gpu_in_turn() {
+  if (ranks().size() == 1) return;
+  const Share here = place_among(host_name());
+  const std::vector<std::string> ids = gpus_of_one_kind();
+  if (!ids.empty()) setenv("CLOAM_DEVICE", ids[static_cast<size_t>(here.rank) % ids.size()].c_str(), 0);
 }
 
 void choose_rank_device(const std::string& devices, Common& common) {
@@ -168,7 +188,6 @@ void choose_rank_device(const std::string& devices, Common& common) {
   std::istringstream words(devices);
   for (std::string word; std::getline(words, word, ',');) ids.push_back(word);
   const Share here = place_among(host_name());
-  if (ids.empty() && common.device == "auto" && !std::getenv("CLOAM_DEVICE")) ids = gpus_of_one_kind();
   if (!ids.empty()) common.device = ids[static_cast<size_t>(here.rank) % ids.size()];
 }
 
@@ -184,14 +203,8 @@ void check_devices_alike() {
 
 void leave_ranks() {
   if (!library_ranks()) return;
-  const auto count = static_cast<size_t>(ranks().size());
-  std::vector<std::byte> sent(1), received(count);
-  std::vector<std::span<std::byte>> from;
-  for (std::byte& one : received) from.emplace_back(&one, 1);
-  RanksLibrary& library = library_ranks()->library();
-  // MPI's own way of waiting takes a whole core, while the first rank still makes pictures.
-  library.trade({count, std::span<const std::byte>(sent)}, from, std::numeric_limits<double>::infinity());
-  library.end();
+  ranks().await_all();  // the first may still make a film
+  library_ranks()->library().end();
   library_ranks().reset();
 }
 

@@ -4,6 +4,7 @@
 
 #include "cli/child_program.h"
 #include "cli/commands.h"
+#include "cli/ranks.h"
 #include "cli/render_views.h"
 #include "cli/stop_signal.h"
 #include "cli/terminal_picture.h"
@@ -14,6 +15,7 @@
 #include "models/io/words.h"
 #include "models/runs/actor_names.h"
 #include "models/runs/captures.h"
+#include "models/runs/shared_work.h"
 #include "models/street/lidar_rays.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
@@ -62,24 +64,26 @@ std::string film_name(const std::vector<NamedView>& views, const RenderRequest& 
   return kCameraFileViews;
 }
 
-/// Those of a film are returned.
-std::vector<Image> render_all(const RestoredRun& run, const std::vector<NamedView>& views, const RenderRequest& request,
-                              const Common& common) {
-  const bool film = !film_name(views, request).empty();
-  std::vector<Image> images;
-  std::size_t done = 0;
+void render_view(RendersViews& method, const NamedView& view, const RenderRequest& request) {
+  const Picture picture = method.render(view.view);
+  const fs::path folder = request.out;
+  write_png(folder / (view.name + ".png"), to_image(picture.rgb, picture.width, picture.height));
+  if (request.exr) write_picture_exr(folder / (view.name + ".exr"), picture);
+  if (request.masks) write_mask(folder / (view.name + "_actor.png"), picture);
+}
+
+void render_all(const RestoredRun& run, const std::vector<NamedView>& views, const RenderRequest& request,
+                const Common& common) {
   const StopOnSignal signals("finishing this picture");
-  for (const auto& [name, view] : views) {
-    check_stop([&] { return text(done, " of ", views.size(), " pictures are complete in ", request.out); });
-    const Picture picture = as<RendersViews>(*run.method)->render(view);
-    const Image image = to_image(picture.rgb, picture.width, picture.height);
-    write_png(fs::path(request.out) / (name + ".png"), image);
-    if (request.exr) write_picture_exr(fs::path(request.out) / (name + ".exr"), picture);
-    if (request.masks) write_mask(fs::path(request.out) / (name + "_actor.png"), picture);
-    if (film) images.push_back(image);
-    say(common, text("render ", ++done, "/", views.size(), "  ", name));
-  }
-  return images;
+  const auto make = [&](std::size_t item) {
+    render_view(*as<RendersViews>(*run.method), views[item], request);
+    say(common, text("render ", item + 1, "/", views.size(), "  ", views[item].name));
+    return nullptr;
+  };
+  const auto complete = [&](std::size_t done) {
+    return text(done, " of ", views.size(), " pictures are complete in ", request.out);
+  };
+  share_out(ranks(), listener_of(common), {views.size(), make, complete});
 }
 
 /// The sweep that the model would return along the recorded rays.
@@ -96,27 +100,42 @@ void render_sweep(Street& street, const SweepRays& sweep, const fs::path& path) 
   write_ply_vertices(path, columns);
 }
 
+/// Those of the split, or of the step.
+std::vector<const Sweep*> sweeps_asked_for(const Scene& scene, const RenderRequest& request) {
+  std::vector<const Sweep*> sweeps;
+  for (const Sweep& sweep : scene.sweeps) {
+    const bool in_split = request.split == "all" || (sweep.split == Split::test) == (request.split == "test");
+    if (request.step ? sweep.step == *request.step : in_split) sweeps.push_back(&sweep);
+  }
+  return sweeps;
+}
+
 /// The sweeps of the split or step. Only their directions are read from the data.
 std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, const Common& common) {
-  std::size_t done = 0;
+  std::size_t before = 0;  // in the logs before
   const StopOnSignal signals("finishing this sweep");
   for (const int index : scenes_asked_for(run, request)) {
     const RunData& data = run.record.data[static_cast<std::size_t>(index)];
     const fs::path folder = request.data.empty() ? find_data(request.run, data) : fs::path(request.data);
     const Scene scene = read_split_scene(folder, reading_for(run.record, !request.data.empty(), request.allow_outside));
-    for (const Sweep& sweep : scene.sweeps) {
-      const bool in_split = request.split == "all" || (sweep.split == Split::test) == (request.split == "test");
-      if (request.step ? sweep.step != *request.step : !in_split) continue;
-      check_stop([&] { return text(done, " sweeps are complete in ", request.out); });
-      const std::string prefix =
-          run.scenes.size() > 1 ? log_names(run.record)[static_cast<std::size_t>(index)] + "_" : "";
+    const std::vector<const Sweep*> sweeps = sweeps_asked_for(scene, request);
+    const std::string prefix =
+        run.scenes.size() > 1 ? log_names(run.record)[static_cast<std::size_t>(index)] + "_" : "";
+    const auto make = [&](std::size_t item) {
+      const Sweep& sweep = *sweeps[item];
       const std::string name = prefix + "lidar_" + fs::path(sweep.file).stem().stem().string() + ".ply";
       render_sweep(street_of(run), sweep_rays(sweep, load_sweep(scene, sweep), index), fs::path(request.out) / name);
-      say(common, text("render ", ++done, "  ", name));
-    }
+      say(common, text("render ", before + item + 1, "  ", name));
+      return nullptr;
+    };
+    const auto complete = [&](std::size_t done) {
+      return text(before + done, " sweeps are complete in ", request.out);
+    };
+    share_out(ranks(), listener_of(common), {sweeps.size(), make, complete});
+    before += sweeps.size();
   }
-  if (done == 0) throw Error(Fault::data, "no sweep to render in the split " + request.split);
-  return done;
+  if (before == 0) throw Error(Fault::data, "no sweep to render in the split " + request.split);
+  return before;
 }
 
 int render_lidar_alone(const RestoredRun& run, const RenderRequest& request, const Common& common) {
@@ -178,11 +197,14 @@ bool write_film(const fs::path& folder, const std::string& name, std::size_t cou
   return true;
 }
 
-/// A path's pictures as a GIF and a film. Returns in words what was made; of no pictures nothing.
-std::string write_moving(const std::vector<Image>& images, const std::string& name, const fs::path& folder,
-                         const Common& common) {
-  if (images.empty()) return "";
-  const fs::path gif = folder / (name + ".gif");
+/// The pictures of `views`, which are on the disk, as a GIF and a film where they belong together. Returns in words
+/// what was made.
+std::string write_moving(const std::vector<NamedView>& views, const RenderRequest& request, const Common& common) {
+  const std::string name = film_name(views, request);
+  if (name.empty()) return "";
+  const fs::path folder = request.out, gif = folder / (name + ".gif");
+  std::vector<Image> images;
+  for (const NamedView& view : views) images.push_back(read_image(folder / (view.name + ".png")));
   write_gif(gif, images, kFilmRate);
   const bool film = write_film(folder, name, images.size(), kFilmRate, common);
   return ", " + gif.string() + (film ? " and " + name + ".mp4" : "");
@@ -206,9 +228,10 @@ int run_render(const RenderRequest& request, const Common& common) {
   if (request.lidar) return render_lidar_alone(run, request, common);
   const std::vector<NamedView> views = views_of(run, request);
   if (views.empty()) throw Error(Fault::data, "no view to render in the split " + request.split);
-  const std::vector<Image> images = render_all(run, views, request, common);
+  render_all(run, views, request, common);
+  if (ranks().rank() > 0) return 0;
   if (request.masks) write_actor_names(run, request);
-  const std::string moving = write_moving(images, film_name(views, request), request.out, common);
+  const std::string moving = write_moving(views, request, common);
   if (common.json) put_json({{"schema_version", 1}, {"images", views.size()}, {"folder", request.out}});
   say(common, text(views.size(), " pictures in ", request.out, moving));
   show_picture(request.show, fs::path(request.out) / (views.front().name + ".png"), common);

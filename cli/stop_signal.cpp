@@ -6,6 +6,8 @@
 #include <cstring>
 #include <ctime>
 
+#include "cli/common.h"
+
 namespace cloam {
 
 std::atomic<int> stop_signal{0};
@@ -47,7 +49,7 @@ extern "C" void ask_to_stop(int signal) {
 
 StopOnSignal::StopOnSignal(const char* soon) {
   stop_signal.store(0);
-  what_comes_first.store(soon);
+  what_comes_first.store(muted() ? nullptr : soon);
   struct sigaction action {};
   action.sa_handler = ask_to_stop;
   sigaction(SIGINT, &action, &old_interrupt_);

@@ -2,8 +2,9 @@
 #pragma once
 #include <atomic>
 #include <csignal>
-#include <stdexcept>
 #include <string>
+
+#include "models/runs/interrupted.h"
 
 namespace cloam {
 
@@ -14,7 +15,8 @@ extern std::atomic<int> stop_signal;
 /// what happens next, as long as this lives; a second one ends the program at once.
 class StopOnSignal {
  public:
-  /// soon: what the program does before it stops, a literal; it follows "stopping: " on stderr. Null: it says nothing.
+  /// soon: what the program does before it stops, a literal; it follows "stopping: " on stderr. Null, or where another
+  /// rank speaks: it says nothing.
   explicit StopOnSignal(const char* soon);
   ~StopOnSignal();
   StopOnSignal(const StopOnSignal&) = delete;
@@ -24,17 +26,6 @@ class StopOnSignal {
   struct sigaction old_interrupt_ {};
   struct sigaction old_terminate_ {};
   struct sigaction old_user_ {};
-};
-
-/// A command that was asked to stop and has: what() says what is complete and where.
-class Interrupted : public std::runtime_error {
- public:
-  Interrupted(int signal, const std::string& what) : std::runtime_error(what), signal_(signal) {}
-  int signal() const { return signal_; }
-  int code() const { return 128 + signal_; }
-
- private:
-  int signal_;
 };
 
 /// Between two pictures. Throws Interrupted with what done() says is complete if a signal has come.

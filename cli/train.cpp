@@ -244,7 +244,6 @@ void leave_to_first(TrainRequest& request, Common& common) {
   request.view.reset();
   request.tensorboard = false;
   common.quiet = true;
-  mute_warnings();
 }
 
 /// From here on files are written. Everything was read and checked before.
@@ -366,7 +365,6 @@ int run_train(TrainRequest request, const Common& given) {
     warn(text("from here on a step's batch is parted in ", job.record.shares, " instead of ", job.shares_before,
               " shares: the run will not be the same bytes as one that goes on as it began"));
   open_device(common);
-  check_devices_alike();
   EventLog log(style == ProgressStyle::jsonl);
   ProgressView view(style, log);
   const uint64_t host_bytes = host_budget(request.host_memory);

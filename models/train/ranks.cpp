@@ -50,6 +50,8 @@ void add_weighted(std::span<float> sum, std::span<const float> values, float wei
 
 }  // namespace
 
+void Ranks::await_all() const { meet(*this); }
+
 const Ranks& alone() {
   static const Alone one;
   return one;

@@ -1,5 +1,5 @@
-// Processes that train one model together, each on a device of its own: what they tell each other, and sums of floats
-// that are the same bits however many they are.
+// Processes that work together, each on a device of its own: what they tell each other, and sums of floats that are the
+// same bits however many they are.
 #pragma once
 #include <cstdint>
 #include <span>
@@ -20,6 +20,8 @@ class Ranks {
   /// one is gone or silent for too long.
   virtual void trade(const std::vector<std::span<const std::byte>>& to,
                      const std::vector<std::span<std::byte>>& from) const = 0;
+  /// Returns once every rank is here, however long that takes: for work of which each has its own.
+  virtual void await_all() const;
 };
 
 /// One rank, which needs no others.
