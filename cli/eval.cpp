@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "cli/commands.h"
+#include "cli/ranks.h"
 #include "cli/stop_signal.h"
 #include "models/eval/measure_run.h"
 #include "models/eval/prior_figures.h"
@@ -45,7 +46,7 @@ nlohmann::ordered_json measure_prior(const EvalRequest& request, const Common& c
   std::optional<PhotoCrops> photos;
   if (!request.features.empty()) network = features_named(request.features);
   if (!request.photos.empty()) photos = read_photo_crops(request.photos);
-  return measure_prior(run, {network ? &*network : nullptr, photos ? &*photos : nullptr}, listener_of(common));
+  return measure_prior(run, {network ? &*network : nullptr, photos ? &*photos : nullptr}, listener_of(common), ranks());
 }
 
 EvalResult measure_photos(const EvalRequest& request, const Common& common) {
@@ -53,7 +54,7 @@ EvalResult measure_photos(const EvalRequest& request, const Common& common) {
     throw Error(Fault::usage, text("--photos is for diffusion runs; ", request.run, " is none"));
   RestoredRun run = restored(request.run, common);
   const StopOnSignal signals("finishing this picture");
-  return measure_run(request, run, listener_of(common));
+  return measure_run(request, run, listener_of(common), ranks());
 }
 
 int run_eval(const EvalRequest& request, const Common& common) {

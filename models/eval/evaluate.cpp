@@ -91,20 +91,26 @@ ImageScore score_image(const std::vector<float>& rgb, const std::vector<float>& 
   return score;
 }
 
+ImageScore evaluate_photo(RendersViews& method, const MeasuredScene& measured, std::size_t number,
+                          const EvaluateOptions& options) {
+  const FramePixels& pixels = measured.photos.frames.at(number);
+  const Frame& frame = measured.scene.frames[pixels.frame];
+  const Camera& camera = measured.photos.cameras[static_cast<std::size_t>(pixels.camera)];
+  const Picture picture = method.render(view_of(frame, camera, measured.index));
+  const std::vector<float> truth = on_white(pixels);
+  const auto mask = measured.masks ? std::optional(measured.masks->of(frame, camera)) : std::nullopt;
+  const MeasuredPhoto photo{measured.scene, pixels, truth, mask ? &*mask : nullptr};
+  ImageScore score = options.compare ? score_photo(picture, photo, measured.baselines, options) : ImageScore{};
+  score.name = frame.image;
+  if (options.compare && mask) score_outlines(score, picture, *mask, measured, pixels);
+  options.seen({score, pixels, truth, picture, photo.actors});
+  return score;
+}
+
 std::vector<ImageScore> evaluate(RendersViews& method, const MeasuredScene& measured, const EvaluateOptions& options) {
   std::vector<ImageScore> scores;
-  for (const FramePixels& pixels : measured.photos.frames) {
-    const Frame& frame = measured.scene.frames[pixels.frame];
-    const Camera& camera = measured.photos.cameras[static_cast<std::size_t>(pixels.camera)];
-    const Picture picture = method.render(view_of(frame, camera, measured.index));
-    const std::vector<float> truth = on_white(pixels);
-    const auto mask = measured.masks ? std::optional(measured.masks->of(frame, camera)) : std::nullopt;
-    const MeasuredPhoto photo{measured.scene, pixels, truth, mask ? &*mask : nullptr};
-    scores.push_back(options.compare ? score_photo(picture, photo, measured.baselines, options) : ImageScore{});
-    scores.back().name = frame.image;
-    if (options.compare && mask) score_outlines(scores.back(), picture, *mask, measured, pixels);
-    options.seen({scores.back(), pixels, truth, picture, photo.actors});
-  }
+  for (std::size_t i = 0; i < measured.photos.frames.size(); ++i)
+    scores.push_back(evaluate_photo(method, measured, i, options));
   return scores;
 }
 

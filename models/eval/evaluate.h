@@ -20,14 +20,17 @@ constexpr std::size_t kOutlinePixels = 100;
 /// lpips likewise, or its form with other weights than the published ones. overlap: of the outlines of actors that show
 /// kOutlinePixels or more, intersection over union with the true masks; NaN without these. box_overlap: of the outlines
 /// of the boxes.
-struct ImageScore {
-  std::string name;
+struct ImageFigures {
   double psnr = kNoScore, ssim = kNoScore, psnr_full = kNoScore;
   double masked_psnr = kNoScore, masked_ssim = kNoScore;
   double feature_distance = kNoScore, masked_feature_distance = kNoScore;
   double lpips = kNoScore, masked_lpips = kNoScore;
   double overlap = kNoScore, box_overlap = kNoScore;
   BaselineScores baselines = {};
+};
+
+struct ImageScore : ImageFigures {
+  std::string name;
   std::optional<int> degrees = {};  // that rotate360 turned the actors by
 };
 
@@ -59,6 +62,9 @@ struct EvaluateOptions {
 /// The pixels that mask [H,W] is not 0 at, black elsewhere.
 std::vector<float> on_black(const std::vector<float>& rgb, const std::vector<std::uint8_t>& mask);
 
+/// Renders and measures one of the photos.
+ImageScore evaluate_photo(RendersViews& method, const MeasuredScene& measured, std::size_t number,
+                          const EvaluateOptions& options);
 /// Renders and measures every photo.
 std::vector<ImageScore> evaluate(RendersViews& method, const MeasuredScene& measured,
                                  const EvaluateOptions& options = {});

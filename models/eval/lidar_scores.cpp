@@ -5,8 +5,11 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <optional>
 
 #include "models/metrics/chamfer.h"
+#include "models/runs/shared_work.h"
+#include "runtime/error.h"
 
 namespace cloam {
 namespace {
@@ -22,16 +25,32 @@ std::vector<float> ends_of(const WorldRays& rays, const std::vector<float>& dept
 
 }  // namespace
 
-LidarScores lidar_scores(const std::vector<MeasuredSweep>& sweeps) {
+LidarScores lidar_scores(const MeasuredSweep& sweep) {
   LidarScores scores;
-  for (const MeasuredSweep& sweep : sweeps) {
-    const std::vector<float>& recorded = sweep.recorded.depths;
-    for (std::size_t i = 0; i < recorded.size(); ++i)
-      scores.errors.push_back(std::abs(double{sweep.depths[i]} - double{recorded[i]}));
-    const WorldRays& rays = sweep.recorded.rays;
-    scores.chamfer.push_back(chamfer(ends_of(rays, sweep.depths), ends_of(rays, recorded)).by_target());
-  }
+  const std::vector<float>& recorded = sweep.recorded.depths;
+  for (std::size_t i = 0; i < recorded.size(); ++i)
+    scores.errors.push_back(std::abs(double{sweep.depths[i]} - double{recorded[i]}));
+  const WorldRays& rays = sweep.recorded.rays;
+  scores.chamfer.push_back(chamfer(ends_of(rays, sweep.depths), ends_of(rays, recorded)).by_target());
   return scores;
+}
+
+LidarScores lidar_scores(Street& street, const Scene& scene, int index, const Ranks& ranks, const Listener& listener) {
+  std::vector<const Sweep*> sweeps;
+  for (const Sweep& sweep : scene.sweeps)
+    if (sweep.split == Split::test) sweeps.push_back(&sweep);
+  const auto make = [&](std::size_t item) {
+    const std::optional<MeasuredSweep> measured = measured_sweep(street, scene, *sweeps[item], index);
+    const LidarScores scores = measured ? lidar_scores(*measured) : LidarScores();
+    return nlohmann::ordered_json::array({packed(scores.errors), packed(scores.chamfer)});
+  };
+  const auto complete = [&](std::size_t done) {
+    return text(done, " of ", sweeps.size(), " sweeps were measured; no metrics were written");
+  };
+  LidarScores all;
+  for (const auto& made : share_out(ranks, listener, {sweeps.size(), make, complete}))
+    all.add({unpacked<double>(made.at(0)), unpacked<double>(made.at(1))});
+  return all;
 }
 
 double LidarScores::median_error() const {

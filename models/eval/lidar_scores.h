@@ -2,7 +2,9 @@
 #pragma once
 #include <vector>
 
+#include "models/runs/listener.h"
 #include "models/street/lidar_rays.h"
+#include "models/train/ranks.h"
 
 namespace cloam {
 
@@ -20,6 +22,8 @@ struct LidarScores {
 /// points at the measured depths and the recorded ones, the squared distances to the nearest of the other set, summed
 /// up over both sets and divided by the number of recorded points (ChamferSums::by_target); a ray on which the street
 /// has nothing has no point. Infinite where no ray has one.
-LidarScores lidar_scores(const std::vector<MeasuredSweep>& sweeps);
+LidarScores lidar_scores(const MeasuredSweep& sweep);
+/// Of the scene's test sweeps that have a return, which ranks share. Fault::data for damaged sweeps.
+LidarScores lidar_scores(Street& street, const Scene& scene, int index, const Ranks& ranks, const Listener& listener);
 
 }  // namespace cloam

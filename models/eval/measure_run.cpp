@@ -10,6 +10,7 @@
 #include "models/eval/pictures.h"
 #include "models/io/image.h"
 #include "models/metrics/feature_distance.h"
+#include "models/runs/shared_work.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
 
@@ -17,35 +18,77 @@ namespace cloam {
 namespace {
 
 namespace fs = std::filesystem;
+using Report = nlohmann::ordered_json;
 
 constexpr int kMinPixels = 16;  // of an actor that an image shows
 
 struct Evaluator {
   const Listener& listener;
+  const Ranks& ranks;
   fs::path pictures;
   std::optional<FeatureNetwork> network = {};
   std::optional<Lpips> lpips = {};
-  Eigen::MatrixXd rendered = {}, source = {};  // features of rotate360, a row an image; actors alone
-  std::size_t done = 0;
-  Eigen::Index as_recorded = 0;  // of `rendered`, the first rows: those at 0 degrees
+  bool as_sets = false;                        // rotate360: renders and source images are compared as sets, too
+  Eigen::MatrixXd rendered = {}, source = {};  // their features, a row an image; actors alone
+  std::size_t done = 0;                        // photos, but for those of now
+  Eigen::Index as_recorded = 0;                // of `rendered`, the first rows: those at 0 degrees
 
-  void show(const EvaluatedImage& image, const std::string& name) {
-    listener.check_stop(
-        [&] { return text(done, " pictures are complete in ", pictures.string(), "; no metrics were written"); });
+  void show(const EvaluatedImage& image, std::size_t number, const std::string& name) const {
     const int w = image.frame.width, h = image.frame.height;
     const auto& rgb = image.picture.rgb;
     write_png(
         pictures / (name + ".png"),
         contact_sheet({to_image(rgb, w, h), to_image(image.truth, w, h), error_image(rgb, image.truth, w, h)}, 3));
-    listener.say(text("eval ", ++done, "  ", name));
+    listener.say(text("eval ", number, "  ", name));
   }
 
-  void add_features(Eigen::MatrixXd& rows, const std::vector<float>& rgb, const ActorMask& actors) const {
-    if (!network || std::min(actors.width, actors.height) < network->smallest) return;
-    const Tensor image = as_batch(on_black(rgb, actors.any()), actors.width, actors.height);
-    const Eigen::MatrixXd row = pooled_features(*network, image);
-    rows.conservativeResize(rows.rows() + 1, row.cols());
-    rows.bottomRows(1) = row;
+  /// For add_row; nothing of an image that is too small for the network.
+  Report features_of(const std::vector<float>& rgb, const ActorMask& actors) const {
+    std::vector<double> row;
+    if (network && std::min(actors.width, actors.height) >= network->smallest) {
+      const Eigen::MatrixXd features =
+          pooled_features(*network, as_batch(on_black(rgb, actors.any()), actors.width, actors.height));
+      row.assign(features.data(), features.data() + features.size());
+    }
+    return packed(row);
+  }
+  static void add_row(Eigen::MatrixXd& rows, const Report& features) {
+    const std::vector<double> row = unpacked<double>(features);
+    if (row.empty()) return;
+    const auto width = static_cast<Eigen::Index>(row.size());
+    rows.conservativeResize(rows.rows() + 1, width);
+    rows.bottomRows(1) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), width);
+  }
+
+  /// Shared among ranks: `make` of each photo.
+  std::vector<Report> share_photos(std::size_t count, const std::function<Report(std::size_t)>& make) const {
+    const auto complete = [&](std::size_t now) {
+      return text(done + now, " pictures are complete in ", pictures.string(), "; no metrics were written");
+    };
+    return share_out(ranks, listener, {count, make, complete});
+  }
+
+  /// Measures photos and writes a picture of each under its name. compare: as EvaluateOptions has it.
+  std::vector<ImageScore> measure(Method& method, const MeasuredScene& scene, const std::vector<std::string>& names,
+                                  bool compare) {
+    const auto make = [&](std::size_t item) {
+      Report features = packed(std::vector<double>());
+      EvaluateOptions options{compare, network ? &*network : nullptr, lpips ? &*lpips : nullptr};
+      options.seen = [&](const EvaluatedImage& image) {
+        if (as_sets) features = features_of(image.picture.rgb, *image.actors);
+        show(image, done + item + 1, names[item]);
+      };
+      const ImageScore score = evaluate_photo(*as<RendersViews>(method), scene, item, options);
+      return Report::array({packed(std::vector<ImageFigures>{score}), features});
+    };
+    std::vector<ImageScore> scores;
+    for (const Report& made : share_photos(names.size(), make)) {
+      const FramePixels& photo = scene.photos.frames[scores.size()];
+      scores.push_back({unpacked<ImageFigures>(made.at(0)).front(), scene.scene.frames[photo.frame].image, {}});
+      add_row(rendered, made.at(1));
+    }
+    done += scores.size();
+    return scores;
   }
 };
 
@@ -63,41 +106,44 @@ void note_kind(const Photos& photos, EvalResult& result) {
   for (const FramePixels& frame : photos.measured.frames) result.has_masks |= !frame.mask.empty();
 }
 
+/// How many photos have exact masks of actors.
+std::size_t with_truth(const ActorMasks& masks, const Scene& scene, const Pixels& photos) {
+  return static_cast<std::size_t>(
+      std::count_if(photos.frames.begin(), photos.frames.end(),
+                    [&](const FramePixels& photo) { return masks.has_truth(scene.frames[photo.frame]); }));
+}
+
 void measure_scene(Method& method, const Photos& photos, bool several, Evaluator& evaluator, EvalResult& result) {
   note_kind(photos, result);
   SceneResult scene{photos.name, {}, {}, 0};
   const Baselines baselines(photos.train_scene, photos.train);
   std::optional<ActorMasks> masks;
   if (photos.scene.is_log) masks.emplace(photos.scene);
-  const std::vector<std::string> names = names_of(photos, photos.scene, photos.measured, several);
-  std::size_t next = 0;
-  EvaluateOptions options;
-  options.features = evaluator.network ? &*evaluator.network : nullptr;
-  options.lpips = evaluator.lpips ? &*evaluator.lpips : nullptr;
-  options.seen = [&](const EvaluatedImage& image) {
-    scene.truth_masks += masks && masks->has_truth(photos.scene.frames[image.frame.frame]);
-    evaluator.show(image, names[next++]);
-  };
-  scene.images = evaluate(*as<RendersViews>(method),
-                          {photos.index, photos.scene, photos.measured, baselines, masks ? &*masks : nullptr}, options);
+  if (masks) scene.truth_masks = with_truth(*masks, photos.scene, photos.measured);
+  scene.images =
+      evaluator.measure(method, {photos.index, photos.scene, photos.measured, baselines, masks ? &*masks : nullptr},
+                        names_of(photos, photos.scene, photos.measured, several), true);
   if (scene.truth_masks > 0 && scene.truth_masks < scene.images.size())
     evaluator.listener.warn(text(photos.name, ": ", scene.truth_masks, " of ", scene.images.size(),
                                  " images have actor masks in truth/; box outlines are used for the others"));
   // Always the run's own held-out sweeps: what it was trained on is no measure, whatever the protocol.
   if (auto* street = as<Street>(method))
-    scene.lidar = lidar_scores(measured_sweeps(*street, photos.train_scene, photos.index));
+    scene.lidar = lidar_scores(*street, photos.train_scene, photos.index, evaluator.ranks, evaluator.listener);
   result.scenes.push_back(std::move(scene));
 }
 
 /// The actors as the log itself shows them, which turned ones are compared with.
 void add_source(const Photos& photos, Evaluator& evaluator) {
   const ActorMasks masks(photos.scene);
-  for (const FramePixels& pixels : photos.train.frames) {
-    const Frame& frame = photos.train_scene.frames[pixels.frame];
-    if (frame.sensor != front_sensor(photos.scene)) continue;
+  std::vector<const FramePixels*> front;
+  for (const FramePixels& pixels : photos.train.frames)
+    if (photos.train_scene.frames[pixels.frame].sensor == front_sensor(photos.scene)) front.push_back(&pixels);
+  const auto make = [&](std::size_t item) {
+    const FramePixels& pixels = *front[item];
     const Camera& camera = photos.train.cameras[static_cast<std::size_t>(pixels.camera)];
-    evaluator.add_features(evaluator.source, on_white(pixels), masks.of(frame, camera));
-  }
+    return evaluator.features_of(on_white(pixels), masks.of(photos.train_scene.frames[pixels.frame], camera));
+  };
+  for (const Report& made : evaluator.share_photos(front.size(), make)) Evaluator::add_row(evaluator.source, made);
 }
 
 /// Of a run on one image: that moment alone, and of the actors those that the image shows.
@@ -122,18 +168,11 @@ void measure_turned(Method& method, const Photos& photos, const TurnedLog& turne
   const Pixels pixels = load_images(turned.scene, Split::test, photos.options);
   const Baselines baselines(photos.train_scene, photos.train);
   const ActorMasks masks(turned.scene, turned.has_truth);
-  const std::vector<std::string> names = names_of(photos, turned.scene, pixels, true);
-  std::size_t next = 0;
-  EvaluateOptions options;
-  options.compare = turned.has_truth;
-  options.features = evaluator.network ? &*evaluator.network : nullptr;
-  options.lpips = evaluator.lpips ? &*evaluator.lpips : nullptr;
-  options.seen = [&](const EvaluatedImage& image) {
-    result.truth_masks += masks.has_truth(turned.scene.frames[image.frame.frame]);
-    evaluator.add_features(evaluator.rendered, image.picture.rgb, *image.actors);
-    evaluator.show(image, text("rot", turned.degrees, "_", names[next++]));
-  };
-  auto images = evaluate(*as<RendersViews>(method), {photos.index, turned.scene, pixels, baselines, &masks}, options);
+  std::vector<std::string> names = names_of(photos, turned.scene, pixels, true);
+  for (std::string& name : names) name = text("rot", turned.degrees, "_", name);
+  result.truth_masks += with_truth(masks, turned.scene, pixels);
+  auto images =
+      evaluator.measure(method, {photos.index, turned.scene, pixels, baselines, &masks}, names, turned.has_truth);
   for (ImageScore& image : images) image.degrees = turned.degrees;
   result.images.insert(result.images.end(), images.begin(), images.end());
 }
@@ -149,6 +188,7 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
                        EvalResult& result) {
   const std::vector<std::size_t> scenes = scenes_to_measure(trained, request);
   result.scenes.resize(scenes.size());
+  evaluator.as_sets = true;
   std::vector<std::size_t> possible(scenes.size());  // images, if there were truth for all
   for (int degrees = 0; degrees < kFullTurn; degrees += kTurnStep) {
     const RestoredRun run = restore_run(request.run, [&](Scenes& all) {
@@ -198,10 +238,10 @@ fs::path pictures_of(const EvalRequest& request) {
   return request.images.empty() ? RunPaths{request.run}.eval() / "images" : fs::path(request.images);
 }
 
-EvalResult measure_run(EvalRequest request, RestoredRun& run, const Listener& listener) {
+EvalResult measure_run(EvalRequest request, RestoredRun& run, const Listener& listener, const Ranks& ranks) {
   const auto start = std::chrono::steady_clock::now();
   take_own_data(run, request, listener);
-  Evaluator evaluator{listener, pictures_of(request)};
+  Evaluator evaluator{listener, ranks, pictures_of(request)};
   EvalResult result;
   const RunRecord& record = run.record;
   result.train_protocol = record.reading.protocol.name;
@@ -222,7 +262,7 @@ EvalResult measure_run(EvalRequest request, RestoredRun& run, const Listener& li
   else
     measure_photos(request, run, evaluator, result);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  write_reports(RunPaths{request.run}.eval(), result);
+  if (ranks.rank() == 0) write_reports(RunPaths{request.run}.eval(), result);
   return result;
 }
 

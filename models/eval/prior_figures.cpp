@@ -60,8 +60,8 @@ double share_of_darker_nights(GeneratesAssets& prior, Showroom& showroom, const 
     std::vector<NewAsset> assets[2];
     for (const bool night : {false, true})
       assets[night] = prior.generate({.count = kPairs, .asset_class = asset_class, .night = night});
-    for (std::size_t i = 0; i < assets[0].size(); ++i, ++pairs)
-      darker += showroom.brightness(assets[1][i]) < showroom.brightness(assets[0][i]);
+    const std::vector<double> by_day = showroom.brightness(assets[0]), by_night = showroom.brightness(assets[1]);
+    for (std::size_t i = 0; i < by_day.size(); ++i, ++pairs) darker += by_night[i] < by_day[i];
   }
   return static_cast<double>(darker) / pairs;
 }
@@ -98,20 +98,20 @@ bool has_night_and_day(const std::vector<NewAsset>& assets) {
 }
 
 /// Of samples as they look: as a set like the training assets; like photographs; dark at night.
-void add_picture_figures(GeneratesAssets& prior, const RestoredRun& decoder, const FeatureNetwork& network,
-                         const PhotoCrops* photos, const Listener& listener, Report& figures) {
+void add_picture_figures(GeneratesAssets& prior, const RestoredRun& decoder, const PriorReferences& by,
+                         const Listener& listener, const Ranks& ranks, Report& figures) {
   const std::vector<NewAsset> all = assets_of(prior, CodeSource::training, kAllCodes);
   const auto sets = two_sets(all);
   const std::vector<int> classes = common_classes(labelled(all));
   const bool nights = !classes.empty() && has_night_and_day(all);
   std::optional<PhotoFigures> by_photos;
-  if (photos) by_photos.emplace(prior, *photos, listener);
+  if (by.photos) by_photos.emplace(prior, *by.photos, listener);
   std::size_t expected = 4 * sets[0].size() + (sets[1].size() > 1 ? sets[1].size() : 0);
   if (nights) expected += 2 * kPairs * classes.size();
   if (by_photos) expected += by_photos->expected();
-  Showroom showroom(*decoder.method, network, expected, listener);
+  Showroom showroom(*decoder.method, *by.network, expected, listener, ranks);
   add_set_figures(prior, showroom, sets, figures);
-  figures["feature_network"] = network.name;
+  figures["feature_network"] = by.network->name;
   if (by_photos) by_photos->add(showroom, listener, figures);
   if (nights) figures["night_darker"] = share_of_darker_nights(prior, showroom, classes);
   if (by_photos) figures["photos_files"] = by_photos->files();
@@ -119,7 +119,8 @@ void add_picture_figures(GeneratesAssets& prior, const RestoredRun& decoder, con
 
 }  // namespace
 
-nlohmann::ordered_json measure_prior(const RestoredRun& run, const PriorReferences& by, const Listener& listener) {
+nlohmann::ordered_json measure_prior(const RestoredRun& run, const PriorReferences& by, const Listener& listener,
+                                     const Ranks& ranks) {
   const Clock::time_point start = Clock::now();
   auto& prior = *as<GeneratesAssets>(*run.method);
   StoredRun source = read_source(run);
@@ -137,12 +138,12 @@ nlohmann::ordered_json measure_prior(const RestoredRun& run, const PriorReferenc
   figures["gaussian_weights"] = {
       {"own", score.shrinkage.own}, {"pooled", score.shrinkage.pooled}, {"diagonal", score.shrinkage.diagonal}};
   add_code_figures(prior, figures);
-  if (by.network) add_picture_figures(prior, restore_run(std::move(source)), *by.network, by.photos, listener, figures);
+  if (by.network) add_picture_figures(prior, restore_run(std::move(source)), by, listener, ranks, figures);
   figures["method"] = run.record.method;
   figures["preset"] = run.record.preset;
   figures["step"] = run.progress.step;
   figures["seconds"] = std::chrono::duration<double>(Clock::now() - start).count();
-  commit_text(RunPaths{run.folder}.eval() / "eval.json", figures.dump(2) + "\n");
+  if (ranks.rank() == 0) commit_text(RunPaths{run.folder}.eval() / "eval.json", figures.dump(2) + "\n");
   figures.erase("photos_files");  // for the file alone: there may be a thousand
   return figures;
 }

@@ -6,6 +6,7 @@
 #include "models/nn/feature_network.h"
 #include "models/runs/listener.h"
 #include "models/runs/restore_run.h"
+#include "models/train/ranks.h"
 
 namespace cloam {
 
@@ -16,8 +17,9 @@ struct PriorReferences {
 };
 
 /// Measures a run of diffusion and writes its eval/eval.json; returns what `eval --json` prints. With a network also
-/// how its samples look. Fault::data if the run that it learned from is gone or was changed, and for photos that
-/// nothing can be measured by.
-nlohmann::ordered_json measure_prior(const RestoredRun& run, const PriorReferences& by, const Listener& listener);
+/// how its samples look; ranks share these. Fault::data if the run that it learned from is gone or was changed, and for
+/// photos that nothing can be measured by.
+nlohmann::ordered_json measure_prior(const RestoredRun& run, const PriorReferences& by, const Listener& listener,
+                                     const Ranks& ranks = alone());
 
 }  // namespace cloam

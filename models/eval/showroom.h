@@ -3,6 +3,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <chrono>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "models/runs/listener.h"
 #include "models/street/street.h"
 #include "models/train/method.h"
+#include "models/train/ranks.h"
 
 namespace cloam {
 
@@ -19,8 +21,9 @@ class Showroom {
  public:
   static constexpr int kViews = 4;  // around an asset
 
-  /// expected: how many assets will be shown.
-  Showroom(Method& decoder, const FeatureNetwork& network, std::size_t expected, const Listener& listener);
+  /// expected: how many assets will be shown. Ranks share those of each call, and all get what it returns.
+  Showroom(Method& decoder, const FeatureNetwork& network, std::size_t expected, const Listener& listener,
+           const Ranks& ranks);
   /// Features of the views around each asset, kViews rows an asset.
   Eigen::MatrixXd features_of(const std::vector<NewAsset>& assets);
   /// The same, framed and cut out as crops of photographs are, of their size and from as far above the horizon
@@ -30,12 +33,16 @@ class Showroom {
   /// photos[i]; each asset that is named counts as shown once.
   Eigen::MatrixXd features_as_photographed(const std::vector<NewAsset>& assets, const std::vector<std::size_t>& shown,
                                            const std::vector<PhotoCrop>& photos);
-  /// The mean grey of what an asset covers.
-  double brightness(const NewAsset& asset);
+  /// Of each asset the mean grey of what it covers.
+  std::vector<double> brightness(const std::vector<NewAsset>& assets);
   const FeatureNetwork& network() const { return network_; }
 
  private:
-  AssetName show(const NewAsset& asset);
+  /// Calls `numbers` with each of `count` assets; what it returns of them, in their order.
+  std::vector<std::vector<double>> share(std::size_t count,
+                                         const std::function<std::vector<double>(std::size_t)>& numbers);
+  /// number: in all, from 1 on.
+  void tell(std::size_t number);
   struct Views {
     int pixels;
     double height;
@@ -47,8 +54,9 @@ class Showroom {
   Street& street_;
   ShowsAssets& shows_;
   const FeatureNetwork& network_;
-  std::size_t shown_ = 0, expected_;
+  std::size_t shown_ = 0, told_ = 0, expected_;
   const Listener& listener_;
+  const Ranks& ranks_;
   const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 

@@ -1,9 +1,11 @@
 // Work in items of which none needs another, shared out among ranks: pictures, assets, sweeps.
 #pragma once
 #include <cstddef>
+#include <cstring>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "models/runs/listener.h"
@@ -23,5 +25,21 @@ struct SharedWork {
 /// Ranks that are asked to stop all end the item that they are at, and all throw Interrupted. Whatever else an item
 /// throws is thrown at once, on its rank alone.
 std::vector<nlohmann::ordered_json> share_out(const Ranks& ranks, const Listener& listener, const SharedWork& work);
+
+/// Many numbers as what an item made, and back.
+template <class Value>
+nlohmann::ordered_json packed(const std::vector<Value>& values) {
+  static_assert(std::is_trivially_copyable_v<Value>);
+  std::vector<std::uint8_t> bytes(values.size() * sizeof(Value));
+  if (!bytes.empty()) std::memcpy(bytes.data(), values.data(), bytes.size());
+  return nlohmann::ordered_json::binary(std::move(bytes));
+}
+template <class Value>
+std::vector<Value> unpacked(const nlohmann::ordered_json& made) {
+  const std::vector<std::uint8_t>& bytes = made.get_binary();
+  std::vector<Value> values(bytes.size() / sizeof(Value));
+  if (!values.empty()) std::memcpy(values.data(), bytes.data(), bytes.size());
+  return values;
+}
 
 }  // namespace cloam

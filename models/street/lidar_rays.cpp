@@ -51,16 +51,11 @@ SweepRays thinned(const SweepRays& rays, std::size_t most) {
   return out;
 }
 
-std::vector<MeasuredSweep> measured_sweeps(Street& street, const Scene& scene, int index) {
-  std::vector<MeasuredSweep> sweeps;
-  for (const Sweep& sweep : scene.sweeps) {
-    if (sweep.split != Split::test) continue;
-    SweepRays rays = thinned(sweep_rays(sweep, load_sweep(scene, sweep), index), kMaxRays);
-    if (rays.depths.empty()) continue;
-    std::vector<float> depths = street.measure(rays.rays).depths;
-    sweeps.push_back({std::move(rays), std::move(depths)});
-  }
-  return sweeps;
+std::optional<MeasuredSweep> measured_sweep(Street& street, const Scene& scene, const Sweep& sweep, int index) {
+  SweepRays rays = thinned(sweep_rays(sweep, load_sweep(scene, sweep), index), kMaxRays);
+  if (rays.depths.empty()) return {};
+  std::vector<float> depths = street.measure(rays.rays).depths;
+  return MeasuredSweep{std::move(rays), std::move(depths)};
 }
 
 }  // namespace cloam

@@ -1,5 +1,7 @@
 // A LiDAR's sweep as rays, and how far a model's depths are from what the sweep says.
 #pragma once
+#include <optional>
+
 #include "models/data/load_sweep.h"
 #include "models/street/street.h"
 
@@ -21,7 +23,7 @@ struct MeasuredSweep {
   SweepRays recorded;
   std::vector<float> depths;  // 0: the street has nothing there
 };
-/// The scene's test sweeps that have a return, at most 20,000 of each. Fault::data for damaged sweeps.
-std::vector<MeasuredSweep> measured_sweeps(Street& street, const Scene& scene, int index);
+/// At most 20,000 returns of it; nothing for a sweep without any. Fault::data for a damaged one.
+std::optional<MeasuredSweep> measured_sweep(Street& street, const Scene& scene, const Sweep& sweep, int index);
 
 }  // namespace cloam

@@ -26,6 +26,15 @@ std::string without_date(std::string bytes) {
   return bytes;
 }
 
+void check_same(const std::map<std::string, std::string>& found, const std::map<std::string, std::string>& expected) {
+  CHECK(!expected.empty());
+  CHECK(found.size() == expected.size());
+  for (const auto& [file, bytes] : expected) {
+    CAPTURE(file);
+    CHECK((found.contains(file) && without_date(found.at(file)) == without_date(bytes)));
+  }
+}
+
 /// The command with `-o FOLDER`, by one process and by two ranks, leaves the same files. Returns what the ranks said.
 Outcome check_same_files(const Words& command, const std::string& name) {
   const fs::path one = scratch() / (name + "_by_one"), two = scratch() / (name + "_by_two");
@@ -33,14 +42,33 @@ Outcome check_same_files(const Words& command, const std::string& name) {
   REQUIRE_MESSAGE(alone.code == 0, alone.err);
   const Outcome ranks = Ranks(2, with(command, {"-o", two.string()})).wait();
   REQUIRE_MESSAGE(ranks.code == 0, ranks.err);
-  const auto expected = snapshot(one), found = snapshot(two);
-  CHECK(expected.size() > 1);
-  CHECK(found.size() == expected.size());
-  for (const auto& [file, bytes] : expected) {
-    CAPTURE(file);
-    CHECK((found.contains(file) && without_date(found.at(file)) == without_date(bytes)));
-  }
+  check_same(snapshot(two), snapshot(one));
   return ranks;
+}
+
+std::string without_seconds(const std::string& printed) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::parse(printed);
+  CHECK(json.erase("seconds") == 1);
+  return json.dump(2);
+}
+
+/// What an evaluation leaves in the run's folder.
+std::map<std::string, std::string> evaluation_of(const fs::path& run) {
+  auto files = snapshot(run / "eval");
+  files.at("eval.json") = without_seconds(files.at("eval.json"));
+  return files;
+}
+
+/// An evaluation by one process and by three ranks, each of a copy of the run, finds and leaves the same.
+void check_same_evaluation(const fs::path& run, const std::string& name, const Words& how) {
+  CAPTURE(name);
+  const fs::path one = copy_of(run, name + "_by_one"), three = copy_of(run, name + "_by_three");
+  const Outcome alone = cloam_with(with({"eval", one.string(), "--json"}, how));
+  REQUIRE_MESSAGE(alone.code == 0, alone.err);
+  const Outcome ranks = Ranks(3, with({"eval", three.string(), "--json"}, how)).wait();
+  REQUIRE_MESSAGE(ranks.code == 0, ranks.err);
+  CHECK(without_seconds(ranks.out) == without_seconds(alone.out));
+  check_same(evaluation_of(three), evaluation_of(one));
 }
 
 int lines_with(const std::string& text, const std::string& words) {
@@ -72,6 +100,13 @@ TEST_CASE("render shares pictures and sweeps out among ranks") {
   const Outcome sweeps =
       check_same_files({"render", small_street_run().string(), "--split", "all", "--lidar", "--json"}, "street_sweeps");
   CHECK(nlohmann::json::parse(sweeps.out).at("sweeps") == 3);  // one document
+}
+
+TEST_CASE("eval shares photos, sweeps and assets out among ranks") {
+  check_same_evaluation(small_run(), "eval_photos", {"--features", "random"});
+  check_same_evaluation(small_street_run(), "eval_street", {});
+  check_same_evaluation(small_street_run(), "eval_turned", {"--protocol", "rotate360", "--features", "random"});
+  check_same_evaluation(small_diffusion_run(), "eval_assets", {"--features", "random"});
 }
 
 TEST_CASE("a rank that fails at its part of the work ends all, and says why once") {

@@ -340,14 +340,15 @@ TEST_CASE("LiDAR errors and Chamfer distances are of the test sweeps, along rays
   for (Sweep& sweep : log.sweeps) sweep.file = "lidar/" + pandaset_number(sweep.step) + ".pkl.gz";
   log.sweeps[1].split = Split::test;
   Wall wall(7);
-  const LidarScores scores = lidar_scores(measured_sweeps(wall, log, 0));
+  const Listener silent = {[](const std::string&) {}, [](const std::string&) {}, [](const auto&) {}};
+  const LidarScores scores = lidar_scores(wall, log, 0, alone(), silent);
   REQUIRE(scores.errors.size() == 3);
   CHECK(scores.errors[0] == doctest::Approx(3));
   CHECK(scores.errors[1] == doctest::Approx(1));
   CHECK(scores.median_error() == doctest::Approx(3));
   CHECK(LidarScores{{4, 1, 2, 3}, {}}.median_error() == doctest::Approx(2.5));
   log.sweeps[1].second_lidar = {0, 0, 2};  // now its place is known, too
-  const LidarScores both = lidar_scores(measured_sweeps(wall, log, 0));
+  const LidarScores both = lidar_scores(wall, log, 0, alone(), silent);
   REQUIRE(both.errors.size() == 4);
   CHECK(both.errors[3] == doctest::Approx(std::hypot(99, 2) - 7));
   log.sweeps[1].second_lidar.reset();
@@ -359,7 +360,7 @@ TEST_CASE("LiDAR errors and Chamfer distances are of the test sweeps, along rays
   CHECK(two.mean_chamfer() == doctest::Approx((38 / 3.0 + 1) / 2));
   CHECK(std::isnan(LidarScores{}.mean_chamfer()));
   Wall nothing(0);
-  CHECK(std::isinf(lidar_scores(measured_sweeps(nothing, log, 0)).mean_chamfer()));
+  CHECK(std::isinf(lidar_scores(nothing, log, 0, alone(), silent).mean_chamfer()));
   SweepRays many;
   for (int i = 0; i < 10; ++i) many.depths.push_back(static_cast<float>(i));
   many.rays.origins.assign(30, 0), many.rays.directions.assign(30, 0);
