@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/ranks.h"
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
 #include "cli/terminal_picture.h"
@@ -66,7 +67,8 @@ int run_generate(GenerateRequest request, const Common& common) {
   const RestoredRun prior = restored(request.run, common);
   Generation made(prior, request.wish, {kVersion, request.codes});
   const StopOnSignal signals("finishing this asset");
-  Report all = write_assets(made, request.files, listener_of(common));
+  Report all = write_assets(made, request.files, listener_of(common), ranks());
+  if (ranks().rank() > 0) return 0;
   warn_without_font();
   if (common.json) {
     all["folder"] = request.out;

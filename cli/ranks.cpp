@@ -20,7 +20,7 @@ namespace cloam {
 namespace {
 
 constexpr double kTimeout = 600;  // seconds
-constexpr const char* kSharing[] = {"train", "render", "eval"};
+constexpr const char* kSharing[] = {"train", "render", "eval", "generate", "simulate"};
 constexpr auto kFirstTells = std::chrono::milliseconds(1500);
 
 double timeout() {

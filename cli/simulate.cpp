@@ -6,6 +6,7 @@
 #include <set>
 
 #include "cli/commands.h"
+#include "cli/ranks.h"
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
 #include "models/data/read_scene.h"
@@ -14,6 +15,7 @@
 #include "models/runs/asset_maker.h"
 #include "models/runs/captures.h"
 #include "models/runs/edit_run.h"
+#include "models/runs/shared_work.h"
 #include "models/runs/simulated_log.h"
 #include "models/scene/asset_class.h"
 #include "runtime/error.h"
@@ -65,50 +67,69 @@ class Simulation {
   Simulation(const SimulateRequest& request, const Common& common, SimulatedLog log)
       : request_(request), common_(common), log_(std::move(log)) {}
 
-  /// Writes the log of the run as its scenes have it.
+  /// Writes the log of the run as its scenes have it; ranks share images and sweeps.
   LogCount write(const RestoredRun& run, const fs::path& folder) {
-    const Scene out = output_log(run, log_, listener_of(common_));
-    begin(out);
-    const AroundWork around = {[&](const std::string& name, const auto& make) { timed(images_, name, make); },
-                               [&](const std::string& name, const auto& make) { timed(sweeps_, name, make); }};
+    const Listener listener = listener_of(common_);
+    const Scene out = output_log(run, log_, listener);
+    const SimulatedLogWriter writer(run, log_, out, folder);
+    const auto logs = static_cast<std::size_t>(std::max(1, request_.augment));
+    images_.all = logs * writer.images();
+    sweeps_.all = logs * writer.sweeps();
+    const std::size_t parts = writer.images() + writer.sweeps(), before = images_.before + sweeps_.before;
+    const auto make = [&](std::size_t part) { return packed(std::vector<LogCount>{write_part(writer, part)}); };
+    const auto complete = [&](std::size_t done) {
+      return text(before + done, " of ", logs * parts, " images and sweeps were made");
+    };
     const StopOnSignal signals("finishing this image or sweep");
+    LogCount count;
     try {
-      return write_simulated_log(run, log_, out, folder, around);
+      for (const Report& made : share_out(ranks(), listener, {parts, make, complete}))
+        count += unpacked<LogCount>(made).front();
     } catch (const Interrupted& interrupted) {
       std::error_code error;
-      fs::remove_all(folder, error);  // it is new
+      if (ranks().rank() == 0) fs::remove_all(folder, error);  // it is new
       throw Interrupted(interrupted.signal(),
                         text(interrupted.what(), "; ", folder.string(), " was incomplete and has been removed"));
     }
+    if (ranks().rank() == 0) writer.write_rest();
+    images_.before += writer.images();
+    sweeps_.before += writer.sweeps();
+    return count;
   }
 
  private:
+  /// Images or sweeps of all logs.
   struct Work {
-    std::size_t done = 0, all = 0;
+    std::size_t before = 0, all = 0;  // in the logs before those of now
+    std::size_t number = 0;           // of the last that was made, from 1 on
+    std::size_t done = 0;             // by this rank, in so many seconds
     double seconds = 0;
-    double left() const { return seconds / static_cast<double>(done) * static_cast<double>(all - done); }
+    double left() const {
+      return seconds / static_cast<double>(done * static_cast<std::size_t>(ranks().size())) *
+             static_cast<double>(all - number);
+    }
   };
 
-  void begin(const Scene& out) {
-    const auto logs = static_cast<std::size_t>(std::max(1, request_.augment));
-    images_.all = logs * out.frames.size();
-    sweeps_.all = logs * out.sweeps.size();
-  }
-
-  /// Does one image or sweep and says what is left.
-  void timed(Work& work, const std::string& name, const std::function<void()>& make) {
-    check_stop([&] { return text(images_.done, " of ", images_.all, " images were rendered"); });
+  LogCount write_part(const SimulatedLogWriter& writer, std::size_t part) {
+    const bool is_image = part < writer.images();
+    const std::size_t place = is_image ? part : part - writer.images();
+    Work& work = is_image ? images_ : sweeps_;
     const auto seconds = [] { return seconds_since_start() - device_stats().build_seconds; };  // kernels: only once
     const double before = seconds();
-    make();
+    const LogCount count = is_image ? writer.write_image(place) : writer.write_sweep(place);
     work.seconds += seconds() - before;
     ++work.done;
-    say(common_, text("simulate ", work.done, "/", work.all, "  ", name, "  ", left()));
+    work.number = work.before + place + 1;
+    say(common_, text("simulate ", work.number, "/", work.all, "  ",
+                      is_image ? writer.image_name(place) : writer.sweep_name(place), "  ", left()));
+    return count;
   }
 
   /// Images and sweeps take different times: what was not measured yet is not guessed.
   std::string left() const {
-    if (sweeps_.done > 0 || sweeps_.all == 0) return words_for_seconds(images_.left() + sweeps_.left()) + " left";
+    if (sweeps_.all == 0) return words_for_seconds(images_.left()) + " left";
+    if (images_.done > 0 && sweeps_.done > 0) return words_for_seconds(images_.left() + sweeps_.left()) + " left";
+    if (images_.done == 0) return words_for_seconds(sweeps_.left()) + " left for sweeps";
     return text(words_for_seconds(images_.left()), " left for images, then ", sweeps_.all, " sweeps");
   }
 
@@ -168,6 +189,7 @@ int run_simulate(SimulateRequest request, const Common& common) {
   if (request.augment > 0 && request.prior.empty()) request.prior = kShipped;
   request.prior = prior_named(request.prior);
   check_request(request);  // a wrong folder is told before a missing device
+  meet(ranks());           // the folder was new to all
   const RunRecord record = read_record(request.run);
   const std::vector<std::string> logs = log_names(record);
   const int log = request.log.empty() ? 0 : find_log(logs, request.log);

@@ -49,14 +49,10 @@ void write_track(const fs::path& folder, const std::map<int, Moment>& moments) {
 }
 
 void write_intrinsics(const fs::path& folder, const Camera& camera) {
-  if (camera.model != CameraModel::pinhole) {
-    throw Error(Fault::usage,
-                text(folder.string(), ": PandaSet's layout has only pinhole cameras; this one has lens distortion"));
-  }
   write_json(folder / "intrinsics.json", {{"fx", camera.fx}, {"fy", camera.fy}, {"cx", camera.cx}, {"cy", camera.cy}});
 }
 
-void write_cameras(const fs::path& root, const Scene& log, const LogContent& content) {
+void write_camera_tracks(const fs::path& root, const Scene& log) {
   std::map<std::string, std::map<int, Moment>> tracks;
   for (const Frame& frame : log.frames) {
     const fs::path folder = root / "camera" / frame.sensor;
@@ -64,12 +60,6 @@ void write_cameras(const fs::path& root, const Scene& log, const LogContent& con
     auto& track = tracks[frame.sensor];
     if (track.empty()) write_intrinsics(folder, camera);
     track[frame.step] = {frame.timestamp.value_or(0), frame.world_from_camera};
-    const Image image = content.image(frame);
-    if (image.width != camera.width || image.height != camera.height) {
-      throw Error(Fault::internal, text(frame.name, ": an image of ", image.width, "x", image.height,
-                                        ", its camera has ", camera.width, "x", camera.height));
-    }
-    write_jpeg(folder / (pandaset_number(frame.step) + ".jpg"), image);
   }
   for (const auto& [sensor, track] : tracks) write_track(root / "camera" / sensor, track);
 }
@@ -90,13 +80,9 @@ DataFrame sweep_frame(const LidarPoints& points, double timestamp) {
   return frame;
 }
 
-void write_sweeps(const fs::path& root, const Scene& log, const LogContent& content) {
+void write_lidar_track(const fs::path& root, const Scene& log) {
   std::map<int, Moment> track;
-  for (const Sweep& sweep : log.sweeps) {
-    track[sweep.step] = {sweep.timestamp, sweep.world_from_lidar};
-    const fs::path path = root / "lidar" / (pandaset_number(sweep.step) + ".pkl.gz");
-    write_data_frame(path, sweep_frame(content.points(sweep), sweep.timestamp));
-  }
+  for (const Sweep& sweep : log.sweeps) track[sweep.step] = {sweep.timestamp, sweep.world_from_lidar};
   write_track(root / "lidar", track);
 }
 
@@ -149,9 +135,28 @@ void write_meta(const fs::path& root, const Scene& log, const std::map<int, doub
 
 }  // namespace
 
-void write_pandaset(const fs::path& root, const Scene& log, const LogContent& content) {
-  write_cameras(root, log, content);
-  write_sweeps(root, log, content);
+void write_pandaset_image(const fs::path& root, const Scene& log, const Frame& frame, const Image& image) {
+  const fs::path folder = root / "camera" / frame.sensor;
+  const Camera& camera = log.cameras.at(static_cast<std::size_t>(frame.camera));
+  if (camera.model != CameraModel::pinhole) {
+    throw Error(Fault::usage,
+                text(folder.string(), ": PandaSet's layout has only pinhole cameras; this one has lens distortion"));
+  }
+  if (image.width != camera.width || image.height != camera.height) {
+    throw Error(Fault::internal, text(frame.name, ": an image of ", image.width, "x", image.height, ", its camera has ",
+                                      camera.width, "x", camera.height));
+  }
+  write_jpeg(folder / (pandaset_number(frame.step) + ".jpg"), image);
+}
+
+void write_pandaset_sweep(const fs::path& root, const Sweep& sweep, const LidarPoints& points) {
+  const fs::path path = root / "lidar" / (pandaset_number(sweep.step) + ".pkl.gz");
+  write_data_frame(path, sweep_frame(points, sweep.timestamp));
+}
+
+void write_pandaset_rest(const fs::path& root, const Scene& log) {
+  write_camera_tracks(root, log);
+  write_lidar_track(root, log);
   std::map<int, double> times;
   for (const Sweep& sweep : log.sweeps) times.emplace(sweep.step, sweep.timestamp);
   for (const Frame& frame : log.frames) times.emplace(frame.step, frame.timestamp.value_or(0));
@@ -159,6 +164,12 @@ void write_pandaset(const fs::path& root, const Scene& log, const LogContent& co
     write_data_frame(root / "annotations" / "cuboids" / (pandaset_number(step) + ".pkl.gz"), cuboid_frame(log, step));
   }
   write_meta(root, log, times);
+}
+
+void write_pandaset(const fs::path& root, const Scene& log, const LogContent& content) {
+  for (const Frame& frame : log.frames) write_pandaset_image(root, log, frame, content.image(frame));
+  for (const Sweep& sweep : log.sweeps) write_pandaset_sweep(root, sweep, content.points(sweep));
+  write_pandaset_rest(root, log);
 }
 
 }  // namespace cloam

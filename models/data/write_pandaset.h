@@ -21,4 +21,9 @@ struct LogContent {
 /// Fault::usage for cameras with a lens, which the layout cannot hold; Fault::write.
 void write_pandaset(const std::filesystem::path& root, const Scene& log, const LogContent& content);
 
+/// The same in parts, in any order: an image, a sweep, and all else once they are there.
+void write_pandaset_image(const std::filesystem::path& root, const Scene& log, const Frame& frame, const Image& image);
+void write_pandaset_sweep(const std::filesystem::path& root, const Sweep& sweep, const LidarPoints& points);
+void write_pandaset_rest(const std::filesystem::path& root, const Scene& log);
+
 }  // namespace cloam

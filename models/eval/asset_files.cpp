@@ -13,6 +13,7 @@
 #include "models/latents/shows_assets.h"
 #include "models/mesh/write_mesh.h"
 #include "models/runs/actor_names.h"
+#include "models/runs/shared_work.h"
 #include "models/scene/asset_class.h"
 #include "models/street/asset_mesh.h"
 #include "runtime/error.h"
@@ -58,35 +59,57 @@ class AssetWriter {
   AssetWriter(const Generation& made, const AssetFiles& files, const Listener& listener)
       : made_(made), files_(files), listener_(listener), latents_(made.code_shape()) {}
 
-  void write(const NewAsset& asset, const AssetName& name) {
-    listener_.check_stop([&] {
-      return text(rows_.size(), " of ", made_.wished(), " assets are complete in ", files_.folder.string(),
+  /// Of the assets of now, which ranks share.
+  void write_part(const Ranks& ranks) {
+    const auto make = [&](std::size_t item) { return write(made_.assets()[item], made_.names()[item], first_ + item); };
+    const auto complete = [&](std::size_t done) {
+      return text(first_ + done, " of ", made_.wished(), " assets are complete in ", files_.folder.string(),
                   ", without ", kGrid, ", ", kLatents, " and ", kRecord);
-    });
-    Report row = described(asset, rows_.size());
-    write_turntable(asset, name, row);
-    if (rows_.size() < kMostOfGrid) add_to_grid(asset, name);
-    if (files_.meshes) add_mesh(asset, name, row);
-    latents_.add(asset);
-    rows_.push_back(row);
-    listener_.say(text("generate ", rows_.size(), "/", made_.wished(), "  ", kAssetClasses[asset.asset_class], ", ",
-                       time_of_day(asset.night)));
+    };
+    const std::vector<NewAsset>& assets = made_.assets();
+    std::vector<Report> parts = share_out(ranks, listener_, {assets.size(), make, complete});
+    for (std::size_t i = 0; i < assets.size(); ++i) keep(assets[i], std::move(parts[i]));
+    first_ += assets.size();
   }
 
-  Report write_rest() {
+  /// The record.
+  Report all() const { return {{"schema_version", 1}, {"made", made_.how()}, {"assets", rows_}}; }
+
+  void write_rest() {
     const int columns = static_cast<int>(std::ceil(std::sqrt(static_cast<double>(grid_.size()))));
     write_png(files_.grid(), contact_sheet(grid_, columns, captions_), made_.how().dump());
     std::map<std::string, std::string> words;
     for (const auto& [key, value] : made_.how().items())
       words[key] = value.is_string() ? value.get<std::string>() : value.dump();
     latents_.write(files_.folder / kLatents, words);
-    Report all = {{"schema_version", 1}, {"made", made_.how()}};
-    all["assets"] = std::move(rows_);
-    commit_text(files_.folder / kRecord, all.dump(2) + "\n");
-    return all;
+    commit_text(files_.folder / kRecord, all().dump(2) + "\n");
   }
 
  private:
+  /// The files of one asset. Returns its row in the record, and its picture for the sheet.
+  Report write(const NewAsset& asset, const AssetName& name, std::size_t number) {
+    Report row = described(asset, number);
+    write_turntable(asset, name, row);
+    if (files_.meshes) write_mesh(asset, name, row);
+    const Image picture =
+        number < kMostOfGrid ? three_quarter_picture(made_.street(), name, asset.size, files_.size) : Image();
+    listener_.say(text("generate ", number + 1, "/", made_.wished(), "  ", kAssetClasses[asset.asset_class], ", ",
+                       time_of_day(asset.night)));
+    return {{"row", row}, {"picture", packed(picture.pixels)}};
+  }
+
+  void keep(const NewAsset& asset, Report part) {
+    Report& row = part.at("row");
+    if (files_.meshes && !row.contains("mesh"))
+      listener_.warn(text("asset ", number_of(row), " has no surface in its box: no mesh is written"));
+    if (number_of(row) < kMostOfGrid) {
+      captions_.push_back({text(grid_.size(), "  ", kAssetClasses[asset.asset_class]), time_of_day(asset.night)});
+      grid_.push_back({files_.size, files_.size, 3, unpacked<std::uint8_t>(part.at("picture"))});
+    }
+    latents_.add(asset);
+    rows_.push_back(std::move(row));
+  }
+
   fs::path file_of(const Report& row, const char* extension) const {
     return files_.folder / fmt::format("asset_{:03}.{}", number_of(row), extension);
   }
@@ -104,19 +127,14 @@ class AssetWriter {
       write_png(files_.folder / kPictures / fmt::format("asset_{:03}_{:04}.png", number_of(row), i), turn[i]);
   }
 
-  void add_to_grid(const NewAsset& asset, const AssetName& name) {
-    captions_.push_back({text(grid_.size(), "  ", kAssetClasses[asset.asset_class]), time_of_day(asset.night)});
-    grid_.push_back(three_quarter_picture(made_.street(), name, asset.size, files_.size));
-  }
-
-  /// The mesh's file, or none (and a warning) where the asset has no surface.
-  void add_mesh(const NewAsset& asset, const AssetName& name, Report& row) {
+  /// The mesh's file, or none where the asset has no surface.
+  void write_mesh(const NewAsset& asset, const AssetName& name, Report& row) {
     const fs::path path = file_of(row, "glb");
     const Mesh mesh = asset_mesh(made_.street(), name, asset.size, files_.resolution);
     if (mesh.triangle_count() == 0) {
       std::error_code error;
       fs::remove(path, error);  // of an earlier generation
-      return listener_.warn(text("asset ", number_of(row), " has no surface in its box: no mesh is written"));
+      return;
     }
     MeshLabel label{text("generated ", kAssetClasses[asset.asset_class], " ", number_of(row)),
                     described(asset, number_of(row))};
@@ -131,6 +149,7 @@ class AssetWriter {
   const Generation& made_;
   const AssetFiles& files_;
   const Listener& listener_;
+  std::size_t first_ = 0;  // how many were written before those of now
   AssetArrays latents_;
   Report rows_ = Report::array();
   std::vector<Image> grid_;
@@ -161,15 +180,17 @@ bool Generation::next() {
   return !assets_.empty();
 }
 
-Report write_assets(Generation& made, const AssetFiles& files, const Listener& listener) {
+Report write_assets(Generation& made, const AssetFiles& files, const Listener& listener, const Ranks& ranks) {
   std::error_code error;
+  const bool first = ranks.rank() == 0;
   // Of an earlier generation, which may have had more; a folder that something else made is left alone.
-  if (fs::exists(files.folder / kRecord, error)) fs::remove_all(files.folder / kPictures, error);
+  if (first && fs::exists(files.folder / kRecord, error)) fs::remove_all(files.folder / kPictures, error);
+  meet(ranks);
   AssetWriter writer(made, files, listener);
-  do {
-    for (std::size_t i = 0; i < made.assets().size(); ++i) writer.write(made.assets()[i], made.names()[i]);
-  } while (made.next());
-  return writer.write_rest();
+  do writer.write_part(ranks);
+  while (made.next());
+  if (first) writer.write_rest();
+  return writer.all();
 }
 
 }  // namespace cloam

@@ -10,6 +10,7 @@
 #include "models/runs/actor_names.h"
 #include "models/runs/listener.h"
 #include "models/runs/restore_run.h"
+#include "models/train/ranks.h"
 
 namespace cloam {
 
@@ -56,7 +57,8 @@ struct AssetFiles {
 };
 
 /// Writes turntables, meshes, the grid (of the first 256), latents and generate.json, which is returned. Pictures of an
-/// earlier generation in the folder are removed. Fault::write.
-nlohmann::ordered_json write_assets(Generation& made, const AssetFiles& files, const Listener& listener);
+/// earlier generation in the folder are removed. Ranks share the assets; the first writes what is of all. Fault::write.
+nlohmann::ordered_json write_assets(Generation& made, const AssetFiles& files, const Listener& listener,
+                                    const Ranks& ranks = alone());
 
 }  // namespace cloam

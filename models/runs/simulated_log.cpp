@@ -11,7 +11,6 @@
 #include "models/io/words.h"
 #include "models/runs/actor_names.h"
 #include "models/scene/split.h"
-#include "models/street/simulate.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
 
@@ -67,28 +66,6 @@ Camera output_camera(const Camera& camera, const std::optional<ImageSize>& size,
   return {out.width, out.height, out.fx, out.fy, out.cx, out.cy, CameraModel::pinhole, {}, 0, 0};
 }
 
-Image rendered(const RestoredRun& run, const Scene& out, const Frame& frame, int log) {
-  const Camera& camera = out.cameras[static_cast<std::size_t>(frame.camera)];
-  const Picture picture = as<RendersViews>(*run.method)->render(view_of(frame, camera, log));
-  return to_image(picture.rgb, picture.width, picture.height);
-}
-
-LidarPoints measured(const RestoredRun& run, const EditedLog& log, const Sweep& sweep, LogCount& count) {
-  const auto recorded = std::find_if(log.recorded.sweeps.begin(), log.recorded.sweeps.end(),
-                                     [&](const Sweep& s) { return s.step == sweep.step; });
-  if (recorded == log.recorded.sweeps.end()) {
-    throw Error(Fault::data, text(log.recorded.root.string(), ": the sweep of step ", sweep.step,
-                                  " is missing, but the run was trained with it; name the complete log with --data"));
-  }
-  SweepEdit edit = edited_sweep(street_of(run), log, sweep, load_sweep(log.recorded, *recorded));
-  ++count.sweeps;
-  count.returns += edit.points.size();
-  count.measured += edit.measured;
-  count.changed += edit.changed;
-  count.gone += edit.gone;
-  return std::move(edit.points);
-}
-
 }  // namespace
 
 Scene output_log(const RestoredRun& run, const SimulatedLog& wish, const Listener& listener) {
@@ -113,23 +90,53 @@ Scene output_log(const RestoredRun& run, const SimulatedLog& wish, const Listene
   return log;
 }
 
-LogCount write_simulated_log(const RestoredRun& run, const SimulatedLog& wish, const Scene& out,
-                             const std::filesystem::path& folder, const AroundWork& around) {
-  const EditedLog log{wish.recorded, run.scenes.at(static_cast<std::size_t>(wish.number)), wish.number};
-  LogCount count;
-  const auto image = [&](const Frame& frame) {
-    Image made;
-    around.image(text(frame.sensor, " ", frame.step), [&] { made = rendered(run, out, frame, wish.number); });
-    ++count.images;
-    return made;
-  };
-  const auto points = [&](const Sweep& sweep) {
-    LidarPoints made;
-    around.sweep(text("sweep ", sweep.step), [&] { made = measured(run, log, sweep, count); });
-    return made;
-  };
-  write_pandaset(folder, out, {image, points});
-  return count;
+LogCount& LogCount::operator+=(const LogCount& more) {
+  images += more.images;
+  sweeps += more.sweeps;
+  returns += more.returns;
+  measured += more.measured;
+  changed += more.changed;
+  gone += more.gone;
+  return *this;
 }
+
+SimulatedLogWriter::SimulatedLogWriter(const RestoredRun& run, const SimulatedLog& wish, const Scene& out,
+                                       std::filesystem::path folder)
+    : run_(run),
+      log_{wish.recorded, run.scenes.at(static_cast<std::size_t>(wish.number)), wish.number},
+      out_(out),
+      folder_(std::move(folder)) {}
+
+std::string SimulatedLogWriter::image_name(std::size_t image) const {
+  const Frame& frame = out_.frames.at(image);
+  return text(frame.sensor, " ", frame.step);
+}
+
+std::string SimulatedLogWriter::sweep_name(std::size_t sweep) const {
+  return text("sweep ", out_.sweeps.at(sweep).step);
+}
+
+LogCount SimulatedLogWriter::write_image(std::size_t image) const {
+  const Frame& frame = out_.frames.at(image);
+  const Camera& camera = out_.cameras.at(static_cast<std::size_t>(frame.camera));
+  const Picture picture = as<RendersViews>(*run_.method)->render(view_of(frame, camera, log_.scene));
+  write_pandaset_image(folder_, out_, frame, to_image(picture.rgb, picture.width, picture.height));
+  return {.images = 1};
+}
+
+LogCount SimulatedLogWriter::write_sweep(std::size_t number) const {
+  const Sweep& sweep = out_.sweeps.at(number);
+  const auto recorded = std::find_if(log_.recorded.sweeps.begin(), log_.recorded.sweeps.end(),
+                                     [&](const Sweep& s) { return s.step == sweep.step; });
+  if (recorded == log_.recorded.sweeps.end()) {
+    throw Error(Fault::data, text(log_.recorded.root.string(), ": the sweep of step ", sweep.step,
+                                  " is missing, but the run was trained with it; name the complete log with --data"));
+  }
+  const SweepEdit edit = edited_sweep(street_of(run_), log_, sweep, load_sweep(log_.recorded, *recorded));
+  write_pandaset_sweep(folder_, sweep, edit.points);
+  return {0, 1, edit.points.size(), edit.measured, edit.changed, edit.gone};
+}
+
+void SimulatedLogWriter::write_rest() const { write_pandaset_rest(folder_, out_); }
 
 }  // namespace cloam

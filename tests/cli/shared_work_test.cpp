@@ -109,6 +109,33 @@ TEST_CASE("eval shares photos, sweeps and assets out among ranks") {
   check_same_evaluation(small_diffusion_run(), "eval_assets", {"--features", "random"});
 }
 
+TEST_CASE("generate shares assets out among ranks") {
+  const Words generate = {"generate", small_diffusion_run().string(), "--steps", "2", "--size", "16"};
+  const Outcome few = check_same_files(
+      with(generate, {"-n", "5", "--pictures", "--frames", "2", "--resolution", "8", "--json"}), "made_few");
+  CHECK(nlohmann::json::parse(few.out).at("assets").size() == 5);
+  check_same_files(with(generate, {"-n", "67", "--no-meshes", "--frames", "1"}), "made_many");  // more than at once
+}
+
+TEST_CASE("simulate shares images and sweeps out among ranks, and leaves no half log when they are stopped") {
+  check_same_files({"simulate", small_street_run().string()}, "simulated");
+  check_same_files(
+      {"simulate", two_streets_run().string(), "--augment", "2", "--prior", small_diffusion_run().string()},
+      "augmented");
+  const fs::path folder = scratch() / "simulated_in_part";
+  Ranks ranks(2, {"simulate", small_street_run().string(), "-o", folder.string(), "--size", "640x360"});
+  const fs::path images = folder / "camera" / "front_camera";
+  for (int i = 0; i < 600 && ranks.running() && !(fs::exists(images / "00.jpg") && fs::exists(images / "01.jpg")); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  REQUIRE_MESSAGE(ranks.running(), ranks.wait().err);
+  for (const pid_t process : ranks.processes()) REQUIRE(kill(process, SIGUSR1) == 0);
+  const Outcome outcome = ranks.wait();
+  CHECK(outcome.code == 128 + SIGUSR1);
+  CHECK_MESSAGE(contains(outcome.err, " of 6 images and sweeps were made"), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, folder.string() + " was incomplete and has been removed"), outcome.err);
+  CHECK_FALSE(fs::exists(folder));
+}
+
 TEST_CASE("a rank that fails at its part of the work ends all, and says why once") {
   const fs::path folder = scratch() / "one_part_fails";
   fs::create_directories(folder / "orbit_0003.png" / "in_the_way");

@@ -97,7 +97,7 @@ TEST_CASE("simulate that is stopped leaves no half log") {
   const fs::path out = scratch() / "stopped-simulate";
   const Outcome outcome = stopped({"simulate", small_street_run().string(), "-o", out.string(), "--size", "320x180"},
                                   out / "camera" / "front_camera" / "00.jpg");
-  CHECK(number_before(outcome, " of 3 images were rendered") > 0);
+  CHECK(number_before(outcome, " of 6 images and sweeps were made") > 0);
   CHECK(contains(outcome.err, out.string() + " was incomplete and has been removed"));
   CHECK_FALSE(fs::exists(out));
 }
