@@ -29,6 +29,7 @@ struct MeasuredStep {
 /// Steps as the trainer takes them, growth left out.
 MeasuredStep measure(TrainJob& job, Optimiser& optimiser, Progress& progress, int64_t ranks) {
   const PretendedRanks pretended(ranks);
+  SharedSteps steps({ranks == 1 ? alone() : pretended, ranks});
   std::vector<double> seconds;
   uint64_t sent = 0;
   const double begun = steady_seconds();
@@ -36,7 +37,7 @@ MeasuredStep measure(TrainJob& job, Optimiser& optimiser, Progress& progress, in
     const double before = steady_seconds();
     const uint64_t sent_before = pretended.sent_bytes();
     ++progress.step;
-    take_step(*job.method, optimiser, progress, {ranks == 1 ? alone() : pretended, ranks});
+    steps.take(*job.method, optimiser, progress);
     job.method->after_step(progress);
     synchronize();
     if (i < kUnmeasured) continue;

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "runtime/cl.h"
+#include "runtime/debug.h"
 #include "runtime/driver.h"
 #include "runtime/ops.h"
 
@@ -29,6 +30,12 @@ void check_shapes(const Tensor& tensor, const Tensor& place) {
     throw Error(Fault::internal,
                 text("[flat] ", to_string(tensor.shape()), " ", name_of(tensor.dtype()), " does not fit a place of ",
                      to_string(place.shape()), " ", name_of(place.dtype())));
+}
+
+void check_count(const Tensor& tensor, size_t count) {
+  if (tensor.dtype() != DType::f32 || tensor.numel() != static_cast<int64_t>(count))
+    throw Error(Fault::internal,
+                text("[flat] ", count, " floats do not fit ", to_string(tensor.shape()), " ", name_of(tensor.dtype())));
 }
 
 }  // namespace
@@ -70,6 +77,22 @@ void put_at(const Tensor& value, const Tensor& place) {
   check_shapes(value, place);
   eval({value});
   if (!lies_at(value, place) && value.numel() > 0) pack(value, place);
+}
+
+void read_over(const Tensor& tensor, std::span<float> to) {
+  check_count(tensor, to.size());
+  if (debug().float64) {
+    std::ranges::copy(tensor.to_host(), to.begin());
+    return;
+  }
+  const Tensor packed = dense(tensor);
+  read_buffer(*packed.node()->storage.buffer, 0, to.size_bytes(), to.data());
+}
+
+void write_over(const Tensor& tensor, std::span<const float> values) {
+  check_count(tensor, values.size());
+  if (debug().float64) return put_at(from_bytes(values.data(), DType::f32, tensor.shape()), tensor);
+  write_buffer(*tensor.node()->storage.buffer, values.data(), values.size_bytes());
 }
 
 }  // namespace cloam

@@ -1,5 +1,7 @@
 // Tensors that lie one behind the other in one buffer, so that one launch can serve them all.
 #pragma once
+#include <span>
+
 #include "runtime/tensor.h"
 
 namespace cloam {
@@ -19,5 +21,10 @@ void move_to(const Tensor& tensor, const Tensor& place);
 void expect_at(const Tensor& value, const Tensor& place);
 /// Evaluates `value` and copies it into the memory of `place`, unless the hint put it there.
 void put_at(const Tensor& value, const Tensor& place);
+
+/// Evaluates an f32 tensor and copies its values, row-major, over `to`, of its size.
+void read_over(const Tensor& tensor, std::span<float> to);
+/// Copies `values` into the memory of an evaluated f32 tensor of their number, which is dense.
+void write_over(const Tensor& tensor, std::span<const float> values);
 
 }  // namespace cloam

@@ -41,7 +41,7 @@ std::shared_ptr<NerfTraining> begin(const char* preset_name) {
 void step(NerfTraining& training) {
   Method& method = *training.method;
   training.progress.step++;
-  (void)take_step(method, *training.optimiser, training.progress);
+  (void)SharedSteps().take(method, *training.optimiser, training.progress);
   method.after_step(training.progress);
 }
 

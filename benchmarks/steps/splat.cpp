@@ -94,7 +94,7 @@ struct SplatTraining {
 void step(SplatTraining& training) {
   Method& method = *training.method;
   training.progress.step++;
-  (void)take_step(method, *training.optimiser, training.progress);
+  (void)SharedSteps().take(method, *training.optimiser, training.progress);
 }
 
 Workload fox(int downscale, int warm, const char* size) {

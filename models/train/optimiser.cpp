@@ -84,14 +84,17 @@ std::vector<Shape> Optimiser::buffer_shapes() const {
   return out;
 }
 
-void Optimiser::take_buffers(const Tensors& buffers, Tensors& gradients) {
+void Optimiser::take_buffers(const std::vector<std::span<const float>>& buffers, Tensors& gradients) {
   size_t next = 0;
   for (Flats& flats : flats_) {
-    put_at(buffers[next++], flats.gradients.all);
+    write_over(flats.gradients.all, buffers[next++]);
     for (size_t i = 0; i < flats.order.size(); i++) gradients[flats.order[i]] = flats.gradients.parts[i];
   }
-  for (size_t i = 0; i < names_.size(); i++)
-    if (steps_.contains(names_[i])) gradients[i] = buffers[next++];
+  for (size_t i = 0; i < names_.size(); i++) {
+    if (!steps_.contains(names_[i])) continue;
+    const std::span<const float> values = buffers[next++];
+    gradients[i] = values.empty() ? Tensor() : from_bytes(values.data(), DType::f32, m_.at(names_[i]).shape());
+  }
 }
 
 void Optimiser::step_group(Flats& flats, const Tensors& parameters, const Tensors& gradients, const AdamStep& with) {

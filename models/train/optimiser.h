@@ -24,8 +24,8 @@ class Optimiser {
   /// those of sparse parameters, empty handles where one stands still.
   Tensors buffers_of(const Tensors& gradients);
   std::vector<Shape> buffer_shapes() const;
-  /// Such buffers in place of the gradients.
-  void take_buffers(const Tensors& buffers, Tensors& gradients);
+  /// Such values in place of the gradients; empty where a sparse parameter stands still.
+  void take_buffers(const std::vector<std::span<const float>>& buffers, Tensors& gradients);
   /// One step in place, with evaluated gradients.
   void step(Params& parameters, const Tensors& gradients, const ParameterGroups& groups, const Progress& progress);
   /// After a method replaced parameters by others of more, fewer or other rows: moments and counts move along.

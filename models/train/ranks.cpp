@@ -1,6 +1,7 @@
 // See ranks.h.
 #include "models/train/ranks.h"
 
+#include <algorithm>
 #include <cstring>
 
 namespace cloam {
@@ -66,39 +67,58 @@ std::vector<std::string> gathered(const Ranks& ranks, const std::string& mine) {
   return all;
 }
 
-std::string from_first(const Ranks& ranks, const std::string& mine) {
-  return gathered(ranks, ranks.rank() == 0 ? mine : "").front();
+std::vector<int64_t> from_first(const Ranks& ranks, std::vector<int64_t> mine) {
+  const auto count = static_cast<size_t>(ranks.size());
+  const bool first = ranks.rank() == 0;
+  Sent to(count);
+  Received from(count);
+  if (first) std::fill(to.begin(), to.end(), std::as_bytes(std::span(mine)));
+  if (!first) from.front() = std::as_writable_bytes(std::span(mine));
+  ranks.trade(to, from);
+  return mine;
 }
 
-void OrderedSum::add(const std::vector<float>& mine, const std::vector<float>& weights) {
-  const std::span<float> own = part_of(std::span(sum_), share_of(ranks_, ranks_.rank()));
-  std::vector<std::vector<float>> others(static_cast<size_t>(ranks_.size()));
+void OrderedSum::begin() {
+  values_.clear();
+  sum_.clear();
+}
+
+void OrderedSum::grow(size_t count) {
+  if (count == values_.size()) return;
+  take();  // other values will be this rank's to add
+  values_.resize(count, 0.f);
+  const std::span<const float> own = part_of(std::span<const float>(values_), share_of(ranks_, ranks_.rank()));
+  sum_.assign(own.begin(), own.end());
+}
+
+void OrderedSum::add(const std::vector<float>& weights) {
+  const auto others = static_cast<size_t>(ranks_.size() - 1);
+  received_.resize(others * sum_.size());
+  std::vector<std::span<const float>> shares;
   Sent to;
   Received from;
   for (int64_t rank = 0; rank < ranks_.size(); ++rank) {
-    std::vector<float>& other = others[static_cast<size_t>(rank)];
-    if (rank != ranks_.rank()) other.resize(own.size());
-    to.push_back(std::as_bytes(part_of(std::span(mine), share_of(ranks_, rank))));
-    from.push_back(std::as_writable_bytes(std::span(other)));
+    const std::span<float> of_mine = part_of(std::span(values_), share_of(ranks_, rank));
+    const bool own = rank == ranks_.rank();
+    const auto place = static_cast<size_t>(rank - (rank > ranks_.rank() ? 1 : 0)) * sum_.size();
+    const std::span<float> other = own ? std::span<float>() : std::span(received_).subspan(place, sum_.size());
+    shares.emplace_back(own ? of_mine : other);
+    to.push_back(std::as_bytes(of_mine));
+    from.push_back(std::as_writable_bytes(other));
   }
   ranks_.trade(to, from);
-  const std::span<const float> of_mine = part_of(std::span(mine), share_of(ranks_, ranks_.rank()));
-  for (int64_t rank = 0; rank < ranks_.size(); ++rank) {
-    const auto at = static_cast<size_t>(rank);
-    add_weighted(own, rank == ranks_.rank() ? of_mine : std::span<const float>(others[at]), weights[at]);
-  }
+  for (size_t rank = 0; rank < shares.size(); ++rank) add_weighted(sum_, shares[rank], weights[rank]);
 }
 
-std::vector<float> OrderedSum::take() {
-  const std::span<const float> own = part_of(std::span<const float>(sum_), share_of(ranks_, ranks_.rank()));
+void OrderedSum::take() {
   Sent to;
   Received from;
   for (int64_t rank = 0; rank < ranks_.size(); ++rank) {
-    to.push_back(std::as_bytes(own));
-    from.push_back(std::as_writable_bytes(part_of(std::span(sum_), share_of(ranks_, rank))));
+    to.push_back(std::as_bytes(std::span<const float>(sum_)));
+    from.push_back(std::as_writable_bytes(part_of(std::span(values_), share_of(ranks_, rank))));
   }
   ranks_.trade(to, from);
-  return std::move(sum_);
+  std::ranges::copy(sum_, part_of(std::span(values_), share_of(ranks_, ranks_.rank())).begin());
 }
 
 }  // namespace cloam

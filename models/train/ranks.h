@@ -29,25 +29,32 @@ const Ranks& alone();
 
 /// What every rank gave, by rank, for all of them.
 std::vector<std::string> gathered(const Ranks& ranks, const std::string& mine);
-/// What the first rank gave.
-std::string from_first(const Ranks& ranks, const std::string& mine);
+/// What the first rank gave; as many numbers on all.
+std::vector<int64_t> from_first(const Ranks& ranks, std::vector<int64_t> mine);
 /// Returns once every rank is here.
 inline void meet(const Ranks& ranks) { gathered(ranks, ""); }
 
 /// A sum over shares of weight times values, of which each rank adds one at a time, in the order of the ranks. One
-/// addition at a time in one order: a single rank that adds all shares gets the same bits.
+/// addition at a time in one order: a single rank that adds all shares gets the same bits. Its memory stays from one
+/// sum to the next.
 class OrderedSum {
  public:
-  OrderedSum(const Ranks& ranks, size_t count) : ranks_(ranks), sum_(count, 0.f) {}
-  size_t count() const { return sum_.size(); }
-  /// `mine` has count() values; weights: of all ranks' shares.
-  void add(const std::vector<float>& mine, const std::vector<float>& weights);
-  /// The whole, for all ranks. Nothing can be added any more.
-  std::vector<float> take();
+  explicit OrderedSum(const Ranks& ranks) : ranks_(ranks) {}
+  /// A new sum, of no values.
+  void begin();
+  /// Room for `count` values, no fewer than before, of which those that are new begin at zero.
+  void grow(size_t count);
+  /// This rank's share, to be filled before each add(); the whole, on all ranks, after take().
+  std::span<float> values() { return values_; }
+  /// Weights: of all ranks' shares.
+  void add(const std::vector<float>& weights);
+  void take();
 
  private:
   const Ranks& ranks_;
-  std::vector<float> sum_;  // each rank keeps its part of it (Share) until take()
+  std::vector<float> values_;
+  std::vector<float> sum_;       // of the values that are this rank's to add (Share)
+  std::vector<float> received_;  // their shares of the other ranks
 };
 
 }  // namespace cloam

@@ -75,7 +75,10 @@ class MpiRanks final : public RanksLibrary {
     while (!pending.done()) {
       const auto waited = Clock::now() - begun;
       if (std::chrono::duration<double>(waited).count() > seconds) return pending.silent();
-      if (waited > kPatience) std::this_thread::sleep_for(kNap);
+      if (waited > kPatience)
+        std::this_thread::sleep_for(kNap);
+      else
+        std::this_thread::yield();  // a CPU device may work on this core
     }
     return {};
   }

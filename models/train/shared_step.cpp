@@ -1,8 +1,8 @@
 // See shared_step.h.
 #include "models/train/shared_step.h"
 
+#include <algorithm>
 #include <cstring>
-#include <optional>
 
 #include "runtime/error.h"
 #include "runtime/op.h"
@@ -39,7 +39,11 @@ Told unpacked(const std::string& text) {
 /// One step's sums over shares.
 class SummedStep {
  public:
-  SummedStep(Optimiser& optimiser, const Sharing& sharing) : optimiser_(optimiser), sharing_(sharing) {}
+  SummedStep(Optimiser& optimiser, const Sharing& sharing, OrderedSum& gradients, OrderedSum& sums)
+      : optimiser_(optimiser), sharing_(sharing), gradients_(gradients), sums_(sums) {
+    gradients_.begin();
+    sums_.begin();
+  }
   /// An evaluated share of this rank, while every other rank adds one, too.
   void add(const Step& step);
   /// Into the last share's step, on all ranks.
@@ -48,15 +52,25 @@ class SummedStep {
 
  private:
   Told told_of(const Step& step, const Tensors& buffers) const;
+  void hear(const Told& mine, size_t counts);
   bool has_gradient(size_t buffer) const;
   void note(const Told& told, size_t counts);
-  void add_buffer(size_t at, const Tensor& mine, const Shape& shape);
+  void place_buffers();
+  std::span<float> values_of(size_t buffer);
+  void add_gradients(const Tensors& buffers);
+  void add_sums(const Tensors& sums);
 
   Optimiser& optimiser_;
   const Sharing& sharing_;
-  std::vector<Told> round_;     // of the shares that the ranks add at a time, by rank
-  std::vector<float> weights_;  // theirs
-  std::vector<std::optional<OrderedSum>> buffers_, sums_;
+  OrderedSum& gradients_;  // of the buffers that have any, one behind the other
+  OrderedSum& sums_;
+  struct Place {
+    size_t begin = 0, count = 0;
+  };
+  std::map<size_t, Place> places_;  // of the buffers among gradients_
+  size_t placed_ = 0;               // values
+  std::vector<Told> round_;         // of the shares that the ranks add at a time, by rank
+  std::vector<float> weights_;      // theirs
   std::vector<double> counts_;
   double weight_ = 0, loss_ = 0;
   struct Mean {
@@ -104,38 +118,71 @@ void SummedStep::note(const Told& told, size_t counts) {
   }
 }
 
-void SummedStep::add_buffer(size_t at, const Tensor& mine, const Shape& shape) {
-  const auto count = static_cast<size_t>(numel(shape));
-  std::optional<OrderedSum>& sum = buffers_[at];
-  if (!sum) sum.emplace(sharing_.ranks, count);
-  sum->add(mine ? mine.to_host() : std::vector<float>(count, 0.f), weights_);
+void SummedStep::hear(const Told& mine, size_t counts) {
+  round_.clear();
+  weights_.clear();
+  for (const std::string& text : gathered(sharing_.ranks, packed(mine))) round_.push_back(unpacked(text));
+  for (const Told& told : round_) note(told, counts);
+}
+
+/// A buffer that a share has a gradient of keeps its place until the step is taken.
+void SummedStep::place_buffers() {
+  const std::vector<Shape> shapes = optimiser_.buffer_shapes();
+  for (size_t i = 0; i < shapes.size(); ++i) {
+    if (!has_gradient(i) || places_.contains(i)) continue;
+    places_[i] = {placed_, static_cast<size_t>(numel(shapes[i]))};
+    placed_ += places_[i].count;
+  }
+  gradients_.grow(placed_);
+}
+
+std::span<float> SummedStep::values_of(size_t buffer) {
+  const auto found = places_.find(buffer);
+  return found == places_.end() ? std::span<float>()
+                                : gradients_.values().subspan(found->second.begin, found->second.count);
+}
+
+void SummedStep::add_gradients(const Tensors& buffers) {
+  place_buffers();
+  for (const auto& [buffer, place] : places_) {
+    if (buffers[buffer])
+      read_over(buffers[buffer], values_of(buffer));
+    else
+      std::ranges::fill(values_of(buffer), 0.f);
+  }
+  gradients_.add(weights_);
+}
+
+void SummedStep::add_sums(const Tensors& sums) {
+  size_t count = 0, at = 0;
+  for (const Tensor& sum : sums) count += static_cast<size_t>(sum.numel());
+  sums_.grow(count);
+  for (const Tensor& sum : sums) {
+    const auto size = static_cast<size_t>(sum.numel());
+    read_over(sum, sums_.values().subspan(at, size));
+    at += size;
+  }
+  sums_.add(std::vector<float>(weights_.size(), 1.f));
 }
 
 void SummedStep::add(const Step& step) {
   const Tensors buffers = optimiser_.buffers_of(step.gradients);
-  round_.clear();
-  weights_.clear();
-  for (const std::string& text : gathered(sharing_.ranks, packed(told_of(step, buffers))))
-    round_.push_back(unpacked(text));
-  for (const Told& told : round_) note(told, step.counts.size());
-  const std::vector<Shape> shapes = optimiser_.buffer_shapes();
-  buffers_.resize(buffers.size());
-  for (size_t i = 0; i < buffers.size(); ++i)
-    if (has_gradient(i)) add_buffer(i, buffers[i], shapes[i]);
-  sums_.resize(step.sums.size());
-  for (size_t i = 0; i < step.sums.size(); ++i) {
-    if (!sums_[i]) sums_[i].emplace(sharing_.ranks, static_cast<size_t>(step.sums[i].numel()));
-    sums_[i]->add(step.sums[i].to_host(), std::vector<float>(weights_.size(), 1.f));
-  }
+  hear(told_of(step, buffers), step.counts.size());
+  add_gradients(buffers);
+  add_sums(step.sums);
 }
 
 void SummedStep::take(Step& step) {
-  Tensors buffers;
-  const std::vector<Shape> shapes = optimiser_.buffer_shapes();
-  for (size_t i = 0; i < buffers_.size(); ++i)
-    buffers.push_back(buffers_[i] ? from_host(buffers_[i]->take(), shapes[i]) : Tensor());
+  gradients_.take();
+  std::vector<std::span<const float>> buffers;
+  for (size_t i = 0; i < optimiser_.buffer_shapes().size(); ++i) buffers.emplace_back(values_of(i));
   optimiser_.take_buffers(buffers, step.gradients);
-  for (size_t i = 0; i < sums_.size(); ++i) assign({{step.sums[i], from_host(sums_[i]->take(), step.sums[i].shape())}});
+  sums_.take();
+  size_t at = 0;
+  for (const Tensor& sum : step.sums) {
+    assign({{sum, from_bytes(sums_.values().data() + at, DType::f32, sum.shape())}});
+    at += static_cast<size_t>(sum.numel());
+  }
   for (size_t i = 0; i < counts_.size(); ++i) *step.counts[i] = counts_[i];
 }
 
@@ -164,22 +211,22 @@ void eval_step(const Step& step) {
   eval(results);
 }
 
-TakenStep take_step(Method& method, Optimiser& optimiser, const Progress& progress, const Sharing& sharing) {
+TakenStep SharedSteps::take(Method& method, Optimiser& optimiser, const Progress& progress) {
   const auto update = [&](const Step& step) {
     optimiser.step(method.parameters(), step.gradients, method.groups(), progress);
   };
-  if (sharing.shares == 1) {
+  if (sharing_.shares == 1) {
     const Step step = evaluated_step(method, optimiser, progress);
     update(step);
     TakenStep taken{static_cast<double>(step.loss.item())};
     for (const Figure& figure : step.figures) taken.figures[figure.name] = figure.value();
     return taken;
   }
-  SummedStep sum(optimiser, sharing);
+  SummedStep sum(optimiser, sharing_, gradients_, sums_);
   Step step;
-  for (int64_t first = 0; first < sharing.shares; first += sharing.ranks.size()) {
+  for (int64_t first = 0; first < sharing_.shares; first += sharing_.ranks.size()) {
     Progress part = progress;
-    part.share = {first + sharing.ranks.rank(), sharing.shares};
+    part.share = {first + sharing_.ranks.rank(), sharing_.shares};
     step = evaluated_step(method, optimiser, part);
     sum.add(step);
   }

@@ -20,8 +20,19 @@ struct TakenStep {
 
 /// Evaluates loss, gradients, figures and the rest together.
 void eval_step(const Step& step);
-/// Loss, gradients, and the optimiser's step: the same bits for N ranks as for N shares on one. Of one share nothing is
-/// read back but loss and figures.
-TakenStep take_step(Method& method, Optimiser& optimiser, const Progress& progress, const Sharing& sharing = {});
+
+/// Takes the steps of one training.
+class SharedSteps {
+ public:
+  explicit SharedSteps(const Sharing& sharing = {})
+      : sharing_(sharing), gradients_(sharing.ranks), sums_(sharing.ranks) {}
+  /// Loss, gradients, and the optimiser's step: the same bits for N ranks as for N shares on one. Of one share nothing
+  /// is read back but loss and figures.
+  TakenStep take(Method& method, Optimiser& optimiser, const Progress& progress);
+
+ private:
+  Sharing sharing_;
+  OrderedSum gradients_, sums_;
+};
 
 }  // namespace cloam

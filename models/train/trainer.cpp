@@ -123,6 +123,7 @@ class Loop {
         listener_(listener),
         grows_(as<Grows>(run.method)),
         optimiser_(run.method.parameters(), run.method.groups()),
+        steps_({*options.ranks, options.shares}),
         time_(options, grows_),
         saving_(run.method, options) {}
   ~Loop() { look_for_nan(false); }
@@ -142,8 +143,7 @@ class Loop {
   void go_back(const NotFinite& why);
   void end_search();
   void save();
-  int64_t agreed(int64_t mine) const;
-  bool saves_now() const { return agreed(saving_.is_due(progress_.step, time_.seconds())); }
+  std::vector<int64_t> agreed(std::vector<int64_t> mine) const;
   double learning_rate() const;
   std::optional<double> seconds_left() const;
 
@@ -152,11 +152,13 @@ class Loop {
   const TrainListener& listener_;
   Grows* grows_;  // null: parameters keep their rows
   Optimiser optimiser_;
+  SharedSteps steps_;
   TimePlan time_;
   Saving saving_;
   std::map<std::string, double> figures_;  // of the last step
   Progress progress_;
   TrainResult result_;
+  bool save_is_due_ = false;
   bool planning_ = false;  // the horizon follows from a time budget
   int64_t next_look_ = 0;  // step that looks at the parameters; the first compiles what that takes
   double step_seconds_ = 0;
@@ -181,7 +183,7 @@ void Loop::begin() {
 TakenStep Loop::take_next_step() {
   progress_.step++;
   try {
-    return take_step(run_.method, optimiser_, progress_, {*options_.ranks, options_.shares});
+    return steps_.take(run_.method, optimiser_, progress_);
   } catch (const Error& error) {
     if (error.fault() != Fault::data) throw;
     progress_.step--;
@@ -196,8 +198,8 @@ void Loop::one_step() {
   figures_ = taken.figures;
   result_.loss = taken.loss;
   if (!std::isfinite(result_.loss)) diverged(text("the loss became ", result_.loss));
-  const bool saves_next = saves_now() || progress_.step == end();
-  if (progress_.step >= next_look_ || saves_next) {
+  save_is_due_ = agreed({saving_.is_due(progress_.step, time_.seconds())}).front();
+  if (progress_.step >= next_look_ || save_is_due_ || progress_.step == end()) {
     next_look_ = progress_.step + kFiniteEvery;
     require_finite();
   }
@@ -214,13 +216,16 @@ int64_t Loop::end() const {
 }
 
 /// What follows from clocks and signals must be the same on all ranks: as the first one says.
-int64_t Loop::agreed(int64_t mine) const {
-  return options_.ranks->size() == 1 ? mine : std::stoll(from_first(*options_.ranks, std::to_string(mine)));
+std::vector<int64_t> Loop::agreed(std::vector<int64_t> mine) const {
+  return from_first(*options_.ranks, std::move(mine));
 }
 
 bool Loop::finished() {
-  result_.interrupted = agreed(run_.stop && *run_.stop != 0);
-  result_.out_of_time = agreed(time_.is_up(saving_.seconds() + step_seconds_)) && end() != progress_.step;
+  const std::vector<int64_t> now =
+      agreed({run_.stop && *run_.stop != 0, time_.is_up(saving_.seconds() + step_seconds_), progress_.horizon});
+  progress_.horizon = now[2];
+  result_.interrupted = now[0];
+  result_.out_of_time = now[1] && end() != progress_.step;
   const bool stop_here = options_.stop_after > 0 && progress_.step >= options_.stop_after;
   return result_.interrupted || result_.out_of_time || stop_here || (end() > 0 && progress_.step >= end());
 }
@@ -244,6 +249,7 @@ void Loop::go_back(const NotFinite& why) {
   optimiser_ = Optimiser(run_.method.parameters(), run_.method.groups());
   optimiser_.restore(with_prefix(checkpoint.file.tensors, kOptimiser));
   next_look_ = 0;
+  save_is_due_ = false;
 }
 
 void Loop::end_search() {
@@ -304,10 +310,9 @@ TrainResult Loop::train() {
     now = time_.seconds();
     if (progress_.step > warm) time_.add_step(now - before);
     if (planning_) time_.choose_horizon(progress_, saving_.seconds());
-    progress_.horizon = agreed(progress_.horizon);
     listener_.step(
         {progress_, end(), result_.loss, time_.seconds(), step_seconds_, learning_rate(), seconds_left(), figures_});
-    if (saves_now()) save();
+    if (save_is_due_) save();
   }
   if (saved_step_ != progress_.step) save();
   result_.step = progress_.step;
