@@ -45,6 +45,11 @@ auto part_of(std::span<Float> values, const Share& share) {
   return values.subspan(static_cast<size_t>(share.begin(count)), static_cast<size_t>(share.size(count)));
 }
 
+/// As added to zeros, which no share's -0 is left of.
+void begin_weighted(std::span<float> sum, std::span<const float> values, float weight) {
+  for (size_t i = 0; i < sum.size(); ++i) sum[i] = 0.f + weight * values[i];
+}
+
 void add_weighted(std::span<float> sum, std::span<const float> values, float weight) {
   for (size_t i = 0; i < sum.size(); ++i) sum[i] += weight * values[i];
 }
@@ -78,17 +83,13 @@ std::vector<int64_t> from_first(const Ranks& ranks, std::vector<int64_t> mine) {
   return mine;
 }
 
-void OrderedSum::begin() {
-  values_.clear();
-  sum_.clear();
-}
-
 void OrderedSum::grow(size_t count) {
-  if (count == values_.size()) return;
-  take();  // other values will be this rank's to add
-  values_.resize(count, 0.f);
+  if (added_ && count == values_.size()) return;
+  if (added_) take();  // other values will be this rank's to add
+  values_.resize(count);
   const std::span<const float> own = part_of(std::span<const float>(values_), share_of(ranks_, ranks_.rank()));
-  sum_.assign(own.begin(), own.end());
+  sum_.resize(own.size());
+  if (added_) std::ranges::copy(own, sum_.begin());
 }
 
 void OrderedSum::add(const std::vector<float>& weights) {
@@ -107,7 +108,13 @@ void OrderedSum::add(const std::vector<float>& weights) {
     from.push_back(std::as_writable_bytes(other));
   }
   ranks_.trade(to, from);
-  for (size_t rank = 0; rank < shares.size(); ++rank) add_weighted(sum_, shares[rank], weights[rank]);
+  for (size_t rank = 0; rank < shares.size(); ++rank) {
+    if (added_)
+      add_weighted(sum_, shares[rank], weights[rank]);
+    else
+      begin_weighted(sum_, shares[rank], weights[rank]);
+    added_ = true;
+  }
 }
 
 void OrderedSum::take() {

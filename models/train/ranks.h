@@ -41,10 +41,10 @@ class OrderedSum {
  public:
   explicit OrderedSum(const Ranks& ranks) : ranks_(ranks) {}
   /// A new sum, of no values.
-  void begin();
-  /// Room for `count` values, no fewer than before, of which those that are new begin at zero.
+  void begin() { added_ = false; }
+  /// Makes the sum one of `count` values, no fewer than were added before, which it keeps.
   void grow(size_t count);
-  /// This rank's share, to be filled before each add(); the whole, on all ranks, after take().
+  /// This rank's share, all of it to be filled before each add(); the whole, on all ranks, after take().
   std::span<float> values() { return values_; }
   /// Weights: of all ranks' shares.
   void add(const std::vector<float>& weights);
@@ -55,6 +55,7 @@ class OrderedSum {
   std::vector<float> values_;
   std::vector<float> sum_;       // of the values that are this rank's to add (Share)
   std::vector<float> received_;  // their shares of the other ranks
+  bool added_ = false;
 };
 
 }  // namespace cloam
