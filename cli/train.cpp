@@ -209,22 +209,37 @@ std::unique_ptr<TrainingView> followed(TrainJob& job, const Scene& scene, int po
   return pages;
 }
 
-/// The captures' data for the method; gives their scenes. One copy of a hundred logs is kept, and what reading them
-/// took goes back to the system.
-Scenes give_data(TrainJob& job, Captures captures) {
+/// The captures' data for the method; gives their scenes.
+Scenes give_data(TrainJob& job, Captures captures, ProgressView& view) {
   Scenes scenes;
-  for (Capture& capture : captures) scenes.push_back(std::move(capture.scene));
   std::vector<TrainingData> data;
-  for (std::size_t i = 0; i < captures.size(); ++i) data.push_back({scenes[i], std::move(captures[i].train)});
-  if (auto* learns = as<LearnsFromCaptures>(*job.method)) learns->load_data(std::move(data));
-  malloc_trim(0);
+  for (Capture& capture : captures) {
+    scenes.push_back(std::move(capture.scene));
+    data.push_back({std::move(capture.resting), std::move(capture.train)});
+  }
+  if (auto* learns = as<LearnsFromCaptures>(*job.method)) {
+    learns->loaded = [&view](std::size_t done, std::size_t all) {
+      view.waiting(text("sweeps of ", done, " of ", all, " captures"));
+    };
+    learns->load_data(std::move(data));
+    learns->loaded = [](std::size_t, std::size_t) {};
+    view.finish();
+  }
   return scenes;
+}
+
+/// A hundred logs are large: while a training goes on only the method has them, at rest. What reading them took goes
+/// back to the system.
+void let_go(Scenes& scenes) {
+  scenes = {};
+  malloc_trim(0);
 }
 
 /// A rank beside the first: it trains along, and writes nothing.
 int train_along(TrainJob& job, Captures captures, const TrainRequest& request, ProgressView& view) {
   job.source.reset();
-  (void)give_data(job, std::move(captures));
+  Scenes scenes = give_data(job, std::move(captures), view);
+  let_go(scenes);
   meet(ranks());
   const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
   job.record.step = 0;
@@ -255,7 +270,7 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   std::optional<Previews> previews;
   if (auto* renders = as<RendersViews>(*job.method); renders && !captures.empty() && !wish.off)
     previews.emplace(*renders, preview_frame(captures), job.folder, log);
-  if (Scenes given = give_data(job, std::move(captures)); !given.empty()) scenes = std::move(given);
+  if (Scenes given = give_data(job, std::move(captures), view); !given.empty()) scenes = std::move(given);
   meet(ranks());  // the others have looked at the folder as it was
   const FolderLock lock(job.folder);
   if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
@@ -270,6 +285,7 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   std::optional<TensorBoardFile> event_file;
   const TrainResult result = recorded(job, saved, view, log, [&] {
     if (!fs::exists(RunPaths{job.folder}.scene())) write_settings(job, scenes);
+    let_go(scenes);
     mend_log(RunPaths{job.folder}.events());
     log.open(RunPaths{job.folder}.events());
     if (request.tensorboard || !event_files(job.folder).empty()) {
@@ -289,8 +305,7 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
     const double seconds = time_for_pictures(result, job.record.time_budget_seconds);
     const StopOnSignal signals("finishing this picture");
     if (seconds > 0)
-      trouble =
-          try_pictures([&] { make_last_pictures(job, scenes, previews ? &*previews : nullptr, seconds, common); });
+      trouble = try_pictures([&] { make_last_pictures(job, previews ? &*previews : nullptr, seconds, common); });
   }
   log_end(job, result, log);
   if (request.pictures == "on" && !trouble) trouble = try_pictures([&] { write_report(job, common); });
@@ -383,7 +398,7 @@ int run_train(TrainRequest request, const Common& given) {
   if (!request.dry_run && !first) return train_along(job, std::move(captures), request, view);
   if (!request.dry_run) return train_in_folder(job, std::move(captures), now, request, common, log, view);
   if (request.planned_ranks > 0) {
-    (void)give_data(job, std::move(captures));
+    (void)give_data(job, std::move(captures), view);
     tell_scale(job, request.planned_ranks, request.link, common, log);
   }
   say(common, "dry run: nothing was written");

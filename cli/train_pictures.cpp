@@ -8,6 +8,7 @@
 #include "cli/report_page.h"
 #include "cli/run_pictures.h"
 #include "cli/stop_signal.h"
+#include "models/runs/scene_file.h"
 
 namespace cloam {
 
@@ -43,7 +44,7 @@ double time_for_pictures(const TrainResult& result, const std::optional<double>&
   return budget ? std::clamp(*budget - seconds_since_start(), 0.0, wanted) : wanted;
 }
 
-void make_last_pictures(TrainJob& job, Scenes scenes, Previews* previews, double seconds, const Common& common) {
+void make_last_pictures(TrainJob& job, Previews* previews, double seconds, const Common& common) {
   const double begun = steady_seconds();
   if (previews && (!job.record.time_budget_seconds || previews->cost(seconds / 2) < seconds)) {
     const Camera& camera = previews->view().camera;
@@ -59,7 +60,7 @@ void make_last_pictures(TrainJob& job, Scenes scenes, Previews* previews, double
   RestoredRun run;
   run.folder = job.folder;
   run.record = job.record;
-  run.scenes = std::move(scenes);
+  run.scenes = read_scene_file(RunPaths{job.folder}.scene());
   run.method = std::move(job.method);
   make_pictures(run, seconds, common);
 }

@@ -31,7 +31,7 @@ double time_for_pictures(const TrainResult& result, const std::optional<double>&
 
 /// The last preview, and pictures from all around. After the run is recorded: an interruption here loses nothing. Takes
 /// the job's method. Errors as make_pictures.
-void make_last_pictures(TrainJob& job, Scenes scenes, Previews* previews, double seconds, const Common& common);
+void make_last_pictures(TrainJob& job, Previews* previews, double seconds, const Common& common);
 
 /// RUN/curves.svg and RUN/report.html. Errors as write_report_page.
 void write_report(const TrainJob& job, const Common& common);

@@ -110,26 +110,26 @@ std::vector<LidarPoints> points_of(std::vector<LoadedSweep>& sweeps) {
 
 LogSweeps::LogSweeps(std::vector<LoadedSweep> sweeps) : points_(std::vector<LidarPoints>{}) {
   for (size_t i = 0; i < sweeps.size(); ++i)
-    if (sweeps[i].points.size() > 0) kept_.push_back({sweeps[i].sweep, sweeps[i].points.size(), i});
+    if (sweeps[i].points.size() > 0) kept_.push_back({*sweeps[i].sweep, sweeps[i].points.size(), i});
   points_ = points_of(sweeps);
 }
 
-LogSweeps::LogSweeps(const std::vector<const Sweep*>& sweeps, const std::vector<size_t>& counts,
-                     Stored<LidarPoints> points)
+LogSweeps::LogSweeps(const std::vector<Sweep>& sweeps, const std::vector<size_t>& counts, Stored<LidarPoints> points)
     : points_(std::move(points)) {
   for (size_t i = 0; i < sweeps.size(); ++i)
     if (counts[i] > 0) kept_.push_back({sweeps[i], counts[i], i});
+  kept_.shrink_to_fit();
 }
 
-LogSource::LogSource(const Scene& scene, PhotoStore photos, LogSweeps sweeps, const LogRays& axes)
-    : scene_(scene),
+LogSource::LogSource(RestingScene scene, PhotoStore photos, LogSweeps sweeps, const LogRays& axes)
+    : scene_(std::move(scene)),
       photos_(std::move(photos)),
       sweeps_(std::move(sweeps)),
       log_from_world_(axes.log_from_world),
       scale_(axes.scale),
       silhouettes_(axes.silhouettes) {
   if (photos_.size() == 0)
-    throw Error(Fault::data, text(scene.root.string(), ": no image of this log is in the training split"));
+    throw Error(Fault::data, text(scene_.get()->root.string(), ": no image of this log is in the training split"));
 }
 
 int64_t LogSource::patch_side(int64_t wanted) const {
@@ -146,13 +146,14 @@ LogSource::Corner LogSource::random_corner(const FramePixels& photo, HostRandom&
 }
 
 /// A patch that holds the middle of some actor in sight; a random one where there is none.
-LogSource::Corner LogSource::corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const {
-  const Frame& frame = scene_.frames[photo.frame];
+LogSource::Corner LogSource::corner_near_actor(const Scene& scene, const FramePixels& photo, HostRandom& random,
+                                               int64_t side) const {
+  const Frame& frame = scene.frames[photo.frame];
   const Camera& camera = camera_of(photo);
   const Eigen::Matrix4d camera_from_world = frame.world_from_camera.inverse();
   std::vector<const Actor*> actors;
   std::vector<Eigen::Vector2d> middles;
-  for (const Actor& actor : scene_.actors) {
+  for (const Actor& actor : scene.actors) {
     const auto pose = world_from_box_at(actor, frame.timestamp.value_or(0));
     if (!pose) continue;
     const Eigen::Vector3d p = move(camera_from_world, pose->block<3, 1>(0, 3));
@@ -177,9 +178,8 @@ struct LogSource::Span {
   bool behind;  // some corner lies behind the camera
 };
 
-std::optional<LogSource::Span> LogSource::span_of(const Actor& actor, const FramePixels& photo,
+std::optional<LogSource::Span> LogSource::span_of(const Actor& actor, const Frame& frame, const Camera& camera,
                                                   const Eigen::Vector3d& stretch) const {
-  const Frame& frame = scene_.frames[photo.frame];
   const auto pose = world_from_box_at(actor, frame.timestamp.value_or(0));
   if (!pose) return {};
   const Eigen::Matrix4d camera_from_box = frame.world_from_camera.inverse() * *pose;
@@ -189,7 +189,7 @@ std::optional<LogSource::Span> LogSource::span_of(const Actor& actor, const Fram
     const Eigen::Vector3d p = move(camera_from_box, sign.cwiseProduct(stretch).cwiseProduct(actor.size));
     span.behind = span.behind || p.z() < 0.1;
     if (p.z() < 0.1) continue;
-    const Eigen::Vector2d at = project(camera_of(photo), p) / scale_;
+    const Eigen::Vector2d at = project(camera, p) / scale_;
     span.low = span.low.cwiseMin(at);
     span.high = span.high.cwiseMax(at);
   }
@@ -198,12 +198,12 @@ std::optional<LogSource::Span> LogSource::span_of(const Actor& actor, const Fram
 }
 
 /// Those whose boxes, twice as wide and long for their shadows, have a corner region that meets the patch.
-void LogSource::mark_actors(RayList& rays, const Drawn& part) const {
+void LogSource::mark_actors(const Scene& scene, RayList& rays, const Drawn& part) const {
   const FramePixels& photo = listed(part.place);
   const Region& region = part.region;
-  for (size_t a = 0; a < scene_.actors.size(); ++a) {
+  for (size_t a = 0; a < scene.actors.size(); ++a) {
     if (rays.actors[a]) continue;
-    const auto span = span_of(scene_.actors[a], photo, {2, 2, 1.2});
+    const auto span = span_of(scene.actors[a], scene.frames[photo.frame], camera_of(photo), {2, 2, 1.2});
     if (!span) continue;
     const auto meets = [&](int axis, int64_t begin, int64_t size) {
       return span->low[axis] < static_cast<double>(begin + size) && span->high[axis] > static_cast<double>(begin);
@@ -213,12 +213,12 @@ void LogSource::mark_actors(RayList& rays, const Drawn& part) const {
 }
 
 /// Of actors that are near and wholly in front of the camera, in the order drawn.
-std::vector<Region> LogSource::object_regions(const FramePixels& photo, HostRandom& random,
+std::vector<Region> LogSource::object_regions(const Scene& scene, const FramePixels& photo, HostRandom& random,
                                               const ObjectPatches& objects) const {
   std::vector<const Actor*> actors;
   std::vector<Region> all, drawn;
-  for (const Actor& actor : scene_.actors) {
-    const auto span = span_of(actor, photo, {1, 1, 1});
+  for (const Actor& actor : scene.actors) {
+    const auto span = span_of(actor, scene.frames[photo.frame], camera_of(photo), {1, 1, 1});
     if (!span || span->behind) continue;
     const auto begin = [&](int axis) {
       return std::max<int64_t>(0, static_cast<int64_t>(std::floor(span->low[axis])));
@@ -256,11 +256,12 @@ void LogSource::add_silhouette(const Drawn& part, HostPixels& pixels) const {
       pixels.silhouette.push_back(cells.empty() ? -1.f : cells[static_cast<size_t>(y * columns + x)]);
 }
 
-void LogSource::add_region(RayList& rays, const Drawn& part, HostPixels& pixels, int64_t place) const {
+void LogSource::add_region(const Scene& scene, RayList& rays, const Drawn& part, HostPixels& pixels,
+                           int64_t place) const {
   const std::shared_ptr<const FramePixels> read = photos_[part.place];
   const FramePixels& photo = *read;
   const Region& region = part.region;
-  const Frame& frame = scene_.frames[photo.frame];
+  const Frame& frame = scene.frames[photo.frame];
   add_cells(rays, camera_of(photo), log_from_world_ * frame.world_from_camera, frame.timestamp.value_or(0), region,
             scale_);
   if (!silhouettes_.empty()) add_silhouette(part, pixels);
@@ -277,12 +278,14 @@ void LogSource::add_region(RayList& rays, const Drawn& part, HostPixels& pixels,
     }
 }
 
-std::vector<LogSource::Drawn> LogSource::draw_patches(HostRandom& random, int64_t count, int64_t side) const {
+std::vector<LogSource::Drawn> LogSource::draw_patches(const Scene& scene, HostRandom& random, int64_t count,
+                                                      int64_t side) const {
   std::vector<Drawn> parts;
   for (int64_t n = 0; n < count; ++n) {
     const size_t place = random.below(photos_.size());
     const FramePixels& photo = listed(place);
-    const Corner corner = n % 2 == 1 ? corner_near_actor(photo, random, side) : random_corner(photo, random, side);
+    const Corner corner =
+        n % 2 == 1 ? corner_near_actor(scene, photo, random, side) : random_corner(photo, random, side);
     parts.push_back({place, {corner.x, corner.y, side, side}});
   }
   return parts;
@@ -290,27 +293,29 @@ std::vector<LogSource::Drawn> LogSource::draw_patches(HostRandom& random, int64_
 
 Photographed LogSource::add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side,
                                     const Share& share) const {
+  const std::shared_ptr<const Scene> scene = scene_.get();
   HostPixels pixels(share.size(count), side * scale_, side * scale_, photos_.masked());
-  rays.actors.assign(scene_.actors.size(), false);
-  const std::vector<Drawn> parts = draw_patches(random, count, side);
-  for (const Drawn& part : parts) mark_actors(rays, part);
+  rays.actors.assign(scene->actors.size(), false);
+  const std::vector<Drawn> parts = draw_patches(*scene, random, count, side);
+  for (const Drawn& part : parts) mark_actors(*scene, rays, part);
   for (int64_t n = share.begin(count); n < share.end(count); ++n)
-    add_region(rays, parts[static_cast<size_t>(n)], pixels, n - share.begin(count));
+    add_region(*scene, rays, parts[static_cast<size_t>(n)], pixels, n - share.begin(count));
   return pixels.tensors();
 }
 
 void LogSource::expect_patches(StepAhead& ahead, int64_t count, int64_t side) const {
-  const std::vector<Drawn> parts = draw_patches(ahead.random, count, side);
+  const std::vector<Drawn> parts = draw_patches(*scene_.get(), ahead.random, count, side);
   for (int64_t n = ahead.share.begin(count); n < ahead.share.end(count); ++n)
     photos_.want(parts[static_cast<size_t>(n)].place, ahead.step);
 }
 
-std::vector<std::optional<LogSource::Drawn>> LogSource::draw_objects(HostRandom& random, const ObjectPatches& objects,
+std::vector<std::optional<LogSource::Drawn>> LogSource::draw_objects(const Scene& scene, HostRandom& random,
+                                                                     const ObjectPatches& objects,
                                                                      const Share& share) const {
   std::vector<std::optional<Drawn>> parts;
   for (int64_t rank = 0; rank < share.ranks; ++rank) {
     const size_t place = random.below(photos_.size());
-    const std::vector<Region> regions = object_regions(listed(place), random, {1, objects.longest});
+    const std::vector<Region> regions = object_regions(scene, listed(place), random, {1, objects.longest});
     const bool none = regions.empty() || objects.count == 0;
     parts.push_back(none ? std::nullopt : std::optional(Drawn{place, regions.front()}));
   }
@@ -319,18 +324,19 @@ std::vector<std::optional<LogSource::Drawn>> LogSource::draw_objects(HostRandom&
 
 Photographed LogSource::add_object(RayList& rays, HostRandom& random, const ObjectPatches& objects,
                                    const Share& share) const {
-  const std::vector<std::optional<Drawn>> parts = draw_objects(random, objects, share);
+  const std::shared_ptr<const Scene> scene = scene_.get();
+  const std::vector<std::optional<Drawn>> parts = draw_objects(*scene, random, objects, share);
   for (const std::optional<Drawn>& part : parts)
-    if (part) mark_actors(rays, *part);
+    if (part) mark_actors(*scene, rays, *part);
   const std::optional<Drawn>& own = parts[static_cast<size_t>(share.rank)];
   if (!own) return {};
   HostPixels pixels(1, own->region.rows * scale_, own->region.columns * scale_, photos_.masked());
-  add_region(rays, *own, pixels, 0);
+  add_region(*scene, rays, *own, pixels, 0);
   return pixels.tensors();
 }
 
 void LogSource::expect_object(StepAhead& ahead, const ObjectPatches& objects) const {
-  const std::vector<std::optional<Drawn>> parts = draw_objects(ahead.random, objects, ahead.share);
+  const std::vector<std::optional<Drawn>> parts = draw_objects(*scene_.get(), ahead.random, objects, ahead.share);
   const std::optional<Drawn>& own = parts[static_cast<size_t>(ahead.share.rank)];
   if (own) photos_.want(own->place, ahead.step);
 }
@@ -344,17 +350,18 @@ size_t LogSource::draw_image(HostRandom& random, const Share& share) const {
 Photographed LogSource::add_image(RayList& rays, HostRandom& random, const ObjectPatches& objects,
                                   const Share& share) const {
   (void)patch_side(1);  // an image of no cell is an error
+  const std::shared_ptr<const Scene> scene = scene_.get();
   const size_t place = draw_image(random, share);
   const FramePixels& photo = listed(place);
   const Drawn all = {place, {0, 0, photo.width / scale_, photo.height / scale_}};
   HostPixels pixels(1, all.region.rows * scale_, all.region.columns * scale_, photos_.masked());
-  rays.actors.assign(scene_.actors.size(), false);
-  mark_actors(rays, all);
-  add_region(rays, all, pixels, 0);
+  rays.actors.assign(scene->actors.size(), false);
+  mark_actors(*scene, rays, all);
+  add_region(*scene, rays, all, pixels, 0);
   Photographed out = pixels.tensors();
   // Numbers of its own: how many are drawn depends on the image, and ranks see different ones.
   HostRandom own(random.below(size_t{1} << 32), static_cast<uint64_t>(share.rank));
-  out.objects = object_regions(photo, own, objects);
+  out.objects = object_regions(*scene, photo, own, objects);
   return out;
 }
 
@@ -364,6 +371,7 @@ void LogSource::expect_image(StepAhead& ahead) const {
 }
 
 void LogSource::add_returns(RayList& rays, HostRandom& random, int64_t count, const Share& share) const {
+  const std::shared_ptr<const Scene> scene = scene_.get();
   const auto parts = static_cast<int64_t>(std::min(kSweepsAStep, sweeps_.size()));
   for (int64_t part = 0; part < parts; ++part) {
     const size_t place = random.below(sweeps_.size());
@@ -371,7 +379,7 @@ void LogSource::add_returns(RayList& rays, HostRandom& random, int64_t count, co
     const std::shared_ptr<const LidarPoints> points = sweeps_.points(place);
     const size_t first = rays.times.size();
     rays.times.push_back(sweep.timestamp);
-    ActorSpaces others(scene_, rays.actors);
+    ActorSpaces others(*scene, rays.actors);
     for (int64_t i = part; i < count; i += parts) {
       const size_t at = random.below(points->size());
       const float* p = &points->positions[3 * at];

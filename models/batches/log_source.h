@@ -6,6 +6,7 @@
 #include "models/io/share.h"
 #include "models/scene/lidar_points.h"
 #include "models/scene/photo_store.h"
+#include "models/scene/resting_scene.h"
 #include "runtime/tensor.h"
 
 namespace cloam {
@@ -52,10 +53,10 @@ class LogSweeps {
   /// All in memory.
   LogSweeps(std::vector<LoadedSweep> sweeps);  // NOLINT: sweeps in memory are sweeps
   /// counts: of the returns that `points` has of each.
-  LogSweeps(const std::vector<const Sweep*>& sweeps, const std::vector<size_t>& counts, Stored<LidarPoints> points);
+  LogSweeps(const std::vector<Sweep>& sweeps, const std::vector<size_t>& counts, Stored<LidarPoints> points);
 
   size_t size() const { return kept_.size(); }
-  const Sweep& sweep(size_t place) const { return *kept_[place].sweep; }
+  const Sweep& sweep(size_t place) const { return kept_[place].sweep; }
   size_t returns(size_t place) const { return kept_[place].returns; }
   /// Fault::data for a file that is damaged.
   std::shared_ptr<const LidarPoints> points(size_t place) const { return points_[kept_[place].number]; }
@@ -64,7 +65,7 @@ class LogSweeps {
 
  private:
   struct Kept {
-    const Sweep* sweep;
+    Sweep sweep;
     size_t returns, number;  // number: among points_
   };
   std::vector<Kept> kept_;
@@ -111,8 +112,8 @@ struct StepAhead {
 /// expect_X announces to the photos' store what add_X will read in that step.
 class LogSource {
  public:
-  /// The scene, and the sweeps that are pointed to, must outlive this. Fault::data for a log without images.
-  LogSource(const Scene& scene, PhotoStore photos, LogSweeps sweeps, const LogRays& axes);
+  /// Fault::data for a log without images.
+  LogSource(RestingScene scene, PhotoStore photos, LogSweeps sweeps, const LogRays& axes);
 
   /// The largest patch that fits every image, at most `wanted`; in rays.
   int64_t patch_side(int64_t wanted) const;
@@ -146,29 +147,31 @@ class LogSource {
     size_t place;
     Region region;
   };
-  std::vector<Drawn> draw_patches(HostRandom& random, int64_t count, int64_t side) const;
+  std::vector<Drawn> draw_patches(const Scene& scene, HostRandom& random, int64_t count, int64_t side) const;
   /// Of each rank; none: its photo shows no actor.
-  std::vector<std::optional<Drawn>> draw_objects(HostRandom& random, const ObjectPatches& objects,
+  std::vector<std::optional<Drawn>> draw_objects(const Scene& scene, HostRandom& random, const ObjectPatches& objects,
                                                  const Share& share) const;
   size_t draw_image(HostRandom& random, const Share& share) const;
   // What follows knows photos by their sizes and cameras; pixels are read by add_region alone.
   Corner random_corner(const FramePixels& photo, HostRandom& random, int64_t side) const;
-  Corner corner_near_actor(const FramePixels& photo, HostRandom& random, int64_t side) const;
+  Corner corner_near_actor(const Scene& scene, const FramePixels& photo, HostRandom& random, int64_t side) const;
   /// The cells that hold an actor's box, its sides `stretch` as long but for its height; none: it lies behind.
   struct Span;
-  std::optional<Span> span_of(const Actor& actor, const FramePixels& photo, const Eigen::Vector3d& stretch) const;
-  std::vector<Region> object_regions(const FramePixels& photo, HostRandom& random, const ObjectPatches& objects) const;
-  void mark_actors(RayList& rays, const Drawn& part) const;
+  std::optional<Span> span_of(const Actor& actor, const Frame& frame, const Camera& camera,
+                              const Eigen::Vector3d& stretch) const;
+  std::vector<Region> object_regions(const Scene& scene, const FramePixels& photo, HostRandom& random,
+                                     const ObjectPatches& objects) const;
+  void mark_actors(const Scene& scene, RayList& rays, const Drawn& part) const;
   /// Rays and pixels of a part of a photo, as number `place` of the photographed.
   struct HostPixels;
   void add_silhouette(const Drawn& part, HostPixels& pixels) const;
-  void add_region(RayList& rays, const Drawn& part, HostPixels& pixels, int64_t place) const;
+  void add_region(const Scene& scene, RayList& rays, const Drawn& part, HostPixels& pixels, int64_t place) const;
   const FramePixels& listed(size_t place) const { return photos_.listed().frames[place]; }
   const Camera& camera_of(const FramePixels& photo) const {
     return photos_.listed().cameras[static_cast<size_t>(photo.camera)];
   }
 
-  const Scene& scene_;
+  RestingScene scene_;
   PhotoStore photos_;
   LogSweeps sweeps_;
   Eigen::Matrix4d log_from_world_;

@@ -74,12 +74,16 @@ std::string sweep_key(const Scene& scene, const Sweep& sweep) {
   return key.name();
 }
 
+std::optional<LidarPoints> find_kept_sweep(const std::string& key) {
+  const auto kept = find_kept(key);
+  if (!kept) return std::nullopt;
+  try {
+    return points_from(*kept, key);
+  } catch (const Error&) { return std::nullopt; }  // of a version that shares the name: read anew
+}
+
 LidarPoints load_kept_sweep(const Scene& scene, const Sweep& sweep, const std::string& key) {
-  if (const auto kept = find_kept(key)) {
-    try {
-      return points_from(*kept, key);
-    } catch (const Error&) {}  // of a version that shares the name: read anew
-  }
+  if (auto kept = find_kept_sweep(key)) return std::move(*kept);
   LidarPoints points = load_sweep(scene, sweep);
   keep(key, bytes_of(points));
   return points;

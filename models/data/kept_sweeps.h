@@ -1,6 +1,7 @@
 // LiDAR sweeps that were read once: as bytes of the data cache, which are read a hundred times as fast as the pickles
 // that logs have.
 #pragma once
+#include <optional>
 #include <string>
 
 #include "models/scene/lidar_points.h"
@@ -12,6 +13,8 @@ namespace cloam {
 /// Fault::data if the file cannot be read.
 std::string sweep_key(const Scene& scene, const Sweep& sweep);
 
+/// What the cache has under the key; none: nothing that can be read. Thread-safe.
+std::optional<LidarPoints> find_kept_sweep(const std::string& key);
 /// As load_sweep, from the cache where it has the entry; else it has it afterwards. Thread-safe.
 LidarPoints load_kept_sweep(const Scene& scene, const Sweep& sweep, const std::string& key);
 

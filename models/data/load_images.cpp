@@ -68,13 +68,16 @@ struct Remark {
 /// The EXIF orientation to follow; 1: as stored.
 int turn_of(const Camera& camera, const Image& image) { return must_turn(camera, image) ? image.orientation : 1; }
 
-/// What of a frame decides its pixels, apart from the scene.
+/// The frame that a photo shows.
 struct PhotoFile {
-  std::filesystem::path image;
-  std::optional<std::filesystem::path> mask;
-  std::string name, mask_name;  // as listed
-  Camera camera;                // as listed
-  double ego_rows = 0;
+  const std::filesystem::path& root;
+  const Frame& frame;
+  const Camera& camera;  // as listed
+
+  PhotoFile(const Scene& scene, const FramePixels& photo)
+      : root(scene.root),
+        frame(scene.frames[photo.frame]),
+        camera(scene.cameras[static_cast<std::size_t>(frame.camera)]) {}
 };
 
 /// The photos of a split by their headers.
@@ -103,8 +106,9 @@ class Lister {
     warn(left_, "have an EXIF orientation that is ignored", "the listed size is that of the stored image");
   }
 
+  PhotoFile file(std::size_t place) const { return {scene_, listed.frames[place]}; }
+
   Pixels listed;
-  std::vector<PhotoFile> files;  // of listed.frames
   bool masked = false;
 
  private:
@@ -121,10 +125,7 @@ class Lister {
     if (options_.downscale > std::min(width, height)) (void)downscale({width, height, 1, {}}, options_.downscale);
     const Camera small = scaled(full, options_.downscale);
     listed.frames.push_back({index, find_or_add(listed.cameras, small), small.width, small.height, {}, {}});
-    PhotoFile file{scene_.root / frame.image, {}, frame.image, frame.mask.value_or(""), camera, frame.ego_rows};
-    if (frame.mask) file.mask = scene_.root / *frame.mask;
     masked = masked || frame.ego_rows > 0 || (frame.mask && options_.masks == MaskMeaning::ignore);
-    files.push_back(std::move(file));
   }
 
   void warn(const Remark& remark, const char* what, const char* why) {
@@ -150,20 +151,20 @@ class Lister {
 };
 
 Image read_mask(const PhotoFile& file, const Image& image, int turn) {
-  Image mask = read_image(*file.mask);
+  Image mask = read_image(file.root / *file.frame.mask);
   if (mask.width != image.width || mask.height != image.height) mask = upright(mask, turn);  // drawn as stored
   if (mask.width == image.width && mask.height == image.height) return mask;
-  bad_data(file.mask_name, ": the mask has ", mask.width, "x", mask.height, " pixels, but its image ", file.name,
-           " has ", image.width, "x", image.height);
+  bad_data(*file.frame.mask, ": the mask has ", mask.width, "x", mask.height, " pixels, but its image ",
+           file.frame.image, " has ", image.width, "x", image.height);
 }
 
 /// The photo that was listed as `outline`.
 FramePixels load(const PhotoFile& file, const FramePixels& outline, const LoadOptions& options) {
   FramePixels result = outline;
-  Image full = read_image(file.image);
+  Image full = read_image(file.root / file.frame.image);
   const int turn = turn_of(file.camera, full);
   full = upright(full, turn);
-  if (file.mask) {
+  if (file.frame.mask) {
     const Image mask = read_mask(file, full, turn);
     if (options.masks == MaskMeaning::ignore) result.mask = as_mask(mask, options.downscale);
     if (options.masks == MaskMeaning::transparent) full = without_background(full, mask);
@@ -171,9 +172,9 @@ FramePixels load(const PhotoFile& file, const FramePixels& outline, const LoadOp
   const int full_height = full.height;
   Image image = options.downscale == 1 ? std::move(full) : downscale(full, options.downscale);
   if (image.width != outline.width || image.height != outline.height)
-    bad_data(file.name, ": ", image.width, "x", image.height, " pixels as loaded, ", outline.width, "x", outline.height,
-             " when it was listed; restore the file");
-  if (file.ego_rows > 0) ignore_ego(result, file.ego_rows, full_height, options.downscale);
+    bad_data(file.frame.image, ": ", image.width, "x", image.height, " pixels as loaded, ", outline.width, "x",
+             outline.height, " when it was listed; restore the file");
+  if (file.frame.ego_rows > 0) ignore_ego(result, file.frame.ego_rows, full_height, options.downscale);
   result.rgba = image.channels == 4 ? std::move(image.pixels) : as_rgba(image);
   return result;
 }
@@ -187,11 +188,11 @@ bool has_clear_pixel(const FramePixels& photo) {
 /// Every photo in order; one that is damaged is told as guarded() does.
 void load_each(const Lister& list, const LoadOptions& options, std::vector<std::string>& warnings,
                const std::function<void(std::size_t place, FramePixels photo)>& take) {
-  const std::size_t count = list.files.size();
+  const std::size_t count = list.listed.frames.size();
   std::vector<std::exception_ptr> troubles(count);
   in_parallel(count, [&](std::size_t i) {
     try {
-      take(i, load(list.files[i], list.listed.frames[i], options));
+      take(i, load(list.file(i), list.listed.frames[i], options));
     } catch (...) {
       troubles[i] = std::current_exception();
       if (!options.skip_bad) throw;
@@ -205,17 +206,12 @@ void load_each(const Lister& list, const LoadOptions& options, std::vector<std::
 
 /// Decodes all, to learn which are.
 void drop_damaged(Lister& list, const LoadOptions& options) {
-  std::vector<char> sound(list.files.size());
+  std::vector<char> sound(list.listed.frames.size());
   load_each(list, options, list.listed.warnings, [&](std::size_t place, const FramePixels&) { sound[place] = 1; });
   Pixels kept{list.listed.cameras, {}, false, list.listed.warnings};
-  std::vector<PhotoFile> files;
-  for (std::size_t i = 0; i < sound.size(); ++i) {
-    if (!sound[i]) continue;
-    kept.frames.push_back(list.listed.frames[i]);
-    files.push_back(list.files[i]);
-  }
+  for (std::size_t i = 0; i < sound.size(); ++i)
+    if (sound[i]) kept.frames.push_back(list.listed.frames[i]);
   list.listed = std::move(kept);
-  list.files = std::move(files);
 }
 
 Lister listed(const Scene& scene, Split split, const LoadOptions& options) {
@@ -237,12 +233,15 @@ Pixels load_images(const Scene& scene, Split split, const LoadOptions& options) 
   return pixels;
 }
 
-PhotoStore store_images(const Scene& scene, Split split, const LoadOptions& options,
+PhotoStore store_images(const RestingScene& scene, Split split, const LoadOptions& options,
                         const std::shared_ptr<HostStore>& store) {
-  Lister list = listed(scene, split, options);
+  const std::shared_ptr<const Scene> now = scene.get();
+  Lister list = listed(*now, split, options);
   if (options.skip_bad) drop_damaged(list, options);
-  const auto load_one = [options, files = std::move(list.files), outlines = list.listed.frames](std::size_t place) {
-    return load(files[place], outlines[place], options);
+  list.listed.frames.shrink_to_fit();
+  const auto load_one = [scene, options](const FramePixels& outline) {
+    const std::shared_ptr<const Scene> then = scene.get();
+    return load({*then, outline}, outline, options);
   };
   return {std::move(list.listed), list.masked, load_one, store};
 }

@@ -1,6 +1,7 @@
 // The images of one split, read into memory at once or when they are asked for.
 #pragma once
 #include "models/scene/photo_store.h"
+#include "models/scene/resting_scene.h"
 
 namespace cloam {
 
@@ -19,8 +20,8 @@ Pixels load_images(const Scene& scene, Split split, const LoadOptions& options =
 
 /// The same images, decoded when they are asked for and kept as far as the store has room. Only their headers are read
 /// here (with skip_bad all of them, once, since a damaged one takes no part from the start): what is damaged behind the
-/// header is Fault::data for whoever asks for that image. The scene is not needed later.
-PhotoStore store_images(const Scene& scene, Split split, const LoadOptions& options,
+/// header is Fault::data for whoever asks for that image.
+PhotoStore store_images(const RestingScene& scene, Split split, const LoadOptions& options,
                         const std::shared_ptr<HostStore>& store);
 
 }  // namespace cloam

@@ -126,12 +126,15 @@ void GenAssets::load_data(std::vector<TrainingData> data) {
   int64_t silhouettes = 0;
   for (size_t i = 0; i < data.size(); ++i) {
     StreetLog& log = model_->logs()[i];
+    log.scene = std::move(data[i].scene);
     LogSweeps sweeps = training_sweeps(log.scene, *log.space, data[i].photos.store());
     std::vector<Silhouette> shares;
-    if (config_.weight_silhouette > 0) shares = actor_shares(log.scene, data[i].photos.listed(), model_->scale());
+    if (config_.weight_silhouette > 0)
+      shares = actor_shares(*log.scene.get(), data[i].photos.listed(), model_->scale());
     silhouettes += std::count_if(shares.begin(), shares.end(), [](const Silhouette& one) { return !one.empty(); });
     log.data = std::make_unique<LogSource>(log.scene, std::move(data[i].photos), std::move(sweeps),
                                            LogRays{log.space->street_from_world(), model_->scale(), std::move(shares)});
+    loaded(i + 1, data.size());
   }
   if (config_.weight_silhouette > 0 && silhouettes == 0)
     throw Error(Fault::data,
@@ -210,7 +213,12 @@ AssetSamples GenAssets::sample_asset(const AssetName& asset, const std::vector<f
 }
 
 void GenAssets::take_actors(const Scenes& scenes) {
-  for (size_t i = 0; i < scenes.size(); ++i) model_->logs().at(i).scene.actors = scenes[i].actors;
+  for (size_t i = 0; i < scenes.size(); ++i) {
+    StreetLog& log = model_->logs().at(i);
+    Scene edited = *log.scene.get();
+    edited.actors = scenes[i].actors;
+    log.scene = std::move(edited);
+  }
   model_->assets().find_appearance();
   model_->assets().keep_decoded();
 }
@@ -283,7 +291,8 @@ void GenAssets::find_codes() {
 }
 
 std::vector<double> GenAssets::errors_at(const std::vector<int32_t>& actors, const ShownImage& photo) {
-  const Scene& scene = model_->logs().front().scene;
+  const std::shared_ptr<const Scene> held = model_->logs().front().scene.get();
+  const Scene& scene = *held;
   const Frame& frame = *std::find_if(scene.frames.begin(), scene.frames.end(),
                                      [](const Frame& one) { return one.split == Split::train; });
   const Camera& camera = scene.cameras[static_cast<size_t>(frame.camera)];

@@ -131,9 +131,9 @@ StreetAssets::StreetAssets(const StreetModelOptions& options, const Scope& netwo
 AssetPlace StreetAssets::place_of(const AssetName& asset) const {
   const auto scene = static_cast<size_t>(asset.scene);
   if (asset.scene >= 0 && scene < logs_.size()) {
-    const std::vector<Actor>& actors = logs_[scene].scene.actors;
-    for (size_t i = 0; i < actors.size(); ++i)
-      if (actors[i].id == asset.actor_id) return {scene, i};
+    const std::shared_ptr<const Scene> log = logs_[scene].scene.get();
+    for (size_t i = 0; i < log->actors.size(); ++i)
+      if (log->actors[i].id == asset.actor_id) return {scene, i};
   } else if (asset.scene >= 0 && scene < logs_.size() + generated_.size()) {
     return {logs_.size(), scene - logs_.size()};
   }
@@ -145,9 +145,10 @@ void StreetAssets::find_appearance() {
     return asset.scene < static_cast<int>(logs_.size() + generated_.size());
   };
   for (size_t l = 0; l < logs_.size(); ++l) {
+    const std::shared_ptr<const Scene> scene = logs_[l].scene.get();
     logs_[l].appearance.clear();
-    for (size_t a = 0; a < logs_[l].scene.actors.size(); ++a) {
-      const std::optional<AssetName>& asset = logs_[l].scene.actors[a].asset;
+    for (size_t a = 0; a < scene->actors.size(); ++a) {
+      const std::optional<AssetName>& asset = scene->actors[a].asset;
       logs_[l].appearance.push_back(asset && is_here(*asset) ? place_of(*asset) : AssetPlace{l, a});
     }
   }
@@ -176,12 +177,12 @@ void StreetAssets::set_generated(const std::vector<NewAsset>& assets) {
 Eigen::Vector3d StreetAssets::size_of(const AssetPlace& place) const {
   for (const StreetLog& log : logs_)
     for (size_t a = 0; a < log.appearance.size(); ++a)
-      if (log.appearance[a] == place) return log.scene.actors[a].size;
-  return is_generated(place) ? generated_[place.actor].size : logs_[place.log].scene.actors[place.actor].size;
+      if (log.appearance[a] == place) return log.scene.get()->actors[a].size;
+  return is_generated(place) ? generated_[place.actor].size : logs_[place.log].scene.get()->actors[place.actor].size;
 }
 
 bool StreetAssets::at_night(const AssetPlace& place) const {
-  return is_generated(place) ? generated_[place.actor].night : logs_[place.log].scene.night;
+  return is_generated(place) ? generated_[place.actor].night : logs_[place.log].night;
 }
 
 /// [N, ...]: `rows` of a log's assets, for assets that may be of several logs.
@@ -292,6 +293,7 @@ StreetModel::StreetModel(const StreetModelOptions& options, const Scope& root, c
 StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
   StreetLog log;
   log.scene = scene;
+  log.night = scene.night;
   log.space = std::make_unique<StreetSpace>(scene, options_.space);
   const int64_t side = options_.background_side, channels = options_.field.plane_channels;
   log.background = scope.uniform("background", {3 * side * side, channels}, 0.1f);
@@ -311,11 +313,11 @@ StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
 }
 
 RayScene StreetModel::street(const StreetLog& log, const RayList& rays) const {
-  return {log, boxes_of(log.scene.actors, rays, *log.space), log.space->grid(), log.appearance};
+  return {log, boxes_of(log.scene.get()->actors, rays, *log.space), log.space->grid(), log.appearance};
 }
 
 RayScene StreetModel::alone(const AssetPlace& place) const {
-  const auto alike = [&](const StreetLog& log) { return log.scene.night == assets_->at_night(place); };
+  const auto alike = [&](const StreetLog& log) { return log.night == assets_->at_night(place); };
   auto host = place.log < logs_.size() ? logs_.begin() + static_cast<std::ptrdiff_t>(place.log)
                                        : std::find_if(logs_.begin(), logs_.end(), alike);
   if (host == logs_.end()) host = logs_.begin();
@@ -377,7 +379,7 @@ Tensor StreetModel::shadow_of(const StreetLog& log, const RenderedRays& rendered
   const int64_t places = s.shadow_owners.dim(0);
   const Tensor texels = sample_planes(rendered.assets.planes, in_cube(s.shadow_points, options_.symmetric),
                                       gather_rows(rendered.assets.slots, s.shadow_owners));
-  const Tensor night = full({places, 1}, log.scene.night ? 1.f : 0.f);
+  const Tensor night = full({places, 1}, log.night ? 1.f : 0.f);
   const Tensor dark =
       softplus(-((*shadow_)(concat({texels, spherical_harmonics(s.shadow_directions), night}, 1)) + kBright));
   const Tensor depth = stop_gradient(gather_rows(rendered.depth, s.shadow_ray));

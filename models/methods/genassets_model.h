@@ -44,7 +44,8 @@ struct AssetPlace {
 };
 
 struct StreetLog {
-  Scene scene;
+  RestingScene scene;
+  bool night = false;
   std::unique_ptr<StreetSpace> space;
   std::unique_ptr<LogSource> data;
   Tensor background;  // [3 side^2, channels]

@@ -130,13 +130,16 @@ Sampling GenAssetsTraining::sampling(const StreetLog& log, const Progress& progr
 
 void GenAssetsTraining::look_ahead(const Progress& progress) {
   const int64_t now = progress.step;
-  model_.logs().front().data->photos().begin(now);
+  const std::vector<StreetLog>& logs = model_.logs();
+  logs.front().data->photos().begin(now);
   if (announced_ < now || announced_ > now + kAhead) announced_ = now;  // the first, or it went back
   while (announced_ < now + kAhead) {
     const int64_t step = ++announced_;
+    // What that step will see is told by its log's boxes: they are unpacked earlier still.
+    logs[HostRandom(seed_, static_cast<uint64_t>(step + kAhead)).below(logs.size())].scene.want(step + kAhead);
     StepAhead ahead{{seed_, static_cast<uint64_t>(step)}, step, progress.share};
-    const size_t log = ahead.random.below(model_.logs().size());
-    const LogSource& data = *model_.logs()[log].data;
+    const size_t log = ahead.random.below(logs.size());
+    const LogSource& data = *logs[log].data;
     if (cells_) cells_->want(log, step);
     if (config_.whole_images) {
       data.expect_image(ahead);

@@ -67,7 +67,8 @@ void Nerf::build(const Scenes& scenes, uint64_t seed) {
 }
 
 void Nerf::load_data(std::vector<TrainingData> data) {
-  pixels_ = std::make_unique<PixelSource>(data.front().scene, data.front().photos, renderer_->frame(), RayRange());
+  const auto& [scene, photos] = data.front();
+  pixels_ = std::make_unique<PixelSource>(*scene.get(), photos, renderer_->frame(), RayRange());
 }
 
 MemoryPlan Nerf::memory(const PhotoSizes& photos) const {

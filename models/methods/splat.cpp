@@ -93,7 +93,7 @@ void Splat::fit_to(const TensorMap& parameters) {
 
 void Splat::load_data(std::vector<TrainingData> data) {
   const Pixels pixels = undistorted(data.front().photos.all());
-  photos_ = std::make_unique<PhotoSource>(data.front().scene, pixels);
+  photos_ = std::make_unique<PhotoSource>(*data.front().scene.get(), pixels);
   if (!grey_) return;
   std::vector<PosedPhoto> photos;
   for (const FramePixels& photo : pixels.frames) {

@@ -73,8 +73,8 @@ void check_memory(const Captures& captures, const Reading& how, uint64_t budget)
 /// Test images are looked at once at most: none are held.
 void list_images(Capture& capture, const Reading& how, const std::shared_ptr<HostStore>& store) {
   const LoadOptions options{how.downscale, how.skip_bad, how.masks};
-  capture.train = store_images(capture.scene, Split::train, options, store);
-  capture.test = store_images(capture.scene, Split::test, options, std::make_shared<HostStore>(0, 0));
+  capture.train = store_images(capture.resting, Split::train, options, store);
+  capture.test = store_images(capture.resting, Split::test, options, std::make_shared<HostStore>(0, 0));
   if (capture.train.size() == 0)
     throw Error(Fault::data, capture.scene.root.string() + ": no images are left to train on");
   capture.warnings = capture.scene.warnings;
@@ -171,8 +171,11 @@ Captures read_captures(const std::vector<std::filesystem::path>& data, const Rea
                        const CapturesTold& told) {
   if (how.downscale < 1) throw Error(Fault::usage, text("--downscale ", how.downscale, ": want 1 or more"));
   Captures captures(data.size());
-  for_each_capture(captures, "listed", told,
-                   [&](std::size_t i) { captures[i].scene = read_split_scene(data[i], how); });
+  for_each_capture(captures, "listed", told, [&](std::size_t i) {
+    Capture& capture = captures[i];
+    capture.scene = read_split_scene(data[i], how);
+    capture.resting = capture.scene.is_log ? RestingScene(capture.scene, memory.store) : RestingScene(capture.scene);
+  });
   check_memory(captures, how, memory.device_budget);
   for (std::size_t i = 0; i < captures.size(); ++i) {  // the images of one are read by all cores
     list_images(captures[i], how, memory.store);

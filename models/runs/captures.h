@@ -15,6 +15,7 @@ struct Capture {
   Scene scene;
   PhotoStore train, test;
   std::vector<std::string> warnings;
+  RestingScene resting = {};  // the scene again, for a training; of a driving log packed
 };
 
 using Captures = std::vector<Capture>;

@@ -26,23 +26,27 @@ bool any_mask(const Pixels& pixels) {
 }  // namespace
 
 PhotoStore::PhotoStore(Pixels pixels)
-    : listed_(outlines_of(pixels)), masked_(any_mask(pixels)), photos_(std::move(pixels.frames)) {}
+    : listed_(std::make_shared<const Pixels>(outlines_of(pixels))),
+      masked_(any_mask(pixels)),
+      photos_(std::move(pixels.frames)) {}
 
-PhotoStore::PhotoStore(Pixels listed, bool masked, std::function<FramePixels(std::size_t place)> load,
+PhotoStore::PhotoStore(Pixels listed, bool masked, const std::function<FramePixels(const FramePixels& outline)>& load,
                        std::shared_ptr<HostStore> store)
-    : listed_(std::move(listed)),
+    : listed_(std::make_shared<const Pixels>(std::move(listed))),
       masked_(masked),
-      photos_(std::move(store), listed_.frames.size(), std::move(load),
-              [masked, outlines = listed_.frames](std::size_t place) { return bytes_of(outlines[place], masked); }) {}
+      photos_(
+          std::move(store), listed_->frames.size(),
+          [load, all = listed_](std::size_t place) { return load(all->frames[place]); },
+          [masked, all = listed_](std::size_t place) { return bytes_of(all->frames[place], masked); }) {}
 
 uint64_t PhotoStore::bytes() const {
   uint64_t sum = 0;
-  for (const FramePixels& photo : listed_.frames) sum += bytes_of(photo, masked_);
+  for (const FramePixels& photo : listed_->frames) sum += bytes_of(photo, masked_);
   return sum;
 }
 
 Pixels PhotoStore::all() const {
-  Pixels pixels = listed_;
+  Pixels pixels = *listed_;
   in_parallel(size(), [&](std::size_t place) { pixels.frames[place] = *photos_[place]; });
   for (const FramePixels& photo : pixels.frames)
     for (std::size_t i = 3; i < photo.rgba.size() && !pixels.has_alpha; i += 4) pixels.has_alpha = photo.rgba[i] < 255;

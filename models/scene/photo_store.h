@@ -13,14 +13,14 @@ class PhotoStore {
   /// All in memory.
   PhotoStore(Pixels pixels);  // NOLINT: pixels in memory are photos
   PhotoStore() : PhotoStore(Pixels{}) {}
-  /// listed: the photos without pixels, at the size they are loaded at. masked: some have a mask. load(place): those of
-  /// one, as Pixels::frames has them; called by several threads at once.
-  PhotoStore(Pixels listed, bool masked, std::function<FramePixels(std::size_t place)> load,
+  /// listed: the photos without pixels, at the size they are loaded at. masked: some have a mask. load(outline): one of
+  /// them with its pixels; called by several threads at once.
+  PhotoStore(Pixels listed, bool masked, const std::function<FramePixels(const FramePixels& outline)>& load,
              std::shared_ptr<HostStore> store);
 
   /// Cameras, frames and sizes; rgba and mask are empty.
-  const Pixels& listed() const { return listed_; }
-  std::size_t size() const { return listed_.frames.size(); }
+  const Pixels& listed() const { return *listed_; }
+  std::size_t size() const { return listed_->frames.size(); }
   bool masked() const { return masked_; }
   /// As many bytes as all of them have in memory.
   uint64_t bytes() const;
@@ -35,7 +35,7 @@ class PhotoStore {
   Pixels all() const;
 
  private:
-  Pixels listed_;
+  std::shared_ptr<const Pixels> listed_;  // photos_ needs it, too
   bool masked_;
   Stored<FramePixels> photos_;
 };

@@ -11,11 +11,12 @@
 namespace cloam {
 namespace {
 
-std::vector<const Sweep*> that_train(const Scene& scene) {
-  std::vector<const Sweep*> sweeps;
-  for (const Sweep& sweep : scene.sweeps)
-    if (sweep.split == Split::train) sweeps.push_back(&sweep);
-  return sweeps;
+/// Places of the sweeps that train.
+std::vector<std::size_t> that_train(const Scene& scene) {
+  std::vector<std::size_t> places;
+  for (std::size_t i = 0; i < scene.sweeps.size(); ++i)
+    if (scene.sweeps[i].split == Split::train) places.push_back(i);
+  return places;
 }
 
 /// All that StreetSpace::look goes by.
@@ -64,31 +65,50 @@ bool take_entry(std::span<const std::uint8_t> bytes, std::vector<std::size_t>& r
 
 LogSweeps all_in_memory(const Scene& scene, StreetSpace& space) {
   std::vector<LoadedSweep> sweeps;
-  for (const Sweep* sweep : that_train(scene)) sweeps.push_back({sweep, load_sweep(scene, *sweep)});
+  for (const std::size_t place : that_train(scene))
+    sweeps.push_back({&scene.sweeps[place], load_sweep(scene, scene.sweeps[place])});
   space.look(scene, sweeps);
   return sweeps;
 }
 
+/// Sweeps of the cache, with what finds them.
+struct KeptSweeps {
+  RestingScene scene;
+  std::vector<std::size_t> places;  // among the scene's sweeps
+  std::vector<std::string> keys;
+
+  LidarPoints load(std::size_t i) const {
+    if (auto kept = find_kept_sweep(keys[i])) return std::move(*kept);
+    const std::shared_ptr<const Scene> now = scene.get();
+    return load_kept_sweep(*now, now->sweeps[places[i]], keys[i]);
+  }
+};
+
 }  // namespace
 
-LogSweeps training_sweeps(const Scene& scene, StreetSpace& space, const std::shared_ptr<HostStore>& store) {
-  if (!store) return all_in_memory(scene, space);
-  const std::vector<const Sweep*> sweeps = that_train(scene);
-  std::vector<std::string> keys(sweeps.size());
-  in_parallel(sweeps.size(), [&](std::size_t i) { keys[i] = sweep_key(scene, *sweeps[i]); });
-  const std::string key = space_key(scene, space.options(), keys);
+LogSweeps training_sweeps(const RestingScene& resting, StreetSpace& space, const std::shared_ptr<HostStore>& store) {
+  const std::shared_ptr<const Scene> scene = resting.get();
+  if (!store) return all_in_memory(*scene, space);
+  KeptSweeps kept{resting, that_train(*scene), {}};
+  kept.keys.resize(kept.places.size());
+  std::vector<Sweep> sweeps;
+  for (const std::size_t place : kept.places) sweeps.push_back(scene->sweeps[place]);
+  in_parallel(sweeps.size(), [&](std::size_t i) { kept.keys[i] = sweep_key(*scene, sweeps[i]); });
+  const std::string key = space_key(*scene, space.options(), kept.keys);
   std::vector<std::size_t> returns(sweeps.size());
-  const auto kept = find_kept(key);
-  if (!kept || !take_entry(*kept, returns, space)) {
-    space.look(scene, sweeps.size(), [&](std::size_t i, const SweepVisitor& visit) {
-      const LidarPoints points = load_kept_sweep(scene, *sweeps[i], keys[i]);
+  const auto entry = find_kept(key);
+  if (!entry || !take_entry(*entry, returns, space)) {
+    space.look(*scene, sweeps.size(), [&](std::size_t i, const SweepVisitor& visit) {
+      const LidarPoints points = load_kept_sweep(*scene, sweeps[i], kept.keys[i]);
       returns[i] = points.size();
-      visit(*sweeps[i], points);
+      visit(sweeps[i], points);
     });
     keep(key, entry_of(returns, space));
   }
-  const auto load = [&scene, sweeps, keys](std::size_t i) { return load_kept_sweep(scene, *sweeps[i], keys[i]); };
-  return {sweeps, returns, {store, sweeps.size(), load, [returns](std::size_t i) { return sweep_bytes(returns[i]); }}};
+  return {sweeps,
+          returns,
+          {store, sweeps.size(), [kept](std::size_t i) { return kept.load(i); },
+           [returns](std::size_t i) { return sweep_bytes(returns[i]); }}};
 }
 
 }  // namespace cloam

@@ -6,8 +6,8 @@
 namespace cloam {
 
 /// The sweeps of the training split; `space` has looked at them afterwards. store: where their points are held; null:
-/// in memory, all of them, and nothing is kept. The scene must outlive the result. Touches no device, so that several
+/// in memory, all of them, and nothing is kept. Touches no device, so that several
 /// logs can be looked at at once. Fault::data for a sweep that is damaged.
-LogSweeps training_sweeps(const Scene& scene, StreetSpace& space, const std::shared_ptr<HostStore>& store);
+LogSweeps training_sweeps(const RestingScene& scene, StreetSpace& space, const std::shared_ptr<HostStore>& store);
 
 }  // namespace cloam

@@ -42,6 +42,20 @@ TEST_CASE("a training from disk gives the bytes of one from memory, also where e
   }
 }
 
+TEST_CASE("a training of several logs gives the bytes of one from memory, also where every scene is unpacked anew") {
+  const Words twins = {copy_of(small_street(), "twin-a").string(), copy_of(small_street(), "twin-b").string()};
+  const auto with = [&](const std::string& run, const Words& more) {
+    Words words = small_genassets(run, more);
+    words.insert(std::find(words.begin(), words.end(), small_street().string()), twins.begin(), twins.end());
+    const Outcome outcome = cloam_with(words);
+    REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+    return content_of(scratch() / run / "ckpt" / "000010.safetensors");
+  };
+  const std::string all = with("several", {});
+  CHECK(with("several-few", {"--host-memory", "1K"}) == all);
+  CHECK(with("several-some", {"--host-memory", "40K"}) == all);
+}
+
 TEST_CASE("a training from kept sweeps gives the bytes of one that reads the log") {
   const std::string read = trained_bytes("read", {}, {"CLOAM_DATA_CACHE=off"});
   const fs::path folder = scratch() / "kept-sweeps";
