@@ -20,7 +20,7 @@ namespace cloam {
 namespace {
 
 constexpr double kTimeout = 600;  // seconds
-constexpr const char* kSharing[] = {"train", "render", "eval", "generate", "simulate"};
+constexpr const char* kSharing[] = {"train", "render", "eval", "generate", "simulate", "tables"};
 constexpr auto kFirstTells = std::chrono::milliseconds(1500);
 
 double timeout() {
@@ -72,7 +72,7 @@ std::unique_ptr<LibraryRanks>& library_ranks() {
   return ranks;
 }
 
-/// As mpirun, srun and their like tell the programs that they start.
+/// As mpirun, srun and their like tell the programs that they start (environment_of_no_rank says otherwise).
 bool started_as_one_of_several() {
   const auto number = [](const char* name) {
     const char* value = std::getenv(name);
@@ -199,6 +199,11 @@ void check_devices_alike() {
     if (all[rank] != all.front())
       throw Error(Fault::device, text("ranks need devices of one kind: rank 0 has ", all.front(), ", rank ", rank,
                                       " has ", all[rank], "\n  fix: --devices, or other hosts"));
+}
+
+std::vector<std::string> environment_of_no_rank() {
+  if (ranks().size() == 1) return {};
+  return {"OMPI_COMM_WORLD_SIZE=1", "PMI_SIZE=1", "SLURM_NTASKS=1"};
 }
 
 void leave_ranks() {

@@ -1,6 +1,7 @@
 // The ranks that mpirun started this program as: found, given their cores and devices, and brought to an end together.
 #pragma once
 #include <string>
+#include <vector>
 
 #include "cli/common.h"
 #include "models/train/ranks.h"
@@ -24,6 +25,9 @@ void take_gpu_in_turn();
 void choose_rank_device(const std::string& devices, Common& common);
 /// Fault::device unless all ranks have devices of one kind, which alone gives them the same bits.
 void check_devices_alike();
+
+/// Variables for a program that a rank starts, which is none itself; of one that is alone, none.
+std::vector<std::string> environment_of_no_rank();
 
 /// Before the program ends well: waits for the others.
 void leave_ranks();

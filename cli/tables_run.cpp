@@ -6,15 +6,18 @@
 #include <condition_variable>
 #include <csignal>
 #include <cstdlib>
-#include <exception>
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <thread>
+#include <utility>
 
 #include "cli/child_program.h"
 #include "cli/commands.h"
+#include "cli/failure.h"
 #include "cli/progress.h"
+#include "cli/ranks.h"
 #include "cli/stop_signal.h"
 #include "cli/tables_page.h"
 #include "models/io/bytes.h"
@@ -27,11 +30,13 @@ namespace cloam {
 namespace {
 
 using Words = std::vector<std::string>;
+using Report = nlohmann::ordered_json;
 using Clock = std::chrono::steady_clock;
 
 constexpr char kOurselves[] = "/proc/self/exe";  // also after the file was replaced by a new build
 constexpr uint64_t kLargestFigures = 256 << 20;
 constexpr std::size_t kLineWidth = 100;
+constexpr auto kLook = std::chrono::milliseconds(200);  // from one exchange of news between ranks to the next
 
 bool is_training(const TableNode& node) {
   return node.work == TableWork::train || node.work == TableWork::fit || node.work == TableWork::assets;
@@ -63,8 +68,9 @@ void wait_until_free(const fs::path& run) {
 /// Each of N commands gets 1/N of the cores as PoCL workers. They are not pinned: the workers of all commands would be
 /// pinned to the first cores.
 Words environment_of(int jobs) {
-  if (jobs == 1) return {};
-  Words words = {"POCL_AFFINITY=0"};
+  Words words = environment_of_no_rank();
+  if (jobs == 1) return words;
+  words.push_back("POCL_AFFINITY=0");
   const unsigned threads = std::max(1U, std::thread::hardware_concurrency() / static_cast<unsigned>(jobs));
   if (!std::getenv("POCL_MAX_PTHREAD_COUNT")) words.push_back(text("POCL_MAX_PTHREAD_COUNT=", threads));
   return words;
@@ -85,25 +91,31 @@ class TableRun {
         jobs_(std::min(jobs, static_cast<int>(plan.nodes.size()))),
         common_(common),
         memory_(memory_of(jobs_, common)),
-        line_(common) {}
+        line_(common),
+        busy_(static_cast<std::size_t>(ranks().size())) {}
 
   int run();
 
  private:
   enum class State { waiting, running, done, failed, left_out };
 
-  void work();
-  const TableNode* next_node(std::unique_lock<std::mutex>& lock);
+  void run_commands();
+  std::string own_news();
+  Report decide(const std::vector<std::string>& news);
+  void heed(const Report& news);
+  void wait_for_news();
   const TableNode* ready_node();
   bool is_taken(const TableNode& node) const;
   void look_at(const TableNode& node);
   void announce(const TableNode& node);
-  State run_command(const TableNode& node);
+  const TableNode& node_named(const std::string& id) const;
+  Report run_command(const TableNode& node);
+  Report news_of(const TableNode& node);
   Words words_of(const TableNode& node, bool resumes) const;
   ChildEnd run_child_of(const TableNode& node, const Words& words, std::string& said_error);
   void show(const TableNode& node, const std::string& said);
   void keep_figures(const TableNode& node) const;
-  void fail(const TableNode& node, NodeRecord record, int code, const std::string& error);
+  Report failed(const TableNode& node, NodeRecord record, int code, const std::string& error) const;
   void sort_troubles();
   void write_results();
   nlohmann::ordered_json told() const;
@@ -111,17 +123,20 @@ class TableRun {
 
   const TableFolder& folder_;
   const TablePlan& plan_;
-  const int jobs_;  // commands side by side
+  const int jobs_;  // commands side by side, of a rank
   const Common& common_;
   const std::string memory_;  // of a command; empty: its default
-  std::mutex mutex_;          // of all below, while workers run
+  std::mutex mutex_;          // of the four below, while commands run
   std::condition_variable ended_;
-  std::map<std::string, State> states_;
+  Report news_ = Report::array();                 // of commands that ended since the first rank was told
   std::map<std::string, std::string> last_said_;  // of the commands that run
+  RewrittenLine line_;
+  // What the first rank alone knows:
+  std::map<std::string, State> states_;
+  std::vector<int> busy_;  // how many commands a rank runs
   std::vector<TableTrouble> failed_, left_out_;
   std::map<std::string, Fault> faults_;  // of those that failed
-  std::exception_ptr broken_;            // of a worker: the folder cannot be written, say
-  RewrittenLine line_;
+  std::optional<Error> broken_;          // no fault of a command's: the folder cannot be written, say
   nlohmann::ordered_json tables_;
 };
 
@@ -171,18 +186,15 @@ void TableRun::keep_figures(const TableNode& node) const {
   commit_text(folder_.figures(node), std::string(bytes.begin(), bytes.end()));
 }
 
-void TableRun::fail(const TableNode& node, NodeRecord record, int code, const std::string& error) {
+Report TableRun::failed(const TableNode& node, NodeRecord record, int code, const std::string& error) const {
   record.state = "failed";
   record.error = error;
   write_node(folder_, node, record);
-  const std::lock_guard lock(mutex_);
-  faults_[node.id] = fault_of(code);
-  failed_.push_back({node.id, error});
-  line_.end();
-  warn(node.id + " failed: " + error);
+  return {{"id", node.id}, {"end", "failed"}, {"code", code}, {"error", error}};
 }
 
-TableRun::State TableRun::run_command(const TableNode& node) {
+/// How it ended: done, failed, or stopped because it was asked to, which is neither.
+Report TableRun::run_command(const TableNode& node) {
   NodeRecord record{"running", node.words, {}, {}};
   const bool begun = read_node(folder_, node).has_value();
   if (begun && is_training(node)) wait_until_free(folder_.of(node));
@@ -193,19 +205,28 @@ TableRun::State TableRun::run_command(const TableNode& node) {
   const Clock::time_point start = Clock::now();
   std::string said_error;
   const ChildEnd end = run_child_of(node, words_of(node, resumes), said_error);
-  if (end.code != 0 && stop_signal.load() != 0) return State::failed;  // asked to stop: neither done nor failed
-  if (end.code != 0) {
-    fail(node, record, end.code, said_error.empty() ? end.in_words() : said_error);
-    return State::failed;
-  }
+  if (end.code != 0 && stop_signal.load() != 0) return {{"id", node.id}, {"end", "stopped"}};
+  if (end.code != 0) return failed(node, record, end.code, said_error.empty() ? end.in_words() : said_error);
   keep_figures(node);
   record.state = "done";
-  // As if it had all cores: commands side by side share them.
-  if (!resumes) record.seconds = std::chrono::duration<double>(Clock::now() - start).count() / jobs_;
+  // As if it had all cores and ranks: commands side by side share them.
+  const double side_by_side = static_cast<double>(jobs_ * ranks().size());
+  if (!resumes) record.seconds = std::chrono::duration<double>(Clock::now() - start).count() / side_by_side;
   write_node(folder_, node, record);
-  if (is_done(folder_, node)) return State::done;
-  fail(node, record, 1, "the command ended well, but what it was to make is not there");
-  return State::failed;
+  if (is_done(folder_, node)) return {{"id", node.id}, {"end", "done"}};
+  return failed(node, record, 1, "the command ended well, but what it was to make is not there");
+}
+
+/// Runs it; what is no fault of the command's ends the table.
+Report TableRun::news_of(const TableNode& node) {
+  try {
+    return run_command(node);
+  } catch (...) {
+    const Error error = current_error();
+    int none = 0;  // the other commands are ended, too
+    stop_signal.compare_exchange_strong(none, SIGTERM);
+    return {{"id", node.id}, {"end", "broken"}, {"code", static_cast<int>(error.fault())}, {"error", error.what()}};
+  }
 }
 
 /// Done before, or left out because what it needs is not there; else it goes on waiting.
@@ -240,44 +261,99 @@ const TableNode* TableRun::ready_node() {
   return nullptr;
 }
 
-/// Waits for one while others run that it may need. Null when nothing is left to begin.
-const TableNode* TableRun::next_node(std::unique_lock<std::mutex>& lock) {
-  for (;;) {
-    if (stop_signal.load() != 0 || broken_) return nullptr;
-    if (const TableNode* node = ready_node()) return node;
-    const bool any_runs =
-        std::any_of(states_.begin(), states_.end(), [](const auto& entry) { return entry.second == State::running; });
-    if (!any_runs) return nullptr;
-    ended_.wait(lock);
-  }
-}
-
 void TableRun::announce(const TableNode& node) {
   const auto number = static_cast<std::size_t>(&node - plan_.nodes.data()) + 1;
+  const std::lock_guard lock(mutex_);
   line_.end();
   say(common_, text("[", number, "/", plan_.nodes.size(), "] ", node.id, "; ",
                     words_for_seconds(seconds_left(folder_, plan_)), " left in total"));
 }
 
-/// What each of the workers does: command after command, until none is left.
-void TableRun::work() {
+const TableNode& TableRun::node_named(const std::string& id) const {
+  return *std::find_if(plan_.nodes.begin(), plan_.nodes.end(), [&](const TableNode& node) { return node.id == id; });
+}
+
+std::string TableRun::own_news() {
+  const std::lock_guard lock(mutex_);
+  const Report news = {{"signal", stop_signal.load()}, {"ended", std::exchange(news_, Report::array())}};
+  return news.dump(-1, ' ', false, Report::error_handler_t::replace);
+}
+
+/// A command that ended.
+void TableRun::heed(const Report& news) {
+  const auto id = news.at("id").get<std::string>(), end = news.at("end").get<std::string>();
+  states_.at(id) = end == "done" ? State::done : State::failed;
+  if (end == "done" || end == "stopped") return;
+  const auto error = news.at("error").get<std::string>();
+  const Fault fault = fault_of(news.at("code").get<int>());
+  if (end == "broken") {
+    if (!broken_) broken_.emplace(fault, error);
+    return;
+  }
+  faults_[id] = fault;
+  failed_.push_back({id, error});
+  const std::lock_guard lock(mutex_);
+  line_.end();
+  warn(id + " failed: " + error);
+}
+
+/// By the news of all ranks: which commands begin, and on which rank; the signal to stop by, if any; whether all is
+/// over.
+Report TableRun::decide(const std::vector<std::string>& news) {
+  int signal = 0;
+  for (std::size_t rank = 0; rank < news.size(); ++rank) {
+    const Report of_rank = Report::parse(news[rank]);
+    if (signal == 0) signal = of_rank.at("signal").get<int>();
+    busy_[rank] -= static_cast<int>(of_rank.at("ended").size());
+    for (const Report& ended : of_rank.at("ended")) heed(ended);
+  }
+  Report begin = Report::array();
+  while (signal == 0) {
+    const auto idle = std::min_element(busy_.begin(), busy_.end());
+    const TableNode* node = *idle < jobs_ ? ready_node() : nullptr;
+    if (!node) break;
+    states_.at(node->id) = State::running;
+    ++*idle;
+    announce(*node);
+    begin.push_back({{"id", node->id}, {"rank", idle - busy_.begin()}});
+  }
+  const bool over = std::all_of(busy_.begin(), busy_.end(), [](int count) { return count == 0; });
+  return {{"begin", begin}, {"signal", signal}, {"over", over}};
+}
+
+/// Other ranks have news now and then.
+void TableRun::wait_for_news() {
   std::unique_lock lock(mutex_);
+  const auto any = [&] { return !news_.empty(); };
+  if (ranks().size() == 1) return ended_.wait(lock, any);
+  ended_.wait_for(lock, kLook, any);
+}
+
+/// The first rank decides which of them runs a command.
+void TableRun::run_commands() {
+  std::vector<std::jthread> commands;
   try {
-    while (const TableNode* node = next_node(lock)) {
-      states_[node->id] = State::running;
-      announce(*node);
-      lock.unlock();
-      const State state = run_command(*node);
-      lock.lock();
-      states_[node->id] = state;
-      ended_.notify_all();
+    for (;;) {
+      const std::vector<std::string> news = gathered(ranks(), own_news());
+      const Report orders = Report::parse(gathered(ranks(), ranks().rank() == 0 ? decide(news).dump() : "").front());
+      int none = 0;
+      stop_signal.compare_exchange_strong(none, orders.at("signal").get<int>());
+      for (const Report& order : orders.at("begin")) {
+        if (order.at("rank") != ranks().rank()) continue;
+        commands.emplace_back([this, &node = node_named(order.at("id").get<std::string>())] {
+          const Report ended = news_of(node);
+          const std::lock_guard lock(mutex_);
+          news_.push_back(ended);
+          ended_.notify_all();
+        });
+      }
+      if (orders.at("over").get<bool>()) return;
+      wait_for_news();
     }
   } catch (...) {
-    if (!lock.owns_lock()) lock.lock();
-    if (!broken_) broken_ = std::current_exception();
-    int none = 0;  // the other commands are ended, too
+    int none = 0;  // the commands are ended first
     stop_signal.compare_exchange_strong(none, SIGTERM);
-    ended_.notify_all();
+    throw;
   }
 }
 
@@ -317,16 +393,16 @@ nlohmann::ordered_json TableRun::told() const {
 }
 
 int TableRun::run() {
-  const FolderLock lock(folder_.root);
-  fs::create_directories(folder_.root / "nodes");  // from here on the folder is known as a table's
+  const bool first = ranks().rank() == 0;
+  std::optional<FolderLock> lock;
+  if (first) lock.emplace(folder_.root);
+  if (first) fs::create_directories(folder_.root / "nodes");  // from here on the folder is known as a table's
   const StopOnSignal signals("ending what runs; trainings save their step");
   for (const TableNode& node : plan_.nodes) states_[node.id] = State::waiting;
-  {
-    std::vector<std::jthread> workers;
-    for (int job = 0; job < jobs_; ++job) workers.emplace_back([this] { work(); });
-  }
+  run_commands();
+  if (!first) return 0;
   sort_troubles();
-  if (broken_) std::rethrow_exception(broken_);
+  if (broken_) throw *broken_;
   write_results();
   check_stop([&] {
     return text(done(), " of ", plan_.nodes.size(), " commands are done in ", folder_.root.string(),

@@ -146,7 +146,7 @@ TEST_CASE("commands that cannot share their work refuse several ranks") {
     const Outcome outcome = Ranks(2, words).wait();
     CHECK(outcome.code == 2);
     CHECK_MESSAGE(contains(outcome.err, "cloam " + command + " cannot share its work among 2 ranks"), outcome.err);
-    CHECK_MESSAGE(contains(outcome.err, "those that can are train, render, eval, generate, simulate"), outcome.err);
+    CHECK_MESSAGE(contains(outcome.err, "those that can are train, render, eval, generate, simulate, tables"), outcome.err);
   }
 }
 

@@ -150,7 +150,9 @@ TEST_CASE("a rank that fails at its part of the work ends all, and says why once
 TEST_CASE("a rank that is killed at its part of the work ends all") {
   const fs::path folder = scratch() / "one_part_killed";
   const auto ranks = rendering(folder);
-  REQUIRE(kill(ranks->process_of(1), SIGKILL) == 0);
+  const pid_t lost = ranks->process_of(1);
+  REQUIRE(lost > 0);
+  REQUIRE(kill(lost, SIGKILL) == 0);
   const Outcome outcome = ranks->wait();
   CHECK(outcome.code != 0);
   CHECK_MESSAGE(contains(outcome.err, "rank 1 "), outcome.err);

@@ -4,8 +4,10 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <chrono>
+#include <thread>
 
-#include "tests/cli/process.h"
+#include "tests/cli/mpirun.h"
 #include "tests/cli/small_street.h"
 
 using namespace cloam;
@@ -110,6 +112,53 @@ TEST_CASE("tables whose commands run side by side come to the same bytes, and a 
   const fs::path measured = "measure/full/1/002/sparse/eval.json";
   CHECK(json_of(out / measured).at("psnr") == json_of(undisturbed() / measured).at("psnr"));
   CHECK(json_of(out / "tables.json").at("missing").empty());
+}
+
+TEST_CASE(
+    "tables whose commands ranks share come to what one process leaves, and a stop or a death ends all that run") {
+  const fs::path alone = scratch() / "tables-alone", out = scratch() / "tables-of-ranks";
+  REQUIRE(cloam_with(usual(alone, {"--seeds", "1,2"})).code == 0);
+  const Words words = usual(out, {"--seeds", "1,2"});
+  const auto both_train = [&](Ranks& ranks) {  // both have begun before either has ended
+    const auto begun = [&](const char* run) {
+      return fs::exists(out / run / "metrics.jsonl") && json_of(out / run / "run.json").at("state") == "running";
+    };
+    for (int i = 0; i < 600 && ranks.running() && !(begun("train/full/1") && begun("train/full/2")); ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    REQUIRE_MESSAGE(ranks.running(), ranks.wait().err);
+    CHECK_FALSE(fs::exists(out / "fit"));
+  };
+  {
+    Ranks ranks(2, words);
+    both_train(ranks);
+    for (const pid_t process : ranks.processes()) REQUIRE(kill(process, SIGUSR1) == 0);
+    const Outcome stopped = ranks.wait();
+    CHECK(stopped.code == 128 + SIGUSR1);
+    CHECK_MESSAGE(contains(stopped.err, "stopped: 0 of 6 commands are done"), stopped.err);
+  }
+  for (const char* run : {"train/full/1", "train/full/2"})
+    CHECK_MESSAGE(json_of(out / run / "run.json").at("state") == "interrupted", run);
+  {
+    Ranks ranks(2, words);
+    both_train(ranks);
+    const pid_t lost = ranks.process_of(1);
+    REQUIRE(lost > 0);
+    REQUIRE(kill(lost, SIGKILL) == 0);
+    CHECK(ranks.wait().code != 0);
+  }
+  const Outcome last = Ranks(2, words).wait();
+  REQUIRE_MESSAGE(last.code == 0, last.err);
+  CHECK(contains(last.err, "[6/6] measure/full/2/002/sparse"));
+  for (const char* file : {"tables.json", "tables.md"})
+    CHECK_MESSAGE(content_of(out / file) == content_of(alone / file), file);
+  const auto here = snapshot(out);
+  int compared = 0;
+  for (const auto& [file, bytes] : snapshot(alone)) {
+    if (!contains(file, "/ckpt/")) continue;
+    ++compared;
+    CHECK_MESSAGE(here.at(file) == bytes, file);
+  }
+  CHECK(compared >= 8);
 }
 
 TEST_CASE("tables measure a run by one protocol after another, however many commands run side by side") {
