@@ -208,6 +208,7 @@ CLI::App* add_parser(CLI::App& program, const char* name, const char* examples) 
 void add_common(CLI::App& parser, Common& common) {
   const Options add{parser};
   add.group("Device and output");
+  parser.set_help_flag("-h,--help", "Print this help message and exit");  // here rather than in a group of its own
   add("--device", common.device, "auto, cpu, gpu, N, P:D or part of a name (cloam info lists them)");
   add("--max-memory", common.max_memory, "Limit of device memory, such as 600M or 6G");
   add("--json", common.json, "Machine-readable output on stdout");

@@ -109,7 +109,8 @@ std::string split_words(const RunRecord& record) {
 }
 
 std::string facts(const RunRecord& record, const RunHistory& history) {
-  Rows rows = {{"Method", escaped(record.method + ", preset " + record.preset)},
+  Rows rows = {{"Method", escaped(record.method + ", preset " + record.preset +
+                                  (precision_of(record) == "mixed" ? ", mixed precision" : ""))},
                {"Data", data_words(record)},
                {"Reading", split_words(record)},
                {"Device", escaped(record.device + ", driver " + record.driver)},

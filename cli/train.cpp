@@ -66,7 +66,8 @@ void write_settings(const TrainJob& job, const Scenes& scenes) {
   const RunRecord& r = job.record;
   write_config(job.folder, job.config,
                text("Settings of ", r.method, ", preset ", r.preset, "; the run again: cloam train ", r.method,
-                    " DATA --preset ", r.preset, " --seed ", r.seed, " --config FILE"));
+                    " DATA --preset ", r.preset, " --seed ", r.seed,
+                    precision_of(r) == "mixed" ? " --precision mixed" : "", " --config FILE"));
   write_scenes(RunPaths{job.folder}.scene(), scenes);
 }
 
@@ -110,7 +111,10 @@ void tell_end(const TrainJob& job, const TrainResult& result, const Common& comm
 
 /// What the run folder holds after a fault, and how to go on.
 std::string way_on(const TrainJob& job, Fault fault, int64_t saved) {
-  if (fault == Fault::diverged) return "";  // the trainer says it
+  if (fault == Fault::diverged)  // the trainer says the rest
+    return precision_of(job.record) == "mixed"
+               ? "\n  or: numbers of 16 bits end at 65504; train anew with --precision full"
+               : "";
   const std::string resume = "cloam train --resume " + quoted(job.folder.string());
   if (saved == 0) return text("\n  no checkpoint was saved yet; ", resume, " begins again with the first step");
   return text("\n  the checkpoint of step ", saved, " is whole; ", resume, " continues from it");
@@ -429,6 +433,9 @@ void add_run_options(const Options& add, TrainRequest& r) {
   add("--stop-after", r.stop_after, "Save and stop after this step; --resume continues", whole_number(1));
   add("--save-every", r.save_every, "Save a checkpoint every N steps", whole_number(1));
   add("--seed", r.seed, "Random seed (42)", whole_number(0));
+  add("--precision", r.precision,
+      "full, or mixed (genassets, diffusion): convolutions keep their inputs in 16 bits (full)",
+      one_of({"full", "mixed"}));
   add("--gradient-accumulation", r.accumulation,
       "Split each step's batch into N shares, computed one after the other (1)", whole_number(1, kMostShares));
   add("--overwrite", r.overwrite, "Replace an existing run in the folder");

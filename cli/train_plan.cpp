@@ -155,7 +155,7 @@ void tell_plan(TrainJob& job, const Captures& captures, uint64_t host_budget, co
     }
   }
   say(common, text("model  ", job.record.method, ", preset ", job.record.preset, ", seed ", job.record.seed, ", ",
-                   schedule_text(job)));
+                   precision_of(job.record) == "mixed" ? "mixed precision, " : "", schedule_text(job)));
   say(common, "       parameters " + parameters_text(job.method->parameters()));
   say(common, "memory " + words_for_bytes(plan.total()) + " of " + words_for_bytes(memory_budget()) + " (images " +
                   words_for_bytes(plan.images) + ", parameters " + words_for_bytes(plan.parameters) + ", optimiser " +

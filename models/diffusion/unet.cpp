@@ -22,12 +22,12 @@ Unet::Unet(const Scope& scope, const UnetOptions& o)
       time2_(scope / "time2", embedding_, embedding_),
       enter_(scope / "enter", {o.channels + o.image_channels, o.base}),
       last_norm_(scope / "last_norm", o.base * o.multipliers.front(), o.groups),
-      leave_(scope / "leave", {o.base * o.multipliers.front(), o.channels, 3, 1, 0.f}) {
+      leave_(scope / "leave", {o.base * o.multipliers.front(), o.channels, 3, 1, 0.f, o.half}) {
   for (const Label& label : o.labels)
     label_tables_.push_back(scope.uniform(label.name, {label.count + 1, embedding_}, kUnitVariance));
   std::vector<int64_t> kept = {o.base};
   const int64_t width = build_down(scope, kept);
-  const ResBlockShape middle = {width, width, o.groups, embedding_, true};
+  const ResBlockShape middle = {width, width, o.groups, embedding_, true, false, o.half};
   middle1_.emplace(scope / "middle.block0", middle);
   attention_.emplace(scope / "middle.attention", AttentionShape{width, o.groups, true});
   if (o.context_width > 0)
@@ -45,7 +45,7 @@ int64_t Unet::build_down(const Scope& scope, std::vector<int64_t>& kept) {
     for (int i = 0; i < options_.blocks; i++) {
       const int64_t out = options_.base * options_.multipliers[level];
       down.blocks.emplace_back(here / numbered("block", static_cast<size_t>(i)),
-                               ResBlockShape{width, out, options_.groups, embedding_, true});
+                               ResBlockShape{width, out, options_.groups, embedding_, true, false, options_.half});
       kept.push_back(width = out);
     }
     if (level + 1 == options_.multipliers.size()) continue;
@@ -62,8 +62,9 @@ void Unet::build_up(const Scope& scope, int64_t width, std::vector<int64_t>& kep
     Up& up = up_.emplace_back();
     for (int i = 0; i <= options_.blocks; i++) {
       const int64_t out = options_.base * options_.multipliers[level];
-      up.blocks.emplace_back(here / numbered("block", static_cast<size_t>(i)),
-                             ResBlockShape{width + kept.back(), out, options_.groups, embedding_, true});
+      up.blocks.emplace_back(
+          here / numbered("block", static_cast<size_t>(i)),
+          ResBlockShape{width + kept.back(), out, options_.groups, embedding_, true, false, options_.half});
       kept.pop_back();
       width = out;
     }

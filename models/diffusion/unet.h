@@ -22,6 +22,7 @@ struct UnetOptions {
   std::vector<int64_t> multipliers = {1, 2, 4};  // of the width; the image halves between one and the next
   int blocks = 2;                                // residual blocks a level
   int groups = 32;                               // of the norms
+  bool half = false;                             // what convolutions read of norms is kept in half precision
   std::vector<Label> labels = {{"class", 8}, {"time_of_day", 2}};  // added embeddings
   int64_t image_channels = 0;                                      // of images that are concatenated; 0: none
   int64_t context_width = 0;                                       // of tokens for cross-attention; 0: none

@@ -85,6 +85,8 @@ void Diffusion::configure(Config& c) {
   c.bind("data.drawn", o.drawn, "sample each code from its own variance, if it has one; false: use the mean");
   c.bind("data.min_steps", o.min_steps, "leave out actors seen in fewer training steps than this", kStepsOrNone);
   c.bind("weight.min_snr", o.min_snr, "gamma of the min-SNR loss weights; 0: equal weights");
+  c.bind(kMixedPrecision, o.half,
+         "the U-Net keeps what its convolutions read in half precision: true with --precision mixed");
   c.bind("train.rate", o.rate, "learning rate");
   c.bind("train.final_rate", o.final_rate, "learning rate at the last step, as a fraction of train.rate");
   c.bind("train.ema", o.average, "decay of the EMA of the weights, which evaluation and sampling use", kShareBelowOne);
@@ -99,6 +101,7 @@ void Diffusion::build(const Scenes&, uint64_t seed) {
   o.multipliers = whole_numbers("unet.multipliers", config_.multipliers);
   o.blocks = config_.blocks;
   o.groups = config_.groups;
+  o.half = config_.half;
   o.labels = asset_labels();
   std::optional<WienerStart> start;
   if (config_.wiener) start.emplace(int64_t{config_.channels} * config_.side * config_.side);
@@ -139,9 +142,10 @@ MemoryPlan Diffusion::memory(const PhotoSizes&) const {
   const uint64_t weights = plan.parameters;
   plan.parameters = 2 * weights;  // and their EMA
   int64_t kept = 0;               // numbers of a code that the gradient needs: some ten maps a residual block
+  const int64_t maps = config_.half ? 9 : 10;  // two of them in half precision
   int64_t places = int64_t{config_.side} * config_.side;
   for (const int64_t by : whole_numbers("unet.multipliers", config_.multipliers)) {
-    kept += 10 * (2 * int64_t{config_.blocks} + 2) * config_.base * by * places;
+    kept += maps * (2 * int64_t{config_.blocks} + 2) * config_.base * by * places;
     places /= 4;
   }
   plan.work = weights + 4 * static_cast<uint64_t>(kept * config_.batch);

@@ -7,6 +7,7 @@
 #include "models/methods/code_set.h"
 #include "models/train/learns_from_run.h"
 #include "models/train/method.h"
+#include "models/train/mixed_precision.h"
 
 namespace cloam {
 
@@ -21,12 +22,13 @@ struct DiffusionConfig {
   float drop = 0.1f;      // share of the codes whose conditions are dropped
   float held_out = 0.1f;  // share of the codes
   int min_steps = 1;      // of an actor in the run's training
+  bool half = false;      // the U-Net keeps what its convolutions read in half precision
   bool drawn = true;      // codes as mean and noise of their own deviation; false: the mean alone
   float min_snr = 0;      // gamma; 0: all times weigh the same
   float rate = 1e-4f, final_rate = 1, average = 0.9999f;
 };
 
-class Diffusion final : public Method, public LearnsFromRun, public GeneratesAssets {
+class Diffusion final : public Method, public LearnsFromRun, public GeneratesAssets, public MixedPrecision {
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;

@@ -105,6 +105,8 @@ void GenAssets::configure(Config& c) {
   c.bind("beyond.field_residual", street.field.residual, "the field's second network adds to the first one's output");
   c.bind("beyond.image_bypass", street.image.bypass, "three features go past the image decoder to the image");
   c.bind("beyond.linear_lidar", o.linear_lidar, "LiDAR depth errors count linearly beyond a metre");
+  c.bind(kMixedPrecision, street.image.half,
+         "the image decoder keeps what its convolutions read in half precision: true with --precision mixed");
   c.bind(kNetworksFrozen, street.frozen, "the networks stand still: true with --networks, else false");
   c.bind("train.rate_codes", o.rate_codes, "learning rate of codes");
   c.bind("train.rate_decoder", o.rate_decoder, "learning rate of the asset decoder");
@@ -153,7 +155,8 @@ MemoryPlan GenAssets::memory(const PhotoSizes&) const {
                     config_.whole_images ? std::max(config_.tile_rays, config_.lidar_rays) : cells + config_.lidar_rays;
   const int64_t texels = 3 * int64_t{street.field.plane_channels}, scale = model_->scale();
   const int64_t a_sample = 4 * (7 * texels + 18 * int64_t{street.field.width} + street.field.features);
-  const int64_t a_pixel = 4 * street.image.width * (6 + 4 * int64_t{street.image.blocks});
+  const int64_t of_block = street.image.half ? 3 : 4;  // two of the four in half precision
+  const int64_t a_pixel = 4 * street.image.width * (6 + of_block * int64_t{street.image.blocks});
   plan.work = plan.parameters + static_cast<uint64_t>(rays * kSamples * a_sample + cells * scale * scale * a_pixel);
   return plan;
 }

@@ -8,6 +8,7 @@
 #include "models/street/street.h"
 #include "models/street/takes_edits.h"
 #include "models/train/learns_from_captures.h"
+#include "models/train/mixed_precision.h"
 #include "models/train/renders_views.h"
 #include "models/train/shares_networks.h"
 
@@ -26,7 +27,8 @@ class GenAssets final : public Method,
                         public TakesEdits,
                         public SharesNetworks,
                         public TakesPrior,
-                        public ShowsAssets {
+                        public ShowsAssets,
+                        public MixedPrecision {
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;

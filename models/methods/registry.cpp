@@ -25,7 +25,7 @@ struct MethodRow {
 template <class... Capabilities>
 struct List {};
 using All = List<LearnsFromCaptures, LearnsFromRun, RendersViews, Street, Grows, SharesNetworks, TakesPrior,
-                 GeneratesAssets, ShowsAssets, ExportsGaussians>;
+                 GeneratesAssets, ShowsAssets, ExportsGaussians, MixedPrecision>;
 
 template <class M, class... Capabilities>
 std::set<std::type_index> capabilities_of(List<Capabilities...>) {

@@ -14,15 +14,18 @@ ImageDecoder::ImageDecoder(const Scope& scope, const ImageDecoderOptions& o)
   }
 }
 
+/// What goes into a convolution: rounded before the ReLU, so that the gradient of that, too, needs the halves alone.
+Tensor ImageDecoder::kept(const Tensor& x) const { return options_.half ? cast(x, DType::f16) : x; }
+
 Tensor ImageDecoder::operator()(const Tensor& features) const {
-  Tensor h = enter_(features);
+  Tensor h = enter_(kept(features));
   for (int i = 0; i < options_.blocks; i++) {
     const Block& block = blocks_[static_cast<size_t>(i)];
-    h = h + block.second(relu(block.first(relu(h))));
+    h = h + block.second(relu(kept(block.first(relu(kept(h))))));
     if (i % 2 == 1 && i / 2 < options_.doublings) h = resize_nearest(h, 2 * h.dim(2), 2 * h.dim(3));
   }
   for (int i = options_.blocks / 2; i < options_.doublings; i++) h = resize_nearest(h, 2 * h.dim(2), 2 * h.dim(3));
-  const Tensor drawn = leave_(relu(h));
+  const Tensor drawn = leave_(relu(kept(h)));
   if (!options_.bypass) return sigmoid(drawn);
   const Tensor plain = resize_bilinear(slice(features, 1, 1, 4), h.dim(2), h.dim(3));
   return sigmoid(drawn + plain);

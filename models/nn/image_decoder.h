@@ -11,6 +11,7 @@ struct ImageDecoderOptions {
   int side = 5;        // of the kernels
   int blocks = 6;      // residual blocks
   bool bypass = true;  // three features go past all of it to the image
+  bool half = false;   // what the convolutions read is kept in half precision
   int doublings = 2;   // one after every second block, first to last; those left over after the last
 };
 
@@ -23,6 +24,7 @@ class ImageDecoder {
   int scale() const { return 1 << options_.doublings; }
 
  private:
+  Tensor kept(const Tensor& x) const;
   struct Block {
     Conv2d first, second;
   };

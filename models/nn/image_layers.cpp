@@ -42,12 +42,13 @@ Tensor doubled_view(const Tensor& x) {
 Conv2d::Conv2d(const Scope& scope, const ConvShape& s)
     : weight(scope.uniform("weight", {s.out, s.in, s.side, s.side}, glorot(s))),
       bias(scope.constant("bias", {s.out}, 0.f)),
-      stride(s.stride) {}
+      stride(s.stride),
+      half(s.half) {}
 
 Tensor Conv2d::operator()(const Tensor& x) const { return product(x) + over_places(bias); }
 
 Tensor Conv2d::product(const Tensor& x) const {
-  return conv2d(x, weight, {stride, static_cast<int>(weight.dim(2) / 2), 1});
+  return conv2d(half ? cast(x, DType::f16) : x, weight, {stride, static_cast<int>(weight.dim(2) / 2), 1});
 }
 
 // Results at even and odd rows and columns are four convolutions of the small image with 2x2 kernels: 4 multiply-adds
@@ -60,7 +61,8 @@ Tensor Conv2d::on_doubled(const Tensor& x) const {
   const Tensor by_place = reshape(matmul(reshape(weight, {k * c, 9}), kernels_of_doubled()), {k, c, 4, 2, 2});
   const Tensor kernels = reshape(permute(by_place, {2, 0, 1, 3, 4}), {4 * k, c, 2, 2});
   const Tensor shifted = reshape(unfold(reshape(x, {n, c, h, w, 1}), {2, 2, 1, 1}), {n, 4 * c, h + 1, w + 1});
-  const Tensor quarters = reshape(conv2d(shifted, kernels, {1, 0, 4}), {n, 2, 2, k, h, w});
+  const Tensor quarters =
+      reshape(conv2d(half ? cast(shifted, DType::f16) : shifted, kernels, {1, 0, 4}), {n, 2, 2, k, h, w});
   return reshape(permute(quarters, {0, 3, 4, 1, 5, 2}), {n, k, 2 * h, 2 * w}) + over_places(bias);
 }
 
@@ -74,9 +76,9 @@ Tensor GroupNorm::then_silu(const Tensor& x) const { return group_norm(x, groups
 
 ResBlock::ResBlock(const Scope& scope, const ResBlockShape& s)
     : norm1(scope / "norm1", s.in, s.groups),
-      conv1(scope / "conv1", {s.in, s.out}),
+      conv1(scope / "conv1", {.in = s.in, .out = s.out, .half = s.half}),
       norm2(scope / "norm2", s.out, s.groups),
-      conv2(scope / "conv2", {s.out, s.out, 3, 1, s.zero_last ? 0.f : 1.f}),
+      conv2(scope / "conv2", {s.out, s.out, 3, 1, s.zero_last ? 0.f : 1.f, s.half}),
       doubles(s.doubles) {
   if (s.embedding > 0) project.emplace(scope / "project", s.embedding, s.out);
   if (s.in != s.out) skip.emplace(scope / "skip", ConvShape{s.in, s.out, 1});

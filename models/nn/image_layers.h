@@ -8,9 +8,10 @@ namespace cloam {
 
 struct ConvShape {
   int64_t in, out;
-  int side = 3;      // of the kernel, odd
-  int stride = 1;    // 1 keeps the image's size, 2 halves it (zeros around the image)
-  float gain = 1.f;  // of the initial weights; 0: zeros
+  int side = 3;       // of the kernel, odd
+  int stride = 1;     // 1 keeps the image's size, 2 halves it (zeros around the image)
+  float gain = 1.f;   // of the initial weights; 0: zeros
+  bool half = false;  // the image is kept for the gradient in half precision
 };
 
 /// Convolution with zeros around the image, plus bias. Initial weights uniform in +-gain * sqrt(6 / (fan in + fan out))
@@ -24,6 +25,7 @@ struct Conv2d {
   Tensor on_doubled(const Tensor& x) const;
   Tensor weight, bias;  // [K,C,side,side], [K]
   int stride;
+  bool half;
 };
 
 /// Mean 0 and variance 1 over groups of channels and all places, then a scale and a shift a channel.
@@ -41,6 +43,7 @@ struct ResBlockShape {
   int64_t embedding = 0;   // channels of the embedding that is projected and added between the convolutions; 0: none
   bool zero_last = false;  // the second convolution begins at zero: the block begins as its skip alone
   bool doubles = false;    // the block of the image scaled up by 2 (nearest)
+  bool half = false;       // what both convolutions read is kept in half precision
 };
 
 /// Residual block, norm -> SiLU -> 3x3 -> (+ embedding) -> norm -> SiLU -> 3x3, plus the input, through a 1x1 where its

@@ -7,6 +7,7 @@
 #include "models/io/crc32c.h"
 #include "models/latents/shows_assets.h"
 #include "models/runs/scene_file.h"
+#include "models/train/mixed_precision.h"
 #include "models/train/old_names.h"
 #include "runtime/error.h"
 
@@ -59,6 +60,11 @@ void check_belongs(const LoadedCheckpoint& checkpoint, const RunRecord& record) 
                                   key, " is ", known ? found->second.substr(0, 80) : "missing", ", the run has ", value,
                                   ".\n  fix: put the run's own checkpoint back, or train anew"));
   }
+}
+
+std::string precision_of(const RunRecord& record) {
+  const auto mixed = record.settings.find(kMixedPrecision);
+  return mixed != record.settings.end() && mixed->second == "true" ? "mixed" : "full";
 }
 
 std::unique_ptr<Method> configured_method(const RunRecord& record, Config& config) {

@@ -59,6 +59,9 @@ void check_has_views(const RunRecord& record);
 /// Fault::usage for any other.
 void check_is_prior(const RunRecord& record, const std::filesystem::path& folder);
 
+/// "full" or "mixed": what train --precision was.
+std::string precision_of(const RunRecord& record);
+
 /// A method with the settings of the record, not built; `config` lists them.
 std::unique_ptr<Method> configured_method(const RunRecord& record, Config& config);
 

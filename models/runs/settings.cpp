@@ -13,6 +13,7 @@
 #include "models/io/words.h"
 #include "models/methods/registry.h"
 #include "models/runs/restore_run.h"
+#include "models/train/mixed_precision.h"
 #include "models/train/old_names.h"
 #include "models/train/shares_networks.h"
 #include "runtime/error.h"
@@ -23,6 +24,10 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kLargest = 1 << 20;
+
+/// Settings that an option of train alone decides.
+constexpr std::pair<const char*, const char*> kOfOptions[] = {{kNetworksFrozen, "--networks"},
+                                                              {kMixedPrecision, "--precision"}};
 
 std::string value_text(const toml::node& node, const std::string& where) {
   if (const auto* value = node.as_string()) return value->get();
@@ -149,8 +154,9 @@ void apply_settings(const SettingsGiven& given, Config& config, const Listener& 
   }
   for (const std::string& setting : given.settings) {
     const auto [key, value] = split_setting(setting);
-    if (key == kNetworksFrozen)
-      throw Error(Fault::usage, text("--set ", key, ": it follows from --networks alone; leave it out"));
+    for (const auto& [follows, option] : kOfOptions)
+      if (key == follows)
+        throw Error(Fault::usage, text("--set ", key, ": it follows from ", option, " alone; leave it out"));
     set(config, key, value, "--set", listener);
   }
 }

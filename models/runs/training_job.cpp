@@ -7,6 +7,7 @@
 #include "models/methods/registry.h"
 #include "models/runs/settings.h"
 #include "models/train/learns_from_run.h"
+#include "models/train/mixed_precision.h"
 #include "models/train/old_names.h"
 #include "models/train/shares_networks.h"
 #include "runtime/error.h"
@@ -91,6 +92,13 @@ void take_prior(const TrainRequest& request, TrainJob& job) {
   job.record.prior = RunData{request.prior, "", ""};
 }
 
+/// How the training stores what gradients need, whatever a file of settings or the run whose networks it has say.
+void take_precision(const TrainRequest& request, TrainJob& job) {
+  const bool mixed = request.precision == "mixed";
+  if (mixed) require<MixedPrecision>(*job.method, request.method, "--precision mixed");
+  if (has<MixedPrecision>(request.method)) job.config.set(kMixedPrecision, mixed ? "true" : "false", "--precision");
+}
+
 /// Into how many shares batches are parted. A run goes on as it began, as long as its ranks can part the work.
 void settle_shares(const TrainRequest& request, TrainJob& job) {
   int64_t& shares = job.record.shares;
@@ -169,6 +177,7 @@ void check_same(const TrainRequest& request, const RunRecord& record) {
   same("method", if_given(request.method), record.method);
   same("--preset", if_given(request.preset), record.preset);
   same("--seed", request.seed, static_cast<int64_t>(record.seed));
+  same("--precision", if_given(request.precision), precision_of(record));
   same("--downscale", request.downscale, record.reading.downscale);
   same("--holdout", request.holdout, record.reading.holdout);
   same("--protocol", if_given(request.protocol), record.reading.protocol.name);
@@ -259,6 +268,7 @@ TrainJob new_job(const TrainRequest& request, const Listener& listener) {
   // Whatever a file of settings says, which may be another run's.
   if (has<SharesNetworks>(request.method))
     job.config.set(kNetworksFrozen, request.networks.empty() ? "false" : "true", "--networks");
+  take_precision(request, job);
   job.data.assign(request.data.begin(), request.data.end());
   job.folder = request.out.empty() ? default_folder(request) : fs::path(request.out);
   check_folder(job.folder, request.overwrite);

@@ -19,6 +19,7 @@ struct TrainRequest {
   std::string networks;               // --networks: the run whose networks are taken
   std::string prior;                  // --prior: the run of diffusion whose knowledge of codes is used
   std::string out, preset, config_file;
+  std::string precision;  // full or mixed; empty: full, of a resumed run as it began
   std::optional<int64_t> steps;
   std::optional<double> time_budget;  // seconds
   std::optional<int64_t> seed, save_every;

@@ -12,6 +12,7 @@
 #include "models/fields/street_field.h"
 #include "models/nn/image_decoder.h"
 #include "models/train/optimiser.h"
+#include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
 
@@ -403,6 +404,52 @@ TEST_CASE("image decoder: the image is as much larger as scale() says, whatever 
     const Tensor image = decoder(zeros({1, 4, 5, 3}));
     CHECK(image.shape() == Shape{1, 3, 5 * decoder.scale(), 3 * decoder.scale()});
   }
+}
+
+TEST_CASE("image decoder in mixed precision: the gradients of rounded inputs, and less memory for them") {
+  const ImageDecoderOptions options = {.features = 8, .width = 16, .side = 3, .blocks = 4, .doublings = 1};
+  const Tensor features = random_normal({2, 8, 48, 48}, {1, 0, 0});
+  struct Result {
+    std::vector<float> image, slope;
+    double bytes;
+  };
+  const auto result = [&](bool half) {
+    Params params;
+    ImageDecoderOptions how = options;
+    how.half = half;
+    const ImageDecoder decoder(Scope{params, "", 1}, how);
+    Tensors out = {decoder(features)};
+    Tensors wanted;
+    for (const auto& [name, p] : params) wanted.push_back(p);
+    const Tensors slopes = grad(mean(square(out[0] - 0.25f)), wanted);
+    out.insert(out.end(), slopes.begin(), slopes.end());
+    eval({features});
+    const uint64_t before = device_stats().peak_bytes = device_stats().live_bytes;
+    eval(out);
+    const auto bytes = static_cast<double>(device_stats().peak_bytes - before);
+    Result found = {out[0].to_host(), {}, bytes};
+    for (const Tensor& slope : slopes)
+      for (const float value : slope.to_host()) found.slope.push_back(value);
+    return found;
+  };
+  const auto apart = [](const std::vector<float>& a, const std::vector<float>& b) {
+    double difference = 0, size = 0;
+    for (size_t i = 0; i < a.size(); i++) {
+      difference += std::pow(static_cast<double>(a[i] - b[i]), 2);
+      size += std::pow(static_cast<double>(b[i]), 2);
+    }
+    return std::sqrt(difference / size);
+  };
+  (void)result(false);  // whatever is kept from here on
+  const Result full = result(false), mixed = result(true);
+  MESSAGE("bytes ", full.bytes, " and ", mixed.bytes, ", image ", apart(mixed.image, full.image), ", gradients ",
+          apart(mixed.slope, full.slope));
+  // A half has 11 bits: 2^-11 is the error of each input, and there are ten convolutions.
+  CHECK(apart(mixed.image, full.image) > 0);
+  CHECK(apart(mixed.image, full.image) < 10 * 0x1p-11);
+  CHECK(apart(mixed.slope, full.slope) < 10 * 0x1p-11);
+  const double small = 2 * 16 * 48 * 48, large = 4 * small;  // numbers of a map; two blocks are at each size
+  CHECK(full.bytes - mixed.bytes > 0.95 * 2 * (4 * small + 5 * large));
 }
 
 TEST_CASE("a paint goes from texels to the image past all networks, and the distance does not") {
