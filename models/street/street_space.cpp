@@ -354,8 +354,10 @@ bool StreetSpace::take(std::span<const uint8_t> bytes) {
 
 TensorMap StreetSpace::state() const {
   const std::vector<uint8_t> packed = bits();
-  return {{"cells", named(from_host(packed, {static_cast<int64_t>(packed.size())}))},
-          {"numbers", named(from_host(std::vector<float>(numbers_.begin(), numbers_.end()), {16}))}};
+  NamedTensor cells{"U8", {static_cast<int64_t>(packed.size())}, std::vector<std::byte>(packed.size())};
+  std::memcpy(cells.data.data(), packed.data(), packed.size());
+  return {{"cells", std::move(cells)},
+          {"numbers", named_floats(std::vector<float>(numbers_.begin(), numbers_.end()), {16})}};
 }
 
 void StreetSpace::restore(const TensorMap& state) {
