@@ -123,7 +123,7 @@ Share place_among(const std::string& mine) {
 
 /// mpirun may bind each rank to cores of its own, or leave all of them to all. PoCL would pin its threads from core 0
 /// on in every rank.
-void part_cores() {
+void split_cores() {
   const std::vector<int> cores = allowed_cores();
   const Share share = place_among(host_name() + " " + listed(cores));
   const auto count = static_cast<int64_t>(cores.size());
@@ -155,7 +155,7 @@ void join_ranks() {
   const double seconds = timeout();
   library_ranks() = std::make_unique<LibraryRanks>(opened_library(), seconds);
   if (ranks().rank() > 0) mute();
-  part_cores();
+  split_cores();
 }
 
 const Ranks& ranks() { return library_ranks() ? *library_ranks() : alone(); }

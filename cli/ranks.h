@@ -9,7 +9,7 @@
 namespace cloam {
 
 /// Takes part if the program was started as one of several, before the first OpenCL call: ranks of one host that may
-/// use the same cores part them. Only the first speaks from here on (mute). Fault::usage where the program was built
+/// use the same cores split them. Only the first speaks from here on (mute). Fault::usage where the program was built
 /// without MPI.
 void join_ranks();
 /// alone() unless several were joined.

@@ -381,7 +381,7 @@ int run_train(TrainRequest request, const Common& given) {
   TrainJob job = request.resume ? resumed_job(request) : new_job(request, listener_of(common));
   if (job.finished) return first ? end_finished(job, common) : 0;
   if (request.resume && job.record.shares != job.shares_before)
-    warn(text("from here on a step's batch is parted in ", job.record.shares, " instead of ", job.shares_before,
+    warn(text("from here on a step's batch is split into ", job.record.shares, " instead of ", job.shares_before,
               " shares: the run will not be the same bytes as one that goes on as it began"));
   open_device(common);
   EventLog log(style == ProgressStyle::jsonl);

@@ -73,7 +73,7 @@ double parse_link(const std::string& words) {
 void tell_scale(TrainJob& job, int64_t ranks, const std::string& link, const Common& common, EventLog& log) {
   const double speed = parse_link(link);
   if (ranks > job.method->most_shares())
-    throw Error(Fault::usage, text("--ranks ", ranks, ": its settings part a batch in ", job.method->most_shares(),
+    throw Error(Fault::usage, text("--ranks ", ranks, ": its settings split a batch into ", job.method->most_shares(),
                                    " at most\n  fix: fewer ranks, or a larger batch: --set batch.*"));
   Optimiser optimiser(job.method->parameters(), job.method->groups());
   Progress progress;

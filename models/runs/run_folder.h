@@ -79,7 +79,7 @@ struct RunRecord {
   std::optional<int64_t> steps;
   std::optional<double> time_budget_seconds;
   int64_t save_every = 0;
-  int64_t shares = 1;                   // that each step's batch is parted in
+  int64_t shares = 1;                   // that each step's batch is split into
   int64_t step = 0, horizon = 0;        // where it stands, as far as known
   std::optional<PlannedMemory> memory;  // of the last training on it
 };

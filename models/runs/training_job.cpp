@@ -99,7 +99,7 @@ void take_precision(const TrainRequest& request, TrainJob& job) {
   if (has<MixedPrecision>(request.method)) job.config.set(kMixedPrecision, mixed ? "true" : "false", "--precision");
 }
 
-/// Into how many shares batches are parted. A run goes on as it began, as long as its ranks can part the work.
+/// Into how many shares batches are split. A run goes on as it began, as long as its ranks can split the work.
 void settle_shares(const TrainRequest& request, TrainJob& job) {
   int64_t& shares = job.record.shares;
   job.shares_before = request.resume ? shares : 1;
@@ -108,7 +108,7 @@ void settle_shares(const TrainRequest& request, TrainJob& job) {
   const int64_t most = job.method->most_shares();
   if (shares > most)
     throw Error(Fault::usage,
-                text("a step's batch cannot be parted in ", shares, " shares (", request.ranks,
+                text("a step's batch cannot be split into ", shares, " shares (", request.ranks,
                      request.ranks == 1 ? " rank" : " ranks", ", --gradient-accumulation ", shares / request.ranks,
                      "): its settings allow ", most, "\n  fix: fewer of them, or a larger batch: --set batch.*"));
 }

@@ -49,7 +49,7 @@ struct TrainJob {
   std::unique_ptr<Method> method;
   std::optional<StoredRun> source;        // of methods that learn from a run: that run, until it is loaded
   int64_t default_steps = 0, epochs = 0;  // of the preset
-  int64_t shares_before = 1;              // of a resumed run: that its batches were parted in
+  int64_t shares_before = 1;              // of a resumed run: that its batches were split into
   bool finished = false;                  // a resumed run that has nothing left to do
 };
 

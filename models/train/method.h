@@ -64,7 +64,7 @@ class Method {
   virtual ParameterGroups groups() const = 0;
   /// One step's loss and its gradients by `wanted`, some of parameters().
   virtual Step step(const Progress& progress, const Tensors& wanted) = 0;
-  /// Into how many shares its batch can be parted so that each has something.
+  /// Into how many shares its batch can be split so that each has something.
   virtual int64_t most_shares() const { return kMostShares; }
   /// After the optimiser's step: refresh an occupancy grid, update an EMA.
   virtual void after_step(const Progress&) {}

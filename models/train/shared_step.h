@@ -1,4 +1,4 @@
-// A step of training whose batch is parted in shares: each rank takes some, one after the other, and all get the sum.
+// A step of training whose batch is split into shares: each rank takes some, one after the other, and all get the sum.
 #pragma once
 #include "models/train/method.h"
 #include "models/train/optimiser.h"

@@ -45,7 +45,7 @@ TEST_CASE("a run records its shares and keeps them when it is resumed") {
   const Outcome others =
       cloam_with({"train", "--resume", halves.string(), "--steps", "7", "--gradient-accumulation", "3"});
   CHECK(others.code == 0);
-  CHECK_MESSAGE(contains(others.err, "warning: from here on a step's batch is parted in 3 instead of 2 shares"),
+  CHECK_MESSAGE(contains(others.err, "warning: from here on a step's batch is split into 3 instead of 2 shares"),
                 others.err);
   CHECK(json_of(halves / "run.json").at("options").at("shares") == 3);
 }
@@ -75,16 +75,17 @@ TEST_CASE("a plan for more devices than there are: what a step sends, and the ti
   CHECK(scale.at("seconds").get<double>() == doctest::Approx(50 * step));
   CHECK_FALSE(fs::exists(scratch() / "planned_for_ranks"));
   CHECK(contains(planned({"--ranks", "2", "--link", "fast"}).err, "--link fast: want a speed such as 100Gb"));
-  const Outcome trained_by_mistake = cloam_with(small_training(small_scene(), scratch() / "planned_for_ranks", {"--ranks", "2"}));
+  const Outcome trained_by_mistake =
+      cloam_with(small_training(small_scene(), scratch() / "planned_for_ranks", {"--ranks", "2"}));
   CHECK(trained_by_mistake.code == 2);
   CHECK_MESSAGE(contains(trained_by_mistake.err, "fix: add --dry-run"), trained_by_mistake.err);
 }
 
-TEST_CASE("a batch is not parted so far that a share has nothing") {
+TEST_CASE("a batch is not split so far that a share has nothing") {
   const Outcome outcome = cloam_with(small_diffusion(two_streets_run(), scratch() / "too_many_shares",
                                                      {"--set", "batch.codes=4", "--gradient-accumulation", "5"}));
   CHECK(outcome.code == 2);
-  CHECK_MESSAGE(contains(outcome.err, "a step's batch cannot be parted in 5 shares"), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "a step's batch cannot be split into 5 shares"), outcome.err);
   CHECK_FALSE(fs::exists(scratch() / "too_many_shares"));
 }
 
@@ -120,7 +121,7 @@ TEST_CASE("a run of two ranks goes on as one process, and as four ranks with oth
   CHECK(checkpoint_of(run, "000006") == checkpoint_of(left_alone, "000006"));
   const Outcome more = Ranks(4, {"train", "--resume", four.string()}).wait();
   CHECK_MESSAGE(more.code == 0, more.err);
-  CHECK_MESSAGE(contains(more.err, "is parted in 4 instead of 2 shares"), more.err);
+  CHECK_MESSAGE(contains(more.err, "is split into 4 instead of 2 shares"), more.err);
   CHECK(json_of(four / "run.json").at("state") == "finished");
 }
 
@@ -146,7 +147,8 @@ TEST_CASE("commands that cannot share their work refuse several ranks") {
     const Outcome outcome = Ranks(2, words).wait();
     CHECK(outcome.code == 2);
     CHECK_MESSAGE(contains(outcome.err, "cloam " + command + " cannot share its work among 2 ranks"), outcome.err);
-    CHECK_MESSAGE(contains(outcome.err, "those that can are train, render, eval, generate, simulate, tables"), outcome.err);
+    CHECK_MESSAGE(contains(outcome.err, "those that can are train, render, eval, generate, simulate, tables"),
+                  outcome.err);
   }
 }
 
@@ -160,7 +162,7 @@ TEST_CASE("started as one of several without the library: one clear error") {
   CHECK_MESSAGE(contains(content_of(said), "started as one of several ranks, but without MPI"), content_of(said));
 }
 
-TEST_CASE("ranks part the cores that they share, and take the devices that are named") {
+TEST_CASE("ranks split the cores that they share, and take the devices that are named") {
   const fs::path run = scratch() / "named_devices";
   const Outcome unknown =
       Ranks(2, small_training(small_scene(), run, {"--steps", "2", "--devices", "0:0,no-such-device"})).wait();
