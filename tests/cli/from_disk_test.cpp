@@ -51,7 +51,7 @@ TEST_CASE("a training of several logs gives the bytes of one from memory, also w
     REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
     return content_of(scratch() / run / "ckpt" / "000010.safetensors");
   };
-  const std::string all = with("several", {});
+  const std::string all = with("several_from_memory", {});
   CHECK(with("several-few", {"--host-memory", "1K"}) == all);
   CHECK(with("several-some", {"--host-memory", "40K"}) == all);
 }
