@@ -35,9 +35,6 @@ ClDevice& cl_device();
 std::shared_ptr<Buffer> allocate(size_t bytes);
 void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to);
 void write_buffer(const Buffer& buffer, const void* from, size_t bytes);
-/// The same, done only after finish(): many wait once.
-void begin_read(const Buffer& buffer, size_t bytes, void* to);
-void begin_write(const Buffer& buffer, const void* from, size_t bytes);
 void finish();
 
 /// kernels/<stem>.cl, compiled once per set of constants.

@@ -79,28 +79,20 @@ void put_at(const Tensor& value, const Tensor& place) {
   if (!lies_at(value, place) && value.numel() > 0) pack(value, place);
 }
 
-void read_over(const std::vector<Read>& reads) {
-  Tensors packed;
-  for (const Read& read : reads) {
-    check_count(read.from, read.to.size());
-    packed.push_back(dense(read.from));
-    if (debug().float64)
-      std::ranges::copy(packed.back().to_host(), read.to.begin());
-    else
-      begin_read(*packed.back().node()->storage.buffer, read.to.size_bytes(), read.to.data());
+void read_over(const Tensor& tensor, std::span<float> to) {
+  check_count(tensor, to.size());
+  if (debug().float64) {
+    std::ranges::copy(tensor.to_host(), to.begin());
+    return;
   }
-  finish();
+  const Tensor packed = dense(tensor);
+  read_buffer(*packed.node()->storage.buffer, 0, to.size_bytes(), to.data());
 }
 
-void write_over(const std::vector<Write>& writes) {
-  for (const Write& write : writes) {
-    check_count(write.to, write.from.size());
-    if (debug().float64)
-      put_at(from_bytes(write.from.data(), DType::f32, write.to.shape()), write.to);
-    else
-      begin_write(*write.to.node()->storage.buffer, write.from.data(), write.from.size_bytes());
-  }
-  finish();
+void write_over(const Tensor& tensor, std::span<const float> values) {
+  check_count(tensor, values.size());
+  if (debug().float64) return put_at(from_bytes(values.data(), DType::f32, tensor.shape()), tensor);
+  write_buffer(*tensor.node()->storage.buffer, values.data(), values.size_bytes());
 }
 
 }  // namespace cloam

@@ -22,17 +22,9 @@ void expect_at(const Tensor& value, const Tensor& place);
 /// Evaluates `value` and copies it into the memory of `place`, unless the hint put it there.
 void put_at(const Tensor& value, const Tensor& place);
 
-struct Read {
-  Tensor from;
-  std::span<float> to;
-};
-/// Evaluates f32 tensors and copies their values, row-major, over host memory of their sizes.
-void read_over(const std::vector<Read>& reads);
-struct Write {
-  Tensor to;
-  std::span<const float> from;
-};
-/// Copies values into the memory of evaluated f32 tensors of their numbers, which are dense.
-void write_over(const std::vector<Write>& writes);
+/// Evaluates an f32 tensor and copies its values, row-major, over `to`, of its size.
+void read_over(const Tensor& tensor, std::span<float> to);
+/// Copies `values` into the memory of an evaluated f32 tensor of their number, which is dense.
+void write_over(const Tensor& tensor, std::span<const float> values);
 
 }  // namespace cloam

@@ -213,32 +213,21 @@ struct WaitTimer {
 
 std::string after_launches() { return text(" after these launches, the last one first: ", last_launches()); }
 
-/// From `offset` on.
-void enqueue_read(const Buffer& buffer, size_t offset, size_t bytes, void* to, cl_bool blocking) {
-  if (bytes)
-    called([&] { return text("read ", bytes, " bytes of a buffer", after_launches()); },
-           [&] { cl_device().queue.enqueueReadBuffer(buffer.mem, blocking, offset, bytes, to); });
-}
-
-void enqueue_write(const Buffer& buffer, const void* from, size_t bytes, cl_bool blocking) {
-  if (bytes)
-    called_again_with_room([&] { return text("write ", bytes, " bytes into a buffer"); },
-                           [&] { cl_device().queue.enqueueWriteBuffer(buffer.mem, blocking, 0, bytes, from); });
-}
-
 }  // namespace
 
 void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to) {
   const WaitTimer timer;
-  enqueue_read(buffer, offset, bytes, to, CL_TRUE);
+  if (bytes)
+    called([&] { return text("read ", bytes, " bytes of a buffer", after_launches()); },
+           [&] { cl_device().queue.enqueueReadBuffer(buffer.mem, CL_TRUE, offset, bytes, to); });
   collect_launches();
 }
 
-void write_buffer(const Buffer& buffer, const void* from, size_t bytes) { enqueue_write(buffer, from, bytes, CL_TRUE); }
-
-void begin_read(const Buffer& buffer, size_t bytes, void* to) { enqueue_read(buffer, 0, bytes, to, CL_FALSE); }
-
-void begin_write(const Buffer& buffer, const void* from, size_t bytes) { enqueue_write(buffer, from, bytes, CL_FALSE); }
+void write_buffer(const Buffer& buffer, const void* from, size_t bytes) {
+  if (bytes)
+    called_again_with_room([&] { return text("write ", bytes, " bytes into a buffer"); },
+                           [&] { cl_device().queue.enqueueWriteBuffer(buffer.mem, CL_TRUE, 0, bytes, from); });
+}
 
 void finish() {
   const WaitTimer timer;

@@ -86,18 +86,15 @@ std::vector<Shape> Optimiser::buffer_shapes() const {
 
 void Optimiser::take_buffers(const std::vector<std::span<const float>>& buffers, Tensors& gradients) {
   size_t next = 0;
-  std::vector<Write> writes;
   for (Flats& flats : flats_) {
-    writes.push_back({flats.gradients.all, buffers[next++]});
+    write_over(flats.gradients.all, buffers[next++]);
     for (size_t i = 0; i < flats.order.size(); i++) gradients[flats.order[i]] = flats.gradients.parts[i];
   }
   for (size_t i = 0; i < names_.size(); i++) {
     if (!steps_.contains(names_[i])) continue;
     const std::span<const float> values = buffers[next++];
-    gradients[i] = values.empty() ? Tensor() : empty(m_.at(names_[i]).shape(), DType::f32);
-    if (gradients[i]) writes.push_back({gradients[i], values});
+    gradients[i] = values.empty() ? Tensor() : from_bytes(values.data(), DType::f32, m_.at(names_[i]).shape());
   }
-  write_over(writes);
 }
 
 void Optimiser::step_group(Flats& flats, const Tensors& parameters, const Tensors& gradients, const AdamStep& with) {

@@ -144,28 +144,24 @@ std::span<float> SummedStep::values_of(size_t buffer) {
 
 void SummedStep::add_gradients(const Tensors& buffers) {
   place_buffers();
-  std::vector<Read> reads;
   for (const auto& [buffer, place] : places_) {
     if (buffers[buffer])
-      reads.push_back({buffers[buffer], values_of(buffer)});
+      read_over(buffers[buffer], values_of(buffer));
     else
       std::ranges::fill(values_of(buffer), 0.f);
   }
-  read_over(reads);
   gradients_.add(weights_);
 }
 
 void SummedStep::add_sums(const Tensors& sums) {
-  if (sums.empty()) return;
   size_t count = 0, at = 0;
   for (const Tensor& sum : sums) count += static_cast<size_t>(sum.numel());
   sums_.grow(count);
-  std::vector<Read> reads;
   for (const Tensor& sum : sums) {
-    reads.push_back({sum, sums_.values().subspan(at, static_cast<size_t>(sum.numel()))});
-    at += reads.back().to.size();
+    const auto size = static_cast<size_t>(sum.numel());
+    read_over(sum, sums_.values().subspan(at, size));
+    at += size;
   }
-  read_over(reads);
   sums_.add(std::vector<float>(weights_.size(), 1.f));
 }
 
@@ -181,7 +177,7 @@ void SummedStep::take(Step& step) {
   std::vector<std::span<const float>> buffers;
   for (size_t i = 0; i < optimiser_.buffer_shapes().size(); ++i) buffers.emplace_back(values_of(i));
   optimiser_.take_buffers(buffers, step.gradients);
-  if (!step.sums.empty()) sums_.take();
+  sums_.take();
   size_t at = 0;
   for (const Tensor& sum : step.sums) {
     assign({{sum, from_bytes(sums_.values().data() + at, DType::f32, sum.shape())}});
