@@ -52,15 +52,11 @@ StopOnSignal::StopOnSignal(const char* soon) {
   what_comes_first.store(muted() ? nullptr : soon);
   struct sigaction action {};
   action.sa_handler = ask_to_stop;
-  sigaction(SIGINT, &action, &old_interrupt_);
-  sigaction(SIGTERM, &action, &old_terminate_);
-  sigaction(SIGUSR1, &action, &old_user_);
+  for (size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &action, &old_[i]);
 }
 
 StopOnSignal::~StopOnSignal() {
-  sigaction(SIGINT, &old_interrupt_, nullptr);
-  sigaction(SIGTERM, &old_terminate_, nullptr);
-  sigaction(SIGUSR1, &old_user_, nullptr);
+  for (size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &old_[i], nullptr);
 }
 
 }  // namespace cloam

@@ -1,5 +1,6 @@
 // Signals that ask the program to stop, for commands that have something to bring to an end first.
 #pragma once
+#include <array>
 #include <atomic>
 #include <csignal>
 #include <string>
@@ -11,8 +12,9 @@ namespace cloam {
 /// The signal that came since the last StopOnSignal began; 0: none.
 extern std::atomic<int> stop_signal;
 
-/// SIGINT, SIGTERM and SIGUSR1 (which mpirun passes on, and SLURM sends ahead of a limit) only set stop_signal and say
-/// what happens next, as long as this lives; a second one ends the program at once.
+/// SIGINT, SIGTERM, SIGUSR1 (what SLURM sends ahead of a limit) and SIGUSR2 (what mpirun passes on: that of Open
+/// MPI 4.1 keeps SIGUSR1 to itself) only set stop_signal and say what happens next, as long as this lives; a second one
+/// ends the program at once.
 class StopOnSignal {
  public:
   /// soon: what the program does before it stops, a literal; it follows "stopping: " on stderr. Null, or where another
@@ -23,9 +25,8 @@ class StopOnSignal {
   StopOnSignal& operator=(const StopOnSignal&) = delete;
 
  private:
-  struct sigaction old_interrupt_ {};
-  struct sigaction old_terminate_ {};
-  struct sigaction old_user_ {};
+  static constexpr std::array<int, 4> kSignals = {SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
+  std::array<struct sigaction, kSignals.size()> old_{};
 };
 
 /// Between two pictures. Throws Interrupted with what done() says is complete if a signal has come.

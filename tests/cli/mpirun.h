@@ -18,6 +18,8 @@ class Ranks {
   Ranks(const Ranks&) = delete;
   Ranks& operator=(const Ranks&) = delete;
   bool running();
+  /// The mpirun itself.
+  pid_t launcher() const { return id_; }
   /// The process of a rank; 0 while there is none.
   pid_t process_of(int rank) const;
   /// All processes that mpirun started and that are still there.

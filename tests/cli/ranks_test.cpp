@@ -250,9 +250,9 @@ TEST_CASE("ranks that are asked to stop save first, and go on later") {
   const fs::path run = scratch() / "asked_ranks";
   const auto ranks = ranks_under_way(run);
   const std::vector<pid_t> processes = ranks->processes();
-  for (const pid_t process : processes) REQUIRE(kill(process, SIGUSR1) == 0);  // as mpirun passes it on
+  REQUIRE(kill(ranks->launcher(), SIGUSR2) == 0);  // mpirun passes it on
   const Outcome outcome = ended(*ranks, processes);
-  CHECK(outcome.code == 128 + SIGUSR1);
+  CHECK(outcome.code == 128 + SIGUSR2);
   CHECK_MESSAGE(contains(outcome.err, "stopping: finishing this step, then saving"), outcome.err);
   CHECK(json_of(run / "run.json").at("state") == "interrupted");
   CHECK(cloam_with({"train", "--resume", run.string(), "-q"}).code == 0);
