@@ -13,6 +13,7 @@
 #include "models/io/gif.h"
 #include "models/io/paths.h"
 #include "models/mesh/write_mesh.h"
+#include "models/methods/registry.h"
 #include "models/metrics/psnr.h"
 #include "models/render/undistort.h"
 #include "models/runs/actor_names.h"
@@ -68,8 +69,8 @@ MeshLabel label_of(const RestoredRun& run, const AssetName& name, int resolution
 
 Exported export_mesh(const RestoredRun& run, const ExportRequest& request, const AssetName& name,
                      const fs::path& path) {
-  const Mesh mesh =
-      asset_mesh(street_of(run), appearance_of(run.scenes, name), actor_of(run.scenes, name).size, request.resolution);
+  const Mesh mesh = asset_mesh(require<HasSurfaces>(*run.method, run.record.method, "a mesh"),
+                               appearance_of(run.scenes, name), actor_of(run.scenes, name).size, request.resolution);
   if (mesh.triangle_count() == 0) {
     throw Error(Fault::data, text("the actor ", spelled(run.scenes, name),
                                   " has no surface in its box; was it visible, and trained for long enough?"));

@@ -130,7 +130,7 @@ class AssetWriter {
   /// The mesh's file, or none where the asset has no surface.
   void write_mesh(const NewAsset& asset, const AssetName& name, Report& row) {
     const fs::path path = file_of(row, "glb");
-    const Mesh mesh = asset_mesh(made_.street(), name, asset.size, files_.resolution);
+    const Mesh mesh = asset_mesh(*as<HasSurfaces>(made_.decoder()), name, asset.size, files_.resolution);
     if (mesh.triangle_count() == 0) {
       std::error_code error;
       fs::remove(path, error);  // of an earlier generation

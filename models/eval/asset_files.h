@@ -32,6 +32,7 @@ class Generation {
   bool next();
 
   Street& street() const { return street_of(decoder_); }
+  Method& decoder() const { return *decoder_.method; }
   const std::vector<NewAsset>& assets() const { return assets_; }
   const std::vector<AssetName>& names() const { return names_; }  // as the street knows them
   /// How many there will be in all; of training codes at most so many.

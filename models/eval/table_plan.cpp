@@ -88,7 +88,10 @@ class Planner {
   static int64_t steps_of(const Preset& preset, int64_t images) { return preset.steps + preset.epochs * images; }
 
   std::string preset_of(const TableRow& row) const {
-    return (request_.small ? "genassets-small" : "genassets") + row.preset_ending;
+    const std::vector<std::string> known = presets_of(row.method);
+    const std::string small = row.method + "-small";
+    const bool has_small = std::find(known.begin(), known.end(), small) != known.end();
+    return (request_.small && has_small ? small : row.method) + row.preset_ending;
   }
 
   void make_logs() {
@@ -213,7 +216,8 @@ class Planner {
       node.needs.push_back(stage1);
       more.insert(more.end(), {"--networks", "@/" + stage1});
     }
-    const Preset& preset = find_preset(stage1.empty() ? row.method : preset_of(row));
+    const Preset& preset = find_preset(preset_of(row));
+    if (stage1.empty() && preset.name != row.method) more.insert(more.end(), {"--preset", preset.name});
     const int64_t images = protocol == "sparse" ? sparse_images(log.front_images) : log.front_images;
     end_words(node, seed, steps_for(stage1.empty() ? "methods" : "fit"), steps_of(preset, images), more);
     node.seconds = seconds_of(stage1.empty() ? kOtherStepPace : kTrainPace, request_.small, node.steps);

@@ -5,6 +5,7 @@
 #include "models/latents/shows_assets.h"
 #include "models/latents/takes_prior.h"
 #include "models/methods/genassets_training.h"
+#include "models/street/has_surfaces.h"
 #include "models/street/street.h"
 #include "models/street/takes_edits.h"
 #include "models/train/learns_from_captures.h"
@@ -24,6 +25,7 @@ class GenAssets final : public Method,
                         public LearnsFromCaptures,
                         public RendersViews,
                         public Street,
+                        public HasSurfaces,
                         public TakesEdits,
                         public SharesNetworks,
                         public TakesPrior,

@@ -12,6 +12,7 @@
 #include "models/latents/code_prior.h"
 #include "models/latents/new_assets.h"
 #include "models/nn/image_decoder.h"
+#include "models/street/has_surfaces.h"
 #include "models/street/street_boxes.h"
 #include "models/street/street_views.h"
 

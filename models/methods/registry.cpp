@@ -11,6 +11,7 @@
 #include "models/methods/genassets.h"
 #include "models/methods/nerf.h"
 #include "models/methods/splat.h"
+#include "models/methods/street_gaussians.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -24,8 +25,8 @@ struct MethodRow {
 
 template <class... Capabilities>
 struct List {};
-using All = List<LearnsFromCaptures, LearnsFromRun, RendersViews, Street, Grows, SharesNetworks, TakesPrior,
-                 GeneratesAssets, ShowsAssets, ExportsGaussians, MixedPrecision>;
+using All = List<LearnsFromCaptures, LearnsFromRun, RendersViews, Street, HasSurfaces, Grows, SharesNetworks,
+                 TakesPrior, GeneratesAssets, ShowsAssets, ExportsGaussians, MixedPrecision>;
 
 template <class M, class... Capabilities>
 std::set<std::type_index> capabilities_of(List<Capabilities...>) {
@@ -41,7 +42,7 @@ MethodRow row(const char* name) {
 
 const std::vector<MethodRow>& methods() {
   static const std::vector<MethodRow> rows = {row<Nerf>("nerf"), row<Splat>("splat"), row<GenAssets>("genassets"),
-                                              row<Diffusion>("diffusion")};
+                                              row<StreetGaussians>("street-gaussians"), row<Diffusion>("diffusion")};
   return rows;
 }
 
@@ -103,6 +104,11 @@ const std::vector<Preset>& presets() {
        settings_in("unet.base=32 unet.multipliers=1,2 unet.groups=8 batch.codes=64 train.rate=1e-3 "
                    "train.final_rate=0.1 train.ema=0.999 beyond.wiener=true"),
        4000},
+      {"street-gaussians", "street-gaussians", "the paper's sizes: an hour on a GPU", {}, 30000},
+      {"street-gaussians-small", "street-gaussians", "one log with its actors: minutes on two cores",
+       settings_in("initial.lidar=20000 initial.near=2000 initial.far=3000 initial.actor=500 initial.fewest=200 "
+                   "sky.side=128 growth.max=60000 actors.max=30000"),
+       3000},
       // The ablations of GenAssets' Table A2.
       {"genassets-small-nokl", "genassets", "the same without variational codes",
        settings_in(street + "weight.kl=0 code.variational=false"), 7000},

@@ -23,34 +23,12 @@ void Splat::configure(Config& c) {
   c.bind("background", o.background, "background colour: auto, black, white or random");
   c.bind("antialiased", o.antialiased, "reduce opacities to make up for the pixel filter (Mip-Splatting)");
   c.bind("near", o.near, "near plane, relative to the cameras' radius");
-  c.bind("sh.degree", o.sh_degree, "degree of the colours' spherical harmonics", {0, kSphericalBands});
-  c.bind("sh.every", o.sh_every, "steps before the next degree is used (at most a tenth of all steps)", kSteps);
+  bind_harmonics(c, o.harmonics);
   c.bind("weight.ssim", o.ssim, "weight of 1 - SSIM; the rest is the weight of L1", {0, 1});
-  c.bind("train.rate_means", o.rate_means, "learning rate of the means, relative to the cameras' radius");
-  c.bind("train.final_means", o.final_means,
-         "learning rate of the means at the last step, as a fraction of train.rate_means");
-  c.bind("train.rate_first", o.rate_first, "learning rate of the base colours");
-  c.bind("train.rate_rest", o.rate_rest, "learning rate of the view-dependent colours");
-  c.bind("train.rate_opacities", o.rate_opacities, "learning rate of the opacities");
-  c.bind("train.rate_scales", o.rate_scales, "learning rate of the scales");
-  c.bind("train.rate_rotations", o.rate_rotations, "learning rate of the rotations");
+  bind_rates(c, o.rates);
   c.bind("exposure", o.exposure, "learn a gain and an offset per image and channel, with means 1 and 0");
   c.bind("train.rate_exposure", o.rate_exposure, "learning rate of the exposures; it falls to a tenth");
-  c.bind("growth.strategy", o.growth.strategy, "densify (the paper) or mcmc");
-  c.bind("growth.start", o.growth.from, "step after which the number of Gaussians may change", kStepsOrNone);
-  c.bind("growth.every", o.growth.every, "steps between changes of the number of Gaussians", kSteps);
-  c.bind("growth.max", o.growth.max_count, "largest number of Gaussians", {1, 1 << 28});
-  c.bind("growth.gradient", o.growth.gradient, "densify: mean gradient above which a Gaussian is cloned or split");
-  c.bind("growth.absolute", o.growth.absolute, "densify: sum the absolute gradients of the pixels (AbsGS)");
-  c.bind("growth.split_scale", o.growth.small,
-         "densify: scale, relative to the cameras' radius, above which a Gaussian is split");
-  c.bind("growth.prune_scale", o.growth.large,
-         "densify: scale, relative to the radius or its distance, above which a Gaussian is removed");
-  c.bind("growth.prune_opacity", o.growth.faint, "opacity below which a Gaussian is removed or moved", {0, 1});
-  c.bind("growth.reset_every", o.growth.reset_every, "densify: steps between resets of the opacities", kSteps);
-  c.bind("growth.noise", o.growth.noise, "mcmc: noise on the means, relative to their learning rate");
-  c.bind("growth.weight_opacity", o.growth.weight_opacity, "mcmc: weight of the mean opacity");
-  c.bind("growth.weight_scale", o.growth.weight_scale, "mcmc: weight of the mean scale");
+  bind_growth(c, o.growth);
 }
 
 void Splat::build(const Scenes& scenes, uint64_t seed) {
@@ -120,15 +98,9 @@ MemoryPlan Splat::memory(const PhotoSizes& photos) const {
 }
 
 ParameterGroups Splat::groups() const {
-  const float means = config_.rate_means * static_cast<float>(cameras_.radius);
-  ParameterGroups groups = {{"means", means, {config_.final_means}},
-                            {"scales", config_.rate_scales},
-                            {"rotations", config_.rate_rotations},
-                            {"opacities", config_.rate_opacities},
-                            {"sh_first", config_.rate_first},
-                            {"sh_rest", config_.rate_rest},
-                            {"exposure", config_.rate_exposure, {kFinalExposure}}};
-  for (ParameterGroup& group : groups) group.epsilon = 1e-15f;
+  ParameterGroups groups = gaussian_groups(config_.rates, "", cameras_.radius);
+  groups.push_back({"exposure", config_.rate_exposure, {kFinalExposure}});
+  groups.back().epsilon = groups.front().epsilon;
   return groups;
 }
 

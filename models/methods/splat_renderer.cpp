@@ -20,12 +20,6 @@ SplatRenderer::SplatRenderer(const SplatConfig& config, const Scene& scene, cons
       has_alpha_(scene.has_alpha),
       near_(config.near * static_cast<float>(radius)) {}
 
-int SplatRenderer::degree_at(const Progress& progress) const {
-  int64_t every = config_.sh_every;
-  if (progress.horizon > 0) every = std::min(every, std::max<int64_t>(1, progress.horizon / 10));
-  return static_cast<int>(std::min<int64_t>(config_.sh_degree, progress.step / std::max<int64_t>(1, every)));
-}
-
 /// [3,1,1]
 Tensor SplatRenderer::background_for(const Progress& progress) const {
   if (config_.background == "random")
@@ -44,7 +38,7 @@ Tensor SplatRenderer::exposed(const Tensor& planes, size_t photograph) const {
 SplatRenderer::Compared SplatRenderer::compare(const Photograph& photograph, size_t exposure, const Progress& progress,
                                                const Tensor& probe) const {
   Compared out;
-  out.drawn = draw(splat_model(params_, degree_at(progress)), photograph.camera,
+  out.drawn = draw(splat_model(params_, degree_at(config_.harmonics, progress)), photograph.camera,
                    view_matrix(photograph.world_from_camera), {near_, config_.antialiased, false, probe});
   const Tensor background = background_for(progress);
   out.picture = exposed(out.drawn.planes + unsqueeze(out.drawn.transmittance, 0) * background, exposure);
@@ -64,7 +58,7 @@ SplatRenderer::Compared SplatRenderer::compare(const Photograph& photograph, siz
 
 Picture SplatRenderer::picture(const View& view) const {
   const Camera pinhole = pinhole_around(view.camera);
-  const Drawn drawn = draw(splat_model(params_, config_.sh_degree), pinhole, view_matrix(view.world_from_camera),
+  const Drawn drawn = draw(splat_model(params_, config_.harmonics.degree), pinhole, view_matrix(view.world_from_camera),
                            {near_, config_.antialiased, true});
   const float back = bright() ? 1.f : 0.f;
   const std::vector<float> planes = drawn.planes.to_host(), through = drawn.transmittance.to_host();

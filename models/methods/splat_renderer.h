@@ -5,8 +5,7 @@
 #include "models/nn/params.h"
 #include "models/scene/view.h"
 #include "models/splat/draw.h"
-#include "models/splat/growth.h"
-#include "models/train/parameter_groups.h"
+#include "models/splat/settings.h"
 
 namespace cloam {
 
@@ -16,12 +15,9 @@ struct SplatConfig {
   std::string background = "auto";  // auto | black | white | random
   bool antialiased = false;
   float near = 0.01f;  // of the scene's extent
-  int sh_degree = 3;
-  int sh_every = 1000;         // steps between degrees, at most
-  float ssim = 0.2f;           // weight; 1 - ssim is that of the absolute difference
-  float rate_means = 1.6e-4f;  // times the extent
-  float final_means = 0.01f;   // factor reached at the horizon
-  float rate_first = 2.5e-3f, rate_rest = 1.25e-4f, rate_opacities = 0.05f, rate_scales = 5e-3f, rate_rotations = 1e-3f;
+  HarmonicSteps harmonics;
+  float ssim = 0.2f;  // weight; 1 - ssim is that of the absolute difference
+  GaussianRates rates;
   bool exposure = false;        // a gain and an offset for each channel of each training image, their means 1 and 0
   float rate_exposure = 0.01f;  // falls to a tenth
   GrowthOptions growth;
@@ -39,9 +35,6 @@ class SplatRenderer {
   Compared compare(const Photograph& photograph, size_t exposure, const Progress& progress, const Tensor& probe) const;
   Picture picture(const View& view) const;
   GaussianDrawing drawing() const { return {near_, config_.antialiased, bright()}; }
-  /// Of the harmonics that are learned at a step: a degree more each time; in a short training the last one shall still
-  /// be learned for most of it.
-  int degree_at(const Progress& progress) const;
 
  private:
   Tensor background_for(const Progress& progress) const;

@@ -113,8 +113,8 @@ std::vector<std::string> log_warnings(const Scene& scene, const std::string& nam
   if (!scene.is_log) return warnings;
   if (!as<Street>(method))
     return {name +
-            " learns static scenes: moving actors will be blurred or leave ghosts; genassets models them "
-            "separately"};
+            " learns static scenes: moving actors will be blurred or leave ghosts; street-gaussians and genassets "
+            "model them separately"};
   if (scene.actors.empty())
     warnings.push_back(text("without boxes, ", name,
                             " learns everything as background: whatever moves will be blurred, and ",

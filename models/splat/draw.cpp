@@ -23,24 +23,44 @@ Tensor view_matrix(const Eigen::Matrix4d& world_from_camera) {
   return from_host(values, {3, 4});
 }
 
-Drawn draw(const SplatModel& model, const Camera& camera, const Tensor& view, const DrawOptions& options) {
+SplatCamera lens_of(const Camera& camera, const DrawOptions& options) {
   SplatCamera lens;
   lens.fx = static_cast<float>(camera.fx), lens.fy = static_cast<float>(camera.fy);
   lens.cx = static_cast<float>(camera.cx), lens.cy = static_cast<float>(camera.cy);
   lens.height = camera.height, lens.width = camera.width;
   lens.near = options.near;
   lens.antialiased = options.antialiased;
-  Drawn out;
-  out.seen = splat_project(model.cloud, view, lens);
+  return lens;
+}
+
+Projection projection_of(const SplatModel& model, const Camera& camera, const Tensor& view,
+                         const DrawOptions& options) {
   const Tensor eye = -sum(slice(view, 1, 0, 3) * slice(view, 1, 3, 4), {{0}});  // -R' t
-  const Tensor rgb = splat_colours(model.harmonics, model.cloud.means, eye);
-  eval_for_gradient({out.seen, rgb});
+  return {splat_project(model.cloud, view, lens_of(camera, options)),
+          splat_colours(model.harmonics, model.cloud.means, eye)};
+}
+
+Projection together(const Projection& a, const Projection& b) {
+  return {concat({a.seen, b.seen}, 0), concat({a.rgb, b.rgb}, 0)};
+}
+
+Drawn draw(const Projection& projection, const Camera& camera, const DrawOptions& options) {
+  Drawn out;
+  out.seen = projection.seen;
+  eval_for_gradient({out.seen, projection.rgb});
   out.tiles = splat_tiles(out.seen, camera.height, camera.width);
-  const Tensor colours = options.depth ? concat({rgb, slice(out.seen, 1, 6, 7)}, 1) : rgb;
-  const Blended blended = splat_blend({out.seen, colours, options.probe}, out.tiles);
+  Tensors colours = {projection.rgb};
+  if (options.depth) colours.push_back(slice(out.seen, 1, 6, 7));
+  if (options.more) colours.push_back(options.more);
+  const Blended blended =
+      splat_blend({out.seen, colours.size() == 1 ? projection.rgb : concat(colours, 1), options.probe}, out.tiles);
   out.planes = permute(blended.image, {2, 0, 1});
   out.transmittance = blended.transmittance;
   return out;
+}
+
+Drawn draw(const SplatModel& model, const Camera& camera, const Tensor& view, const DrawOptions& options) {
+  return draw(projection_of(model, camera, view, options), camera, options);
 }
 
 }  // namespace cloam

@@ -25,16 +25,29 @@ struct DrawOptions {
   bool antialiased = false;  // see SplatCamera
   bool depth = false;        // a fourth channel: the sum of weights times z, scene units
   Tensor probe = {};         // see Splats
+  Tensor more = {};          // [G,K]: channels besides
+};
+/// Gaussians as a camera sees them, not yet drawn.
+struct Projection {
+  Tensor seen;  // [G,7] of splat_project
+  Tensor rgb;   // [G,3]
 };
 struct Drawn {
   Tensor seen;  // [G,7] of splat_project
   SplatTiles tiles;
-  Tensor planes;         // [C,H,W]: red, green, blue, on black; depth
+  Tensor planes;         // [C,H,W]: red, green, blue, on black; depth; those besides
   Tensor transmittance;  // [H,W]
 };
 
-/// A pinhole's picture (Kerbl et al. 2023); differentiable in the model and in `view`, of view_matrix. The projection
-/// is evaluated at once: which tiles the gaussians reach depends on it.
+/// As splat_project takes it.
+SplatCamera lens_of(const Camera& camera, const DrawOptions& options);
+Projection projection_of(const SplatModel& model, const Camera& camera, const Tensor& view, const DrawOptions& options);
+/// The gaussians of both, those of `a` first.
+Projection together(const Projection& a, const Projection& b);
+/// The projection is evaluated at once: which tiles the gaussians reach depends on it.
+Drawn draw(const Projection& projection, const Camera& camera, const DrawOptions& options);
+
+/// A pinhole's picture (Kerbl et al. 2023); differentiable in the model and in `view`, of view_matrix.
 Drawn draw(const SplatModel& model, const Camera& camera, const Tensor& view, const DrawOptions& options);
 
 }  // namespace cloam

@@ -76,8 +76,7 @@ class Densify final : public Growth {
     GrowthMoves moves;
     std::vector<size_t> doubled;
     for (size_t i = 0; i < g.count(); i++) {
-      const bool wanted = statistics.gradients[i] >= limit,
-                 split = wanted && largest(g, i) > options_.small * cameras_.radius;
+      const bool wanted = statistics.gradients[i] >= limit, split = wanted && halves_of(g, i) == 2;
       if (gone(g, i, progress)) continue;
       if (wanted) doubled.push_back(i);
       if (split) continue;
@@ -85,6 +84,8 @@ class Densify final : public Growth {
       if (wanted) out.opacities.back() = opacity_of_two(g.opacities[i]);
       moves.source.push_back(static_cast<int32_t>(i));
     }
+    moves.parent = moves.source;
+    for (const size_t i : doubled) moves.parent.insert(moves.parent.end(), halves_of(g, i), static_cast<int32_t>(i));
     add(out, g, doubled, progress);
     moves.source.resize(out.count(), -1);
     g = std::move(out);
@@ -100,6 +101,11 @@ class Densify final : public Growth {
     const Eigen::Vector3d place(double{g.means[3 * i]}, double{g.means[3 * i + 1]}, double{g.means[3 * i + 2]});
     const double unit = std::max(cameras_.radius, (place - cameras_.middle).norm());
     return progress.step > options_.reset_every && largest(g, i) > options_.large * unit;
+  }
+
+  /// How many are added for one that is doubled: a small one stays besides.
+  size_t halves_of(const Gaussians& g, size_t i) const {
+    return largest(g, i) > options_.small * cameras_.radius ? 2 : 1;
   }
 
   /// The gradient from which on there is room for one more each.
@@ -121,7 +127,7 @@ class Densify final : public Growth {
                                          .to_host();
     for (size_t k = 0; k < doubled.size(); k++) {
       const size_t i = doubled[k];
-      if (largest(g, i) <= options_.small * cameras_.radius) {
+      if (halves_of(g, i) == 1) {
         append(out, g, i);
         out.opacities.back() = opacity_of_two(g.opacities[i]);
         continue;
@@ -183,11 +189,17 @@ class Mcmc final : public Growth {
       copies[chosen.back()] = std::min(copies[chosen.back()] + 1, kMaxShared);
     }
     moves.source.resize(count + added, -1);
+    moves.parent.resize(count + added);
+    std::iota(moves.parent.begin(), moves.parent.end(), 0);
     for (size_t i = 0; i < count; i++)
       if (copies[i] == 1) moves.source[i] = static_cast<int32_t>(i);
     for (size_t i = 0; i < count; i++)
       if (copies[i] > 1) share(g, i, copies[i]);
-    for (size_t k = 0; k < all; k++) place(g, chosen[k], k < faint.size() ? faint[k] : count + k - faint.size());
+    for (size_t k = 0; k < all; k++) {
+      const size_t to = k < faint.size() ? faint[k] : count + k - faint.size();
+      place(g, chosen[k], to);
+      moves.parent[to] = static_cast<int32_t>(chosen[k]);
+    }
     for (const size_t i : faint) moves.source[i] = -1;
     return moves;
   }

@@ -41,6 +41,7 @@ struct GrowthStatistics {
 /// Where a row came from, and whether its optimiser state begins anew.
 struct GrowthMoves {
   std::vector<int32_t> source;  // [G'] row before, of the moments too; -1: new moments
+  std::vector<int32_t> parent;  // [G'] row before, that it is or is made of
   bool opacities_reset = false;
   bool any() const { return !source.empty() || opacities_reset; }
 };

@@ -46,10 +46,6 @@ std::optional<Eigen::Vector2d> pixel_of(const Camera& camera, const Eigen::Matri
   return std::nullopt;
 }
 
-bool sees(const Scene& scene, const Frame& frame, const Vector3d& point) {
-  return pixel_of(scene.cameras[static_cast<std::size_t>(frame.camera)], frame.world_from_camera, point).has_value();
-}
-
 void add(PointCloud& cloud, const Vector3d& point) {
   for (int k = 0; k < 3; k++) cloud.positions.push_back(static_cast<float>(point[k]));
   cloud.colours.insert(cloud.colours.end(), 3, kGrey);
@@ -155,22 +151,33 @@ CameraRegion camera_region(const Scene& scene) {
   return out;
 }
 
+bool sees(const Scene& scene, const Frame& frame, const Vector3d& point) {
+  return pixel_of(scene.cameras[static_cast<std::size_t>(frame.camera)], frame.world_from_camera, point).has_value();
+}
+
+void NearestColour::look(const PosedPhoto& photo, const Vector3d& point) {
+  const double distance = (point - photo.world_from_camera.block<3, 1>(0, 3)).norm();
+  const auto pixel = distance < distance_ ? pixel_of(photo.camera, photo.world_from_camera, point) : std::nullopt;
+  if (!pixel) return;
+  const FramePixels& seen = photo.pixels;
+  const std::size_t at = static_cast<std::size_t>(pixel->y()) * static_cast<std::size_t>(seen.width) +
+                         static_cast<std::size_t>(pixel->x());
+  if (seen.rgba[4 * at + 3] < kOpaque || (!seen.mask.empty() && seen.mask[at] == 0)) return;
+  distance_ = distance;
+  for (std::size_t c = 0; c < 3; c++)
+    first_[c] = static_cast<float>((seen.rgba[4 * at + c] / 255.0 - 0.5) / kSphericalFirst);
+}
+
+void NearestColour::put(Gaussians& gaussians, std::size_t i) const {
+  if (std::isfinite(distance_)) std::copy(first_.begin(), first_.end(), &gaussians.sh_first[3 * i]);
+}
+
 void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians) {
   for (std::size_t i = 0; i < gaussians.count(); i++) {
-    const Vector3d mean = Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>();
-    double nearest = std::numeric_limits<double>::infinity();
-    for (const PosedPhoto& photo : photos) {
-      const double distance = (mean - photo.world_from_camera.block<3, 1>(0, 3)).norm();
-      const auto pixel = distance < nearest ? pixel_of(photo.camera, photo.world_from_camera, mean) : std::nullopt;
-      if (!pixel) continue;
-      const FramePixels& seen = photo.pixels;
-      const std::size_t at = static_cast<std::size_t>(pixel->y()) * static_cast<std::size_t>(seen.width) +
-                             static_cast<std::size_t>(pixel->x());
-      if (seen.rgba[4 * at + 3] < kOpaque || (!seen.mask.empty() && seen.mask[at] == 0)) continue;
-      nearest = distance;
-      for (std::size_t c = 0; c < 3; c++)
-        gaussians.sh_first[3 * i + c] = static_cast<float>((seen.rgba[4 * at + c] / 255.0 - 0.5) / kSphericalFirst);
-    }
+    NearestColour nearest;
+    for (const PosedPhoto& photo : photos)
+      nearest.look(photo, Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>());
+    nearest.put(gaussians, i);
   }
 }
 

@@ -1,5 +1,7 @@
 // Where a training of gaussians begins.
 #pragma once
+#include <array>
+#include <limits>
 #include <string>
 
 #include "models/scene/pixels.h"
@@ -30,6 +32,21 @@ struct PosedPhoto {
   const Camera& camera;
   Eigen::Matrix4d world_from_camera;
 };
+
+/// The colour that the photo which shows a point from nearest by has there.
+class NearestColour {
+ public:
+  void look(const PosedPhoto& photo, const Eigen::Vector3d& point);
+  /// The gaussian's base colour; as it is where no photo showed the point.
+  void put(Gaussians& gaussians, std::size_t i) const;
+
+ private:
+  double distance_ = std::numeric_limits<double>::infinity();
+  std::array<float, 3> first_{};
+};
+
+/// Whether the frame's camera has the point in its image, whatever is before it.
+bool sees(const Scene& scene, const Frame& frame, const Eigen::Vector3d& point);
 
 /// Each gaussian takes the colour of its pixel in the nearest photo that shows its mean; grey where none does.
 void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians);

@@ -7,15 +7,17 @@
 
 namespace cloam {
 
+// The names of a part's parameters begin with its prefix, "actors."; those of a method without parts have none.
+
 /// In the place of those before.
-void put_gaussians(Params& parameters, const Gaussians& gaussians);
+void put_gaussians(Params& parameters, const Gaussians& gaussians, const std::string& prefix = "");
 /// So many, all numbers 0.
-void put_zeros(Params& parameters, int64_t count);
-int64_t gaussian_count(const Params& parameters);
+void put_zeros(Params& parameters, int64_t count, const std::string& prefix = "");
+int64_t gaussian_count(const Params& parameters, const std::string& prefix = "");
 /// `like` tells what they have in common: up and metric.
-Gaussians gaussians_in(const Params& parameters, const Gaussians& like);
-SplatModel splat_model(const Params& parameters, int degree);
+Gaussians gaussians_in(const Params& parameters, const Gaussians& like, const std::string& prefix = "");
+SplatModel splat_model(const Params& parameters, int degree, const std::string& prefix = "");
 /// Where the rows of every parameter came from.
-RowMoves row_moves(const GrowthMoves& moves);
+RowMoves row_moves(const GrowthMoves& moves, const std::string& prefix = "");
 
 }  // namespace cloam

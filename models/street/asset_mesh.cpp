@@ -25,7 +25,7 @@ void append(std::vector<float>& all, const std::vector<float>& more) {
 
 }  // namespace
 
-Mesh asset_mesh(Street& street, const AssetName& asset, const Eigen::Vector3d& size, int resolution) {
+Mesh asset_mesh(HasSurfaces& street, const AssetName& asset, const Eigen::Vector3d& size, int resolution) {
   DistanceGrid grid = grid_over(size, resolution);
   const std::size_t nodes = grid.node_count();
   for (std::size_t first = 0; first < nodes; first += kPointsAtOnce) {

@@ -20,12 +20,6 @@ struct LidarReturns {
   std::vector<int> actors;    // as Picture::actors
 };
 
-/// A point cloud's worth of an asset, [N] and [N,3].
-struct AssetSamples {
-  std::vector<float> distances;  // signed, metres in scale, negative inside
-  std::vector<float> colours;    // in [0,1], seen from where the surface faces
-};
-
 class Street {
  public:
   virtual ~Street() = default;
@@ -33,8 +27,6 @@ class Street {
   /// The asset alone, on white. box_from_camera: the view in the axes of the actor's box (metres, origin its centre).
   virtual Picture render_asset(const AssetName& asset, const Camera& camera,
                                const Eigen::Matrix4d& box_from_camera) = 0;
-  /// points [N,3] in the axes of the actor's box.
-  virtual AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) = 0;
 };
 
 }  // namespace cloam

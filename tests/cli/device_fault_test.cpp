@@ -22,7 +22,8 @@ namespace {
 
 /// Two checkpoints: at the middle and at the end.
 Words words_of(const SmallTraining& training, const fs::path& run) {
-  const bool street = std::string(training.method) == "genassets";
+  const std::string method = training.method;
+  const bool street = method == "genassets" || method == "street-gaussians";
   Words words = {"--steps", street ? "2" : "4", "--save-every", street ? "1" : "2"};
   if (std::string(training.method) != "nerf")  // the calls of pictures would outnumber those of the steps
     words.insert(words.end(), {"--pictures", "off"});

@@ -51,6 +51,9 @@ const Rule kRules[] = {
     {"^cloam train nerf",
      "cloam train nerf --set field.log2_rows=10 --set field.levels=4 --set batch.rays=64 --set batch.samples=4096"
      " --set occupancy.side=16 --set occupancy.cells=512"},
+    {"^cloam train street-gaussians",
+     "cloam train street-gaussians --set initial.lidar=200 --set initial.near=20 --set initial.far=20"
+     " --set initial.actor=20 --set initial.fewest=20 --set sky.side=4"},
     {"^cloam train splat", "cloam train splat --set initial.random=200"},
     {"^cloam train genassets (?!.*--networks)",
      "cloam train genassets --set background.side=32 --set batch.patches=2 --set batch.patch_side=8"

@@ -208,7 +208,8 @@ TEST_CASE("training says what a log or a method lacks") {
   };
   const auto says = [](const std::string& all, const char* part) { return all.find(part) != std::string::npos; };
   const fs::path log = small_log("told");
-  for (const char* method : {"nerf", "splat"}) CHECK(says(plan(method, log), "genassets models them separately"));
+  for (const char* method : {"nerf", "splat"})
+    CHECK(says(plan(method, log), "street-gaussians and genassets model them separately"));
   CHECK_FALSE(says(plan("splat", log), "random positions"));  // it begins with LiDAR's points
   CHECK_FALSE(says(plan("nerf", small_scene()), "genassets"));
   CHECK(says(plan("splat", small_scene()), "no points: Gaussians start at random positions"));

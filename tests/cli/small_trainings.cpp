@@ -28,13 +28,24 @@ Words genassets(const fs::path& run, const Words& more) {
                        more);
 }
 
+Words street_gaussians(const fs::path& run, const Words& more) {
+  return with_settings({"train", "street-gaussians", small_street().string(), "-o", run.string(), "--preset",
+                        "street-gaussians-small", "--progress", "plain"},
+                       {"initial.lidar=100", "initial.near=20", "initial.far=20", "initial.actor=20",
+                        "initial.fewest=20", "sky.side=4", "growth.start=1", "growth.every=2", "batch.depth_every=2"},
+                       more);
+}
+
 Words diffusion(const fs::path& run, const Words& more) { return small_diffusion(two_streets_run(), run, more); }
 
 }  // namespace
 
 const std::vector<SmallTraining>& small_trainings() {
-  static const std::vector<SmallTraining> all = {
-      {"nerf", nerf}, {"splat", splat}, {"genassets", genassets}, {"diffusion", diffusion}};
+  static const std::vector<SmallTraining> all = {{"nerf", nerf},
+                                                 {"splat", splat},
+                                                 {"genassets", genassets},
+                                                 {"diffusion", diffusion},
+                                                 {"street-gaussians", street_gaussians}};
   return all;
 }
 

@@ -57,7 +57,8 @@ TensorMap trained(const SmallTraining& training, int steps, int seed, const Word
   const fs::path run = fresh(training.method);
   Words more = {"--steps", std::to_string(steps), "--seed", std::to_string(seed)};
   // Gaussians are born where a gradient is above a threshold: one of them more, and there is no distance to measure.
-  if (std::string(training.method) == "splat") more.insert(more.end(), {"--set", "growth.start=100000"});
+  const std::string method = training.method;
+  if (method == "splat" || method == "street-gaussians") more.insert(more.end(), {"--set", "growth.start=100000"});
   const Outcome outcome = cloam_with(training.words(run, more), environment);
   REQUIRE_MESSAGE(outcome.code == 0, training.method, ": ", outcome.err);
   TensorMap out = parameters_of(run);

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "models/scene/assets.h"
+#include "models/street/has_surfaces.h"
 #include "models/street/street.h"
 
 namespace cloam {
@@ -23,7 +24,7 @@ inline std::optional<Eigen::Vector3d> size_of_appearance(const Scenes& scenes, c
   return std::nullopt;
 }
 
-class AnalyticStreet : public Street {
+class AnalyticStreet : public Street, public HasSurfaces {
  public:
   explicit AnalyticStreet(Scenes scenes) : scenes_(std::move(scenes)) {}
 

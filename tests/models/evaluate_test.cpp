@@ -74,7 +74,6 @@ struct Wall final : Street {
     return {std::vector<float>(rays.directions.size() / 3, distance), std::vector<int>(rays.directions.size() / 3, 0)};
   }
   Picture render_asset(const AssetName&, const Camera&, const Eigen::Matrix4d&) override { return {}; }
-  AssetSamples sample_asset(const AssetName&, const std::vector<float>&) override { return {}; }
 };
 
 /// Every view is of stripes.

@@ -111,6 +111,7 @@ TEST_CASE(
   const auto method = built(crossing(folder.path, 5));
   fill(*method);
   Street& street = *as<Street>(*method);
+  HasSurfaces& shapes = *as<HasSurfaces>(*method);
   ShowsAssets& assets = *as<ShowsAssets>(*method);
   const std::vector<float> rows = method->parameters().at("log0.codes").to_host();
   const size_t numbers = rows.size() / 4;  // two actors, mean and log variance
@@ -126,7 +127,7 @@ TEST_CASE(
   CHECK(street.render_asset(added, camera, pose).rgb == picture);
   CHECK(street.render_asset(another, camera, pose).rgb != picture);
   const std::vector<float> points = {0, 0, 0, 0.5f, 1, -1};
-  CHECK(street.sample_asset(added, points).distances == street.sample_asset(own, points).distances);
+  CHECK(shapes.sample_asset(added, points).distances == shapes.sample_asset(own, points).distances);
   same.code.pop_back();
   CHECK_THROWS_WITH_AS(assets.show_assets({same}), doctest::Contains("63 numbers, the run's codes have 64"), Error);
   const auto planes = built(crossing(folder.path, 5), {{"decoder.use", "false"}});

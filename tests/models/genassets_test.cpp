@@ -228,7 +228,7 @@ TEST_CASE("genassets: what a symmetric actor's left shows is its right, mirrored
   for (const char* symmetric : {"true", "false"}) {
     const auto method = built(scene, {{"actors.symmetric", symmetric}});
     const auto distances = [&](const std::vector<float>& points) {
-      return as<Street>(*method)->sample_asset({0, "a"}, points).distances;
+      return as<HasSurfaces>(*method)->sample_asset({0, "a"}, points).distances;
     };
     const std::vector<float> a = distances(right), b = distances(left);
     const float apart = std::max(std::abs(a[0] - b[0]), std::abs(a[1] - b[1]));

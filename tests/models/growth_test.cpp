@@ -41,6 +41,7 @@ TEST_CASE("growth: the paper's rules, gaussian by gaussian") {
   const GrowthMoves moves = growth->grow(g, {{0.f, 1e-3f, 0.f, 1e-3f, 1e-3f}}, kGrowthStep);
   // 0 and 2 stay, 1 is doubled, 3 becomes two smaller ones, 4 is too faint to live.
   CHECK(moves.source == std::vector<int32_t>{0, 1, 2, -1, -1, -1});
+  CHECK(moves.parent == std::vector<int32_t>{0, 1, 2, 1, 3, 3});
   REQUIRE(g.count() == 6);
   CHECK(g.means[3 * 3] == 1.f);
   CHECK(g.scales[3 * 3] == doctest::Approx(std::log(0.05)));

@@ -27,6 +27,9 @@ inline Settings small_settings(const std::string& method) {
         {"image.width", "8"},        {"image.kernel", "3"},      {"image.blocks", "1"},      {"image.upsamplings", "1"},
         {"adversarial.widths", "8"}, {"batch.patches", "1"},     {"batch.patch_side", "12"}, {"batch.lidar_rays", "16"},
         {"steps.actor", "0.5"},      {"weight.perceptual", "0"}, {"weight.adversarial", "0"}};
+  if (method == "street-gaussians")
+    return {{"initial.lidar", "60"},  {"initial.near", "20"}, {"initial.far", "20"}, {"initial.actor", "20"},
+            {"initial.fewest", "20"}, {"sky.side", "4"},      {"growth.start", "0"}, {"batch.depth_every", "2"}};
   return {{"unet.base", "16"},    {"unet.multipliers", "1,2"}, {"unet.groups", "4"}, {"unet.blocks", "1"},
           {"code.channels", "4"}, {"code.side", "4"},          {"batch.codes", "4"}};
 }

@@ -1,0 +1,184 @@
+// See street_gaussians_model.h.
+#include "models/methods/street_gaussians_model.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "models/io/tensors.h"
+#include "models/scene/pose.h"
+#include "models/splat/parameters.h"
+#include "models/splat/sky_map.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+constexpr float kFirstSky = 0.5f;    // grey
+constexpr double kOutOfSight = 1e4;  // metres behind a camera
+
+/// Of the way from its first box to its last, in time.
+double share_of(const Actor& actor, double time) {
+  const double first = actor.boxes.front().timestamp, last = actor.boxes.back().timestamp;
+  return last > first ? std::clamp((time - first) / (last - first), 0.0, 1.0) : 0;
+}
+
+Shape waves_shape(int64_t count, int waves) { return {count, waves - 1, 3}; }
+
+}  // namespace
+
+StreetGaussiansModel::StreetGaussiansModel(const StreetGaussiansConfig& config, Params& parameters, const Scene& scene)
+    : config_(config), params_(parameters), actors_(scene.actors) {
+  std::vector<double> radii;
+  for (const Actor& actor : actors_)
+    if (!actor.boxes.empty()) radii.push_back(actor.size.norm() / 2);
+  std::sort(radii.begin(), radii.end());
+  if (!radii.empty()) actor_radius_ = std::max(0.1, radii[radii.size() / 2]);
+  const int64_t side = config.sky_side;
+  params_[kSkyName] =
+      parameter(std::vector<float>(static_cast<size_t>(18 * side * side), kFirstSky), {6, side, side, 3});
+}
+
+void StreetGaussiansModel::put(const StreetStart& start) {
+  put_gaussians(params_, start.background, kBackgroundPart);
+  std::erase_if(params_, [](const auto& one) { return one.first.starts_with(kActorsPart); });
+  if (start.owners.empty()) return set_owners({});
+  put_gaussians(params_, start.actors, kActorsPart);
+  const auto count = static_cast<int64_t>(start.owners.size());
+  if (config_.waves > 1)
+    params_[kWavesName] = parameter(std::vector<float>(static_cast<size_t>(3 * count * (config_.waves - 1))),
+                                    waves_shape(count, config_.waves));
+  set_owners(start.owners);
+}
+
+void StreetGaussiansModel::fit_to(const TensorMap& parameters) {
+  const auto count_in = [&](const char* part) -> int64_t {
+    const auto found = parameters.find(std::string(part) + "opacities");
+    return found == parameters.end() || found->second.shape.size() != 1 ? 0 : found->second.shape[0];
+  };
+  if (count_in(kBackgroundPart) > 0) put_zeros(params_, count_in(kBackgroundPart), kBackgroundPart);
+  const int64_t count = count_in(kActorsPart);
+  std::erase_if(params_, [](const auto& one) { return one.first.starts_with(kActorsPart); });
+  if (count > 0) put_zeros(params_, count, kActorsPart);
+  if (count > 0 && config_.waves > 1)
+    params_[kWavesName] = parameter(std::vector<float>(static_cast<size_t>(3 * count * (config_.waves - 1))),
+                                    waves_shape(count, config_.waves));
+  set_owners(std::vector<int32_t>(static_cast<size_t>(count), 0));
+}
+
+void StreetGaussiansModel::set_owners(std::vector<int32_t> owners) {
+  owners_ = std::move(owners);
+  owner_rows_ = owners_.empty() ? Tensor() : from_host(owners_, {static_cast<int64_t>(owners_.size())});
+}
+
+int64_t StreetGaussiansModel::count(const char* part) const {
+  const auto found = params_.find(std::string(part) + "opacities");
+  return found == params_.end() ? 0 : found->second.dim(0);
+}
+
+Tensor StreetGaussiansModel::of_actors() const {
+  const Tensor background = zeros({count(kBackgroundPart), 1});
+  return has_actors() ? concat({background, ones({count(kActorsPart), 1})}, 0) : background;
+}
+
+Tensor StreetGaussiansModel::half_sizes() const {
+  std::vector<float> halves;
+  for (const Actor& actor : actors_)
+    for (int k = 0; k < 3; ++k) halves.push_back(static_cast<float>(actor.size[k] / 2));
+  return gather_rows(from_host(halves, {static_cast<int64_t>(actors_.size()), 3}), owner_rows_);
+}
+
+/// Rigid poses as positions and unit quaternions, and cosines of the way in time (Yan et al. 2024, eq. 5).
+Placements StreetGaussiansModel::placements(const std::vector<Standing>& standing) const {
+  std::vector<float> positions, turns, waves;
+  for (const auto& [actor, pose, share] : standing) {
+    const Eigen::Quaterniond turn(Eigen::Matrix3d(pose.topLeftCorner<3, 3>()));
+    for (int k = 0; k < 3; ++k) positions.push_back(static_cast<float>(pose(k, 3)));
+    for (const double number : {turn.w(), turn.x(), turn.y(), turn.z()}) turns.push_back(static_cast<float>(number));
+    for (int wave = 1; wave < config_.waves; ++wave)
+      waves.push_back(static_cast<float>(std::cos(wave * std::numbers::pi * share)));
+  }
+  const auto count = static_cast<int64_t>(standing.size());
+  return {from_host(positions, {count, 3}), from_host(turns, {count, 4}),
+          config_.waves > 1 ? from_host(waves, {count, config_.waves - 1}) : Tensor()};
+}
+
+ThingsModel StreetGaussiansModel::things(int degree) const {
+  return {splat_model(params_, degree, kActorsPart), config_.waves > 1 ? params_.at(kWavesName) : Tensor(),
+          owner_rows_};
+}
+
+/// Actors who are not there stand behind the camera, where no gaussian is seen.
+Projection StreetGaussiansModel::projection(const View& view, int degree) const {
+  const Tensor camera = view_matrix(view.world_from_camera);
+  const Projection background =
+      projection_of(splat_model(params_, degree, kBackgroundPart), view.camera, camera, options());
+  if (!has_actors()) return background;
+  const Eigen::Matrix4d nowhere = view.world_from_camera * pose_from(Eigen::Matrix3d::Identity(), {0, 0, -kOutOfSight});
+  std::vector<Standing> standing;
+  for (size_t a = 0; a < actors_.size(); ++a) {
+    const auto pose = world_from_box_at(actors_[a], view.time);
+    standing.push_back({a, pose.value_or(nowhere), pose ? share_of(actors_[a], view.time) : 0});
+  }
+  return together(background, projection_of(things(degree), placements(standing), view.camera, camera, options()));
+}
+
+ThingsModel StreetGaussiansModel::things_of(const std::vector<Standing>& standing) const {
+  std::vector<int32_t> rows, owners;
+  for (size_t s = 0; s < standing.size(); ++s)
+    for (size_t row = 0; row < owners_.size(); ++row)
+      if (static_cast<size_t>(owners_[row]) == standing[s].actor) {
+        rows.push_back(static_cast<int32_t>(row));
+        owners.push_back(static_cast<int32_t>(s));
+      }
+  ThingsModel all = things(config_.harmonics.degree);
+  const auto count = static_cast<int64_t>(rows.size());
+  if (count == 0) return {};
+  const Tensor which = from_host(rows, {count});
+  Cloud& cloud = all.model.cloud;
+  for (Tensor* part : {&cloud.means, &cloud.scales, &cloud.rotations, &cloud.opacities, &all.model.harmonics.first,
+                       &all.model.harmonics.rest, &all.waves})
+    if (*part) *part = gather_rows(*part, which);
+  all.owners = from_host(owners, {count});
+  return all;
+}
+
+StreetGaussiansModel::Shown StreetGaussiansModel::shown(const View& view) const {
+  const Tensor camera = view_matrix(view.world_from_camera);
+  Shown out;
+  out.projection =
+      projection_of(splat_model(params_, config_.harmonics.degree, kBackgroundPart), view.camera, camera, options());
+  out.actors.assign(static_cast<size_t>(count(kBackgroundPart)), 0);
+  std::vector<Standing> standing;
+  std::vector<int> numbers;
+  for (size_t a = 0; a < actors_.size() && has_actors(); ++a)
+    if (const auto pose = world_from_box_at(actors_[a], view.time)) {
+      standing.push_back({actors_[a].asset ? place_of(*actors_[a].asset) : a, *pose, share_of(actors_[a], view.time)});
+      numbers.push_back(static_cast<int>(a) + 1);
+    }
+  const ThingsModel things = things_of(standing);
+  if (!things.owners) return out;
+  out.projection =
+      together(out.projection, projection_of(things, placements(standing), view.camera, camera, options()));
+  for (const int32_t owner : things.owners.to_host<int32_t>())
+    out.actors.push_back(numbers[static_cast<size_t>(owner)]);
+  return out;
+}
+
+StreetGaussiansModel::Shown StreetGaussiansModel::alone(std::size_t actor, const Camera& camera,
+                                                        const Eigen::Matrix4d& box_from_camera) const {
+  const std::vector<Standing> standing = {{actor, Eigen::Matrix4d::Identity(), 0.5}};
+  const ThingsModel things = has_actors() ? things_of(standing) : ThingsModel();
+  if (!things.owners) return {};
+  return {projection_of(things, placements(standing), camera, view_matrix(box_from_camera), options()),
+          std::vector<int>(static_cast<size_t>(things.owners.dim(0)), static_cast<int>(actor) + 1)};
+}
+
+std::size_t StreetGaussiansModel::place_of(const AssetName& asset) const {
+  for (size_t i = 0; i < actors_.size() && asset.scene == 0; ++i)
+    if (actors_[i].id == asset.actor_id) return i;
+  throw Error(Fault::data, text("there is no actor ", asset.actor_id, " in log ", asset.scene, " of this run"));
+}
+
+}  // namespace cloam

@@ -1,0 +1,94 @@
+// The scene graph of Street Gaussians: the background's gaussians in the world, those of rigid actors in the axes of
+// their boxes, and a sky, seen together.
+#pragma once
+#include "models/io/safetensors.h"
+#include "models/nn/params.h"
+#include "models/scene/view.h"
+#include "models/splat/initial_street.h"
+#include "models/splat/placed.h"
+#include "models/splat/settings.h"
+#include "models/splat/sky_map.h"
+#include "models/street/street.h"
+
+namespace cloam {
+
+struct StreetGaussiansConfig {
+  StreetStartOptions start;
+  float near = 0.2f;        // metres
+  int sky_side = 1024;      // pixels of a face of the sky
+  int waves = 5;            // of an actor's base colour in time, the constant one included
+  int actors_max = 300000;  // gaussians of all actors
+  HarmonicSteps harmonics;
+  float ssim = 0.2f;                                // weight; 1 - ssim is that of the absolute difference
+  float sky = 0.05f, lidar = 0.01f, actors = 0.1f;  // weights
+  float outside = 0.1f;                             // weight
+  int depth_every = 4;                              // steps
+  GaussianRates rates;
+  float rate_sky = 0.01f;
+  GrowthOptions growth;
+};
+
+constexpr char kBackgroundPart[] = "background.", kActorsPart[] = "actors.", kWavesName[] = "actors.sh_time",
+               kSkyName[] = "sky";
+
+class StreetGaussiansModel {
+ public:
+  /// All must outlive this but the scene, which gives its actors. Parameters are put in by put().
+  StreetGaussiansModel(const StreetGaussiansConfig& config, Params& parameters, const Scene& scene);
+
+  void put(const StreetStart& start);
+  /// Zeros in the place of all, of shapes as these have them.
+  void fit_to(const TensorMap& parameters);
+  /// The actors from here on: as many, in the same order.
+  void take_actors(const std::vector<Actor>& actors) { actors_ = actors; }
+  const std::vector<Actor>& actors() const { return actors_; }
+  /// Of the actors' gaussians: place among actors().
+  const std::vector<int32_t>& owners() const { return owners_; }
+  void set_owners(std::vector<int32_t> owners);
+
+  bool has_actors() const { return params_.contains(std::string(kActorsPart) + "opacities"); }
+  int64_t count(const char* part) const;
+  /// Half the diagonal of a usual box, metres: the unit of actors' sizes.
+  double actor_radius() const { return actor_radius_; }
+  /// [G,1]: 1 for gaussians of actors, which come last.
+  Tensor of_actors() const;
+  /// Half the sizes of the boxes of the owners of actors' gaussians, [A,3].
+  Tensor half_sizes() const;
+
+  /// As a pinhole sees them at a time, each actor in its own looks: what training compares.
+  Projection projection(const View& view, int degree) const;
+  Tensor sky(const Tensor& directions) const { return sky_colours(params_.at(kSkyName), directions); }
+
+  /// Some gaussians, and whose they are: 1 + place of the actor, 0: the background.
+  struct Shown {
+    Projection projection;
+    std::vector<int> actors;  // [G]
+  };
+  /// As a pinhole sees the street with actors in the looks that they wear.
+  Shown shown(const View& view) const;
+  /// The gaussians of an actor alone in its box's axes.
+  Shown alone(std::size_t actor, const Camera& camera, const Eigen::Matrix4d& box_from_camera) const;
+  /// Place of an actor. Fault::data for a name that is none's.
+  std::size_t place_of(const AssetName& asset) const;
+
+ private:
+  struct Standing {
+    std::size_t actor;  // whose looks it has
+    Eigen::Matrix4d world_from_box;
+    double share;  // of the way from its first box to its last, in time
+  };
+  Placements placements(const std::vector<Standing>& standing) const;
+  ThingsModel things(int degree) const;
+  /// Rows of those who stand there, one after the other; owners: places in `standing`.
+  ThingsModel things_of(const std::vector<Standing>& standing) const;
+  DrawOptions options() const { return {config_.near}; }
+
+  const StreetGaussiansConfig& config_;
+  Params& params_;
+  std::vector<Actor> actors_;
+  double actor_radius_ = 1;
+  std::vector<int32_t> owners_;
+  Tensor owner_rows_;  // owners_ on the device
+};
+
+}  // namespace cloam

@@ -1,0 +1,40 @@
+// Where a training of gaussians of a driving log begins: points that LiDAR saw, those of actors in their boxes.
+#pragma once
+#include <functional>
+
+#include "models/data/load_sweep.h"
+#include "models/scene/pixels.h"
+#include "models/splat/initial_gaussians.h"
+
+namespace cloam {
+
+/// Calls its argument for every sweep that trains, one after the other.
+using EverySweep = std::function<void(const std::function<void(const Sweep& sweep, const LidarPoints& points)>& visit)>;
+
+struct StreetStartOptions {
+  int lidar = 800000;               // points outside of boxes, at most
+  float voxel = 0.15f;              // metres: of these, one each
+  int near = 100000, far = 100000;  // points above the ground that are drawn: as far as LiDAR sees, and beyond
+  int actor = 5000;                 // points of one actor, at most
+  int fewest = 1000;                // with fewer, more are drawn in its box
+  uint64_t seed = 0;
+};
+
+/// Grey. Actors' are in the axes of their boxes, the actors' one after the other.
+struct StreetStart {
+  Gaussians background, actors;
+  std::vector<int32_t> owners;  // of `actors`: place in Scene::actors
+};
+
+/// Fault::data where there is no point at all.
+StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, const StreetStartOptions& options);
+
+/// Each actor's gaussian takes the colour of its pixel in the photo that shows its mean from nearest by; grey where
+/// none does. A photo's time is that of its frame.
+struct TimedPhoto {
+  PosedPhoto photo;
+  double time = 0;
+};
+void colour_actors(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start);
+
+}  // namespace cloam

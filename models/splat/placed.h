@@ -1,0 +1,27 @@
+// Gaussians in the axes of things that move, seen where the things stand.
+#pragma once
+#include "models/splat/draw.h"
+
+namespace cloam {
+
+/// Gaussians of several things.
+struct ThingsModel {
+  SplatModel model;  // means and rotations in the axes of each one's thing, harmonics of directions there
+  Tensor waves;      // [G,W,3]: amplitudes of the base colour's waves in time; empty: none
+  Tensor owners;     // int32 [G]: the thing
+};
+
+/// Where N things are at a time.
+struct Placements {
+  Tensor positions, turns;  // [N,3], [N,4] (w, x, y, z, length 1): world_from_thing
+  Tensor waves;             // [N,W]: how far each wave is out then; empty: none
+};
+
+/// R v of unit quaternions [N,4], as the three columns of R side by side: [N,9].
+Tensor axes_of(const Tensor& turns);
+
+/// As projection_of of a model in the world; differentiable in the model and in the placements.
+Projection projection_of(const ThingsModel& things, const Placements& at, const Camera& camera, const Tensor& view,
+                         const DrawOptions& options);
+
+}  // namespace cloam

@@ -1,0 +1,116 @@
+// Street Gaussians through the program: a street learnt for a moment, measured, edited, simulated.
+#include <doctest/doctest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "models/data/actor_masks.h"
+#include "models/data/read_scene.h"
+#include "models/io/image.h"
+#include "tests/cli/process.h"
+#include "tests/cli/small_street.h"
+#include "tests/cli/small_trainings.h"
+
+using namespace cloam;
+namespace fs = std::filesystem;
+
+namespace {
+
+const fs::path& gaussian_street() {
+  static const fs::path run = [] {
+    const fs::path folder = scratch() / "gaussian_street";
+    const auto training = std::ranges::find_if(
+        small_trainings(), [](const SmallTraining& one) { return one.method == std::string("street-gaussians"); });
+    const Outcome trained =
+        cloam_with(training->words(folder, {"--steps", "8", "--holdout", "3", "--set", "initial.fewest=150"}));
+    REQUIRE_MESSAGE(trained.code == 0, trained.err);
+    return folder;
+  }();
+  return run;
+}
+
+std::vector<int> box_pixels(const Scene& log, const Actor& actor, const Frame& frame, double stretch) {
+  const auto pose = world_from_box_at(actor, frame.timestamp.value_or(0));
+  if (!pose) return {};
+  const PlacedBox box{1, actor.size * stretch, *pose};
+  return outlines({box}, log.cameras[static_cast<std::size_t>(frame.camera)], frame.world_from_camera).actors;
+}
+
+/// The one whose box has most pixels in a frame.
+const Actor& largest_in(const Scene& log, const Frame& frame) {
+  const Actor* largest = nullptr;
+  std::ptrdiff_t most = 20;
+  for (const Actor& actor : log.actors) {
+    const std::vector<int> pixels = box_pixels(log, actor, frame, 1);
+    if (const auto count = std::count(pixels.begin(), pixels.end(), 1); count > most) most = count, largest = &actor;
+  }
+  REQUIRE(largest);
+  return *largest;
+}
+
+}  // namespace
+
+TEST_CASE("street-gaussians: eval measures actors and LiDAR, edit lists the actors") {
+  const Outcome evaluated = cloam_with({"eval", gaussian_street().string(), "--json"});
+  REQUIRE_MESSAGE(evaluated.code == 0, evaluated.err);
+  const auto json = nlohmann::json::parse(evaluated.out);
+  for (const char* key : {"psnr", "masked_psnr", "lidar_median_error_m", "lidar_chamfer_m2"}) {
+    CAPTURE(key);
+    CHECK(json.at(key).is_number());
+  }
+  const Outcome listed = cloam_with({"edit", gaussian_street().string(), "--list", "--json"});
+  REQUIRE_MESSAGE(listed.code == 0, listed.err);
+  CHECK(nlohmann::json::parse(listed.out).at("actors").size() == read_scene(small_street()).actors.size());
+}
+
+TEST_CASE("street-gaussians: who is removed is gone from pictures and sweeps, all around stays to the bit") {
+  const Scene log = read_scene(small_street());
+  const Frame& frame = log.frames.front();
+  const Actor& removed = largest_in(log, frame);
+  const fs::path edited = scratch() / "gaussian_removed";
+  const Outcome edit =
+      cloam_with({"edit", gaussian_street().string(), "--actor", removed.id + ":remove", "-o", edited.string()});
+  REQUIRE_MESSAGE(edit.code == 0, edit.err);
+  std::vector<Image> pictures;
+  for (const fs::path& run : {gaussian_street(), edited}) {
+    const fs::path out = scratch() / ("pictures_of_" + run.filename().string());
+    const Outcome rendered = cloam_with({"render", run.string(), "-o", out.string(), "--step", "0", "--masks"});
+    REQUIRE_MESSAGE(rendered.code == 0, rendered.err);
+    for (const auto& entry : fs::directory_iterator(out))
+      if (entry.path().extension() == ".png" && !contains(entry.path().string(), "_actor"))
+        pictures.push_back(read_image(entry.path()));
+  }
+  REQUIRE(pictures.size() == 2);
+  const std::vector<int> inside = box_pixels(log, removed, frame, 1), around = box_pixels(log, removed, frame, 2);
+  std::size_t changed = 0, beside = 0;
+  for (std::size_t i = 0; i < inside.size(); ++i) {
+    bool differs = false;
+    const std::size_t channels = pictures[0].pixels.size() / inside.size();
+    for (std::size_t c = 0; c < channels; ++c)
+      differs |= pictures[0].pixels[channels * i + c] != pictures[1].pixels[channels * i + c];
+    changed += differs && inside[i];
+    beside += differs && !around[i];
+  }
+  CHECK(changed > static_cast<std::size_t>(std::count(inside.begin(), inside.end(), 1)) / 2);
+  CHECK(beside == 0);
+  const fs::path out = scratch() / "gaussian_removed_log";
+  const Outcome simulated = cloam_with({"simulate", edited.string(), "-o", out.string(), "--json"});
+  REQUIRE_MESSAGE(simulated.code == 0, simulated.err);
+  CHECK(nlohmann::json::parse(simulated.out).at("returns_changed") > 0);
+  const Scene after = read_scene(out);
+  CHECK(after.actors.size() + 1 == log.actors.size());
+  CHECK(cloam_with({"check", out.string()}).code == 0);
+}
+
+TEST_CASE("street-gaussians: what it is not for is told") {
+  const Outcome photos = cloam_with({"train", "street-gaussians", small_scene().string(), "--dry-run"});
+  CHECK(photos.code == 3);
+  CHECK_MESSAGE(contains(photos.err, "street-gaussians learns driving logs; for photos, use train splat"), photos.err);
+  const std::string log = small_street().string();
+  const Outcome two = cloam_with({"train", "street-gaussians", log, log, "--dry-run"});
+  CHECK(two.code == 2);
+  CHECK_MESSAGE(contains(two.err, "street-gaussians trains on one log, not 2"), two.err);
+  const Outcome mesh = cloam_with(
+      {"export", gaussian_street().string(), "--format", "glb", "-o", (scratch() / "gaussian_meshes").string()});
+  CHECK(mesh.code == 2);
+  CHECK_MESSAGE(contains(mesh.err, "a mesh does not work with street-gaussians"), mesh.err);
+}
