@@ -7,6 +7,7 @@
 #include "cli/commands.h"
 #include "cli/stop_signal.h"
 #include "models/eval/pictures.h"
+#include "models/gaussians/exports_actors.h"
 #include "models/gaussians/exports_gaussians.h"
 #include "models/gaussians/formats.h"
 #include "models/gaussians/turn.h"
@@ -48,7 +49,7 @@ struct ExportRequest {
 struct Exported {
   AssetName actor;
   std::string path;
-  std::size_t vertices = 0, triangles = 0, pictures = 0;
+  std::size_t vertices = 0, triangles = 0, pictures = 0, gaussians = 0;
 };
 
 MeshLabel label_of(const RestoredRun& run, const AssetName& name, int resolution) {
@@ -89,9 +90,19 @@ Exported export_turntable(const RestoredRun& run, const ExportRequest& request, 
   return {name, folder.string(), 0, 0, images.size()};
 }
 
+Exported export_gaussians(const RestoredRun& run, const ExportsActors& exports, const AssetName& name,
+                          const fs::path& path) {
+  const Gaussians gaussians = exports.actor_gaussians(appearance_of(run.scenes, name));
+  if (gaussians.count() == 0)
+    throw Error(Fault::data, text("the actor ", spelled(run.scenes, name), " has no Gaussians; was it visible?"));
+  write_gaussians(path, gaussians);
+  return {name, path.string(), 0, 0, 0, gaussians.count()};
+}
+
 Exported export_one(const RestoredRun& run, const ExportRequest& request, const AssetName& name, const fs::path& path) {
-  return request.format == "turntable" ? export_turntable(run, request, name, path)
-                                       : export_mesh(run, request, name, path);
+  if (request.format == "turntable") return export_turntable(run, request, name, path);
+  const auto* exports = as<ExportsActors>(*run.method);
+  return exports ? export_gaussians(run, *exports, name, path) : export_mesh(run, request, name, path);
 }
 
 /// A file (or a folder) name for an actor: ids come from files, so nothing but letters, digits, - and _ is kept.
@@ -122,15 +133,30 @@ std::vector<Exported> export_all(const RestoredRun& run, const ExportRequest& re
   return done;
 }
 
-void tell(const Scenes& scenes, const std::vector<Exported>& done, const Common& common) {
+/// Of a street of Gaussians, beside its actors.
+Exported export_background(const ExportsActors& exports, const ExportRequest& request) {
+  const fs::path path = fs::path(request.out) / ("background." + request.format);
+  const Gaussians gaussians = exports.background_gaussians();
+  write_gaussians(path, gaussians);
+  return {{}, path.string(), 0, 0, 0, gaussians.count()};
+}
+
+void tell(const Scenes& scenes, const std::vector<Exported>& done, const Common& common,
+          const std::optional<Exported>& background = {}) {
   nlohmann::ordered_json json = {{"schema_version", 1}, {"actors", nlohmann::ordered_json::array()}};
+  if (background) {
+    json["background"] = {{"path", background->path}, {"gaussians", background->gaussians}};
+    say(common, text("background: ", background->gaussians, " Gaussians in ", background->path));
+  }
   for (const Exported& one : done) {
     nlohmann::ordered_json row = {{"log", one.actor.scene}, {"actor", one.actor.actor_id}, {"path", one.path}};
     if (one.pictures > 0) row["pictures"] = one.pictures;
     if (one.triangles > 0) row["vertices"] = one.vertices, row["triangles"] = one.triangles;
+    if (one.gaussians > 0) row["gaussians"] = one.gaussians;
     json["actors"].push_back(row);
-    const std::string what = one.pictures > 0 ? text(one.pictures, " pictures and turntable.gif in ")
-                                              : text(one.vertices, " vertices, ", one.triangles, " triangles in ");
+    const std::string what = one.pictures > 0    ? text(one.pictures, " pictures and turntable.gif in ")
+                             : one.gaussians > 0 ? text(one.gaussians, " Gaussians in ")
+                                                 : text(one.vertices, " vertices, ", one.triangles, " triangles in ");
     say(common, text(spelled(scenes, one.actor), ": ", what, one.path));
   }
   if (common.json) put_json(json);
@@ -160,13 +186,21 @@ void check_export_folder(ExportRequest& request) {
 
 int export_actors(const RestoredRun& run, ExportRequest request, const Common& common) {
   street_of(run);
-  if (request.format == "splat" || request.format == "spz")
+  const auto* exports = as<ExportsActors>(*run.method);
+  if (exports && request.format.empty())
+    request.format = request.actor.empty() || fs::path(request.out).extension().empty()
+                         ? "ply"
+                         : std::string(splat_format(request.out).extension).substr(1);
+  if (!exports && (request.format == "splat" || request.format == "spz"))
     throw Error(Fault::usage,
                 text("--format ", request.format, ": this run has actors, not Gaussians; want glb, ply or turntable"));
   const bool is_file = !request.actor.empty() && request.format != "turntable";
   is_file ? take_file(request) : check_export_folder(request);
   if (request.actor.empty()) {
-    tell(run.scenes, export_all(run, request, common), common);
+    const std::vector<Exported> done = export_all(run, request, common);
+    std::optional<Exported> background;
+    if (exports && request.format != "turntable") background = export_background(*exports, request);
+    tell(run.scenes, done, common, background);
     return 0;
   }
   const AssetName name = find_actor(run.scenes, log_names(run.record), request.actor);
@@ -247,19 +281,20 @@ int run_export(const ExportRequest& request, const Common& common) {
 }  // namespace
 
 Command add_export(CLI::App& program) {
-  return command<
-      ExportRequest>(program, "export", kExportExamples, run_export, [](const Options& add, ExportRequest& r) {
-    add("RUN", r.run, "Run folder").required();
-    add("-o,--out", r.out, "Output file; a folder for turntables, for all actors and for a prior").required();
-    add("--format", r.format,
-        "Actors: glb or ply (mesh), turntable (PNG and GIF); splats: ply, splat, spz, glb; diffusion: prior (default: "
-        "by the file's name)",
-        one_of({"glb", "ply", "turntable", "splat", "spz", kPrior}));
-    add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
-    add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 512));
-    add("--frames", r.frames, "Number of pictures of a turntable (36)", whole_number(1, 10000));
-    add("--size", r.size, "Width and height of a turntable's pictures (256)", whole_number(16, 4096));
-  });
+  return command<ExportRequest>(
+      program, "export", kExportExamples, run_export, [](const Options& add, ExportRequest& r) {
+        add("RUN", r.run, "Run folder").required();
+        add("-o,--out", r.out, "Output file; a folder for turntables, for all actors and for a prior").required();
+        add("--format", r.format,
+            "Actors: glb or ply (mesh), turntable (PNG and GIF); Gaussians: ply, splat, spz, glb; diffusion: prior "
+            "(default: "
+            "by the file's name)",
+            one_of({"glb", "ply", "turntable", "splat", "spz", kPrior}));
+        add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
+        add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 512));
+        add("--frames", r.frames, "Number of pictures of a turntable (36)", whole_number(1, 10000));
+        add("--size", r.size, "Width and height of a turntable's pictures (256)", whole_number(16, 4096));
+      });
 }
 
 }  // namespace cloam

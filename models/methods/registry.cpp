@@ -26,7 +26,7 @@ struct MethodRow {
 template <class... Capabilities>
 struct List {};
 using All = List<LearnsFromCaptures, LearnsFromRun, RendersViews, Street, HasSurfaces, Grows, SharesNetworks,
-                 TakesPrior, GeneratesAssets, ShowsAssets, ExportsGaussians, MixedPrecision>;
+                 TakesPrior, GeneratesAssets, ShowsAssets, ExportsGaussians, ExportsActors, MixedPrecision>;
 
 template <class M, class... Capabilities>
 std::set<std::type_index> capabilities_of(List<Capabilities...>) {

@@ -18,7 +18,7 @@
 namespace cloam {
 namespace {
 
-constexpr float kFinalSky = 0.1f;     // factor on the rate
+constexpr float kFinalSky = 0.1f, kFinalCameras = 0.1f, kFinalPositions = 0.2f, kFinalYaws = 0.5f;  // on the rates
 constexpr float kLeastLight = 1e-4f;  // of a logarithm's argument
 constexpr double kKeptReturns = 0.95;
 constexpr float kRoom = 0.1f;  // metres around a box that an actor's gaussians may lie in
@@ -40,6 +40,8 @@ void StreetGaussians::configure(Config& c) {
          {1, 1 << 28});
   c.bind("near", o.near, "near plane, in metres");
   c.bind("sky.side", o.sky_side, "pixels per side of the sky's cube map", {1, 8192});
+  c.bind("exposure", o.exposure, "learn a gain and an offset per camera and channel, with means 1 and 0");
+  c.bind("actors.refine", o.refine, "learn a shift and a turn of each of the actors' boxes");
   c.bind("actors.waves", o.waves, "Fourier coefficients of an actor's base colour over time; 1: constant", {1, 64});
   c.bind("actors.max", o.actors_max, "largest number of Gaussians of all actors", {1, 1 << 28});
   bind_harmonics(c, o.harmonics);
@@ -53,6 +55,10 @@ void StreetGaussians::configure(Config& c) {
          "steps between those that compare depth and actors' opacity, with as many times the weight", kSteps);
   bind_rates(c, o.rates);
   c.bind("train.rate_sky", o.rate_sky, "learning rate of the sky; it falls to a tenth");
+  c.bind("train.rate_exposure", o.rate_exposure, "learning rate of the exposures; it falls to a tenth");
+  c.bind("train.rate_positions", o.rate_positions,
+         "learning rate of the boxes' shifts, in metres; it falls to a fifth");
+  c.bind("train.rate_yaws", o.rate_yaws, "learning rate of the boxes' turns, in radians; it falls to a half");
   bind_growth(c, o.growth);
 }
 
@@ -127,6 +133,7 @@ void StreetGaussians::add_hints(const Scene& scene, const StreetSpace& space, co
     const auto camera = static_cast<size_t>(photo.camera);
     Hints hints;
     hints.time = frame.timestamp.value_or(0);
+    hints.sensor = frame.sensor;
     hints.kinds =
         from_host(pixel_kinds(scene, frame, pixels.cameras[camera], space, depths[i]), {photo.height, photo.width});
     if (const auto found = static_cast<int64_t>(depths[i].pixels.size()); found > 0) {
@@ -160,6 +167,9 @@ ParameterGroups StreetGaussians::groups() const {
     groups.push_back(group);
   groups.push_back({kWavesName, config_.rates.first});
   groups.push_back({kSkyName, config_.rate_sky, {kFinalSky}});
+  groups.push_back({kExposureName, config_.rate_exposure, {kFinalCameras}});
+  groups.push_back({kPositionsName, config_.rate_positions, {kFinalPositions}});
+  groups.push_back({kYawsName, config_.rate_yaws, {kFinalYaws}});
   for (ParameterGroup& group : groups) group.epsilon = 1e-15f;
   return groups;
 }
@@ -200,7 +210,8 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   const Tensor sky = permute(reshape(model_->sky(turned_directions(hints.directions, photo.world_from_camera)),
                                      {photo.camera.height, photo.camera.width, 3}),
                              {2, 0, 1});
-  Tensor picture = slice(seen.drawn.planes, 0, 0, 3) + unsqueeze(seen.drawn.transmittance, 0) * sky;
+  Tensor picture =
+      model_->exposed(slice(seen.drawn.planes, 0, 0, 3) + unsqueeze(seen.drawn.transmittance, 0) * sky, hints.sensor);
   Tensor truth = slice(cast(photo.rgba, DType::f32) / 255.f, 0, 0, 3);
   if (photo.mask) {
     seen.used = cast(photo.mask, DType::f32) / 255.f;
@@ -329,6 +340,7 @@ void StreetGaussians::fit_to(const TensorMap& parameters) {
 TensorMap StreetGaussians::state() const {
   TensorMap out = observed_.state();
   out["owners"] = named_integers({model_->owners().begin(), model_->owners().end()});
+  out["boxes"] = named_integers(model_->corrected_boxes());
   return out;
 }
 
@@ -340,6 +352,15 @@ void StreetGaussians::restore(const TensorMap& state) {
     throw Error(Fault::data, text("the checkpoint has Gaussians of actors that the run's log has not (it has ", actors,
                                   " actors)\n  fix: put the run's own scene.json back, or train anew"));
   model_->set_owners({owners.begin(), owners.end()});
+  const auto rows = params_.find(kPositionsName);
+  if (rows != params_.end())
+    model_->set_corrected_boxes(integers_from(state, "boxes", static_cast<size_t>(2 * rows->second.dim(0))));
+}
+
+Gaussians StreetGaussians::actor_gaussians(const AssetName& asset) const {
+  Gaussians like = common_;
+  like.up = Eigen::Vector3d::UnitZ();
+  return model_->gaussians_of(model_->place_of(asset), like);
 }
 
 Picture StreetGaussians::render(const View& view) { return picture_of(*model_, view); }

@@ -2,8 +2,10 @@
 // rigid actors in the axes of their boxes, drawn together in one pass before a sky.
 #pragma once
 #include "models/batches/image_source.h"
+#include "models/gaussians/exports_actors.h"
 #include "models/methods/street_gaussians_model.h"
 #include "models/splat/observed.h"
+#include "models/splat/parameters.h"
 #include "models/street/photo_hints.h"
 #include "models/street/takes_edits.h"
 #include "models/train/grows.h"
@@ -18,6 +20,7 @@ class StreetGaussians final : public Method,
                               public RendersViews,
                               public Street,
                               public TakesEdits,
+                              public ExportsActors,
                               public Grows {
  public:
   void configure(Config& config) override;
@@ -37,12 +40,15 @@ class StreetGaussians final : public Method,
   Picture render(const View& view) override;
   LidarReturns measure(const WorldRays& rays) override;
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
+  Gaussians background_gaussians() const override { return gaussians_in(params_, common_, kBackgroundPart); }
+  Gaussians actor_gaussians(const AssetName& asset) const override;
   void take_actors(const Scenes& scenes) override { model_->take_actors(scenes.at(0).actors); }
 
  private:
   /// What is known of a photo beside its colours, on the device.
   struct Hints {
     double time = 0;
+    std::string sensor;
     Tensor kinds;           // u8 [H,W] of PixelKind
     Tensor pixels, depths;  // int32 [N], [N]; empty: LiDAR saw nothing there
     Tensor directions;      // [H*W,3] of its camera's pixels; shared by photos of one camera

@@ -15,7 +15,9 @@
 namespace cloam {
 namespace {
 
-constexpr float kFirstSky = 0.5f;    // grey
+constexpr float kFirstSky = 0.5f;  // grey
+constexpr double kMiddle = 0.5;    // of an actor's time: how it looks alone
+constexpr int64_t kExposureNumbers = 6;
 constexpr double kOutOfSight = 1e4;  // metres behind a camera
 
 /// Of the way from its first box to its last, in time.
@@ -35,6 +37,20 @@ StreetGaussiansModel::StreetGaussiansModel(const StreetGaussiansConfig& config, 
     if (!actor.boxes.empty()) radii.push_back(actor.size.norm() / 2);
   std::sort(radii.begin(), radii.end());
   if (!radii.empty()) actor_radius_ = std::max(0.1, radii[radii.size() / 2]);
+  for (const Frame& frame : scene.frames) sensors_.push_back(frame.sensor);
+  std::sort(sensors_.begin(), sensors_.end());
+  sensors_.erase(std::unique(sensors_.begin(), sensors_.end()), sensors_.end());
+  const auto zeros_for = [&](const char* name, int64_t rows, int64_t columns) {
+    params_[name] = parameter(std::vector<float>(static_cast<size_t>(rows * columns)), {rows, columns});
+  };
+  if (config.exposure) zeros_for(kExposureName, static_cast<int64_t>(sensors_.size()), kExposureNumbers);
+  for (size_t a = 0; a < actors_.size(); ++a)
+    for (const ActorBox& box : actors_[a].boxes)
+      corrections_.emplace(std::pair(a, box.step), static_cast<int32_t>(corrections_.size()));
+  if (config.refine && !corrections_.empty()) {
+    zeros_for(kPositionsName, static_cast<int64_t>(corrections_.size()), 3);
+    zeros_for(kYawsName, static_cast<int64_t>(corrections_.size()), 1);
+  }
   const int64_t side = config.sky_side;
   params_[kSkyName] =
       parameter(std::vector<float>(static_cast<size_t>(18 * side * side), kFirstSky), {6, side, side, 3});
@@ -65,6 +81,60 @@ void StreetGaussiansModel::fit_to(const TensorMap& parameters) {
     params_[kWavesName] = parameter(std::vector<float>(static_cast<size_t>(3 * count * (config_.waves - 1))),
                                     waves_shape(count, config_.waves));
   set_owners(std::vector<int32_t>(static_cast<size_t>(count), 0));
+  for (const char* name : {kPositionsName, kYawsName})
+    if (const auto found = parameters.find(name); found != parameters.end() && found->second.shape.size() == 2) {
+      const int64_t rows = found->second.shape[0], columns = found->second.shape[1];
+      params_[name] = parameter(std::vector<float>(static_cast<size_t>(rows * columns)), {rows, columns});
+    }
+}
+
+std::vector<int64_t> StreetGaussiansModel::corrected_boxes() const {
+  std::vector<int64_t> boxes(2 * corrections_.size());
+  for (const auto& [box, row] : corrections_) {
+    boxes[2 * static_cast<size_t>(row)] = static_cast<int64_t>(box.first);
+    boxes[2 * static_cast<size_t>(row) + 1] = box.second;
+  }
+  return boxes;
+}
+
+void StreetGaussiansModel::set_corrected_boxes(const std::vector<int64_t>& boxes) {
+  corrections_.clear();
+  for (size_t i = 0; i < boxes.size(); i += 2)
+    corrections_[{static_cast<size_t>(boxes[i]), static_cast<int>(boxes[i + 1])}] = static_cast<int32_t>(i / 2);
+}
+
+Tensor StreetGaussiansModel::exposed(const Tensor& planes, const std::string& sensor) const {
+  const auto found = std::find(sensors_.begin(), sensors_.end(), sensor);
+  if (!config_.exposure || found == sensors_.end()) return planes;
+  const Tensor& all = params_.at(kExposureName);
+  const auto row = static_cast<int64_t>(found - sensors_.begin());
+  const Tensor own = slice(all, 0, row, row + 1) - mean(all, {{0}, true});
+  return planes * exp(reshape(slice(own, 1, 0, 3), {3, 1, 1})) + reshape(slice(own, 1, 3, kExposureNumbers), {3, 1, 1});
+}
+
+std::array<float, 6> StreetGaussiansModel::exposure_of(const std::string& sensor) const {
+  const std::vector<float> none = exposed(zeros({3, 1, 1}), sensor).to_host(),
+                           one = exposed(ones({3, 1, 1}), sensor).to_host();
+  return {one[0] - none[0], one[1] - none[1], one[2] - none[2], none[0], none[1], none[2]};
+}
+
+/// As world_from_box_at goes from box to box. A box that nothing was learned of has the row behind all.
+StreetGaussiansModel::Standing StreetGaussiansModel::standing(std::size_t actor, const Eigen::Matrix4d& world_from_box,
+                                                              double time) const {
+  const Actor& who = actors_[actor];
+  Standing out{who.asset ? place_of(*who.asset) : actor, world_from_box, share_of(who, time)};
+  const auto row_of = [&](const ActorBox& box) {
+    const auto found = corrections_.find({actor, box.step});
+    return found == corrections_.end() ? static_cast<int32_t>(corrections_.size()) : found->second;
+  };
+  const auto next = std::lower_bound(who.boxes.begin(), who.boxes.end(), time,
+                                     [](const ActorBox& box, double t) { return box.timestamp < t; });
+  const ActorBox& after = next == who.boxes.end() ? who.boxes.back() : *next;
+  const ActorBox& before = next == who.boxes.begin() || next == who.boxes.end() ? after : *(next - 1);
+  out.rows = {row_of(before), row_of(after)};
+  if (after.timestamp > before.timestamp)
+    out.between = static_cast<float>((time - before.timestamp) / (after.timestamp - before.timestamp));
+  return out;
 }
 
 void StreetGaussiansModel::set_owners(std::vector<int32_t> owners) {
@@ -92,7 +162,12 @@ Tensor StreetGaussiansModel::half_sizes() const {
 /// Rigid poses as positions and unit quaternions, and cosines of the way in time (Yan et al. 2024, eq. 5).
 Placements StreetGaussiansModel::placements(const std::vector<Standing>& standing) const {
   std::vector<float> positions, turns, waves;
-  for (const auto& [actor, pose, share] : standing) {
+  std::vector<int32_t> before, after;
+  std::vector<float> between;
+  for (const auto& [actor, pose, share, rows, way] : standing) {
+    before.push_back(rows[0]);
+    after.push_back(rows[1]);
+    between.push_back(way);
     const Eigen::Quaterniond turn(Eigen::Matrix3d(pose.topLeftCorner<3, 3>()));
     for (int k = 0; k < 3; ++k) positions.push_back(static_cast<float>(pose(k, 3)));
     for (const double number : {turn.w(), turn.x(), turn.y(), turn.z()}) turns.push_back(static_cast<float>(number));
@@ -100,8 +175,20 @@ Placements StreetGaussiansModel::placements(const std::vector<Standing>& standin
       waves.push_back(static_cast<float>(std::cos(wave * std::numbers::pi * share)));
   }
   const auto count = static_cast<int64_t>(standing.size());
-  return {from_host(positions, {count, 3}), from_host(turns, {count, 4}),
-          config_.waves > 1 ? from_host(waves, {count, config_.waves - 1}) : Tensor()};
+  Placements out = {from_host(positions, {count, 3}), from_host(turns, {count, 4}),
+                    config_.waves > 1 ? from_host(waves, {count, config_.waves - 1}) : Tensor()};
+  if (!params_.contains(kPositionsName)) return out;
+  const Tensor share = from_host(between, {count, 1});
+  const auto learned = [&](const char* name) {
+    const Tensor all = pad(params_.at(name), 0, 0, 1);
+    return gather_rows(all, from_host(before, {count})) * (1.f - share) +
+           gather_rows(all, from_host(after, {count})) * share;
+  };
+  const Tensor by = learned(kPositionsName), half = learned(kYawsName) * 0.5f, axes = axes_of(out.turns);
+  for (int64_t axis = 0; axis < 3; ++axis)
+    out.positions = out.positions + slice(axes, 1, 3 * axis, 3 * axis + 3) * slice(by, 1, axis, axis + 1);
+  out.turns = quaternion_product(out.turns, concat({cos(half), zeros({count, 2}), sin(half)}, 1));
+  return out;
 }
 
 ThingsModel StreetGaussiansModel::things(int degree) const {
@@ -119,7 +206,12 @@ Projection StreetGaussiansModel::projection(const View& view, int degree) const 
   std::vector<Standing> standing;
   for (size_t a = 0; a < actors_.size(); ++a) {
     const auto pose = world_from_box_at(actors_[a], view.time);
-    standing.push_back({a, pose.value_or(nowhere), pose ? share_of(actors_[a], view.time) : 0});
+    if (pose) {
+      standing.push_back(this->standing(a, *pose, view.time));
+      standing.back().actor = a;
+    } else {
+      standing.push_back({a, nowhere, 0});
+    }
   }
   return together(background, projection_of(things(degree), placements(standing), view.camera, camera, options()));
 }
@@ -154,7 +246,7 @@ StreetGaussiansModel::Shown StreetGaussiansModel::shown(const View& view) const 
   std::vector<int> numbers;
   for (size_t a = 0; a < actors_.size() && has_actors(); ++a)
     if (const auto pose = world_from_box_at(actors_[a], view.time)) {
-      standing.push_back({actors_[a].asset ? place_of(*actors_[a].asset) : a, *pose, share_of(actors_[a], view.time)});
+      standing.push_back(this->standing(a, *pose, view.time));
       numbers.push_back(static_cast<int>(a) + 1);
     }
   const ThingsModel things = things_of(standing);
@@ -168,11 +260,33 @@ StreetGaussiansModel::Shown StreetGaussiansModel::shown(const View& view) const 
 
 StreetGaussiansModel::Shown StreetGaussiansModel::alone(std::size_t actor, const Camera& camera,
                                                         const Eigen::Matrix4d& box_from_camera) const {
-  const std::vector<Standing> standing = {{actor, Eigen::Matrix4d::Identity(), 0.5}};
+  const auto row = static_cast<int32_t>(corrections_.size());
+  const std::vector<Standing> standing = {{actor, Eigen::Matrix4d::Identity(), kMiddle, {row, row}}};
   const ThingsModel things = has_actors() ? things_of(standing) : ThingsModel();
   if (!things.owners) return {};
   return {projection_of(things, placements(standing), camera, view_matrix(box_from_camera), options()),
           std::vector<int>(static_cast<size_t>(things.owners.dim(0)), static_cast<int>(actor) + 1)};
+}
+
+Gaussians StreetGaussiansModel::gaussians_of(std::size_t actor, const Gaussians& like) const {
+  Gaussians out = like;
+  if (!has_actors()) return out;
+  const Gaussians all = gaussians_in(params_, like, kActorsPart);
+  const std::vector<float> waves = config_.waves > 1 ? params_.at(kWavesName).to_host() : std::vector<float>();
+  const auto count = static_cast<size_t>(config_.waves - 1);
+  for (size_t row = 0; row < owners_.size(); ++row) {
+    if (static_cast<size_t>(owners_[row]) != actor) continue;
+    for (const auto& [name, values, width] : kGaussianArrays) {
+      const auto begin = (all.*values).begin() + static_cast<std::ptrdiff_t>(row * width);
+      (out.*values).insert((out.*values).end(), begin, begin + static_cast<std::ptrdiff_t>(width));
+    }
+    for (size_t wave = 0; wave < count; ++wave)
+      for (size_t c = 0; c < 3; ++c)
+        out.sh_first[out.sh_first.size() - 3 + c] +=
+            waves[3 * (row * count + wave) + c] *
+            static_cast<float>(std::cos(static_cast<double>(wave + 1) * std::numbers::pi * kMiddle));
+  }
+  return out;
 }
 
 std::size_t StreetGaussiansModel::place_of(const AssetName& asset) const {

@@ -1,6 +1,9 @@
 // The scene graph of Street Gaussians: the background's gaussians in the world, those of rigid actors in the axes of
 // their boxes, and a sky, seen together.
 #pragma once
+#include <array>
+#include <map>
+
 #include "models/io/safetensors.h"
 #include "models/nn/params.h"
 #include "models/scene/view.h"
@@ -16,6 +19,8 @@ struct StreetGaussiansConfig {
   StreetStartOptions start;
   float near = 0.2f;        // metres
   int sky_side = 1024;      // pixels of a face of the sky
+  bool exposure = true;     // a gain and an offset a camera and channel
+  bool refine = true;       // actors' boxes are moved and turned a little, each by itself
   int waves = 5;            // of an actor's base colour in time, the constant one included
   int actors_max = 300000;  // gaussians of all actors
   HarmonicSteps harmonics;
@@ -24,12 +29,13 @@ struct StreetGaussiansConfig {
   float outside = 0.1f;                             // weight
   int depth_every = 4;                              // steps
   GaussianRates rates;
-  float rate_sky = 0.01f;
+  float rate_sky = 0.01f, rate_exposure = 1e-3f, rate_positions = 5e-4f, rate_yaws = 1e-5f;
   GrowthOptions growth;
 };
 
 constexpr char kBackgroundPart[] = "background.", kActorsPart[] = "actors.", kWavesName[] = "actors.sh_time",
-               kSkyName[] = "sky";
+               kSkyName[] = "sky", kExposureName[] = "exposure", kPositionsName[] = "poses.positions",
+               kYawsName[] = "poses.yaws";
 
 class StreetGaussiansModel {
  public:
@@ -46,6 +52,10 @@ class StreetGaussiansModel {
   const std::vector<int32_t>& owners() const { return owners_; }
   void set_owners(std::vector<int32_t> owners);
 
+  /// Which box each row of the learned corrections is of: by actor, its place and the box's step.
+  std::vector<int64_t> corrected_boxes() const;
+  void set_corrected_boxes(const std::vector<int64_t>& boxes);
+
   bool has_actors() const { return params_.contains(std::string(kActorsPart) + "opacities"); }
   int64_t count(const char* part) const;
   /// Half the diagonal of a usual box, metres: the unit of actors' sizes.
@@ -57,6 +67,11 @@ class StreetGaussiansModel {
 
   /// As a pinhole sees them at a time, each actor in its own looks: what training compares.
   Projection projection(const View& view, int degree) const;
+  /// [3,H,W] as the camera of that name has it: times a gain, plus an offset. Of all cameras the mean gain is 1 (of its
+  /// logarithm 0), the mean offset 0.
+  Tensor exposed(const Tensor& planes, const std::string& sensor) const;
+  /// The three gains, then the three offsets.
+  std::array<float, 6> exposure_of(const std::string& sensor) const;
   Tensor sky(const Tensor& directions) const { return sky_colours(params_.at(kSkyName), directions); }
 
   /// Some gaussians, and whose they are: 1 + place of the actor, 0: the background.
@@ -68,6 +83,8 @@ class StreetGaussiansModel {
   Shown shown(const View& view) const;
   /// The gaussians of an actor alone in its box's axes.
   Shown alone(std::size_t actor, const Camera& camera, const Eigen::Matrix4d& box_from_camera) const;
+  /// Those of one actor in its box's axes, in the middle of its time. like: what they have in common.
+  Gaussians gaussians_of(std::size_t actor, const Gaussians& like) const;
   /// Place of an actor. Fault::data for a name that is none's.
   std::size_t place_of(const AssetName& asset) const;
 
@@ -76,7 +93,11 @@ class StreetGaussiansModel {
     std::size_t actor;  // whose looks it has
     Eigen::Matrix4d world_from_box;
     double share;  // of the way from its first box to its last, in time
+    // Rows of the corrections of the boxes before and after, and how far it is from the one to the other.
+    std::array<int32_t, 2> rows = {0, 0};
+    float between = 0;
   };
+  Standing standing(std::size_t actor, const Eigen::Matrix4d& world_from_box, double time) const;
   Placements placements(const std::vector<Standing>& standing) const;
   ThingsModel things(int degree) const;
   /// Rows of those who stand there, one after the other; owners: places in `standing`.
@@ -87,6 +108,8 @@ class StreetGaussiansModel {
   Params& params_;
   std::vector<Actor> actors_;
   double actor_radius_ = 1;
+  std::vector<std::string> sensors_;
+  std::map<std::pair<std::size_t, int>, int32_t> corrections_;  // rows by actor and step
   std::vector<int32_t> owners_;
   Tensor owner_rows_;  // owners_ on the device
 };

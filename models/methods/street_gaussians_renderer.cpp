@@ -84,12 +84,15 @@ std::vector<float> depths_of(const Layers& layers, const std::vector<float>& dir
   return out;
 }
 
-Picture picture_from(const Layers& layers, const Camera& camera, const std::vector<float>& behind) {
+Picture picture_from(const Layers& layers, const Camera& camera, const std::vector<float>& behind,
+                     const std::array<float, 6>& exposure = {1, 1, 1, 0, 0, 0}) {
   const size_t pixels = layers.through.size();
   Picture out{camera.width, camera.height, {}, depths_of(layers, pixel_directions(camera)), {}, layers.actors};
   for (size_t i = 0; i < pixels; ++i) {
-    for (size_t c = 0; c < 3; ++c)
-      out.rgb.push_back(std::clamp(layers.planes[c * pixels + i] + layers.through[i] * behind[3 * i + c], 0.f, 1.f));
+    for (size_t c = 0; c < 3; ++c) {
+      const float light = layers.planes[c * pixels + i] + layers.through[i] * behind[3 * i + c];
+      out.rgb.push_back(std::clamp(light * exposure[c] + exposure[3 + c], 0.f, 1.f));
+    }
     out.opacity.push_back(1 - layers.through[i]);
   }
   return out;
@@ -163,7 +166,8 @@ Picture picture_of(const StreetGaussiansModel& model, const View& view) {
   const Layers layers = layers_of(model.shown(straight), straight.camera);
   const std::vector<float> sky =
       model.sky(turned_directions(directions_of(straight.camera), view.world_from_camera)).to_host();
-  return resample(picture_from(layers, straight.camera, sky), pixel_map(view.camera, straight.camera));
+  return resample(picture_from(layers, straight.camera, sky, model.exposure_of(view.sensor)),
+                  pixel_map(view.camera, straight.camera));
 }
 
 Picture asset_picture(const StreetGaussiansModel& model, std::size_t actor, const Camera& camera,

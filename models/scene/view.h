@@ -21,11 +21,12 @@ struct View {
   double time = 0;  // seconds on that scene's clock; where actors are
   /// Called between two parts of a rendering that takes long; what it throws gives the picture up.
   std::function<void()> between = [] {};
+  std::string sensor = {};  // of a log, "front_camera": whose exposure is shown; another or none: the mean
 };
 
 /// What a frame shows, with a camera of the size wanted.
 inline View view_of(const Frame& frame, const Camera& camera, int scene) {
-  return {camera, frame.world_from_camera, scene, frame.timestamp.value_or(0)};
+  return {camera, frame.world_from_camera, scene, frame.timestamp.value_or(0), [] {}, frame.sensor};
 }
 
 }  // namespace cloam

@@ -7,15 +7,6 @@ namespace {
 Tensor column(const Tensor& x, int64_t i) { return slice(x, 1, i, i + 1); }
 Tensor columns(const Tensor& x, int64_t begin) { return slice(x, 1, begin, begin + 3); }
 
-/// q r of quaternions, row by row.
-Tensor product(const Tensor& q, const Tensor& r) {
-  const Tensor w = column(q, 0), x = column(q, 1), y = column(q, 2), z = column(q, 3);
-  const Tensor a = column(r, 0), b = column(r, 1), c = column(r, 2), d = column(r, 3);
-  return concat({w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b,
-                 w * d + x * c - y * b + z * a},
-                1);
-}
-
 enum Column : int64_t { kAxes = 0, kPosition = 9, kTurn = 12, kEye = 16, kWaves = 19 };
 
 /// All that a gaussian asks of its thing, side by side: [N, 19 + W]. The eye in the thing's axes is R'(eye - position).
@@ -38,6 +29,14 @@ Tensor axes_of(const Tensor& turns) {
                 1);
 }
 
+Tensor quaternion_product(const Tensor& q, const Tensor& r) {
+  const Tensor w = column(q, 0), x = column(q, 1), y = column(q, 2), z = column(q, 3);
+  const Tensor a = column(r, 0), b = column(r, 1), c = column(r, 2), d = column(r, 3);
+  return concat({w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b,
+                 w * d + x * c - y * b + z * a},
+                1);
+}
+
 Projection projection_of(const ThingsModel& things, const Placements& at, const Camera& camera, const Tensor& view,
                          const DrawOptions& options) {
   const auto& [cloud, harmonics] = things.model;
@@ -48,7 +47,8 @@ Projection projection_of(const ThingsModel& things, const Placements& at, const 
   for (int64_t wave = 0; things.waves && wave < things.waves.dim(1); ++wave)
     colours.first = colours.first + column(own, kWaves + wave) *
                                         reshape(slice(things.waves, 1, wave, wave + 1), harmonics.first.shape());
-  const Cloud placed = {means, cloud.scales, product(slice(own, 1, kTurn, kEye), cloud.rotations), cloud.opacities};
+  const Cloud placed = {means, cloud.scales, quaternion_product(slice(own, 1, kTurn, kEye), cloud.rotations),
+                        cloud.opacities};
   return {splat_project(placed, view, lens_of(camera, options)),
           splat_colours(colours, cloud.means - columns(own, kEye), zeros({3}))};
 }

@@ -20,6 +20,9 @@ struct Placements {
 /// R v of unit quaternions [N,4], as the three columns of R side by side: [N,9].
 Tensor axes_of(const Tensor& turns);
 
+/// q r of quaternions [N,4].
+Tensor quaternion_product(const Tensor& q, const Tensor& r);
+
 /// As projection_of of a model in the world; differentiable in the model and in the placements.
 Projection projection_of(const ThingsModel& things, const Placements& at, const Camera& camera, const Tensor& view,
                          const DrawOptions& options);

@@ -5,7 +5,9 @@
 
 #include "models/data/actor_masks.h"
 #include "models/data/read_scene.h"
+#include "models/gaussians/formats.h"
 #include "models/io/image.h"
+#include "models/io/safetensors.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
 #include "tests/cli/small_trainings.h"
@@ -109,8 +111,36 @@ TEST_CASE("street-gaussians: what it is not for is told") {
   const Outcome two = cloam_with({"train", "street-gaussians", log, log, "--dry-run"});
   CHECK(two.code == 2);
   CHECK_MESSAGE(contains(two.err, "street-gaussians trains on one log, not 2"), two.err);
-  const Outcome mesh = cloam_with(
-      {"export", gaussian_street().string(), "--format", "glb", "-o", (scratch() / "gaussian_meshes").string()});
-  CHECK(mesh.code == 2);
-  CHECK_MESSAGE(contains(mesh.err, "a mesh does not work with street-gaussians"), mesh.err);
+}
+
+TEST_CASE("street-gaussians: export writes the background and every actor in its box, as files that read back") {
+  const fs::path folder = scratch() / "gaussian_files";
+  const Outcome exported = cloam_with({"export", gaussian_street().string(), "-o", folder.string(), "--json"});
+  REQUIRE_MESSAGE(exported.code == 0, exported.err);
+  const auto json = nlohmann::json::parse(exported.out);
+  const SafetensorsFile trained = read_safetensors(gaussian_street() / "ckpt" / "000008.safetensors");
+  const auto learned = [&](const std::string& part) {
+    return trained.tensors.at("param." + part + ".opacities").shape[0];
+  };
+  CHECK(json.at("background").at("gaussians") == learned("background"));
+  CHECK(read_gaussians(folder / "background.ply").gaussians.count() == static_cast<std::size_t>(learned("background")));
+  const Scene log = read_scene(small_street());
+  std::int64_t all = 0, inside = 0;
+  for (const auto& row : json.at("actors")) {
+    const Gaussians gaussians = read_gaussians(row.at("path").get<std::string>()).gaussians;
+    CHECK(row.at("gaussians") == gaussians.count());
+    all += row.at("gaussians").get<std::int64_t>();
+    const auto actor = std::ranges::find_if(log.actors, [&](const Actor& a) { return a.id == row.at("actor"); });
+    REQUIRE(actor != log.actors.end());
+    for (std::size_t i = 0; i < gaussians.means.size(); ++i)
+      inside += std::abs(double{gaussians.means[i]}) < actor->size[static_cast<Eigen::Index>(i % 3)] / 2 + 0.2;
+  }
+  CHECK(static_cast<double>(inside) > 0.95 * 3 * static_cast<double>(all));  // but for halves of the last growth
+  CHECK(all == learned("actors"));
+  const std::string one = json.at("actors").at(0).at("actor");
+  const fs::path file = scratch() / "gaussian_actor.spz";
+  const Outcome single =
+      cloam_with({"export", gaussian_street().string(), "--actor", one, "-o", file.string(), "--json"});
+  REQUIRE_MESSAGE(single.code == 0, single.err);
+  CHECK(read_gaussians(file).gaussians.count() == json.at("actors").at(0).at("gaussians").get<std::size_t>());
 }

@@ -382,3 +382,80 @@ TEST_CASE("street-gaussians: what grows of an actor is that actor's, in its box"
   CHECK(std::count(after.begin(), after.end(), 0) > 0);
   CHECK(std::count(after.begin(), after.end(), 1) > 0);
 }
+
+TEST_CASE("street-gaussians: cameras that take darker photos have an exposure of their own") {
+  const Folder folder;
+  Scene scene = two_actors(folder.path, {.frames = 4});
+  Pixels photos = toy_pixels(scene);
+  for (size_t i = 0; i < 4; ++i) {
+    photos.frames[i].rgba = photos.frames[0].rgba;
+    for (size_t at = 0; at < photos.frames[i].rgba.size(); ++at)
+      if (at % 4 < 3) photos.frames[i].rgba[at] = static_cast<uint8_t>((at / 4 % 32 < 16 ? 160 : 220) / (1 + i % 2));
+    if (i % 2 == 1) scene.frames[i].sensor = "back_camera";
+  }
+  Settings settings = tiny();
+  settings.emplace_back("train.rate_exposure", "0.03");
+  const auto method = configured("street-gaussians", settings);
+  method->build({scene}, 3);
+  load_data(*method, scene, photos);
+  TrainOptions options;
+  options.steps = 160;
+  train({*method, folder.path / "ckpt", {}, nullptr, nullptr}, options, {});
+  View view = view_of(scene.frames[0], scene.cameras[0], 0);
+  const auto brightness = [&](const std::string& sensor) {
+    view.sensor = sensor;
+    double sum = 0;
+    for (const float value : shown(*method, view).rgb) sum += double{value};
+    return sum / (3 * 32 * 24);
+  };
+  const double bright = brightness("front_camera"), dark = brightness("back_camera"), between = brightness("");
+  MESSAGE("brightness ", bright, ", of the darker camera ", dark, ", without an exposure ", between);
+  CHECK(dark / bright == doctest::Approx(0.5).epsilon(0.1));
+  CHECK(between < bright);
+  CHECK(between > dark);
+}
+
+TEST_CASE("street-gaussians: boxes that stand wrong are moved to where photos show the actors") {
+  const Folder folder;
+  const ToyOptions size = {.frames = 6, .width = 64, .height = 48};
+  const Scene truth = two_actors(folder.path, size);
+  const Settings still = {{"train.rate_means", "0"},     {"train.rate_first", "0"},
+                          {"train.rate_rest", "0"},      {"train.rate_scales", "0"},
+                          {"train.rate_rotations", "0"}, {"train.rate_opacities", "0"},
+                          {"train.rate_sky", "0"},       {"train.rate_positions", "0.02"},
+                          {"growth.start", "100000"},    {"exposure", "false"},
+                          {"weight.lidar", "0"},         {"initial.fewest", "150"}};
+  const auto model = built(truth, still);
+  for (const char* part : {"actors.opacities", "background.opacities"}) {
+    const Shape shape = model->parameters().at(part).shape();
+    put(*model, part, std::vector<float>(static_cast<size_t>(shape[0]), 4.f));
+  }
+  Pixels photos = toy_pixels(truth);
+  for (size_t i = 0; i < truth.frames.size(); ++i) {
+    const Picture picture = shown(*model, view_of(truth.frames[i], truth.cameras[0], 0));
+    for (size_t at = 0; at < picture.rgb.size(); ++at)
+      photos.frames[i].rgba[at / 3 * 4 + at % 3] = static_cast<uint8_t>(std::lround(255 * picture.rgb[at]));
+  }
+  Scene wrong = truth;
+  const Vector3d off(0, 0.2, 0.1);  // to the side and up, as the camera sees it
+  for (ActorBox& box : wrong.actors[0].boxes) box.world_from_box.topRightCorner<3, 1>() += off;
+  Settings settings = tiny();
+  settings.insert(settings.end(), still.begin(), still.end());
+  const auto method = configured("street-gaussians", settings);
+  method->build({wrong}, 3);
+  load_data(*method, wrong, photos);
+  for (const auto& [name, values] : model->parameters()) put(*method, name, values.to_host());
+  TrainOptions options;
+  options.steps = 150;
+  train({*method, folder.path / "ckpt", {}, nullptr, nullptr}, options, {});
+  const std::vector<float> learned = method->parameters().at("poses.positions").to_host();
+  Vector3d first = Vector3d::Zero(), second = Vector3d::Zero();
+  for (size_t box = 0; box < 6; ++box)
+    for (size_t k = 0; k < 3; ++k) {
+      first[static_cast<Eigen::Index>(k)] += double{learned[3 * box + k]} / 6;
+      second[static_cast<Eigen::Index>(k)] += double{learned[3 * (11 + box) + k]} / 6;
+    }
+  MESSAGE("learned ", first.transpose(), " and, of the one that stands right, ", second.transpose());
+  CHECK((first + off).tail<2>().norm() < 0.06);
+  CHECK(second.tail<2>().norm() < 0.03);
+}
