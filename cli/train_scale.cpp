@@ -3,12 +3,12 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "models/train/pretended_ranks.h"
 #include "models/train/shared_step.h"
+#include "models/train/step_pace.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
 #include "runtime/tensor.h"
@@ -16,38 +16,56 @@
 namespace cloam {
 namespace {
 
-constexpr int kUnmeasured = 4;         // steps: they compile kernels
-constexpr int kLeast = 5, kMost = 40;  // steps that are measured
-constexpr double kSeconds = 10;        // for them, about
-
-/// A step of one rank.
-struct MeasuredStep {
-  double seconds = 0;  // the median
-  double sent_bytes = 0;
+struct Limit {
+  int steps;
+  double seconds;
 };
+constexpr Limit kUnmeasured{100, 10};  // they compile kernels, and what a step has to do settles
+constexpr Limit kMeasured{60, 25};
+constexpr int kLeast = 5;  // steps of either, however long they take
 
 /// Steps as the trainer takes them, growth left out.
-MeasuredStep measure(TrainJob& job, Optimiser& optimiser, Progress& progress, int64_t ranks) {
-  const PretendedRanks pretended(ranks);
-  SharedSteps steps({ranks == 1 ? alone() : pretended, ranks});
-  std::vector<double> seconds;
-  uint64_t sent = 0;
-  const double begun = steady_seconds();
-  for (int i = 0; i < kUnmeasured + kMost; ++i) {
+class Steps {
+ public:
+  Steps(TrainJob& job, int64_t ranks)
+      : job_(job), pretended_(ranks), steps_({ranks == 1 ? alone() : pretended_, ranks}) {}
+  void take(Optimiser& optimiser, Progress& progress) {
     const double before = steady_seconds();
-    const uint64_t sent_before = pretended.sent_bytes();
     ++progress.step;
-    steps.take(*job.method, optimiser, progress);
-    job.method->after_step(progress);
+    steps_.take(*job_.method, optimiser, progress);
+    job_.method->after_step(progress);
     synchronize();
-    if (i < kUnmeasured) continue;
-    seconds.push_back(steady_seconds() - before);
-    sent += pretended.sent_bytes() - sent_before;
-    if (i + 1 >= kUnmeasured + kLeast && steady_seconds() - begun > kSeconds) break;
+    seconds_.push_back(steady_seconds() - before);
   }
-  const auto count = static_cast<double>(seconds.size());
-  std::nth_element(seconds.begin(), seconds.begin() + static_cast<std::ptrdiff_t>(seconds.size() / 2), seconds.end());
-  return {seconds[seconds.size() / 2], static_cast<double>(sent) / count};
+  void forget() {
+    seconds_.clear();
+    sent_before_ = pretended_.sent_bytes();
+  }
+  std::size_t count() const { return seconds_.size(); }
+  double mean_seconds() const { return mean_of_largest(seconds_, 1); }
+  /// Of the slowest of all ranks, for which the others wait.
+  double slowest_seconds() const { return mean_of_largest(seconds_, pretended_.size()); }
+  double sent_bytes() const {
+    return static_cast<double>(pretended_.sent_bytes() - sent_before_) / static_cast<double>(count());
+  }
+
+ private:
+  TrainJob& job_;
+  PretendedRanks pretended_;
+  SharedSteps steps_;
+  std::vector<double> seconds_;
+  uint64_t sent_before_ = 0;
+};
+
+/// Steps of both in turn, so that both have the same to do.
+void take_in_turn(Steps& one, Steps& each, Optimiser& optimiser, Progress& progress, const Limit& limit) {
+  one.forget();
+  each.forget();
+  const double begun = steady_seconds();
+  for (int i = 0; i < limit.steps && (i < kLeast || steady_seconds() - begun < limit.seconds); ++i) {
+    one.take(optimiser, progress);
+    each.take(optimiser, progress);
+  }
 }
 
 int64_t steps_of(const TrainJob& job) {
@@ -79,26 +97,30 @@ void tell_scale(TrainJob& job, int64_t ranks, const std::string& link, const Com
   Progress progress;
   progress.horizon = steps_of(job);
   progress.seed = job.record.seed;
-  const MeasuredStep one = measure(job, optimiser, progress, 1), each = measure(job, optimiser, progress, ranks);
+  Steps one(job, 1), each(job, ranks);
+  take_in_turn(one, each, optimiser, progress, kUnmeasured);
+  take_in_turn(one, each, optimiser, progress, kMeasured);
   // What a rank sends and what it receives go over its link at the same time.
-  const double on_link = each.sent_bytes / speed, step = each.seconds + on_link;
+  const double on_link = each.sent_bytes() / speed, step = each.slowest_seconds() + on_link;
   const auto steps = static_cast<double>(progress.horizon);
   const auto milliseconds = [](double seconds) { return fmt::format("{:.4g} ms", 1e3 * seconds); };
-  say(common, text("scale  1 device: ", milliseconds(one.seconds), " a step, ", words_for_seconds(steps * one.seconds),
-                   " for ", progress.horizon, " steps"));
-  say(common, text("       ", ranks, " devices: ", milliseconds(step), " a step (", milliseconds(each.seconds),
-                   " on each, ", milliseconds(on_link), " on links of ", link, "), ", words_for_seconds(steps * step)));
-  say(common, text("       each device sends and receives ", words_for_bytes(static_cast<uint64_t>(each.sent_bytes)),
-                   " a step"));
+  const double waiting = each.slowest_seconds() - each.mean_seconds();
+  say(common, text("scale  1 device: ", milliseconds(one.mean_seconds()), " a step, ",
+                   words_for_seconds(steps * one.mean_seconds()), " for ", progress.horizon, " steps"));
+  say(common, text("       ", ranks, " devices: ", milliseconds(step), " a step, ", words_for_seconds(steps * step)));
+  say(common, text("       of a step ", milliseconds(each.mean_seconds()), " is work on each, ", milliseconds(waiting),
+                   " waiting for the slowest, ", milliseconds(on_link), " for ",
+                   words_for_bytes(static_cast<uint64_t>(each.sent_bytes())), " to and fro over ", link));
   log.write("scale", {{"ranks", ranks},
                       {"link_bytes_per_second", speed},
                       {"steps", progress.horizon},
-                      {"sent_bytes", each.sent_bytes},
-                      {"one_step_seconds", one.seconds},
-                      {"rank_step_seconds", each.seconds},
+                      {"sent_bytes", each.sent_bytes()},
+                      {"one_step_seconds", one.mean_seconds()},
+                      {"rank_step_seconds", each.mean_seconds()},
+                      {"waiting_seconds", waiting},
                       {"link_seconds", on_link},
                       {"step_seconds", step},
-                      {"one_seconds", steps * one.seconds},
+                      {"one_seconds", steps * one.mean_seconds()},
                       {"seconds", steps * step}});
 }
 

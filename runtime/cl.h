@@ -17,6 +17,7 @@ struct Buffer {
   cl::Buffer mem;
   size_t bytes = 0;
   std::shared_ptr<Buffer> whole;  // of a part of a buffer, which is no loan of its own
+  bool pooled = true;             // freed, it serves others
   Buffer(cl::Buffer memory, size_t size) : mem(std::move(memory)), bytes(size) {}
   ~Buffer();
   Buffer(const Buffer&) = delete;
@@ -32,7 +33,10 @@ struct ClDevice {
 };
 ClDevice& cl_device();
 
+/// From the pool: up to a quarter larger, so that others find it again.
 std::shared_ptr<Buffer> allocate(size_t bytes);
+/// Of this size, for what stays as long as the model; the driver gets it back.
+std::shared_ptr<Buffer> allocate_to_stay(size_t bytes);
 void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to);
 void write_buffer(const Buffer& buffer, const void* from, size_t bytes);
 void finish();

@@ -40,6 +40,18 @@ void check_count(const Tensor& tensor, size_t count) {
 
 }  // namespace
 
+Tensor made_to_stay(const Tensor& value) {
+  auto node = std::make_shared<Node>();
+  node->shape = value.shape();
+  node->dtype = value.dtype();
+  node->tracked = value.tracked();
+  const size_t bytes = static_cast<size_t>(value.numel()) * size_of(value.dtype());
+  node->storage = {allocate_to_stay(bytes), 0, dense_strides(value.shape())};
+  Tensor out(std::move(node));
+  put_at(value, out);
+  return out;
+}
+
 Flat flat_zeros(const std::vector<Shape>& shapes) {
   const cl_uint bits = called([] { return "ask the device how buffers are aligned"; },
                               [] { return cl_device().device.getInfo<CL_DEVICE_MEM_BASE_ADDR_ALIGN>(); });
@@ -51,7 +63,7 @@ Flat flat_zeros(const std::vector<Shape>& shapes) {
     bytes += std::max<size_t>(1, (static_cast<size_t>(numel(shape)) * size_of(DType::f32) + unit - 1) / unit) * unit;
   }
   Flat out;
-  out.all = dense(zeros({static_cast<int64_t>(bytes / size_of(DType::f32))}));
+  out.all = made_to_stay(zeros({static_cast<int64_t>(bytes / size_of(DType::f32))}));
   const std::shared_ptr<Buffer>& whole = out.all.node()->storage.buffer;
   for (size_t i = 0; i < shapes.size(); i++) {
     const size_t end = i + 1 < shapes.size() ? begins[i + 1] : bytes;

@@ -14,6 +14,9 @@ struct Flat {
 };
 Flat flat_zeros(const std::vector<Shape>& shapes);
 
+/// The value in memory of its own and no more than it needs, for what stays as long as the model: others get a little
+/// more from the pool.
+Tensor made_to_stay(const Tensor& value);
 /// Gives `tensor` the memory of `place` (of its shape), with the values it has; nothing when it lies there already.
 void move_to(const Tensor& tensor, const Tensor& place);
 /// A hint: a pending value, when it is evaluated, shall be written straight into the memory of `place`. Then it is

@@ -162,16 +162,33 @@ uint64_t memory_budget() {
   return wanted_max_bytes() ? wanted_max_bytes() : budget;
 }
 
+namespace {
+
+std::shared_ptr<Buffer> lent(cl::Buffer mem, size_t bytes) {
+  auto buffer = std::make_shared<Buffer>(std::move(mem), bytes);
+  DeviceStats& s = device_stats();
+  s.live_bytes += bytes;
+  s.peak_bytes = std::max(s.peak_bytes, s.live_bytes);
+  if (debug().poison) poison(buffer->mem, bytes);
+  return buffer;
+}
+
+}  // namespace
+
 std::shared_ptr<Buffer> allocate(size_t bytes) {
   if (bytes > memory_budget()) too_much(bytes, "over the budget");
   size_t index = size_class(bytes);
   std::optional<cl::Buffer> found = reuse(index);
   const size_t real = class_bytes(index);
-  const auto buffer = std::make_shared<Buffer>(found ? std::move(*found) : obtain(real), real);
-  DeviceStats& s = device_stats();
-  s.live_bytes += real;
-  s.peak_bytes = std::max(s.peak_bytes, s.live_bytes);
-  if (debug().poison) poison(buffer->mem, real);
+  return lent(found ? std::move(*found) : obtain(real), real);
+}
+
+std::shared_ptr<Buffer> allocate_to_stay(size_t bytes) {
+  constexpr size_t kUnit = 256;
+  if (bytes > memory_budget()) too_much(bytes, "over the budget");
+  const size_t real = std::max<size_t>(1, (bytes + kUnit - 1) / kUnit) * kUnit;
+  auto buffer = lent(obtain(real), real);
+  buffer->pooled = false;
   return buffer;
 }
 
@@ -179,6 +196,7 @@ Buffer::~Buffer() {
   if (whole) return;
   DeviceStats& s = device_stats();
   s.live_bytes -= bytes;
+  if (!pooled) return;
   try {
     pool().free[size_class(bytes)].push_back({std::move(mem), pool().freed++});
     s.kept_bytes += bytes;

@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdio>
+#include <list>
 #include <unordered_map>
 
 #include "runtime/debug.h"
@@ -287,22 +288,50 @@ void compile(const Plan& plan, const Walk& graph) {
   build_generated(texts);
 }
 
-Plan& plan_for(const Walk& graph) {
-  static std::unordered_map<uint64_t, std::vector<std::unique_ptr<Plan>>> plans;
-  std::vector<std::unique_ptr<Plan>>& alike = plans[graph.hash];
-  for (auto& plan : alike)
-    if (plan->signature == graph.signature) {
-      device_stats().plans_reused++;
-      if (debug().kernels) std::fprintf(stderr, "[plan] reused: %zu steps\n", plan->steps.size());
-      return *plan;
+/// The plans of the last structures. Where shapes come from data, extents that are equal by chance make ever new
+/// structures; one of a thousand nodes takes 100 KB.
+class Plans {
+ public:
+  /// None: not seen, or too long ago.
+  std::shared_ptr<Plan> find(const Walk& graph) {
+    const auto [begin, end] = by_hash_.equal_range(graph.hash);
+    for (auto at = begin; at != end; ++at) {
+      if ((*at->second)->signature != graph.signature) continue;
+      by_use_.splice(by_use_.begin(), by_use_, at->second);
+      return by_use_.front();
     }
-  auto plan = std::make_unique<Plan>(cut(graph));
+    return nullptr;
+  }
+  void add(uint64_t hash, const std::shared_ptr<Plan>& plan) {
+    by_use_.push_front(plan);
+    by_hash_.emplace(hash, by_use_.begin());
+    if (by_use_.size() <= kMost) return;
+    std::erase_if(by_hash_, [&](const auto& item) { return item.second == std::prev(by_use_.end()); });
+    by_use_.pop_back();
+  }
+
+ private:
+  static constexpr size_t kMost = 128;
+  using Order = std::list<std::shared_ptr<Plan>>;
+  Order by_use_;  // the last used first
+  std::unordered_multimap<uint64_t, Order::iterator> by_hash_;
+};
+
+/// Shared: what the plan evaluates while it runs may push it out.
+std::shared_ptr<Plan> plan_for(const Walk& graph) {
+  static Plans plans;
+  if (auto plan = plans.find(graph)) {
+    device_stats().plans_reused++;
+    if (debug().kernels) std::fprintf(stderr, "[plan] reused: %zu steps\n", plan->steps.size());
+    return plan;
+  }
+  auto plan = std::make_shared<Plan>(cut(graph));
   device_stats().plans_built++;
   compile(*plan, graph);
   if (debug().kernels)
     std::fprintf(stderr, "[plan] new: %zu nodes, %zu steps\n", graph.nodes.size(), plan->steps.size());
-  alike.push_back(std::move(plan));
-  return *alike.back();
+  plans.add(graph.hash, plan);
+  return plan;
 }
 
 void run_step(PlanStep& step, const Plan& plan, const Walk& graph) {
@@ -373,7 +402,7 @@ void eval(const Tensors& outputs) {
   const WalkLoan loan;
   Walk& graph = *loan;
   walk(outputs, graph);
-  run(plan_for(graph), graph);
+  run(*plan_for(graph), graph);
   for (const Tensor& t : outputs)
     if (!t.tracked()) {  // history that no gradient can use
       t.node()->in.clear();

@@ -61,7 +61,7 @@ void prune(const fs::path& folder, int64_t saved) {
 
 void verify(const fs::path& path, const SafetensorsFile& file) {
   try {
-    if (read_safetensors(path) == file) return;
+    if (reads_back(path, file)) return;
   } catch (const Error& problem) {
     throw Error(Fault::write, text("the checkpoint cannot be read back: ", problem.what()));
   }

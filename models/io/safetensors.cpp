@@ -161,11 +161,38 @@ std::map<std::string, std::string> take_checksums(const InputFile& file, Safeten
   return checksums;
 }
 
-NamedTensor read_tensor(const InputFile& file, const SafetensorsEntry& entry, uint64_t data_start) {
-  NamedTensor tensor{entry.dtype, entry.shape, std::vector<std::byte>(entry.end - entry.begin)};
-  file.read(data_start + entry.begin, tensor.data);
-  return tensor;
-}
+/// A file whose header and layout were found right; each tensor is checked when it is read.
+class CheckedFile {
+ public:
+  explicit CheckedFile(const fs::path& path) : file_(path) {
+    const std::string text = read_header(file_);
+    data_start_ = 8 + text.size();
+    try {
+      header_ = parse_safetensors_header(text);
+    } catch (const Error& problem) { file_.fail(8, problem.what()); }
+    check_layout(file_, header_, data_start_);
+    checksums_ = take_checksums(file_, header_, is_sealed(text));
+  }
+  const std::map<std::string, SafetensorsEntry>& entries() const { return header_.entries; }
+  const std::map<std::string, std::string>& metadata() const { return header_.metadata; }
+
+  NamedTensor tensor(const std::string& name, const SafetensorsEntry& entry) const {
+    NamedTensor out{entry.dtype, entry.shape, std::vector<std::byte>(entry.end - entry.begin)};
+    file_.read(data_start_ + entry.begin, out.data);
+    const auto want = checksums_.find(name);
+    if (want == checksums_.end()) return out;
+    if (const std::string found = crc32c_digits(crc32c(out.data)); found != want->second)
+      file_.fail(data_start_ + entry.begin, text("tensor '", printable(name), "': checksum is ", found, ", want ",
+                                                 printable(want->second), ": the data is damaged"));
+    return out;
+  }
+
+ private:
+  InputFile file_;
+  uint64_t data_start_ = 0;
+  SafetensorsHeader header_;
+  std::map<std::string, std::string> checksums_;
+};
 
 template <class Word>
 bool all_finite(std::span<const std::byte> data, Word exponent_mask) {
@@ -227,27 +254,19 @@ void write_safetensors(const fs::path& path, const SafetensorsFile& file) {
 }
 
 SafetensorsFile read_safetensors(const fs::path& path) {
-  const InputFile file(path);
-  const std::string header_text = read_header(file);
-  const uint64_t data_start = 8 + header_text.size();
-  SafetensorsHeader header;
-  try {
-    header = parse_safetensors_header(header_text);
-  } catch (const Error& problem) { file.fail(8, problem.what()); }
-  check_layout(file, header, data_start);
-  const auto checksums = take_checksums(file, header, is_sealed(header_text));
-  SafetensorsFile result{{}, std::move(header.metadata)};
-  for (const auto& [name, entry] : header.entries) {
-    NamedTensor tensor = read_tensor(file, entry, data_start);
-    if (const auto digits = checksums.find(name); digits != checksums.end()) {
-      if (const std::string found = crc32c_digits(crc32c(tensor.data)); found != digits->second) {
-        file.fail(data_start + entry.begin, text("tensor '", printable(name), "': checksum is ", found, ", want ",
-                                                 printable(digits->second), ": the data is damaged"));
-      }
-    }
-    result.tensors.emplace(name, std::move(tensor));
-  }
+  const CheckedFile file(path);
+  SafetensorsFile result{{}, file.metadata()};
+  for (const auto& [name, entry] : file.entries()) result.tensors.emplace(name, file.tensor(name, entry));
   return result;
+}
+
+bool reads_back(const fs::path& path, const SafetensorsFile& file) {
+  const CheckedFile written(path);
+  return written.metadata() == file.metadata && written.entries().size() == file.tensors.size() &&
+         std::ranges::all_of(written.entries(), [&](const auto& item) {
+           const auto kept = file.tensors.find(item.first);
+           return kept != file.tensors.end() && written.tensor(item.first, item.second) == kept->second;
+         });
 }
 
 }  // namespace cloam

@@ -39,4 +39,7 @@ void write_safetensors(const std::filesystem::path& path, const SafetensorsFile&
 /// Errors: Fault::data naming the tensor and the byte offset.
 SafetensorsFile read_safetensors(const std::filesystem::path& path);
 
+/// Whether the file at `path` holds what `file` does; of its tensors one lies in memory at a time. Errors as above.
+bool reads_back(const std::filesystem::path& path, const SafetensorsFile& file);
+
 }  // namespace cloam

@@ -5,6 +5,7 @@
 
 #include "runtime/device.h"
 #include "runtime/error.h"
+#include "runtime/flat.h"
 
 namespace cloam {
 namespace {
@@ -15,8 +16,9 @@ uint64_t hash_of(const std::string& name, uint64_t seed) {
   return hash;
 }
 
-Tensor add(const Scope& scope, const std::string& name, const Tensor& value) {
+Tensor add(const Scope& scope, const std::string& name, const Tensor& made) {
   const std::string full = (scope / name).path;
+  const Tensor value = made_to_stay(made);
   if (!scope.all.emplace(full, value).second)
     throw Error(Fault::internal, text("[params] the name ", full, " is taken"));
   return value;

@@ -22,8 +22,8 @@ Optimiser::Optimiser(const Params& parameters, const ParameterGroups& groups) {
       prefixes.insert(group.prefix);
       continue;
     }
-    m_[name] = dense(zeros(p.shape()));
-    v_[name] = dense(zeros(p.shape()));
+    m_[name] = made_to_stay(zeros(p.shape()));
+    v_[name] = made_to_stay(zeros(p.shape()));
     steps_[name] = from_host(std::vector<int32_t>(static_cast<size_t>(p.dim(0)), 0), {p.dim(0)});
   }
   for (const std::string& prefix : prefixes) add_group(prefix, parameters, groups);

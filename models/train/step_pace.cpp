@@ -2,6 +2,7 @@
 #include "models/train/step_pace.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 namespace cloam {
@@ -26,6 +27,16 @@ std::optional<double> StepPace::seconds_for(int64_t steps, int64_t growing) cons
   const auto rising = static_cast<double>(std::clamp<int64_t>(growing, 0, steps)), all = static_cast<double>(steps);
   const double now = rising > 0 ? level + rise * static_cast<double>(few) / 2 : level;
   return now * all + rise * rising * (all - rising / 2);
+}
+
+double mean_of_largest(std::vector<double> values, int64_t count) {
+  std::sort(values.begin(), values.end());
+  const auto none_above = [&](size_t i) {  // the probability that all are among the first i
+    return std::pow(static_cast<double>(i) / static_cast<double>(values.size()), count);
+  };
+  double sum = 0;
+  for (size_t i = 0; i < values.size(); ++i) sum += values[i] * (none_above(i + 1) - none_above(i));
+  return sum;
 }
 
 }  // namespace cloam

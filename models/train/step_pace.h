@@ -22,4 +22,8 @@ class StepPace {
   std::vector<float> seconds_;
 };
 
+/// The mean of the largest of `count` values that are drawn from these, each as likely as the others: how long the
+/// slowest of `count` ranks takes.
+double mean_of_largest(std::vector<double> values, int64_t count);
+
 }  // namespace cloam

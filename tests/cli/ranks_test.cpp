@@ -70,7 +70,9 @@ TEST_CASE("a plan for more devices than there are: what a step sends, and the ti
   for (const auto& [name, tensor] : read_safetensors(trained / "ckpt" / "000001.safetensors").tensors)
     if (name.starts_with("param.")) parameters += static_cast<double>(tensor.data.size());
   CHECK(scale.at("sent_bytes").get<double>() == doctest::Approx(parameters).epsilon(0.02));
-  const double step = scale.at("rank_step_seconds").get<double>() + scale.at("sent_bytes").get<double>() / 1e6;
+  CHECK(scale.at("waiting_seconds") >= 0);
+  const double step = scale.at("rank_step_seconds").get<double>() + scale.at("waiting_seconds").get<double>() +
+                      scale.at("sent_bytes").get<double>() / 1e6;
   CHECK(scale.at("step_seconds").get<double>() == doctest::Approx(step));
   CHECK(scale.at("seconds").get<double>() == doctest::Approx(50 * step));
   CHECK_FALSE(fs::exists(scratch() / "planned_for_ranks"));

@@ -183,6 +183,24 @@ TEST_CASE("safetensors: what is written is read back, and the bytes depend on th
   CHECK(content_of(folder.path / "a") == content_of(folder.path / "b"));
 }
 
+TEST_CASE("safetensors: a file that holds anything else is told from what it should hold") {
+  const Folder folder;
+  const fs::path path = folder.path / "a";
+  write_safetensors(path, sample());
+  CHECK(reads_back(path, sample()));
+  SafetensorsFile other_value = sample(), other_text = sample(), one_more = sample(), one_less = sample(),
+                  other_name = sample();
+  other_value.tensors["field.weight"].data.back() ^= std::byte{1};
+  other_text.metadata["other"] = "";
+  one_more.tensors["more"] = tensor<float>("F32", {1}, {1});
+  one_less.tensors.erase("field.weight");
+  auto moved = other_name.tensors.extract("field.weight");
+  moved.key() = "field.weighs";
+  other_name.tensors.insert(std::move(moved));
+  for (const SafetensorsFile* other : {&other_value, &other_text, &one_more, &one_less, &other_name})
+    CHECK_FALSE(reads_back(path, *other));
+}
+
 TEST_CASE("safetensors: the file has the published layout") {
   const Folder folder;
   write_safetensors(folder.path / "a", sample());

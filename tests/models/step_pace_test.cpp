@@ -41,3 +41,16 @@ TEST_CASE("pace: steps that got quicker stay as quick as the last ones") {
   CHECK(*pace_of(1000, seconds).seconds_for(4000, 0) == doctest::Approx(40).epsilon(0.01));
   CHECK(*pace_of(1000, seconds).seconds_for(4000, 2000) == doctest::Approx(40).epsilon(0.01));
 }
+
+TEST_CASE("the slowest of several ranks: the mean of all ways in which they can draw their times") {
+  const std::vector<double> seconds = {3, 1, 2};
+  CHECK(mean_of_largest(seconds, 1) == doctest::Approx(2));
+  double of_two = 0, of_three = 0;
+  for (const double a : seconds)
+    for (const double b : seconds) {
+      of_two += std::max(a, b) / 9;
+      for (const double c : seconds) of_three += std::max({a, b, c}) / 27;
+    }
+  CHECK(mean_of_largest(seconds, 2) == doctest::Approx(of_two));
+  CHECK(mean_of_largest(seconds, 3) == doctest::Approx(of_three));
+}

@@ -9,6 +9,7 @@
 
 #include "runtime/device.h"
 #include "runtime/error.h"
+#include "runtime/flat.h"
 #include "runtime/ops.h"
 #include "tests/runtime/child.h"
 
@@ -85,6 +86,26 @@ TEST_CASE("plans and kernels serve other extents") {
   CHECK(device_stats().plans_built == before.plans_built);
   CHECK(device_stats().kernels_built == before.kernels_built);
   CHECK(device_stats().plans_reused > before.plans_reused);
+}
+
+TEST_CASE("the plans of many structures do not pile up: the last ones are kept") {
+  const auto structure = [](int64_t nodes) {  // of one kernel
+    Tensors out;
+    for (int64_t i = 0; i < nodes; i++) out.push_back(ones({i + 3}) + 1.f);
+    eval(out);
+    return out.back().to_host();
+  };
+  const auto built = [&](int64_t nodes) {
+    const uint64_t before = device_stats().plans_built;
+    CHECK(structure(nodes) == std::vector<float>(static_cast<size_t>(nodes + 2), 2.f));
+    return device_stats().plans_built - before;
+  };
+  for (int64_t nodes = 100; nodes < 250; nodes++) structure(nodes);
+  CHECK(built(249) == 0);
+  CHECK(built(150) == 0);
+  CHECK(built(100) == 1);
+  CHECK(built(100) == 0);
+  CHECK(built(150) == 0);
 }
 
 // Compilers of GPUs contract across statements, PoCL's within one: this is for the former.
@@ -180,6 +201,19 @@ TEST_CASE("results larger than the caches are right, in rows and at their ends")
     }
     CHECK(wrong == 0);
   }
+}
+
+TEST_CASE("what is made to stay takes the memory that it needs, and gives it back to the driver") {
+  const Tensor x = made({33, 1025});
+  x.to_host();
+  const DeviceStats before = device_stats();
+  {
+    const Tensor kept = made_to_stay(x);
+    CHECK(device_stats().live_bytes - before.live_bytes < size_t{33} * 1025 * size_of(DType::f32) + 256);
+    CHECK(kept.to_host() == x.to_host());
+    CHECK((kept + 1.f).to_host()[7] == x.to_host()[7] + 1.f);
+  }
+  CHECK(device_stats().live_bytes == before.live_bytes);
 }
 
 TEST_CASE("nothing stays alive when the last handle goes") {
