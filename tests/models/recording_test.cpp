@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 
@@ -179,6 +180,27 @@ TEST_CASE("as recorded: returns of the car itself are left out, and no others") 
     CHECK(points.size() + points.of_ego == all.size() + all.of_ego);
   }
   CHECK(of_ego > 300);
+}
+
+TEST_CASE("returns of the car itself are told from others by where the car was when it was hit") {
+  const Folder folder;
+  const double after = 0.08;
+  std::ofstream(folder.path / "sweep.ply") << "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\n"
+                                              "property float y\nproperty float z\nproperty float intensity\n"
+                                              "property float time\nend_header\n"
+                                           << "102 0 1 0.5 0.08\n"  // the bonnet, 4 m on since the sweep's stamp
+                                           << "98 0 1 0.5 0.08\n";  // where the boot was then, and is no more
+  Sweep sweep;
+  sweep.file = "sweep.ply";
+  sweep.world_from_lidar.topRightCorner<3, 1>() = Vector3d(96.5, 0, 2);
+  sweep.velocity = Vector3d(4 / after, 0, 0);
+  Scene log;
+  log.root = folder.path;
+  log.recording.car = CarBox{{0, 0, -1}, {4, 2, 1}};
+  const LidarPoints points = load_sweep(log, sweep);
+  CHECK(points.of_ego == 1);
+  REQUIRE(points.size() == 1);
+  CHECK(points.positions[0] == 98);
 }
 
 TEST_CASE("a log whose sensors see all at once is read as ever") {
