@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include "models/data/colmap_model.h"
+#include "models/data/llff.h"
 #include "models/data/photos.h"
 #include "models/io/paths.h"
 #include "models/io/safetensors_header.h"  // printable
@@ -55,6 +56,8 @@ class ColmapReader {
     finish_photos(scene_, missing_, options_);
     read_points();
     scene_.up = mean_up(scene_);
+    if (is_llff(scene_.root))  // LLFF's depths, in units of the model that its poses are from
+      guarded(true, scene_.warnings, "depths left out", [&] { scene_.hints.nearest = llff_nearest(scene_.root); });
     return std::move(scene_);
   }
 

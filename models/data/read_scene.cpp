@@ -9,6 +9,7 @@
 
 #include "models/data/colmap.h"
 #include "models/data/kitti.h"
+#include "models/data/llff.h"
 #include "models/data/near_misses.h"
 #include "models/data/pandaset.h"
 #include "models/data/rig.h"
@@ -28,6 +29,7 @@ constexpr SceneReader kReaders[] = {
     {"transforms.json", "transforms.json (nerfstudio, instant-ngp), transforms_train.json (NeRF-synthetic)",
      is_transforms_json, read_transforms_json},
     {"COLMAP", "sparse/0/cameras.bin, images.bin (or .txt) beside images/ (COLMAP)", is_colmap, read_colmap},
+    {"LLFF", "poses_bounds.npy beside images/ (LLFF, forward-facing)", is_llff, read_llff},
     {"PandaSet", "camera/*_camera/poses.json, lidar/poses.json (PandaSet)", is_pandaset, read_pandaset},
     {"rig", "rig.json (your own recordings: docs/formats.md)", is_rig, read_rig},
     {"KITTI", "image_02/data, velodyne_points/data, oxts/data in a drive's folder (KITTI raw)", is_kitti, read_kitti},

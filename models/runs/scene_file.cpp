@@ -81,6 +81,7 @@ Json to_json(const Scene& scene, std::size_t& first_box) {
                {"night", scene.night},
                {"up", {scene.up.x(), scene.up.y(), scene.up.z()}}};
   if (scene.hints.aabb_scale) json["aabb_scale"] = *scene.hints.aabb_scale;
+  if (scene.hints.nearest) json["nearest"] = *scene.hints.nearest;
   if (scene.recording != Recording{}) json["recording"] = to_json(scene.recording);
   for (const char* list : {"cameras", "frames", "sweeps", "actors"}) json[list] = Json::array();
   for (const Camera& camera : scene.cameras) json["cameras"].push_back(to_json(camera));
@@ -213,6 +214,7 @@ Scene scene_from(const Json& json, const AllBoxes& boxes, const std::string& whe
   scene.has_test_split = flag(json, "has_test_split", false, where);
   scene.hints.synthetic_bounds = flag(json, "synthetic_bounds", false, where);
   scene.hints.aabb_scale = optional_number(json, "aabb_scale", where);
+  scene.hints.nearest = optional_number(json, "nearest", where);
   scene.is_log = flag(json, "is_log", false, where);
   scene.night = flag(json, "night", false, where);
   scene.up = vector3(json, "up", where);

@@ -56,8 +56,8 @@ void each_field(Each& each, T& actor) {
 
 template <class Each, Is<SceneHints> T>
 void each_field(Each& each, T& hints) {
-  auto& [aabb_scale, synthetic_bounds] = hints;
-  each(aabb_scale, synthetic_bounds);
+  auto& [aabb_scale, synthetic_bounds, nearest] = hints;
+  each(aabb_scale, synthetic_bounds, nearest);
 }
 
 template <class Each, Is<PointCloud> T>

@@ -87,6 +87,7 @@ struct SceneHints {
   std::optional<double>
       aabb_scale;                 // instant-ngp: the subject and surroundings lie in a cube of side aabb_scale / 0.33
   bool synthetic_bounds = false;  // NeRF-synthetic: the object lies in [-1.5, 1.5]^3, cameras about 4 away
+  std::optional<double> nearest = {};  // forward-facing: how far along its axis the first thing is that a photo sees
 };
 
 struct Scene {

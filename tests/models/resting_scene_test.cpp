@@ -14,7 +14,7 @@ Scene full_scene() {
   Scene scene = toy_street("a/folder", {.frames = 3});
   scene.up = {0.1, -0.2, 1 / 3.0};
   scene.has_alpha = scene.has_test_split = scene.night = true;
-  scene.hints = {4.5, true};
+  scene.hints = {4.5, true, 0.25};
   scene.cameras[0].model = CameraModel::fisheye;
   scene.cameras[0].k = {0.1, 0.2, 0.3, 0.4};
   scene.cameras[0].prism = {1e-3, 2e-3};
@@ -97,6 +97,7 @@ void check_same(const Scene& a, const Scene& b) {
         std::tie(b.metric, b.has_alpha, b.has_test_split, b.is_log, b.night));
   CHECK(a.hints.aabb_scale == b.hints.aabb_scale);
   CHECK(a.hints.synthetic_bounds == b.hints.synthetic_bounds);
+  CHECK(a.hints.nearest == b.hints.nearest);
   CHECK(a.cameras == b.cameras);
   CHECK(std::tie(a.frames_listed, a.other_actors) == std::tie(b.frames_listed, b.other_actors));
   CHECK(a.cloud.positions == b.cloud.positions);
