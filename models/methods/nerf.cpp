@@ -22,6 +22,9 @@ constexpr int kWarmUp = 30;  // steps
 
 void Nerf::configure(Config& c) {
   NerfConfig& o = config_;
+  c.bind("space.kind", o.space, "auto, contract (unbounded scenes) or ndc (photos that all look one way)");
+  c.bind("space.nearest", o.nearest,
+         "ndc: distance of the nearest thing, in units of the poses; 0: as the capture says", {0, 1e7});
   c.bind("field.kind", o.field.kind, "radiance field: hash, frequency or triplane");
   c.bind("field.levels", o.field.levels, "hash grid: levels", {1, 32});
   c.bind("field.features", o.field.features, "hash grid: features per level (1, 2 or 4)", {1, 4});

@@ -18,12 +18,26 @@ enum RenderStream : uint32_t { kRayJitter = 2, kPlace = 4, kFine = 5, kFinePlace
 constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, distortion
 constexpr float kLeastTransmittance = 1e-3f;
 constexpr double kRenderSamples = 400000;  // samples in memory while rendering
-constexpr float kMinStep = 1e-5f;          // normalised units: a ray takes 100,000 of them
+// From the near plane to infinity NDC have a length of 2, a contracted ray 64. Densities are per 1/32 there, so that an
+// untrained field is as opaque: through a thin one photos are too bright, and its colours go to white and stay there.
+constexpr float kNdcDensity = 32.f;
+constexpr float kMinStep = 1e-5f;  // normalised units: a ray takes 100,000 of them
+
+SceneFrame frame_of(const NerfConfig& config, const Scene& scene) {
+  if (config.space == "ndc") return fit_ndc(scene, config.nearest);
+  SceneFrame frame = fit_scene(scene);
+  if (config.space == "auto") return frame;
+  if (config.space != "contract")
+    throw Error(Fault::usage, text("setting space.kind: \"", config.space, "\", want auto, contract or ndc"));
+  if (!frame.contract)
+    throw Error(Fault::usage, "setting space.kind: contract is for captures without a box of their own: use auto");
+  return frame;
+}
 
 }  // namespace
 
 NerfRenderer::NerfRenderer(const NerfConfig& config, const Scene& scene, const Scope& root)
-    : config_(config), frame_(fit_scene(scene)) {
+    : config_(config), frame_(frame_of(config, scene)) {
   if (config.sampling != "occupancy" && config.sampling != "importance")
     throw Error(Fault::usage, text("setting sampling: \"", config.sampling, "\", want occupancy or importance"));
   if (config.min_step > 0 && config.min_step < kMinStep)
@@ -39,35 +53,42 @@ MarchOptions NerfRenderer::march_options() const {
   MarchOptions m;
   m.side = config_.occupancy.side;
   m.contract = frame_.contract;
-  m.min_step = config_.min_step > 0 ? config_.min_step : 0.01f;
+  m.min_step = config_.min_step > 0 ? config_.min_step : frame_.ndc ? 0.02f : 0.01f;
   m.cone = frame_.contract ? config_.cone : 0.f;
   m.threshold = occupancy_->threshold();
   return m;
 }
 
 NerfRenderer::Rendered NerfRenderer::shade(const Rays& rays, const Sampling& how) const {
-  return marching() ? shade_marched(rays, how) : shade_importance(rays, how);
+  const Rays path = frame_.ndc ? ndc_rays(rays, frame_) : rays;
+  return marching() ? shade_marched(path, rays.directions, how) : shade_importance(path, rays.directions, how);
 }
+
+/// Densities of the field, in normalised units or in those of NDC.
+Tensor NerfRenderer::per_length(const Tensor& sigma) const { return frame_.ndc ? sigma * kNdcDensity : sigma; }
 
 /// [count,numbers]: the rays' own part of what is drawn for the whole batch.
 Tensor NerfRenderer::random_of(int64_t count, int64_t numbers, const Sampling& how, uint32_t stream) {
   return own_rows(random_uniform({how.all > 0 ? how.all : count, numbers}, how.key.of_stream(stream)), how.share);
 }
 
-NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Sampling& how) const {
+NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Tensor& directions,
+                                                   const Sampling& how) const {
   const int64_t count = rays.origins.dim(0);
   const Tensor shift = how.jitter ? reshape(random_of(count, 1, how, kRayJitter), {count}) : full({count}, 0.5f);
   MarchOptions steps = march_options();
   steps.explore = how.jitter ? static_cast<int>(how.key.step) : 0;
   const RaySamples all = march(rays, shift, occupancy_->values(), steps);
-  const RaySamples s = how.skim ? visible(all, stop_gradient(field_->density(all.points)), kLeastTransmittance) : all;
-  const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
-  return {composite({out.sigma, s.offsets, s.dt}, {out.rgb, s.t}), Tensor(), s.t.dim(0), all.t.dim(0)};
+  const RaySamples s =
+      how.skim ? visible(all, stop_gradient(per_length(field_->density(all.points))), kLeastTransmittance) : all;
+  const FieldOutput out = (*field_)(s.points, directions, s.ray);
+  return {composite({per_length(out.sigma), s.offsets, s.dt}, {out.rgb, s.t}), Tensor(), s.t.dim(0), all.t.dim(0)};
 }
 
-/// One sample in each interval, at `place` [R,N] in [0,1) of it (NeRF eq. 2), composited.
-Tensor NerfRenderer::shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place,
+/// One sample in each interval, at its place in it (NeRF eq. 2), composited.
+Tensor NerfRenderer::shade_edges(const Field& field, const Rays& rays, const Tensor& directions, const Edges& at,
                                  Tensor* weights) const {
+  const auto& [edges, place] = at;
   const int64_t count = edges.dim(0), n = edges.dim(1) - 1;
   const Tensor begin = slice(edges, 1, 0, n), length = slice(edges, 1, 1, n + 1) - begin;
   const Tensor t = begin + place * length;
@@ -76,13 +97,15 @@ Tensor NerfRenderer::shade_edges(const Field& field, const Rays& rays, const Ten
   for (int64_t r = 0; r <= count; r++) first.push_back(static_cast<int32_t>(r * n));
   for (int64_t r = 0; r < count; r++) ray.insert(ray.end(), static_cast<size_t>(n), static_cast<int32_t>(r));
   const Tensor offsets = from_host(first, {count + 1}), flat_length = reshape(length, {count * n});
-  const FieldOutput out = field(unit_points(reshape(points, {count * n, 3}), frame_.contract), rays.directions,
-                                from_host(ray, {count * n}));
-  if (weights) *weights = reshape(composite_weights({out.sigma, offsets, flat_length}), {count, n});
-  return composite({out.sigma, offsets, flat_length}, {out.rgb, reshape(t, {count * n})});
+  const FieldOutput out =
+      field(unit_points(reshape(points, {count * n, 3}), frame_.contract), directions, from_host(ray, {count * n}));
+  const Tensor sigma = per_length(out.sigma);
+  if (weights) *weights = reshape(composite_weights({sigma, offsets, flat_length}), {count, n});
+  return composite({sigma, offsets, flat_length}, {out.rgb, reshape(t, {count * n})});
 }
 
-NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Sampling& how) const {
+NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Tensor& directions,
+                                                      const Sampling& how) const {
   const int64_t count = rays.origins.dim(0), coarse = config_.coarse_samples, fine = config_.fine_samples;
   std::vector<float> steps;
   for (int64_t i = 0; i <= coarse; i++) steps.push_back(static_cast<float>(i) / static_cast<float>(coarse));
@@ -93,12 +116,12 @@ NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Sa
   };
   Rendered out;
   Tensor weights;
-  out.coarse = shade_edges(*coarse_, rays, edges, place(coarse, kPlace), &weights);
+  out.coarse = shade_edges(*coarse_, rays, directions, {edges, place(coarse, kPlace)}, &weights);
   std::vector<float> ranks;
   for (int64_t i = 0; i < fine; i++) ranks.push_back(static_cast<float>(i));
   const Tensor uniform = (from_host(ranks, {1, fine}) + place(fine, kFine)) * (1.f / static_cast<float>(fine));
   const Tensor all = importance_edges(edges, weights, uniform);
-  out.fine = shade_edges(*field_, rays, all, place(coarse + fine, kFinePlace), nullptr);
+  out.fine = shade_edges(*field_, rays, directions, {all, place(coarse + fine, kFinePlace)}, nullptr);
   out.samples = out.marched = count * (2 * coarse + fine);
   return out;
 }
@@ -106,7 +129,7 @@ NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Sa
 /// Density times the local step over the smallest one: what decides whether a cell can be seen. Far cells of a
 /// contracted scene are crossed in long steps, so that a thin medium counts there. At [S,3] in [0,1]^3.
 Tensor NerfRenderer::thickness(const Tensor& points) const {
-  const Tensor sigma = field_->density(points);
+  const Tensor sigma = per_length(field_->density(points));
   if (!frame_.contract) return sigma;
   const MarchOptions m = march_options();
   const Tensor folded = max(abs(points * 4.f - 2.f), {{1}});
@@ -138,14 +161,23 @@ Picture NerfRenderer::picture(const View& view, float back) const {
     if (begin > 0) view.between();
     const int64_t end = std::min(count, begin + block);
     const auto part = [&](const Tensor& x) { return slice(x, 0, begin, end); };
-    const Rendered seen = shade({part(all.origins), part(all.directions), part(all.span)}, {});
-    append_pixels(out, seen.fine.to_host(), back);
+    const Rays rays{part(all.origins), part(all.directions), part(all.span)};
+    const Rendered seen = shade(rays, {});
+    append_pixels(out, with_distances(seen.fine, rays).to_host(), back);
     // The next block is as large as keeps the samples at hand within kRenderSamples.
     const double per_ray = static_cast<double>(seen.marched + 1) / static_cast<double>(end - begin);
     block = std::clamp<int64_t>(static_cast<int64_t>(kRenderSamples / per_ray), 256, 2 * block);
     begin = end;
   }
   return out;
+}
+
+/// seen [R,6]: depths that are lengths in normalised device coordinates become distances, those of the mean disparity.
+Tensor NerfRenderer::with_distances(const Tensor& seen, const Rays& rays) const {
+  if (!frame_.ndc) return seen;
+  const Tensor opacity = slice(seen, 1, 3, 4), mean = slice(seen, 1, 4, 5) / maximum(opacity, 1e-6f);
+  const Tensor distance = ndc_distances(rays, frame_, reshape(mean, {seen.dim(0)}));
+  return concat({slice(seen, 1, 0, 4), unsqueeze(distance, 1) * opacity, slice(seen, 1, 5, 6)}, 1);
 }
 
 void NerfRenderer::append_pixels(Picture& picture, const std::vector<float>& values, float back) const {

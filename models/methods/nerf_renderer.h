@@ -10,6 +10,8 @@
 namespace cloam {
 
 struct NerfConfig {
+  std::string space = "auto";  // auto | contract | ndc
+  float nearest = 0.f;         // ndc: of the nearest thing, in scene units; 0: the capture says it
   FieldOptions field;
   OccupancyOptions occupancy;
   std::string sampling = "occupancy";  // occupancy | importance
@@ -58,11 +60,17 @@ class NerfRenderer {
  private:
   MarchOptions march_options() const;
   static Tensor random_of(int64_t count, int64_t numbers, const Sampling& how, uint32_t stream);
-  Rendered shade_marched(const Rays& rays, const Sampling& how) const;
-  Rendered shade_importance(const Rays& rays, const Sampling& how) const;
-  Tensor shade_edges(const Field& field, const Rays& rays, const Tensor& edges, const Tensor& place,
+  // rays: in the field's space; directions: of the view.
+  Rendered shade_marched(const Rays& rays, const Tensor& directions, const Sampling& how) const;
+  Rendered shade_importance(const Rays& rays, const Tensor& directions, const Sampling& how) const;
+  struct Edges {
+    Tensor edges, place;  // [R,N+1]; [R,N] in [0,1)
+  };
+  Tensor shade_edges(const Field& field, const Rays& rays, const Tensor& directions, const Edges& at,
                      Tensor* weights) const;
+  Tensor per_length(const Tensor& sigma) const;
   Tensor thickness(const Tensor& points) const;
+  Tensor with_distances(const Tensor& seen, const Rays& rays) const;
   void append_pixels(Picture& picture, const std::vector<float>& values, float back) const;
 
   const NerfConfig& config_;

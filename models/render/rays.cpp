@@ -16,6 +16,15 @@ Tensor box_span(const Tensor& origins, const Tensor& directions) {
   return concat({near, far}, 1);
 }
 
+Tensor row_of(const std::vector<float>& numbers) {
+  return from_host(numbers, {1, static_cast<int64_t>(numbers.size())});
+}
+
+Tensor axis(const Tensor& points, int64_t i) { return slice(points, 1, i, i + 1); }
+
+/// [R,1]: the depth at which a ray enters: the near plane, or its camera where that lies beyond it.
+Tensor first_depth(const Rays& rays) { return maximum(axis(rays.origins, 2), 1.f); }
+
 }  // namespace
 
 std::vector<float> unit_directions(const Camera& camera) {
@@ -28,9 +37,10 @@ std::vector<float> unit_directions(const Camera& camera) {
 }
 
 void append_pose(std::vector<float>& poses, const Eigen::Matrix4d& world_from_camera, const SceneFrame& frame) {
+  const Eigen::Matrix3d turn = frame.turn * world_from_camera.block<3, 3>(0, 0);
   for (int row = 0; row < 3; row++)
-    for (int column = 0; column < 3; column++) poses.push_back(static_cast<float>(world_from_camera(row, column)));
-  const Eigen::Vector3d origin = (world_from_camera.block<3, 1>(0, 3) - frame.centre) * frame.scale;
+    for (int column = 0; column < 3; column++) poses.push_back(static_cast<float>(turn(row, column)));
+  const Eigen::Vector3d origin = frame.turn * (world_from_camera.block<3, 1>(0, 3) - frame.centre) * frame.scale;
   for (int row = 0; row < 3; row++) poses.push_back(static_cast<float>(origin[row]));
 }
 
@@ -39,9 +49,36 @@ Rays world_rays(const Tensor& directions, const Tensor& poses, const SceneFrame&
   Rays out;
   out.directions = sum(reshape(slice(poses, 1, 0, 9), {count, 3, 3}) * unsqueeze(directions, 1), {{2}});
   out.origins = broadcast_to(slice(poses, 1, 9, 12), {rays, 3});
-  out.span = frame.contract ? broadcast_to(from_host(std::vector<float>{range.near, range.far}, {1, 2}), {rays, 2})
-                            : box_span(out.origins, out.directions);
+  out.span = frame.contract || frame.ndc ? broadcast_to(row_of({range.near, range.far}), {rays, 2})
+                                         : box_span(out.origins, out.directions);
   return out;
+}
+
+Tensor ndc_points(const Tensor& across, const Tensor& z, const SceneFrame& frame) {
+  const Tensor widen = row_of({static_cast<float>(frame.widen.x()), static_cast<float>(frame.widen.y())});
+  return concat({across / z * widen, 1.f - 2.f / z}, 1);
+}
+
+Rays ndc_rays(const Rays& rays, const SceneFrame& frame) {
+  const Tensor forward = maximum(axis(rays.directions, 2), 1e-6f), z = first_depth(rays);
+  const Tensor slope = slice(rays.directions, 1, 0, 2) / forward;
+  const Tensor begin = ndc_points(slice(rays.origins, 1, 0, 2) + slope * (z - axis(rays.origins, 2)), z, frame);
+  // At an infinite depth only the slope is left of across / z.
+  const Tensor end = ndc_points(slope, full({rays.origins.dim(0), 1}, 1.f), frame) + row_of({0.f, 0.f, 2.f});
+  const Tensor way = end - begin, length = sqrt(sum(square(way), {{1}, true}));
+  Rays out{begin, way / length, Tensor()};
+  const Tensor span = box_span(out.origins, out.directions);
+  const Tensor sees = axis(rays.directions, 2) > 1e-6f;
+  out.span = concat({axis(span, 0), where(sees, minimum(axis(span, 1), length), Tensor(-1.f))}, 1);
+  return out;
+}
+
+Tensor ndc_distances(const Rays& rays, const SceneFrame& frame, const Tensor& along) {
+  const Rays path = ndc_rays(rays, frame);
+  // 1 - 2 / z grows evenly along the path: from its value at the first depth to 1.
+  const Tensor closeness = maximum(1.f - axis(path.origins, 2) - axis(path.directions, 2) * unsqueeze(along, 1), 1e-3f);
+  const Tensor distance = (2.f / closeness - axis(rays.origins, 2)) / maximum(axis(rays.directions, 2), 1e-6f);
+  return reshape(distance, {along.dim(0)});
 }
 
 Rays view_rays(const View& view, const SceneFrame& frame, const RayRange& range) {

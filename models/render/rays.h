@@ -22,4 +22,14 @@ void append_pose(std::vector<float>& poses, const Eigen::Matrix4d& world_from_ca
 /// directions [R,3] in camera axes, poses [R,12] (or [1,12]).
 Rays world_rays(const Tensor& directions, const Tensor& poses, const SceneFrame& frame, const RayRange& range);
 
+/// NeRF's normalised device coordinates (Mildenhall et al. 2020, appendix C; its -z is our z) of points whose first two
+/// coordinates are `across` [R,2] and whose depth is z [R,1]: (widen_x x / z, widen_y y / z, 1 - 2 / z). The near
+/// plane, z = 1, comes to -1 and what is infinitely far to 1.
+Tensor ndc_points(const Tensor& across, const Tensor& z, const SceneFrame& frame);
+/// Lines stay lines: rays of a frame with ndc, from the near plane (or their origin, where it lies behind) to infinity,
+/// as rays through [-1,1]^3 of that space. Those that never come to the near plane have far < near.
+Rays ndc_rays(const Rays& rays, const SceneFrame& frame);
+/// Of `along` [R], lengths on the way of ndc_rays(rays, frame): the distances from the rays' origins, [R].
+Tensor ndc_distances(const Rays& rays, const SceneFrame& frame, const Tensor& along);
+
 }  // namespace cloam

@@ -2,6 +2,9 @@
 #include "models/render/scene_frame.h"
 
 #include <Eigen/Dense>
+#include <array>
+
+#include "runtime/error.h"
 
 namespace cloam {
 namespace {
@@ -20,7 +23,63 @@ Eigen::Vector3d focus(const Scene& scene) {
   return normal.ldlt().solve(right);
 }
 
+constexpr double kNearPlane = 0.75;    // of the distance of the nearest thing (LLFF)
+constexpr double kLeastForward = 0.2;  // cosine of the angle between the mean axis and what a corner sees
+
+/// Of the mean camera: its axes by rows.
+Eigen::Matrix3d mean_axes(const Scene& scene) {
+  Eigen::Vector3d down = Eigen::Vector3d::Zero(), forward = Eigen::Vector3d::Zero();
+  for (const Frame& frame : scene.frames) {
+    down += frame.world_from_camera.block<3, 1>(0, 1);
+    forward += frame.world_from_camera.block<3, 1>(0, 2);
+  }
+  Eigen::Matrix3d axes;
+  axes.row(2) = forward.normalized();
+  axes.row(0) = down.cross(forward).normalized();
+  axes.row(1) = axes.row(2).cross(axes.row(0));
+  return axes;
+}
+
+/// What the corners of an image see, in the frame's axes, of length 1.
+std::array<Eigen::Vector3d, 4> corners(const Scene& scene, const Frame& f, const Eigen::Matrix3d& turn) {
+  const Camera& camera = scene.cameras[static_cast<size_t>(f.camera)];
+  std::array<Eigen::Vector3d, 4> seen;
+  for (size_t i = 0; i < 4; i++) {
+    const Eigen::Vector2d corner(i % 2 == 0 ? 0 : camera.width, i < 2 ? 0 : camera.height);
+    seen[i] = turn * f.world_from_camera.topLeftCorner<3, 3>() * direction(camera, corner).normalized();
+    if (!(seen[i].z() > kLeastForward))
+      throw Error(Fault::usage, text("setting space.kind: ndc is for photos that all look one way; ", f.name,
+                                     " looks too far to the side of the others: use contract"));
+  }
+  return seen;
+}
+
 }  // namespace
+
+SceneFrame fit_ndc(const Scene& scene, double nearest) {
+  if (nearest == 0) nearest = scene.hints.nearest.value_or(0);
+  if (!(nearest > 0))
+    throw Error(Fault::usage,
+                "setting space.kind: ndc needs to know how far the nearest thing is, which this capture does not say: "
+                "--set space.nearest=DISTANCE, in units of its poses");
+  SceneFrame frame;
+  frame.ndc = true;
+  frame.turn = mean_axes(scene);
+  for (const Frame& f : scene.frames) frame.centre += f.position() / static_cast<double>(scene.frames.size());
+  double plane = kNearPlane * nearest;
+  for (const Frame& f : scene.frames) plane = std::max(plane, 1.01 * (frame.turn * (f.position() - frame.centre)).z());
+  frame.scale = 1 / plane;
+  Eigen::Vector2d widest(1e-6, 1e-6);
+  for (const Frame& f : scene.frames) {
+    const Eigen::Vector3d origin = frame.turn * (f.position() - frame.centre) * frame.scale;
+    for (const Eigen::Vector3d& way : corners(scene, f, frame.turn)) {
+      const Eigen::Vector2d slope = way.head<2>() / way.z(), begin = origin.head<2>() + slope * (1 - origin.z());
+      widest = widest.cwiseMax(slope.cwiseAbs()).cwiseMax(begin.cwiseAbs());
+    }
+  }
+  frame.widen = widest.cwiseInverse();
+  return frame;
+}
 
 SceneFrame fit_scene(const Scene& scene) {
   SceneFrame frame;
