@@ -129,7 +129,9 @@ const Names kForeignInDocuments = {"--data-races",
                                    "--ntasks-per-node",
                                    "--gpus-per-node",
                                    "--signal",  // SLURM's
-                                   "--nv"};     // Apptainer's
+                                   "--nv",
+                                   "--bind",        // Apptainer's
+                                   "--apptainer"};  // of script/package-test
 
 const std::string kOption = "(?:^|[^A-Za-z0-9_-])(--[a-z][a-z0-9_-]*)";
 
