@@ -24,6 +24,17 @@ constexpr double kKeptReturns = 0.95;
 constexpr float kRoom = 0.1f;  // metres around a box that an actor's gaussians may lie in
 constexpr float kGone = -20;   // logit of an opacity that growth removes
 
+/// Before any is drawn: random Gaussians that are too many for the memory are told at once.
+void require_room(const StreetStartOptions& start, size_t actors) {
+  constexpr uint64_t kBytes = 3 * 4 * 59;  // of a Gaussian's parameters and their moments
+  const auto count = [](int wanted) { return static_cast<uint64_t>(wanted); };
+  const uint64_t all = count(start.near) + count(start.far) + actors * count(start.fewest), budget = memory_budget();
+  if (all * kBytes <= budget) return;
+  throw Error(Fault::memory, text("initial.near, initial.far and, for each of ", actors, " actors, initial.fewest are ",
+                                  all, " Gaussians, which need ", all * kBytes >> 20, " MiB of a budget of ",
+                                  budget >> 20, " MiB\n  fix: fewer of them, or --max-memory if the machine has more"));
+}
+
 Tensor entropy(const Tensor& p) { return -(p * log(p) + (1.f - p) * log(1.f - p)); }
 
 }  // namespace
@@ -95,6 +106,7 @@ void StreetGaussians::load_data(std::vector<TrainingData> data) {
 void StreetGaussians::begin(const Scene& scene, const LogSweeps& sweeps, const Pixels& pixels) {
   StreetStartOptions how = config_.start;
   how.seed = seed_;
+  require_room(how, scene.actors.size());
   StreetStart start = street_start(
       scene,
       [&](const auto& visit) {

@@ -20,11 +20,11 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kInBox = 0.05;    // metres of the boxes' sides that still count as inside
-constexpr double kLowest = -0.05;  // sine of the elevation of what is drawn: LiDAR sees what is below
-constexpr double kFarthest = 30;   // times as far as LiDAR sees
-constexpr int kDrawsAPoint = 20;   // for each point that is wanted
-constexpr double kLargest = 0.15;  // deviation of an actor's gaussian, of its box's smallest side
+constexpr double kInBox = 0.05;       // metres of the boxes' sides that still count as inside
+constexpr double kLowest = -0.05;     // sine of the elevation of what is drawn: LiDAR sees what is below
+constexpr double kFarthest = 30;      // times as far as LiDAR sees
+constexpr int64_t kDrawsAPoint = 20;  // for each point that is wanted
+constexpr double kLargest = 0.15;     // deviation of an actor's gaussian, of its box's smallest side
 constexpr uint64_t kNearStream = 1, kFarStream = 2, kActorStream = 3;
 
 void add_grey(PointCloud& cloud, const Vector3d& point) {
@@ -127,7 +127,7 @@ class Skyward {
   template <class Distance>
   void draw(PointCloud& cloud, int count, HostRandom random, const Distance& distance_of) const {
     int found = 0;
-    for (int attempt = 0; attempt < kDrawsAPoint * count && found < count; ++attempt) {
+    for (int64_t attempt = 0; attempt < kDrawsAPoint * count && found < count; ++attempt) {
       const double height = random.between(kLowest, 1), turn = random.between(0, 2 * M_PI),
                    across = std::sqrt(1 - height * height);
       const Vector3d point =
