@@ -4,6 +4,7 @@
 #include <doctest/doctest.h>
 
 #include "tests/models/errors.h"
+#include "tests/models/folder.h"
 #include "tests/models/toy_street.h"
 
 namespace cloam {
@@ -131,7 +132,8 @@ TEST_CASE("a scene at rest is the same whether a store has room for it or not, a
 }
 
 TEST_CASE("a log of many boxes takes a quarter of its memory at rest") {
-  Scene scene = toy_street("", {.frames = 80});
+  const Folder folder;
+  Scene scene = toy_street(folder.path, {.frames = 80});
   for (int i = 0; i < 40; ++i) {
     scene.actors.push_back(toy_actor(std::to_string(i), {2, 4, 1.5}, i / 3.0, i));
     for (ActorBox& box : scene.actors.back().boxes) box.world_from_box(0, 3) += box.timestamp / 7;
