@@ -84,16 +84,16 @@ void Splat::load_data(std::vector<TrainingData> data) {
 }
 
 MemoryPlan Splat::memory(const PhotoSizes& photos) const {
-  constexpr uint64_t kNumbers = 4 * 59;                         // bytes of a gaussian's parameters
   constexpr uint64_t kWork = 4 * 170 + 10 * 100, kPixel = 160;  // gradients, projections, ten pairs with tiles
   const auto most = static_cast<uint64_t>(std::max<int64_t>(gaussian_count(params_), config_.growth.max_count));
   MemoryPlan plan;
-  plan.parameters = most * kNumbers;
+  plan.parameters = most * kGaussianBytes;
   plan.optimiser = 2 * plan.parameters;
   plan.images = photos.bytes;
   plan.work = most * kWork + photos.largest * kPixel;
   const uint64_t others = plan.images + photos.largest * kPixel, budget = memory_budget();
-  if (budget > others) plan.smaller = text("--set growth.max=", (budget - others) / (3 * kNumbers + kWork), " fits");
+  if (budget > others)
+    plan.smaller = text("--set growth.max=", (budget - others) / (3 * kGaussianBytes + kWork), " fits");
   return plan;
 }
 

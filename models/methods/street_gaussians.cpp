@@ -26,7 +26,7 @@ constexpr float kGone = -20;   // logit of an opacity that growth removes
 
 /// Before any is drawn: random Gaussians that are too many for the memory are told at once.
 void require_room(const StreetStartOptions& start, size_t actors) {
-  constexpr uint64_t kBytes = 3 * 4 * 59;  // of a Gaussian's parameters and their moments
+  constexpr uint64_t kBytes = 3 * kGaussianBytes;  // with the parameters' moments
   const auto count = [](int wanted) { return static_cast<uint64_t>(wanted); };
   const uint64_t all = count(start.near) + count(start.far) + actors * count(start.fewest), budget = memory_budget();
   if (all * kBytes <= budget) return;
@@ -159,12 +159,12 @@ void StreetGaussians::add_hints(const Scene& scene, const StreetSpace& space, co
 }
 
 MemoryPlan StreetGaussians::memory(const PhotoSizes& photos) const {
-  constexpr uint64_t kNumbers = 4 * 59, kWaveNumbers = 4 * 12;  // bytes of a gaussian's parameters
+  constexpr uint64_t kWaveBytes = 4 * 12;                       // of an actor's Gaussian, besides
   constexpr uint64_t kWork = 4 * 200 + 10 * 100, kPixel = 260;  // as splat, and the sky's
   const auto most = static_cast<uint64_t>(std::max<int64_t>(model_->count(kBackgroundPart), config_.growth.max_count)) +
                     static_cast<uint64_t>(config_.actors_max);
   MemoryPlan plan;
-  plan.parameters = most * kNumbers + static_cast<uint64_t>(config_.actors_max) * kWaveNumbers +
+  plan.parameters = most * kGaussianBytes + static_cast<uint64_t>(config_.actors_max) * kWaveBytes +
                     4 * 18 * static_cast<uint64_t>(config_.sky_side) * static_cast<uint64_t>(config_.sky_side);
   plan.optimiser = 2 * plan.parameters;
   plan.images = photos.bytes + photos.bytes / 4;

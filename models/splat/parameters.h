@@ -9,6 +9,8 @@ namespace cloam {
 
 // The names of a part's parameters begin with its prefix, "actors."; those of a method without parts have none.
 
+constexpr uint64_t kGaussianBytes = 4 * 59;  // of one's parameters
+
 /// In the place of those before.
 void put_gaussians(Params& parameters, const Gaussians& gaussians, const std::string& prefix = "");
 /// So many, all numbers 0.
