@@ -286,8 +286,8 @@ Command add_export(CLI::App& program) {
         add("RUN", r.run, "Run folder").required();
         add("-o,--out", r.out, "Output file; a folder for turntables, for all actors and for a prior").required();
         add("--format", r.format,
-            "Actors: glb or ply (mesh), turntable (PNG and GIF); Gaussians: ply, splat, spz, glb; diffusion: prior (default: "
-            "by the file's name)",
+            "Actors: glb or ply (mesh), turntable (PNG and GIF); Gaussians: ply, splat, spz, glb; diffusion: prior "
+            "(default: by the file's name)",
             one_of({"glb", "ply", "turntable", "splat", "spz", kPrior}));
         add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
         add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 512));
