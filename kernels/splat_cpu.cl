@@ -6,9 +6,12 @@
 #define TILE 16
 #define LEAST_ALPHA (1.0f / 255.0f)
 #define LEAST_THROUGH 1e-4f
+#ifndef MORE
+#define MORE 0  // channels besides the colour
+#endif
 
 // A gaussian as a cache line: x, y, then -a/2, -b, -c/2 times log2 e (powers are of 2), opacity, colour, how far up and
-// down and to the sides alpha is 1/255 or more. At dy the power is highest where its slope along x is 0, there
+// down and to the sides alpha is 1/255 or more, further channels. At dy the power is highest where its slope along x is 0, there
 // -1/2 dy^2 det / a.
 #define RECORD 16
 #define PAIR 16
@@ -28,9 +31,11 @@ __kernel FAT void splat_records(__global const float* restrict splats, __global 
     to[3] = -LOG2_E * b;
     to[4] = -0.5f * LOG2_E * c;
     to[5] = s[5];
-    to[6] = colours[3 * i];
-    to[7] = colours[3 * i + 1];
-    to[8] = colours[3 * i + 2];
+    __global const float* colour = colours + (3 + MORE) * (size_t)i;
+    to[6] = colour[0];
+    to[7] = colour[1];
+    to[8] = colour[2];
+    UNROLL for (int m = 0; m < MORE; m++) to[11 + m] = colour[3 + m];
     to[9] = !(fall > 0.0f) ? -1.0f : (bounded ? sqrt(fall * a / determinant) : 1e9f);
     to[10] = !(fall > 0.0f) ? -1.0f : (bounded ? sqrt(fall * c / determinant) : 1e9f);
   }
@@ -84,9 +89,15 @@ __kernel FAT void blend_rows(__global const float* restrict records, __global co
   const int left = tile % across * TILE, top = tile / across * TILE, rows = min(TILE, height - top);
   const float16 px = centres(left);
   float16 through[TILE], red[TILE], green[TILE], blue[TILE];
+#if MORE
+  float16 more[MORE][TILE];
+#endif
   for (int y = 0; y < TILE; y++) {
     through[y] = (float16)(y < rows ? 1.0f : -1.0f);
     red[y] = green[y] = blue[y] = (float16)(0.0f);
+#if MORE
+    UNROLL for (int m = 0; m < MORE; m++) more[m][y] = (float16)(0.0f);
+#endif
   }
   const int begin = offsets[tile], end = offsets[tile + 1];
   int2 open = (int2)(0, rows);
@@ -105,6 +116,9 @@ __kernel FAT void blend_rows(__global const float* restrict records, __global co
       red[y] += weight * s[6];
       green[y] += weight * s[7];
       blue[y] += weight * s[8];
+#if MORE
+      UNROLL for (int m = 0; m < MORE; m++) more[m][y] += weight * s[11 + m];
+#endif
     }
     if ((k & 15) == 15) {
       open = open_rows(open, through);
@@ -116,7 +130,10 @@ __kernel FAT void blend_rows(__global const float* restrict records, __global co
     write_first(red[y], to, width - left);
     write_first(green[y], to + plane, width - left);
     write_first(blue[y], to + 2 * (size_t)plane, width - left);
-    write_first(fabs(through[y]), to + 3 * (size_t)plane, width - left);
+#if MORE
+    UNROLL for (int m = 0; m < MORE; m++) write_first(more[m][y], to + (3 + m) * (size_t)plane, width - left);
+#endif
+    write_first(fabs(through[y]), to + (3 + MORE) * (size_t)plane, width - left);
   }
 }
 
@@ -128,9 +145,15 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
   const int left = tile % across * TILE, top = tile / across * TILE, rows = min(TILE, height - top);
   const float16 px = centres(left);
   float16 through[TILE], behind[TILE], gr[TILE], gg[TILE], gb[TILE];
+#if MORE
+  float16 gm[MORE][TILE];
+#endif
   for (int y = 0; y < TILE; y++) {
     through[y] = (float16)(y < rows ? 1.0f : -1.0f);
     gr[y] = gg[y] = gb[y] = behind[y] = (float16)(0.0f);
+#if MORE
+    UNROLL for (int m = 0; m < MORE; m++) gm[m][y] = (float16)(0.0f);
+#endif
   }
   for (int y = 0; y < rows; y++) {
     const size_t at = (size_t)(top + y) * width + left;
@@ -139,7 +162,14 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
     gb[y] = load_row(g + at + 2 * (size_t)plane, width - left);
     behind[y] = gr[y] * load_row(out + at, width - left) + gg[y] * load_row(out + at + plane, width - left) +
                 gb[y] * load_row(out + at + 2 * (size_t)plane, width - left) +
-                load_row(g + at + 3 * (size_t)plane, width - left) * load_row(out + at + 3 * (size_t)plane, width - left);
+                load_row(g + at + (3 + MORE) * (size_t)plane, width - left) *
+                    load_row(out + at + (3 + MORE) * (size_t)plane, width - left);
+#if MORE
+    UNROLL for (int m = 0; m < MORE; m++) {
+      gm[m][y] = load_row(g + at + (3 + m) * (size_t)plane, width - left);
+      behind[y] += gm[m][y] * load_row(out + at + (3 + m) * (size_t)plane, width - left);
+    }
+#endif
   }
   const int begin = offsets[tile], end = offsets[tile + 1];
   int2 open = (int2)(0, rows);
@@ -150,13 +180,24 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
     const float16 dx = s[0] - px, along = s[2] * dx * dx, slope = s[3] * dx;
     float16 q0 = (float16)(0.0f), q1 = q0, q2 = q0, red = q0, green = q0, blue = q0;  // sums of q, q dy, q dy^2, w g
     float16 far_x = q0, far_y = q0;                                                    // of |q slope of the power|
+#if MORE
+    float16 more[MORE];
+    UNROLL for (int m = 0; m < MORE; m++) more[m] = q0;
+#endif
     for (int y = reached.x; y < reached.y; y++) {
       const float dy = s[1] - ((float)(top + y) + 0.5f);
       const float16 power = fmin(along + (slope * dy + s[4] * dy * dy), (float16)(0.0f)), t = through[y];
       const float16 full = s[5] * exp2_below(power), alpha = fmin(full, (float16)(0.99f)), w = t * alpha, next = t - w;
       const int16 seen = alpha >= LEAST_ALPHA, blended = seen & (next >= LEAST_THROUGH);
       const float16 weight = select((float16)(0.0f), w, blended);
-      const float16 u = gr[y] * s[6] + gg[y] * s[7] + gb[y] * s[8], rest = behind[y] - weight * u;
+      float16 u = gr[y] * s[6] + gg[y] * s[7] + gb[y] * s[8];
+#if MORE
+      UNROLL for (int m = 0; m < MORE; m++) {
+        u += gm[m][y] * s[11 + m];
+        more[m] += weight * gm[m][y];
+      }
+#endif
+      const float16 rest = behind[y] - weight * u;
       const float16 q = select((float16)(0.0f), full * (t * u - rest / (1.0f - alpha)), blended & (full <= 0.99f));
       behind[y] = rest;
       through[y] = select(select(t, -fabs(t), seen), next, blended);
@@ -177,7 +218,12 @@ __kernel FAT void gradient_rows(__global const float* restrict records, __global
     const float16 conic = quarters(halves(by_x, by_y), halves(-0.5f * x * dx, -q1 * dx));
     const float16 others = quarters(halves(-0.5f * q2, opacity), halves(none, red));
     const float16 colours = quarters(halves(green, blue), halves(far_x * natural, far_y * natural));
-    store16(lanes(eighths(conic, others), eighths(colours, none)), pairs + PAIR * (size_t)slots[k]);
+#if MORE
+    const float16 last = quarters(halves(more[0], more[1]), none);
+#else
+    const float16 last = none;
+#endif
+    store16(lanes(eighths(conic, others), eighths(colours, last)), pairs + PAIR * (size_t)slots[k]);
     if ((k & 15) == 15) open = open_rows(open, through);
   }
 }

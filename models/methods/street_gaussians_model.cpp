@@ -118,28 +118,36 @@ std::array<float, 6> StreetGaussiansModel::exposure_of(const std::string& sensor
   return {one[0] - none[0], one[1] - none[1], one[2] - none[2], none[0], none[1], none[2]};
 }
 
-/// As world_from_box_at goes from box to box. A box that nothing was learned of has the row behind all.
+/// As world_from_box_at goes from box to box. Of a box that nothing was learned of no part is taken.
 StreetGaussiansModel::Standing StreetGaussiansModel::standing(std::size_t actor, const Eigen::Matrix4d& world_from_box,
                                                               double time) const {
   const Actor& who = actors_[actor];
-  Standing out{who.asset ? place_of(*who.asset) : actor, world_from_box, share_of(who, time)};
-  const auto row_of = [&](const ActorBox& box) {
-    const auto found = corrections_.find({actor, box.step});
-    return found == corrections_.end() ? static_cast<int32_t>(corrections_.size()) : found->second;
-  };
+  Standing out{who.asset ? place_of(*who.asset) : actor, world_from_box, share_of(who, time), {}};
   const auto next = std::lower_bound(who.boxes.begin(), who.boxes.end(), time,
                                      [](const ActorBox& box, double t) { return box.timestamp < t; });
   const ActorBox& after = next == who.boxes.end() ? who.boxes.back() : *next;
   const ActorBox& before = next == who.boxes.begin() || next == who.boxes.end() ? after : *(next - 1);
-  out.rows = {row_of(before), row_of(after)};
-  if (after.timestamp > before.timestamp)
-    out.between = static_cast<float>((time - before.timestamp) / (after.timestamp - before.timestamp));
+  const double between =
+      after.timestamp > before.timestamp ? (time - before.timestamp) / (after.timestamp - before.timestamp) : 0;
+  const auto correction = [&](const ActorBox& box, double part) -> Standing::Correction {
+    const auto found = corrections_.find({actor, box.step});
+    return found == corrections_.end() ? Standing::Correction{}
+                                       : Standing::Correction{found->second, static_cast<float>(part)};
+  };
+  out.corrections = {correction(before, 1 - between), correction(after, between)};
   return out;
 }
 
 void StreetGaussiansModel::set_owners(std::vector<int32_t> owners) {
   owners_ = std::move(owners);
-  owner_rows_ = owners_.empty() ? Tensor() : from_host(owners_, {static_cast<int64_t>(owners_.size())});
+  owner_rows_ = half_sizes_ = Tensor();
+  if (owners_.empty()) return;
+  const auto count = static_cast<int64_t>(owners_.size());
+  owner_rows_ = from_host(owners_, {count});
+  std::vector<float> halves;
+  for (const int32_t owner : owners_)
+    for (int k = 0; k < 3; ++k) halves.push_back(static_cast<float>(actors_[static_cast<size_t>(owner)].size[k] / 2));
+  half_sizes_ = from_host(halves, {count, 3});
 }
 
 int64_t StreetGaussiansModel::count(const char* part) const {
@@ -152,22 +160,16 @@ Tensor StreetGaussiansModel::of_actors() const {
   return has_actors() ? concat({background, ones({count(kActorsPart), 1})}, 0) : background;
 }
 
-Tensor StreetGaussiansModel::half_sizes() const {
-  std::vector<float> halves;
-  for (const Actor& actor : actors_)
-    for (int k = 0; k < 3; ++k) halves.push_back(static_cast<float>(actor.size[k] / 2));
-  return gather_rows(from_host(halves, {static_cast<int64_t>(actors_.size()), 3}), owner_rows_);
-}
-
 /// Rigid poses as positions and unit quaternions, and cosines of the way in time (Yan et al. 2024, eq. 5).
 Placements StreetGaussiansModel::placements(const std::vector<Standing>& standing) const {
   std::vector<float> positions, turns, waves;
-  std::vector<int32_t> before, after;
-  std::vector<float> between;
-  for (const auto& [actor, pose, share, rows, way] : standing) {
-    before.push_back(rows[0]);
-    after.push_back(rows[1]);
-    between.push_back(way);
+  std::vector<int32_t> rows;
+  std::vector<float> shares;
+  for (const auto& [actor, pose, share, corrections] : standing) {
+    for (const auto& [row, part] : corrections) {
+      rows.push_back(row);
+      shares.push_back(part);
+    }
     const Eigen::Quaterniond turn(Eigen::Matrix3d(pose.topLeftCorner<3, 3>()));
     for (int k = 0; k < 3; ++k) positions.push_back(static_cast<float>(pose(k, 3)));
     for (const double number : {turn.w(), turn.x(), turn.y(), turn.z()}) turns.push_back(static_cast<float>(number));
@@ -178,15 +180,11 @@ Placements StreetGaussiansModel::placements(const std::vector<Standing>& standin
   Placements out = {from_host(positions, {count, 3}), from_host(turns, {count, 4}),
                     config_.waves > 1 ? from_host(waves, {count, config_.waves - 1}) : Tensor()};
   if (!params_.contains(kPositionsName)) return out;
-  const Tensor share = from_host(between, {count, 1});
-  const auto learned = [&](const char* name) {
-    const Tensor all = pad(params_.at(name), 0, 0, 1);
-    return gather_rows(all, from_host(before, {count})) * (1.f - share) +
-           gather_rows(all, from_host(after, {count})) * share;
-  };
-  const Tensor by = learned(kPositionsName), half = learned(kYawsName) * 0.5f, axes = axes_of(out.turns);
-  for (int64_t axis = 0; axis < 3; ++axis)
-    out.positions = out.positions + slice(axes, 1, 3 * axis, 3 * axis + 3) * slice(by, 1, axis, axis + 1);
+  const Tensor boxes = from_host(rows, {count, 2}), parts = from_host(shares, {count, 2, 1});
+  const Tensor learned =
+      sum(gather_rows(concat({params_.at(kPositionsName), params_.at(kYawsName)}, 1), boxes) * parts, {{1}});
+  const Tensor by = slice(learned, 1, 0, 3), half = slice(learned, 1, 3, 4) * 0.5f;
+  out.positions = out.positions + sum(axes_of(out.turns) * unsqueeze(by, 2), {{1}});
   out.turns = quaternion_product(out.turns, concat({cos(half), zeros({count, 2}), sin(half)}, 1));
   return out;
 }
@@ -210,7 +208,7 @@ Projection StreetGaussiansModel::projection(const View& view, int degree) const 
       standing.push_back(this->standing(a, *pose, view.time));
       standing.back().actor = a;
     } else {
-      standing.push_back({a, nowhere, 0});
+      standing.push_back({a, nowhere, 0, {}});
     }
   }
   return together(background, projection_of(things(degree), placements(standing), view.camera, camera, options()));
@@ -260,8 +258,7 @@ StreetGaussiansModel::Shown StreetGaussiansModel::shown(const View& view) const 
 
 StreetGaussiansModel::Shown StreetGaussiansModel::alone(std::size_t actor, const Camera& camera,
                                                         const Eigen::Matrix4d& box_from_camera) const {
-  const auto row = static_cast<int32_t>(corrections_.size());
-  const std::vector<Standing> standing = {{actor, Eigen::Matrix4d::Identity(), kMiddle, {row, row}}};
+  const std::vector<Standing> standing = {{actor, Eigen::Matrix4d::Identity(), kMiddle, {}}};
   const ThingsModel things = has_actors() ? things_of(standing) : ThingsModel();
   if (!things.owners) return {};
   return {projection_of(things, placements(standing), camera, view_matrix(box_from_camera), options()),

@@ -63,7 +63,7 @@ class StreetGaussiansModel {
   /// [G,1]: 1 for gaussians of actors, which come last.
   Tensor of_actors() const;
   /// Half the sizes of the boxes of the owners of actors' gaussians, [A,3].
-  Tensor half_sizes() const;
+  const Tensor& half_sizes() const { return half_sizes_; }
 
   /// As a pinhole sees them at a time, each actor in its own looks: what training compares.
   Projection projection(const View& view, int degree) const;
@@ -93,9 +93,11 @@ class StreetGaussiansModel {
     std::size_t actor;  // whose looks it has
     Eigen::Matrix4d world_from_box;
     double share;  // of the way from its first box to its last, in time
-    // Rows of the corrections of the boxes before and after, and how far it is from the one to the other.
-    std::array<int32_t, 2> rows = {0, 0};
-    float between = 0;
+    struct Correction {
+      int32_t row = 0;
+      float share = 0;
+    };
+    std::array<Correction, 2> corrections;  // of the boxes before and after
   };
   Standing standing(std::size_t actor, const Eigen::Matrix4d& world_from_box, double time) const;
   Placements placements(const std::vector<Standing>& standing) const;
@@ -111,7 +113,7 @@ class StreetGaussiansModel {
   std::vector<std::string> sensors_;
   std::map<std::pair<std::size_t, int>, int32_t> corrections_;  // rows by actor and step
   std::vector<int32_t> owners_;
-  Tensor owner_rows_;  // owners_ on the device
+  Tensor owner_rows_, half_sizes_;  // owners_ on the device, and of their boxes
 };
 
 }  // namespace cloam

@@ -4,53 +4,68 @@
 namespace cloam {
 namespace {
 
-Tensor column(const Tensor& x, int64_t i) { return slice(x, 1, i, i + 1); }
-Tensor columns(const Tensor& x, int64_t begin) { return slice(x, 1, begin, begin + 3); }
-
-enum Column : int64_t { kAxes = 0, kPosition = 9, kTurn = 12, kEye = 16, kWaves = 19 };
-
-/// All that a gaussian asks of its thing, side by side: [N, 19 + W]. The eye in the thing's axes is R'(eye - position).
-Tensor numbers_of(const Placements& at, const Tensor& view) {
-  const Tensor eye = reshape(-sum(slice(view, 1, 0, 3) * slice(view, 1, 3, 4), {{0}}), {1, 3});
-  const Tensor axes = axes_of(at.turns), way = eye - at.positions;
-  Tensors all = {axes, at.positions, at.turns};
-  for (int64_t axis = 0; axis < 3; ++axis) all.push_back(sum(columns(axes, 3 * axis) * way, {{1}, true}));
-  if (at.waves) all.push_back(at.waves);
-  return concat(all, 1);
+/// Of the 16 products of a quaternion (w, x, y, z) with itself, how many times each is in the columns of its rotation,
+/// less the unit matrix: R = 1 + 2 (w [v] + [v][v]) with [v] the matrix of the cross product by v = (x, y, z).
+Tensor products_in_axes() {
+  std::vector<float> times(16 * 9, 0.f);
+  const auto add = [&](int a, int b, int column, int row, float value) {
+    times[static_cast<size_t>((4 * a + b) * 9 + 3 * column + row)] += value;
+  };
+  for (int i = 0; i < 3; ++i) {
+    const int j = (i + 1) % 3, k = (i + 2) % 3;
+    for (const int other : {j, k}) {
+      add(other + 1, other + 1, i, i, -2);
+      add(i + 1, other + 1, i, other, 2);
+    }
+    add(0, k + 1, i, j, 2);
+    add(0, j + 1, i, k, -2);
+  }
+  return from_host(times, {1, 16, 9});
 }
+
+/// q r = sum over j of (the product of q with these)[j] r_j.
+Tensor products_in_products() {
+  // Row q_a r_b: which number of the product it is in, and its sign.
+  constexpr int kTo[4][4] = {{0, 1, 2, 3}, {1, 0, 3, 2}, {2, 3, 0, 1}, {3, 2, 1, 0}};
+  constexpr float kSign[4][4] = {{1, 1, 1, 1}, {1, -1, 1, -1}, {1, -1, -1, 1}, {1, 1, -1, -1}};
+  std::vector<float> times(64, 0.f);
+  for (size_t a = 0; a < 4; ++a)
+    for (size_t b = 0; b < 4; ++b) times[(4 * a + b) * 4 + static_cast<size_t>(kTo[a][b])] = kSign[a][b];
+  return from_host(times, {1, 4, 16});
+}
+
+/// [N,4,4]: row j is what the number j of r is multiplied with in q r.
+Tensor left_products(const Tensor& q) {
+  return reshape(sum(unsqueeze(q, 2) * products_in_products(), {{1}}), {q.dim(0), 4, 4});
+}
+
+/// Sums over the middle axis of [N,J,K] times [N,J].
+Tensor mixed(const Tensor& matrices, const Tensor& with) { return sum(matrices * unsqueeze(with, 2), {{1}}); }
 
 }  // namespace
 
 Tensor axes_of(const Tensor& turns) {
-  const Tensor w = column(turns, 0), x = column(turns, 1), y = column(turns, 2), z = column(turns, 3);
-  return concat({1.f - 2.f * (y * y + z * z), 2.f * (x * y + w * z), 2.f * (x * z - w * y), 2.f * (x * y - w * z),
-                 1.f - 2.f * (x * x + z * z), 2.f * (y * z + w * x), 2.f * (x * z + w * y), 2.f * (y * z - w * x),
-                 1.f - 2.f * (x * x + y * y)},
-                1);
+  const int64_t count = turns.dim(0);
+  const Tensor products = reshape(unsqueeze(turns, 2) * unsqueeze(turns, 1), {count, 16, 1});
+  const Tensor unit = from_host(std::vector<float>{1, 0, 0, 0, 1, 0, 0, 0, 1}, {1, 9});
+  return reshape(sum(products * products_in_axes(), {{1}}) + unit, {count, 3, 3});
 }
 
-Tensor quaternion_product(const Tensor& q, const Tensor& r) {
-  const Tensor w = column(q, 0), x = column(q, 1), y = column(q, 2), z = column(q, 3);
-  const Tensor a = column(r, 0), b = column(r, 1), c = column(r, 2), d = column(r, 3);
-  return concat({w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b,
-                 w * d + x * c - y * b + z * a},
-                1);
-}
+Tensor quaternion_product(const Tensor& q, const Tensor& r) { return mixed(left_products(q), r); }
 
 Projection projection_of(const ThingsModel& things, const Placements& at, const Camera& camera, const Tensor& view,
                          const DrawOptions& options) {
   const auto& [cloud, harmonics] = things.model;
-  const Tensor own = gather_rows(numbers_of(at, view), things.owners);
-  Tensor means = columns(own, kPosition);
-  for (int64_t axis = 0; axis < 3; ++axis) means = means + columns(own, kAxes + 3 * axis) * column(cloud.means, axis);
+  const auto own = [&](const Tensor& of_things) { return gather_rows(of_things, things.owners); };
+  const Tensor eye = reshape(-sum(slice(view, 1, 0, 3) * slice(view, 1, 3, 4), {{0}}), {1, 3});
+  const Tensor axes = axes_of(at.turns), eyes = sum(axes * unsqueeze(eye - at.positions, 1), {{2}});
+  const Cloud placed = {mixed(own(axes), cloud.means) + own(at.positions), cloud.scales,
+                        mixed(own(left_products(at.turns)), cloud.rotations), cloud.opacities};
   Harmonics colours = harmonics;
-  for (int64_t wave = 0; things.waves && wave < things.waves.dim(1); ++wave)
-    colours.first = colours.first + column(own, kWaves + wave) *
-                                        reshape(slice(things.waves, 1, wave, wave + 1), harmonics.first.shape());
-  const Cloud placed = {means, cloud.scales, quaternion_product(slice(own, 1, kTurn, kEye), cloud.rotations),
-                        cloud.opacities};
+  if (things.waves)
+    colours.first = colours.first + reshape(mixed(things.waves, own(at.waves)), harmonics.first.shape());
   return {splat_project(placed, view, lens_of(camera, options)),
-          splat_colours(colours, cloud.means - columns(own, kEye), zeros({3}))};
+          splat_colours(colours, cloud.means - own(eyes), zeros({3}))};
 }
 
 }  // namespace cloam

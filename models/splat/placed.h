@@ -17,7 +17,7 @@ struct Placements {
   Tensor waves;             // [N,W]: how far each wave is out then; empty: none
 };
 
-/// R v of unit quaternions [N,4], as the three columns of R side by side: [N,9].
+/// R v of unit quaternions [N,4], as the three columns of R one after the other: [N,3,3].
 Tensor axes_of(const Tensor& turns);
 
 /// q r of quaternions [N,4].
