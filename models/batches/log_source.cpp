@@ -83,6 +83,7 @@ Tensor Photographed::kept(const Tensor& render) const { return used ? render * u
 struct LogSource::HostPixels {
   int64_t count, height, width;
   std::vector<float> truth, used, silhouette;
+  std::vector<PhotoOf> of;
 
   HostPixels(int64_t n, int64_t h, int64_t w, bool masked)
       : count(n), height(h), width(w), truth(static_cast<size_t>(3 * n * h * w)) {
@@ -90,6 +91,7 @@ struct LogSource::HostPixels {
   }
   Photographed tensors() const {
     Photographed out{from_host(truth, {count, 3, height, width}), {}, 1};
+    out.of = of;
     if (!silhouette.empty()) out.silhouette = from_host(silhouette, {static_cast<int64_t>(silhouette.size())});
     if (used.empty()) return out;
     out.used = from_host(used, {count, 1, height, width});
@@ -264,6 +266,7 @@ void LogSource::add_region(const Scene& scene, RayList& rays, const Drawn& part,
   const Frame& frame = scene.frames[photo.frame];
   add_cells(rays, camera_of(photo), log_from_world_ * frame.world_from_camera, frame.timestamp.value_or(0), region,
             scale_);
+  pixels.of.push_back({photo.frame, camera_of(photo).fx});
   if (!silhouettes_.empty()) add_silhouette(part, pixels);
   for (int64_t y = 0; y < pixels.height; ++y)
     for (int64_t x = 0; x < pixels.width; ++x) {

@@ -89,6 +89,12 @@ struct ObjectPatches {
   int64_t longest = 48;
 };
 
+/// A photo that rays are of.
+struct PhotoOf {
+  size_t frame;  // place among Scene::frames
+  double focal;  // pixels, at the size it is used at
+};
+
 /// Pixels of photos that rays are compared with.
 struct Photographed {
   Tensor truth;                      // [N,3,h,w] in [0,1]; black where pixels do not count
@@ -96,6 +102,7 @@ struct Photographed {
   float share = 1;                   // of the pixels, that count
   Tensor silhouette = {};            // [rays]: share of the ray's pixels that show an actor; -1: no mask says
   std::vector<Region> objects = {};  // of a whole image, in cells
+  std::vector<PhotoOf> of = {};      // each of the N
   /// The render, black where pixels do not count: no loss sees a difference there, and none sends a gradient.
   Tensor kept(const Tensor& render) const;
 };

@@ -37,7 +37,7 @@ double squared_error(const Picture& picture, const ShownImage& photo, const Pixe
 void GenAssets::configure(Config& c) {
   GenAssetsConfig& o = config_;
   StreetModelOptions& street = o.street;
-  c.bind("planes.channels", street.field.plane_channels, "channels per plane", {1, 1024});
+  c.bind("planes.channels", street.plane_channels, "channels per plane", {1, 1024});
   c.bind("background.side", street.background_side, "texels per side of the background planes", {1, 8192});
   c.bind("code.side", street.code_side, "side of an actor's latent code", {1, 256});
   c.bind("code.channels", street.code_channels, "channels of an actor's latent code", {1, 4096});
@@ -153,7 +153,7 @@ MemoryPlan GenAssets::memory(const PhotoSizes&) const {
   const int64_t cells = config_.whole_images ? window * window : config_.patches * patch * patch,
                 rays =
                     config_.whole_images ? std::max(config_.tile_rays, config_.lidar_rays) : cells + config_.lidar_rays;
-  const int64_t texels = 3 * int64_t{street.field.plane_channels}, scale = model_->scale();
+  const int64_t texels = 3 * int64_t{street.plane_channels}, scale = model_->scale();
   const int64_t a_sample = 4 * (7 * texels + 18 * int64_t{street.field.width} + street.field.features);
   const int64_t of_block = street.image.half ? 3 : 4;  // two of the four in half precision
   const int64_t a_pixel = 4 * street.image.width * (6 + of_block * int64_t{street.image.blocks});

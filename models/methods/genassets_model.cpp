@@ -20,7 +20,6 @@ constexpr float kShadowSlack = 0.3f;     // metres behind the background at whic
 constexpr float kBright = 4;             // shadows begin as sigmoid(kBright)
 constexpr float kMinTransmittance = 1e-3f;
 constexpr int64_t kHeights = 9;         // at which a log's texels have something in common
-constexpr float kNormalStep = 0.01f;    // metres
 constexpr int64_t kMostKept = 1 << 26;  // numbers of decoded planes
 
 // Streams of random numbers within a step.
@@ -46,7 +45,7 @@ std::unique_ptr<AssetDecoder> make_decoder(const Scope& scope, const StreetModel
   o.middle = options.decoder_middle;
   o.widths = whole_numbers("decoder.widths", options.decoder_widths);
   check_groups(o.widths, o.middle, options.decoder_groups);
-  o.plane_channels = 3 * options.field.plane_channels;
+  o.plane_channels = 3 * options.plane_channels;
   o.groups = options.decoder_groups;
   o.class_places = options.class_places;
   o.bypass = options.code_bypass;
@@ -60,7 +59,7 @@ int64_t planes_side(const StreetModelOptions& options) {
 
 /// Rows of texels [N, 3 side^2 channels] as planes [3,N,side,side,channels].
 Tensor planes_of(const Tensor& texels, const StreetModelOptions& options) {
-  const int64_t side = planes_side(options), channels = options.field.plane_channels;
+  const int64_t side = planes_side(options), channels = options.plane_channels;
   return permute(reshape(texels, {texels.dim(0), 3, side, side, channels}), {1, 0, 2, 3, 4});
 }
 
@@ -244,7 +243,7 @@ Tensor StreetAssets::planes_of_one(const AssetPlace& asset, const Sampling& how)
 DecodedAssets StreetAssets::decode_now(const HitAssets& hits, const Sampling& how) const {
   if (hits.assets.empty()) return {};
   const auto count = static_cast<int64_t>(hits.assets.size());
-  const int64_t side = planes_side(options_), channels = options_.field.plane_channels;
+  const int64_t side = planes_side(options_), channels = options_.plane_channels;
   const Tensor rows = rows_of(hits.assets, [&](size_t log, const Tensor& at) {
     return gather_rows(log == logs_.size() ? generated_codes_ : logs_[log].assets, at);
   });
@@ -276,11 +275,11 @@ StreetModel::StreetModel(const StreetModelOptions& options, const Scope& root, c
     : options_(options) {
   const Scope networks = root / "networks";
   options_.image.features = options_.field.features;
-  field_ = std::make_unique<StreetField>(networks / "field", options_.field);
+  field_ = std::make_unique<StreetField>(networks / "field", 3 * int64_t{options_.plane_channels}, options_.field);
   image_ = std::make_unique<ImageDecoder>(networks / "image", options_.image);
   assets_ = std::make_unique<StreetAssets>(options_, networks, logs_);
   if (options_.shadows)
-    shadow_.emplace(networks / "shadow", std::vector<int64_t>{3 * int64_t{options_.field.plane_channels} + 17, 32, 3});
+    shadow_.emplace(networks / "shadow", std::vector<int64_t>{3 * int64_t{options_.plane_channels} + 17, 32, 3});
   for (const Scene& scene : scenes) {
     if (!scene.is_log)
       throw Error(Fault::data, text(scene.root.string(), " is not a driving log (format ", scene.format,
@@ -295,7 +294,7 @@ StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
   log.scene = scene;
   log.night = scene.night;
   log.space = std::make_unique<StreetSpace>(scene, options_.space);
-  const int64_t side = options_.background_side, channels = options_.field.plane_channels;
+  const int64_t side = options_.background_side, channels = options_.plane_channels;
   log.background = scope.uniform("background", {3 * side * side, channels}, 0.1f);
   if (options_.common_background)
     log.common_background = scope.constant("common.background", {2 * kHeights, 3 * channels}, 0.f);
@@ -326,7 +325,7 @@ RayScene StreetModel::alone(const AssetPlace& place) const {
 
 /// What all samples read of planes, by row.
 Tensor StreetModel::texels_of(const StreetLog& log, const StreetSamples& s, const DecodedAssets& assets) const {
-  const int64_t side = options_.background_side, channels = options_.field.plane_channels;
+  const int64_t side = options_.background_side, channels = options_.plane_channels;
   Tensor background = sample_planes(reshape(log.background, {3, side, side, channels}), s.points);
   if (log.common_background) background = background + matmul(height_features(s.points), log.common_background);
   if (s.owners.dim(0) == 0) return background;
@@ -417,14 +416,7 @@ AssetSamples StreetModel::sample_asset(const AssetPlace& place, const std::vecto
     return field_->geometry(sample_planes(planes, in_cube(at * scale + 0.5f, options_.symmetric), owners));
   };
   const Tensor at = from_host(points, {count, 3});
-  // The way outwards by differences over the corners of a tetrahedron.
-  Tensor outwards = zeros({count, 3});
-  for (const std::vector<float>& corner :
-       std::vector<std::vector<float>>{{1, -1, -1}, {-1, -1, 1}, {-1, 1, -1}, {1, 1, 1}}) {
-    const Tensor step = from_host(corner, {1, 3});
-    outwards = outwards + step * unsqueeze(geometry(at + step * kNormalStep).distance, 1);
-  }
-  const Tensor normal = outwards * rsqrt(sum(square(outwards), {{1}, true}) + 1e-12f);
+  const Tensor normal = outward_normals(at, [&](const Tensor& p) { return geometry(p).distance; });
   const StreetField::Geometry here = geometry(at);
   const Tensor feature = field_->features(here.inner, spherical_harmonics(-normal));
   // The colour that the image decoder gives to a surface of this feature alone.

@@ -20,6 +20,7 @@ namespace cloam {
 
 struct StreetModelOptions {
   StreetFieldOptions field;
+  int plane_channels = 12;
   StreetSpaceOptions space;
   StreetSteps steps;
   ImageDecoderOptions image;

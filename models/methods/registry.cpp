@@ -10,6 +10,7 @@
 #include "models/methods/diffusion.h"
 #include "models/methods/genassets.h"
 #include "models/methods/nerf.h"
+#include "models/methods/neurad.h"
 #include "models/methods/splat.h"
 #include "models/methods/street_gaussians.h"
 #include "runtime/error.h"
@@ -41,8 +42,9 @@ MethodRow row(const char* name) {
 }
 
 const std::vector<MethodRow>& methods() {
-  static const std::vector<MethodRow> rows = {row<Nerf>("nerf"), row<Splat>("splat"), row<GenAssets>("genassets"),
-                                              row<StreetGaussians>("street-gaussians"), row<Diffusion>("diffusion")};
+  static const std::vector<MethodRow> rows = {row<Nerf>("nerf"),           row<Splat>("splat"),
+                                              row<GenAssets>("genassets"), row<StreetGaussians>("street-gaussians"),
+                                              row<Neurad>("neurad"),       row<Diffusion>("diffusion")};
   return rows;
 }
 
@@ -109,6 +111,12 @@ const std::vector<Preset>& presets() {
        settings_in("initial.lidar=20000 initial.near=2000 initial.far=3000 initial.actor=500 initial.fewest=200 "
                    "sky.side=128 growth.max=60000 actors.max=30000"),
        3000},
+      {"neurad", "neurad", "the paper's sizes: hours on a GPU; one step on two cores", {}, 20000},
+      {"neurad-small", "neurad", "one log with its actors and LiDAR: minutes on two cores",
+       settings_in("grid.log2_rows=17 grid.finest=2048 actors.log2_rows=12 actors.coarsest=16 actors.finest=128 "
+                   "image.kernel=3 batch.patches=4 batch.lidar_rays=1024 weight.perceptual=0 train.warm_up=30 "
+                   "train.warm_up_image=30 train.rate_image=4e-3"),
+       4000},
       // The ablations of GenAssets' Table A2.
       {"genassets-small-nokl", "genassets", "the same without variational codes",
        settings_in(street + "weight.kl=0 code.variational=false"), 7000},

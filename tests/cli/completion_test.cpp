@@ -55,7 +55,7 @@ TEST_CASE("completion: bash completes commands, options, methods, presets and wo
   CHECK(offered_by_bash({"tra"}) == Offers{"train"});
   CHECK(offered_by_bash({"co"}) == Offers{"compare", "convert", "config", "completion"});
   CHECK(offered_by_bash({"train", ""}) == method_names());
-  CHECK(offered_by_bash({"train", "ne"}) == Offers{"nerf"});
+  CHECK(offered_by_bash({"train", "ner"}) == Offers{"nerf"});
   CHECK(offered_by_bash({"train", "nerf", "DATA", "--time"}) == Offers{"--time-budget"});
   CHECK(offered_by_bash({"train", "nerf", "DATA", "--preset", "nerf"}) == Offers{"nerf", "nerf-paper"});
   CHECK(offered_by_bash({"train", "nerf", "DATA", "--masks", ""}) == Offers{"ignore", "transparent"});

@@ -23,7 +23,7 @@ namespace {
 /// Two checkpoints: at the middle and at the end.
 Words words_of(const SmallTraining& training, const fs::path& run) {
   const std::string method = training.method;
-  const bool street = method == "genassets" || method == "street-gaussians";
+  const bool street = method == "genassets" || method == "street-gaussians" || method == "neurad";
   Words words = {"--steps", street ? "2" : "4", "--save-every", street ? "1" : "2"};
   if (std::string(training.method) != "nerf")  // the calls of pictures would outnumber those of the steps
     words.insert(words.end(), {"--pictures", "off"});

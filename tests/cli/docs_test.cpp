@@ -54,6 +54,10 @@ const Rule kRules[] = {
     {"^cloam train street-gaussians",
      "cloam train street-gaussians --set initial.lidar=200 --set initial.near=20 --set initial.far=20"
      " --set initial.actor=20 --set initial.fewest=20 --set sky.side=4"},
+    {"^cloam train neurad",
+     "cloam train neurad --set grid.log2_rows=10 --set actors.log2_rows=8 --set batch.patches=1 --set "
+     "batch.patch_side=8"
+     " --set batch.lidar_rays=32"},
     {"^cloam train splat", "cloam train splat --set initial.random=200"},
     {"^cloam train genassets (?!.*--networks)",
      "cloam train genassets --set background.side=32 --set batch.patches=2 --set batch.patch_side=8"

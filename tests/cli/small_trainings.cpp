@@ -36,6 +36,14 @@ Words street_gaussians(const fs::path& run, const Words& more) {
                        more);
 }
 
+Words neurad(const fs::path& run, const Words& more) {
+  return with_settings(
+      {"train", "neurad", small_street().string(), "-o", run.string(), "--preset", "neurad-small", "--progress",
+       "plain"},
+      {"grid.log2_rows=10", "actors.log2_rows=8", "batch.patches=1", "batch.patch_side=8", "batch.lidar_rays=32"},
+      more);
+}
+
 Words diffusion(const fs::path& run, const Words& more) { return small_diffusion(two_streets_run(), run, more); }
 
 }  // namespace
@@ -45,7 +53,8 @@ const std::vector<SmallTraining>& small_trainings() {
                                                  {"splat", splat},
                                                  {"genassets", genassets},
                                                  {"diffusion", diffusion},
-                                                 {"street-gaussians", street_gaussians}};
+                                                 {"street-gaussians", street_gaussians},
+                                                 {"neurad", neurad}};
   return all;
 }
 

@@ -456,7 +456,7 @@ TEST_CASE("image decoder in mixed precision: the gradients of rounded inputs, an
 TEST_CASE("a paint goes from texels to the image past all networks, and the distance does not") {
   Params params;
   const Scope root{params, "", 1};
-  const StreetField field(root / "field", {.plane_channels = 2, .width = 4, .features = 8});
+  const StreetField field(root / "field", 6, {.width = 4, .features = 8});
   const ImageDecoder decoder(root / "image", {.features = 8, .width = 4, .side = 3, .blocks = 1, .doublings = 0});
   std::vector<std::pair<Tensor, Tensor>> updates;
   for (const auto& [name, p] : params) updates.push_back({p, zeros(p.shape())});

@@ -96,7 +96,7 @@ TEST_CASE("batches that are drawn as a whole: the gradients of three shares are 
 }
 
 TEST_CASE("gradients of three shares are the mean of those that each has alone") {
-  for (const std::string name : {"splat", "street-gaussians", "genassets"}) {
+  for (const std::string name : {"splat", "street-gaussians", "genassets", "neurad"}) {
     CAPTURE(name);
     const Values parts = moments_after(*small_method(name), 3), expected = mean_of_shares(name, 3);
     for (const auto& [parameter, found] : parts) {
@@ -132,7 +132,7 @@ TEST_CASE("what growth goes by are the views of all shares") {
 }
 
 TEST_CASE("trainings in two shares go on from every step to the same bytes") {
-  for (const std::string name : {"nerf", "splat", "street-gaussians", "genassets", "diffusion"}) {
+  for (const std::string name : {"nerf", "splat", "street-gaussians", "neurad", "genassets", "diffusion"}) {
     CAPTURE(name);
     const auto look = [](Method& method) {
       std::vector<float> all;

@@ -30,6 +30,12 @@ inline Settings small_settings(const std::string& method) {
   if (method == "street-gaussians")
     return {{"initial.lidar", "60"},  {"initial.near", "20"}, {"initial.far", "20"}, {"initial.actor", "20"},
             {"initial.fewest", "20"}, {"sky.side", "4"},      {"growth.start", "0"}, {"batch.depth_every", "2"}};
+  if (method == "neurad")
+    return {{"grid.levels", "2"},       {"grid.log2_rows", "8"},   {"grid.coarsest", "4"},    {"grid.finest", "16"},
+            {"actors.levels", "2"},     {"actors.log2_rows", "6"}, {"actors.coarsest", "2"},  {"actors.finest", "4"},
+            {"field.width", "16"},      {"field.features", "8"},   {"image.width", "8"},      {"image.kernel", "3"},
+            {"image.blocks", "1"},      {"appearance.size", "4"},  {"batch.patches", "3"},    {"batch.patch_side", "6"},
+            {"batch.lidar_rays", "16"}, {"steps.actor", "0.5"},    {"weight.perceptual", "0"}};
   return {{"unet.base", "16"},    {"unet.multipliers", "1,2"}, {"unet.groups", "4"}, {"unet.blocks", "1"},
           {"code.channels", "4"}, {"code.side", "4"},          {"batch.codes", "4"}};
 }
