@@ -2,6 +2,15 @@
 #include "models/nn/image_decoder.h"
 
 namespace cloam {
+namespace {
+
+constexpr float kLeastSlope = 0.02f;
+
+/// A sigmoid whose gradient is larger by kLeastSlope. The first steps move all colours at once, and in a street at
+/// night they overshoot: where the sigmoid is flat by then, an image that went black would stay black.
+Tensor learnable_sigmoid(const Tensor& x) { return sigmoid(x) + (x - stop_gradient(x)) * kLeastSlope; }
+
+}  // namespace
 
 ImageDecoder::ImageDecoder(const Scope& scope, const ImageDecoderOptions& o)
     : options_(o),
@@ -26,9 +35,9 @@ Tensor ImageDecoder::operator()(const Tensor& features) const {
   }
   for (int i = options_.blocks / 2; i < options_.doublings; i++) h = resize_nearest(h, 2 * h.dim(2), 2 * h.dim(3));
   const Tensor drawn = leave_(relu(kept(h)));
-  if (!options_.bypass) return sigmoid(drawn);
+  if (!options_.bypass) return learnable_sigmoid(drawn);
   const Tensor plain = resize_bilinear(slice(features, 1, 1, 4), h.dim(2), h.dim(3));
-  return sigmoid(drawn + plain);
+  return learnable_sigmoid(drawn + plain);
 }
 
 }  // namespace cloam

@@ -18,7 +18,7 @@ struct ImageDecoderOptions {
 class ImageDecoder {
  public:
   ImageDecoder(const Scope& scope, const ImageDecoderOptions& options);
-  /// [N,features,H,W] -> RGB [N,3,H scale,W scale] in (0,1).
+  /// [N,features,H,W] -> RGB [N,3,H scale,W scale] in (0,1). Gradients reach pixels that are black or white, too.
   Tensor operator()(const Tensor& features) const;
   /// How much larger the image is than the map: 2^doublings.
   int scale() const { return 1 << options_.doublings; }

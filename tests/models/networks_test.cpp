@@ -406,6 +406,24 @@ TEST_CASE("image decoder: the image is as much larger as scale() says, whatever 
   }
 }
 
+TEST_CASE("image decoder: an image that has gone black or white still learns") {
+  Params params;
+  const ImageDecoder decoder(Scope{params, "", 1}, {.features = 4, .width = 4, .side = 3, .blocks = 0, .doublings = 0});
+  std::vector<std::pair<Tensor, Tensor>> updates;
+  for (const auto& [name, p] : params) updates.push_back({p, zeros(p.shape())});
+  assign(updates);
+  const std::vector<float> inputs = {7, -30, 0, 30};  // the first goes past no pixel
+  const Tensor features = parameter(inputs, {1, 4, 1, 1});
+  const Tensor image = decoder(features);
+  const std::vector<float> slopes = grad(sum(image), {features})[0].to_host(), pixel = image.to_host();
+  CHECK(slopes[0] == 0.f);
+  for (size_t c = 0; c < 3; ++c) {
+    const double value = 1 / (1 + std::exp(-static_cast<double>(inputs[c + 1])));
+    CHECK(pixel[c] == doctest::Approx(value).epsilon(1e-5));
+    CHECK(slopes[c + 1] == doctest::Approx(value * (1 - value) + 0.02).epsilon(1e-5));
+  }
+}
+
 TEST_CASE("image decoder in mixed precision: the gradients of rounded inputs, and less memory for them") {
   const ImageDecoderOptions options = {.features = 8, .width = 16, .side = 3, .blocks = 4, .doublings = 1};
   const Tensor features = random_normal({2, 8, 48, 48}, {1, 0, 0});
