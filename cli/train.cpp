@@ -403,7 +403,8 @@ int run_train(TrainRequest request, const Common& given) {
   if (!request.dry_run) return train_in_folder(job, std::move(captures), now, request, common, log, view);
   if (request.planned_ranks > 0) {
     (void)give_data(job, std::move(captures), view);
-    tell_scale(job, request.planned_ranks, request.link, common, log);
+    const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
+    tell_scale(job, {request.planned_ranks, request.link, checkpoint ? &checkpoint->file : nullptr}, common, log);
   }
   say(common, "dry run: nothing was written");
   return 0;

@@ -172,7 +172,7 @@ void Loop::begin() {
   if (run_.resume) {
     progress_ = restore_method(run_.method, *run_.resume);
     optimiser_ = Optimiser(run_.method.parameters(), run_.method.groups());
-    optimiser_.restore(with_prefix(run_.resume->tensors, kOptimiser));
+    restore_optimiser(optimiser_, *run_.resume);
     saved_step_ = progress_.step;
   }
   planning_ = progress_.horizon == 0 && time_.by_budget();
@@ -247,7 +247,7 @@ void Loop::go_back(const NotFinite& why) {
   searched_ = progress_.step;
   progress_ = restore_method(run_.method, checkpoint.file);
   optimiser_ = Optimiser(run_.method.parameters(), run_.method.groups());
-  optimiser_.restore(with_prefix(checkpoint.file.tensors, kOptimiser));
+  restore_optimiser(optimiser_, checkpoint.file);
   next_look_ = 0;
   save_is_due_ = false;
 }
@@ -371,6 +371,10 @@ SafetensorsFile checkpoint_of(Method& method, const Progress& progress, std::map
   file.metadata["horizon"] = std::to_string(progress.horizon);
   file.metadata["seed"] = std::to_string(progress.seed);
   return file;
+}
+
+void restore_optimiser(Optimiser& optimiser, const SafetensorsFile& checkpoint) {
+  optimiser.restore(with_prefix(checkpoint.tensors, kOptimiser));
 }
 
 Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {

@@ -83,5 +83,7 @@ SafetensorsFile checkpoint_of(Method& method, const Progress& progress, std::map
 /// Parameters, state and progress of a checkpoint into a built method. Fault::data listing missing, extra and misshapen
 /// names in one message.
 Progress restore_method(Method& method, const SafetensorsFile& checkpoint);
+/// Of an optimiser of the method's parameters, once those are restored.
+void restore_optimiser(Optimiser& optimiser, const SafetensorsFile& checkpoint);
 
 }  // namespace cloam

@@ -77,6 +77,10 @@ TEST_CASE("a plan for more devices than there are: what a step sends, and the ti
   CHECK(scale.at("seconds").get<double>() == doctest::Approx(50 * step));
   CHECK_FALSE(fs::exists(scratch() / "planned_for_ranks"));
   CHECK(contains(planned({"--ranks", "2", "--link", "fast"}).err, "--link fast: want a speed such as 100Gb"));
+  const Outcome resumed = cloam_with(
+      {"train", "--resume", trained.string(), "--steps", "31", "--dry-run", "--ranks", "2", "--progress", "jsonl"});
+  REQUIRE_MESSAGE(resumed.code == 0, resumed.err);
+  CHECK(nlohmann::json::parse(resumed.out.substr(resumed.out.rfind("{\""))).at("steps") == 30);
   const Outcome trained_by_mistake =
       cloam_with(small_training(small_scene(), scratch() / "planned_for_ranks", {"--ranks", "2"}));
   CHECK(trained_by_mistake.code == 2);
