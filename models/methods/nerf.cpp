@@ -93,9 +93,10 @@ ParameterGroups Nerf::groups() const {
 }
 
 /// [R,3] of the share's rays, or [1,3]: what is seen where nothing is. Random colours in training teach the field to be
-/// opaque or empty.
+/// opaque or empty, and in NDC, whose rays all end at something, opaque: colours behind haze can be anything.
 Tensor Nerf::background_for(const RandomKey& key, const Share& share) const {
-  const bool random = config_.background == "random" || (config_.background == "auto" && has_alpha_);
+  const bool random =
+      config_.background == "random" || (config_.background == "auto" && (has_alpha_ || renderer_->frame().ndc));
   if (random) return own_rows(random_uniform({rays_, 3}, key.of_stream(kBackground)), share);
   return full({1, 3}, config_.background == "white" ? 1.f : 0.f);
 }

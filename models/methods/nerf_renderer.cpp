@@ -61,7 +61,14 @@ MarchOptions NerfRenderer::march_options() const {
 
 NerfRenderer::Rendered NerfRenderer::shade(const Rays& rays, const Sampling& how) const {
   const Rays path = frame_.ndc ? ndc_rays(rays, frame_) : rays;
-  return marching() ? shade_marched(path, rays.directions, how) : shade_importance(path, rays.directions, how);
+  return marching() ? shade_marched(rays, path, how) : shade_importance(rays, path, how);
+}
+
+/// Of samples [S] at t along the paths of the rays `ray` [S]. A mean of lengths in NDC would be one of disparities,
+/// which a little haze before a camera draws close to it.
+Tensor NerfRenderer::depths(const Rays& rays, const Tensor& t, const Tensor& ray, bool distances) const {
+  if (!frame_.ndc || !distances) return t;
+  return ndc_distances({gather_rows(rays.origins, ray), gather_rows(rays.directions, ray), Tensor()}, frame_, t);
 }
 
 /// Densities of the field, in normalised units or in those of NDC.
@@ -72,56 +79,55 @@ Tensor NerfRenderer::random_of(int64_t count, int64_t numbers, const Sampling& h
   return own_rows(random_uniform({how.all > 0 ? how.all : count, numbers}, how.key.of_stream(stream)), how.share);
 }
 
-NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Tensor& directions,
-                                                   const Sampling& how) const {
+NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Rays& path, const Sampling& how) const {
   const int64_t count = rays.origins.dim(0);
   const Tensor shift = how.jitter ? reshape(random_of(count, 1, how, kRayJitter), {count}) : full({count}, 0.5f);
   MarchOptions steps = march_options();
   steps.explore = how.jitter ? static_cast<int>(how.key.step) : 0;
-  const RaySamples all = march(rays, shift, occupancy_->values(), steps);
+  const RaySamples all = march(path, shift, occupancy_->values(), steps);
   const RaySamples s =
       how.skim ? visible(all, stop_gradient(per_length(field_->density(all.points))), kLeastTransmittance) : all;
-  const FieldOutput out = (*field_)(s.points, directions, s.ray);
-  return {composite({per_length(out.sigma), s.offsets, s.dt}, {out.rgb, s.t}), Tensor(), s.t.dim(0), all.t.dim(0)};
+  const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
+  const Tensor depth = depths(rays, s.t, s.ray, how.distances);
+  return {composite({per_length(out.sigma), s.offsets, s.dt}, {out.rgb, depth}), Tensor(), s.t.dim(0), all.t.dim(0)};
 }
 
 /// One sample in each interval, at its place in it (NeRF eq. 2), composited.
-Tensor NerfRenderer::shade_edges(const Field& field, const Rays& rays, const Tensor& directions, const Edges& at,
+Tensor NerfRenderer::shade_edges(const Field& field, const Rays& rays, const Rays& path, const Edges& at,
                                  Tensor* weights) const {
-  const auto& [edges, place] = at;
+  const auto& [edges, place, distances] = at;
   const int64_t count = edges.dim(0), n = edges.dim(1) - 1;
   const Tensor begin = slice(edges, 1, 0, n), length = slice(edges, 1, 1, n + 1) - begin;
   const Tensor t = begin + place * length;
-  const Tensor points = unsqueeze(rays.origins, 1) + unsqueeze(rays.directions, 1) * unsqueeze(t, 2);
+  const Tensor points = unsqueeze(path.origins, 1) + unsqueeze(path.directions, 1) * unsqueeze(t, 2);
   std::vector<int32_t> first, ray;
   for (int64_t r = 0; r <= count; r++) first.push_back(static_cast<int32_t>(r * n));
   for (int64_t r = 0; r < count; r++) ray.insert(ray.end(), static_cast<size_t>(n), static_cast<int32_t>(r));
-  const Tensor offsets = from_host(first, {count + 1}), flat_length = reshape(length, {count * n});
-  const FieldOutput out =
-      field(unit_points(reshape(points, {count * n, 3}), frame_.contract), directions, from_host(ray, {count * n}));
+  const Tensor offsets = from_host(first, {count + 1}), flat_length = reshape(length, {count * n}),
+               of_ray = from_host(ray, {count * n});
+  const FieldOutput out = field(unit_points(reshape(points, {count * n, 3}), frame_.contract), rays.directions, of_ray);
   const Tensor sigma = per_length(out.sigma);
   if (weights) *weights = reshape(composite_weights({sigma, offsets, flat_length}), {count, n});
-  return composite({sigma, offsets, flat_length}, {out.rgb, reshape(t, {count * n})});
+  return composite({sigma, offsets, flat_length}, {out.rgb, depths(rays, reshape(t, {count * n}), of_ray, distances)});
 }
 
-NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Tensor& directions,
-                                                      const Sampling& how) const {
+NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Rays& path, const Sampling& how) const {
   const int64_t count = rays.origins.dim(0), coarse = config_.coarse_samples, fine = config_.fine_samples;
   std::vector<float> steps;
   for (int64_t i = 0; i <= coarse; i++) steps.push_back(static_cast<float>(i) / static_cast<float>(coarse));
-  const Tensor near = slice(rays.span, 1, 0, 1), far = maximum(slice(rays.span, 1, 1, 2), near + 1e-3f);
+  const Tensor near = slice(path.span, 1, 0, 1), far = maximum(slice(path.span, 1, 1, 2), near + 1e-3f);
   const Tensor edges = near + (far - near) * from_host(steps, {1, coarse + 1});
   const auto place = [&](int64_t n, uint32_t which) {
     return how.jitter ? random_of(count, n, how, which) : full({count, n}, 0.5f);
   };
   Rendered out;
   Tensor weights;
-  out.coarse = shade_edges(*coarse_, rays, directions, {edges, place(coarse, kPlace)}, &weights);
+  out.coarse = shade_edges(*coarse_, rays, path, {edges, place(coarse, kPlace), how.distances}, &weights);
   std::vector<float> ranks;
   for (int64_t i = 0; i < fine; i++) ranks.push_back(static_cast<float>(i));
   const Tensor uniform = (from_host(ranks, {1, fine}) + place(fine, kFine)) * (1.f / static_cast<float>(fine));
   const Tensor all = importance_edges(edges, weights, uniform);
-  out.fine = shade_edges(*field_, rays, directions, {all, place(coarse + fine, kFinePlace)}, nullptr);
+  out.fine = shade_edges(*field_, rays, path, {all, place(coarse + fine, kFinePlace), how.distances}, nullptr);
   out.samples = out.marched = count * (2 * coarse + fine);
   return out;
 }
@@ -162,22 +168,16 @@ Picture NerfRenderer::picture(const View& view, float back) const {
     const int64_t end = std::min(count, begin + block);
     const auto part = [&](const Tensor& x) { return slice(x, 0, begin, end); };
     const Rays rays{part(all.origins), part(all.directions), part(all.span)};
-    const Rendered seen = shade(rays, {});
-    append_pixels(out, with_distances(seen.fine, rays).to_host(), back);
+    Sampling how;
+    how.distances = true;
+    const Rendered seen = shade(rays, how);
+    append_pixels(out, seen.fine.to_host(), back);
     // The next block is as large as keeps the samples at hand within kRenderSamples.
     const double per_ray = static_cast<double>(seen.marched + 1) / static_cast<double>(end - begin);
     block = std::clamp<int64_t>(static_cast<int64_t>(kRenderSamples / per_ray), 256, 2 * block);
     begin = end;
   }
   return out;
-}
-
-/// seen [R,6]: depths that are lengths in normalised device coordinates become distances, those of the mean disparity.
-Tensor NerfRenderer::with_distances(const Tensor& seen, const Rays& rays) const {
-  if (!frame_.ndc) return seen;
-  const Tensor opacity = slice(seen, 1, 3, 4), mean = slice(seen, 1, 4, 5) / maximum(opacity, 1e-6f);
-  const Tensor distance = ndc_distances(rays, frame_, reshape(mean, {seen.dim(0)}));
-  return concat({slice(seen, 1, 0, 4), unsqueeze(distance, 1) * opacity, slice(seen, 1, 5, 6)}, 1);
 }
 
 void NerfRenderer::append_pixels(Picture& picture, const std::vector<float>& values, float back) const {

@@ -43,6 +43,7 @@ class NerfRenderer {
     bool jitter = false, skim = true;  // skim: leave out samples behind surfaces
     Share share = {};                  // the rays are this one
     int64_t all = 0;                   // of so many; 0: they are all
+    bool distances = false;            // depths in NDC as distances
   };
   Rendered shade(const Rays& rays, const Sampling& how) const;
   /// Block by block; `back`: how bright it is where nothing is.
@@ -60,17 +61,17 @@ class NerfRenderer {
  private:
   MarchOptions march_options() const;
   static Tensor random_of(int64_t count, int64_t numbers, const Sampling& how, uint32_t stream);
-  // rays: in the field's space; directions: of the view.
-  Rendered shade_marched(const Rays& rays, const Tensor& directions, const Sampling& how) const;
-  Rendered shade_importance(const Rays& rays, const Tensor& directions, const Sampling& how) const;
+  // path: the rays in the field's space.
+  Rendered shade_marched(const Rays& rays, const Rays& path, const Sampling& how) const;
+  Rendered shade_importance(const Rays& rays, const Rays& path, const Sampling& how) const;
   struct Edges {
     Tensor edges, place;  // [R,N+1]; [R,N] in [0,1)
+    bool distances;
   };
-  Tensor shade_edges(const Field& field, const Rays& rays, const Tensor& directions, const Edges& at,
-                     Tensor* weights) const;
+  Tensor shade_edges(const Field& field, const Rays& rays, const Rays& path, const Edges& at, Tensor* weights) const;
+  Tensor depths(const Rays& rays, const Tensor& t, const Tensor& ray, bool distances) const;
   Tensor per_length(const Tensor& sigma) const;
   Tensor thickness(const Tensor& points) const;
-  Tensor with_distances(const Tensor& seen, const Rays& rays) const;
   void append_pixels(Picture& picture, const std::vector<float>& values, float back) const;
 
   const NerfConfig& config_;

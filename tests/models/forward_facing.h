@@ -65,6 +65,20 @@ struct ForwardFacing {
     return rgb;
   }
 
+  /// Of what pixels' centres show, along their rays.
+  std::vector<double> distances(const Seat& seat) const {
+    std::vector<double> all;
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) {
+        const double u = (x + 0.5 - 0.5 * width) / focal, v = (y + 0.5 - 0.5 * height) / focal;
+        const Eigen::Vector3d way = u * seat.right - v * seat.up - seat.back;
+        double first = 0;
+        colour(seat.place, way, &first);
+        all.push_back(first * way.norm());
+      }
+    return all;
+  }
+
   /// LLFF's row of a camera: 3x5 by rows with the axes down, right, back; then the depths.
   std::vector<double> row(const Seat& seat) const {
     std::vector<double> numbers;
@@ -82,7 +96,7 @@ struct ForwardFacing {
   };
   std::vector<Leaf> all_;
 
-  Eigen::Vector3d colour(const Eigen::Vector3d& from, const Eigen::Vector3d& way) const {
+  Eigen::Vector3d colour(const Eigen::Vector3d& from, const Eigen::Vector3d& way, double* steps = nullptr) const {
     const double wall = (-12 - from.z()) / way.z();
     const Eigen::Vector3d there = from + wall * way;
     const double brick =
@@ -99,6 +113,7 @@ struct ForwardFacing {
       first = t;
       seen = leaf.colour * (0.75 + 0.25 * std::sin(14 * along + 6 * std::abs(across)));
     }
+    if (steps) *steps = first;
     return seen.cwiseMax(0).cwiseMin(1);
   }
 };

@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 
 #include "models/data/load_images.h"
@@ -139,6 +140,11 @@ TEST_CASE("nerf in NDC learns held-out views of a forward-facing capture") {
   for (const FramePixels& frame : test.frames) {
     const Picture picture = shown(*method, view_of(scene.frames[frame.frame], scene.cameras[0], 0));
     sum += psnr(picture.rgb, on_white(frame)) / static_cast<double>(test.frames.size());
+    const std::vector<double> truth = made.distances(made.seats.at(frame.frame));
+    std::vector<double> ratios;
+    for (size_t i = 0; i < truth.size(); ++i) ratios.push_back(static_cast<double>(picture.depth[i]) / truth[i]);
+    std::nth_element(ratios.begin(), ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2), ratios.end());
+    CHECK(ratios[ratios.size() / 2] == doctest::Approx(1).epsilon(0.1));
   }
   const double baseline = mean_colour_figure(scene);
   MESSAGE("psnr ", sum, ", mean colour ", baseline);
