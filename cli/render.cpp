@@ -8,7 +8,13 @@
 #include "cli/render_views.h"
 #include "cli/stop_signal.h"
 #include "cli/terminal_picture.h"
+#include "models/eval/geometry_pictures.h"
 #include "models/eval/pictures.h"
+#include "models/gaussians/ellipsoids.h"
+#include "models/gaussians/exports_actors.h"
+#include "models/gaussians/exports_gaussians.h"
+#include "models/gaussians/turn.h"
+#include "models/gaussians/values.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
 #include "models/io/ply.h"
@@ -24,6 +30,7 @@ namespace cloam {
 namespace {
 
 constexpr int kFilmRate = 20;
+constexpr char kEllipsoids[] = "ellipsoids";
 constexpr char kRenderExamples[] = R"(Render views of a trained scene.
 
 Examples:
@@ -31,6 +38,7 @@ Examples:
   cloam render runs/fox -o orbit --path orbit --frames 60    a turntable, with a GIF and an MP4
   cloam render runs/fox -o walk --path interpolated --frames 200    through the cameras, likewise
   cloam render runs/fox -o all --split all --exr             colour, depth and opacity as EXR layers
+  cloam render runs/fox -o depths --draw depth               or normals, opacity, ellipsoids
   cloam render runs/fox -o one --camera cam.json
   cloam render runs/street -o wide --log 003 --time +0.75 --camera-name left_camera --size 1280x720
   cloam render runs/street -o sweeps --lidar --split all)";
@@ -64,10 +72,42 @@ std::string film_name(const std::vector<NamedView>& views, const RenderRequest& 
   return kCameraFileViews;
 }
 
-void render_view(RendersViews& method, const NamedView& view, const RenderRequest& request) {
-  const Picture picture = method.render(view.view);
+/// What a run of Gaussians shows at a view's time: all of them, in the world of its scene.
+Gaussians gaussians_at(const RestoredRun& run, const View& view) {
+  if (const auto* exports = as<ExportsGaussians>(*run.method)) return exports->gaussians();
+  const auto& street = *as<ExportsActors>(*run.method);
+  Gaussians all = street.background_gaussians();
+  for (const Actor& actor : run.scenes[static_cast<std::size_t>(view.scene)].actors) {
+    const auto world_from_box = world_from_box_at(actor, view.time);
+    if (!world_from_box) continue;
+    Gaussians placed = street.actor_gaussians(actor.asset.value_or(AssetName{view.scene, actor.id}));
+    transform(placed, {world_from_box->block<3, 3>(0, 0), 1, world_from_box->block<3, 1>(0, 3)});
+    append(all, placed);
+  }
+  return all;
+}
+
+/// Faint ones would hide what is behind them as well as solid ones do.
+constexpr double kSolid = 0.2;  // opacity
+
+Picture seen_ellipsoids(const RestoredRun& run, const View& view) {
+  const auto* exports = as<ExportsGaussians>(*run.method);
+  const GaussianDrawing drawing = exports ? exports->drawing() : GaussianDrawing();
+  return ellipsoid_picture(gaussians_at(run, view), view, {1, kSolid, drawing.near, drawing.white ? 1.0 : 0.0});
+}
+
+Image drawn(const Picture& picture, const View& view, const std::string& what) {
+  if (what == "depth") return depth_picture(picture);
+  if (what == "normals") return normal_picture(picture, view.camera);
+  if (what == "opacity") return opacity_picture(picture);
+  return to_image(picture.rgb, picture.width, picture.height);
+}
+
+void render_view(const RestoredRun& run, const NamedView& view, const RenderRequest& request) {
+  const Picture picture =
+      request.draw == kEllipsoids ? seen_ellipsoids(run, view.view) : as<RendersViews>(*run.method)->render(view.view);
   const fs::path folder = request.out;
-  write_png(folder / (view.name + ".png"), to_image(picture.rgb, picture.width, picture.height));
+  write_png(folder / (view.name + ".png"), drawn(picture, view.view, request.draw));
   if (request.exr) write_picture_exr(folder / (view.name + ".exr"), picture);
   if (request.masks) write_mask(folder / (view.name + "_actor.png"), picture);
 }
@@ -76,7 +116,7 @@ void render_all(const RestoredRun& run, const std::vector<NamedView>& views, con
                 const Common& common) {
   const StopOnSignal signals("finishing this picture");
   const auto make = [&](std::size_t item) {
-    render_view(*as<RendersViews>(*run.method), views[item], request);
+    render_view(run, views[item], request);
     say(common, text("render ", item + 1, "/", views.size(), "  ", views[item].name));
     return nullptr;
   };
@@ -216,6 +256,8 @@ void check_request(const RenderRequest& request) {
   if (request.step && !request.time.empty()) throw Error(Fault::usage, "give either --step or --time, not both");
   if (request.lidar && (!request.camera.empty() || !request.path.empty() || !request.time.empty()))
     throw Error(Fault::usage, "--lidar renders recorded sweeps: choose them with --split, --step and --log");
+  if (request.draw == kEllipsoids && request.masks)
+    throw Error(Fault::usage, "--masks are of the rendered picture: leave out --draw ellipsoids");
 }
 
 int run_render(const RenderRequest& request, const Common& common) {
@@ -225,6 +267,11 @@ int run_render(const RenderRequest& request, const Common& common) {
   if ((request.masks || request.lidar) && !as<Street>(*run.method))
     throw Error(Fault::usage,
                 text("--masks and --lidar need a method with actors and LiDAR; the run's is ", run.record.method));
+  if (request.draw == kEllipsoids && !as<ExportsGaussians>(*run.method) && !as<ExportsActors>(*run.method))
+    throw Error(Fault::usage,
+                text("--draw ellipsoids shows the Gaussians of a run of splat or street-gaussians; the run's "
+                     "method is ",
+                     run.record.method));
   if (request.lidar) return render_lidar_alone(run, request, common);
   const std::vector<NamedView> views = views_of(run, request);
   if (views.empty()) throw Error(Fault::data, "no view to render in the split " + request.split);
@@ -255,6 +302,9 @@ Command add_render(CLI::App& program) {
         add("--time", r.time,
             "Driving logs: one camera at this time (seconds of the log, or +1.5 after its first image)");
         add("--size", r.size, "Picture size, WIDTHxHEIGHT (that of the training images)");
+        add("--draw", r.draw,
+            "What the pictures show: colour, depth, normals, opacity or, of Gaussians, ellipsoids (colour)",
+            one_of({"colour", "depth", "normals", "opacity", kEllipsoids}));
         add("--masks", r.masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
         add("--lidar", r.lidar, "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");
         add("--exr", r.exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");

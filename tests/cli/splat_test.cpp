@@ -3,6 +3,7 @@
 
 #include <csignal>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "tests/cli/process.h"
 
@@ -38,6 +39,22 @@ TEST_CASE("splat: trained, measured, and its test pictures beat a mean colour") 
   const auto json = nlohmann::json::parse(outcome.out);
   CHECK(json.at("method") == "splat");
   CHECK(json.at("psnr").get<double>() > json.at("baseline_mean_colour_psnr").get<double>() + 3);
+}
+
+TEST_CASE("splat: pictures of depth, normals, opacity and ellipsoids, each of its own") {
+  std::set<std::string> files;
+  for (const char* what : {"colour", "depth", "normals", "opacity", "ellipsoids"}) {
+    const fs::path out = scratch() / (std::string("drawn-") + what);
+    const Outcome outcome = cloam_with({"render", trained().string(), "-o", out.string(), "--draw", what});
+    REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+    for (const auto& entry : fs::directory_iterator(out)) files.insert(content_of(entry.path()));
+  }
+  const auto views = static_cast<size_t>(std::distance(fs::directory_iterator(scratch() / "drawn-depth"), {}));
+  CHECK(files.size() == 5 * views);
+  const Outcome refused =
+      cloam_with({"render", small_run().string(), "-o", (scratch() / "never-drawn").string(), "--draw", "ellipsoids"});
+  CHECK(refused.code == 2);
+  CHECK_MESSAGE(contains(refused.err, "shows the Gaussians of a run of splat or street-gaussians"), refused.err);
 }
 
 TEST_CASE("splat: exported in every format, read again, and drawn like the model") {
