@@ -69,6 +69,16 @@ std::string outline_row(const std::vector<ImageScore>& images) {
                      mean_score(images, &ImageScore::box_overlap));
 }
 
+/// Of streets that know intensities and missing rays.
+std::string lidar_rows(const LidarScores& lidar) {
+  if (lidar.drops.empty()) return "";
+  return fmt::format(
+      "intensity of LiDAR returns, RMSE: {:.3f}; of their mean {:.3f}\n"
+      "missing rays told from returns: {:.1f} % right, of both kinds alike {:.1f} %; all as most are {:.1f} %, 50 %\n",
+      lidar.intensity_rmse(), lidar.mean_intensity_rmse(), 100 * lidar.drop_accuracy(),
+      100 * lidar.balanced_drop_accuracy(), 100 * lidar.usual_drop_share());
+}
+
 }  // namespace
 
 std::string table(const EvalResult& result) {
@@ -77,7 +87,7 @@ std::string table(const EvalResult& result) {
   out += result.is_log ? log_rows(result) : image_rows(result);
   out += row("mean", columns(result, images, all_lidar(result)));
   if (result.has_masks) out += row("mean over all pixels, masked or not", {mean_score(images, &ImageScore::psnr_full)});
-  out += outline_row(images);
+  out += outline_row(images) + lidar_rows(all_lidar(result));
   const auto distances = [&](const std::string& key, const std::string& network, double ImageScore::*whole,
                              double ImageScore::*actors) {
     out += text(key, " (", network, "): ", mean_score(images, whole), "\nmasked_", key, " (", network,

@@ -129,14 +129,19 @@ void render_all(const RestoredRun& run, const std::vector<NamedView>& views, con
 /// The sweep that the model would return along the recorded rays.
 void render_sweep(Street& street, const SweepRays& sweep, const fs::path& path) {
   const LidarReturns seen = street.measure(sweep.rays);
-  std::vector<PlyColumn> columns = {{"x", {}}, {"y", {}}, {"z", {}}, {"actor", {}}};
+  std::vector<PlyColumn> columns = {{"x", {}}, {"y", {}}, {"z", {}}, {"actor", {}}, {"intensity", {}}, {"drop", {}}};
   for (std::size_t i = 0; i < seen.depths.size(); ++i) {
     if (seen.depths[i] <= 0) continue;
     for (std::size_t axis = 0; axis < 3; ++axis)
       columns[axis].values.push_back(sweep.rays.origins[3 * i + axis] +
                                      seen.depths[i] * sweep.rays.directions[3 * i + axis]);
     columns[3].values.push_back(static_cast<float>(seen.actors[i]));
+    if (!seen.intensities.empty()) columns[4].values.push_back(seen.intensities[i]);
+    if (!seen.drops.empty()) columns[5].values.push_back(seen.drops[i]);
   }
+  std::erase_if(columns, [&](const PlyColumn& column) {
+    return (column.name == "intensity" && seen.intensities.empty()) || (column.name == "drop" && seen.drops.empty());
+  });
   write_ply_vertices(path, columns);
 }
 

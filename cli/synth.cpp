@@ -155,6 +155,8 @@ Command add_synth(CLI::App& program) {
         number_from(0, 1));
     add("--beams", r.log.beams, "Number of LiDAR beams (32)", whole_number(1, 256));
     add("--rolling-shutter", r.log.rolling_shutter, "Expose images over 30 ms from top to bottom, sweeps over 100 ms");
+    add("--sway", r.log.sway, "Degrees that the car's heading sways to either side, once a second: fast turns (0)",
+        number_from(0, 20));
     add("--as-recorded", r.log.as_recorded,
         "As real logs are: sweeps stamped at their end, staggered cameras, a second LiDAR, returns of the car itself; "
         "in log 001 the LiDAR's poses are wrong");

@@ -44,6 +44,7 @@ void RayList::add(const Eigen::Vector3d& origin, const Eigen::Vector3d& directio
   }
   moments.push_back(static_cast<int32_t>(times.size()) - 1);
   ranges.push_back(range);
+  intensities.push_back(0);
 }
 
 void RayList::last_is_at(double time, std::size_t first) {
@@ -54,11 +55,17 @@ void RayList::last_is_at(double time, std::size_t first) {
 
 RayList part_of(const RayList& rays, int64_t begin, int64_t end) {
   RayList out;
-  out.times = rays.times;
   out.actors = rays.actors;
   out.origins.assign(rays.origins.begin() + 3 * begin, rays.origins.begin() + 3 * end);
   out.directions.assign(rays.directions.begin() + 3 * begin, rays.directions.begin() + 3 * end);
+  out.intensities.assign(rays.intensities.begin() + begin, rays.intensities.begin() + end);
   out.moments.assign(rays.moments.begin() + begin, rays.moments.begin() + end);
+  if (begin < end) {
+    const auto [first, last] = std::minmax_element(out.moments.begin(), out.moments.end());
+    const int32_t skipped = *first;
+    out.times.assign(rays.times.begin() + skipped, rays.times.begin() + *last + 1);
+    for (int32_t& moment : out.moments) moment -= skipped;
+  }
   out.ranges.assign(rays.ranges.begin() + begin, rays.ranges.begin() + end);
   return out;
 }
@@ -67,14 +74,20 @@ Region cells_of(const Camera& camera, int scale) {
   return {0, 0, (camera.width + scale - 1) / scale, (camera.height + scale - 1) / scale};
 }
 
-void add_cells(RayList& rays, const Camera& camera, const Eigen::Matrix4d& log_from_camera, double time,
-               const Region& region, int scale) {
-  const Eigen::Vector3d origin = log_from_camera.block<3, 1>(0, 3);
-  rays.times.push_back(time);
-  for (int64_t y = region.y; y < region.y + region.rows; ++y)
+void add_cells(RayList& rays, const Exposing& photo, const Region& region, int scale) {
+  const auto& [camera, middle, time, motion] = photo;
+  Eigen::Matrix4d pose = middle;
+  if (motion.shutter == 0) rays.times.push_back(time);
+  for (int64_t y = region.y; y < region.y + region.rows; ++y) {
+    const double row = (static_cast<double>(y) + 0.5) * scale;
+    if (motion.shutter != 0) {
+      const double seconds = motion.seconds_after(row, camera.height);
+      rays.times.push_back(time + seconds);
+      pose = middle * motion.moved(seconds);
+    }
     for (int64_t x = region.x; x < region.x + region.columns; ++x)
-      rays.add(origin, rotate(log_from_camera, direction(camera, {(static_cast<double>(x) + 0.5) * scale,
-                                                                  (static_cast<double>(y) + 0.5) * scale})));
+      rays.add(pose.block<3, 1>(0, 3), rotate(pose, direction(camera, {(static_cast<double>(x) + 0.5) * scale, row})));
+  }
 }
 
 Tensor Photographed::kept(const Tensor& render) const { return used ? render * used : render; }
@@ -129,7 +142,8 @@ LogSource::LogSource(RestingScene scene, PhotoStore photos, LogSweeps sweeps, co
       sweeps_(std::move(sweeps)),
       log_from_world_(axes.log_from_world),
       scale_(axes.scale),
-      silhouettes_(axes.silhouettes) {
+      silhouettes_(axes.silhouettes),
+      rolling_(axes.rolling) {
   if (photos_.size() == 0)
     throw Error(Fault::data, text(scene_.get()->root.string(), ": no image of this log is in the training split"));
 }
@@ -264,8 +278,9 @@ void LogSource::add_region(const Scene& scene, RayList& rays, const Drawn& part,
   const FramePixels& photo = *read;
   const Region& region = part.region;
   const Frame& frame = scene.frames[photo.frame];
-  add_cells(rays, camera_of(photo), log_from_world_ * frame.world_from_camera, frame.timestamp.value_or(0), region,
-            scale_);
+  const double time = frame.timestamp.value_or(0);
+  const CameraMotion motion = rolling_ ? camera_motion(scene, frame.sensor, time) : CameraMotion();
+  add_cells(rays, {camera_of(photo), log_from_world_ * frame.world_from_camera, time, motion}, region, scale_);
   pixels.of.push_back({photo.frame, camera_of(photo).fx});
   if (!silhouettes_.empty()) add_silhouette(part, pixels);
   for (int64_t y = 0; y < pixels.height; ++y)
@@ -392,6 +407,7 @@ void LogSource::add_returns(RayList& rays, HostRandom& random, int64_t count, co
                                                      way = move(log_from_world_, world) - lidar;
       if (!rays.actors.empty() && others.at(from.time).holds(world)) continue;
       rays.add(lidar, way.norm() > 1e-3 ? way : Eigen::Vector3d::UnitX(), static_cast<float>(way.norm()));
+      rays.intensities.back() = points->intensities[at];
       rays.last_is_at(from.time, first);
     }
   }

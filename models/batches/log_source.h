@@ -4,6 +4,7 @@
 
 #include "models/io/host_random.h"
 #include "models/io/share.h"
+#include "models/scene/camera_motion.h"
 #include "models/scene/lidar_points.h"
 #include "models/scene/photo_store.h"
 #include "models/scene/resting_scene.h"
@@ -15,7 +16,8 @@ namespace cloam {
 struct RayList {
   std::vector<float> origins, directions;  // [R,3], axes of the log, metres; directions of length 1
   std::vector<int32_t> moments;            // [R]
-  std::vector<float> ranges;               // [R] metres to what a LiDAR saw; 0: a camera's ray
+  std::vector<float> ranges;               // [R] metres to what a LiDAR saw; 0: a camera's ray, or nothing came back
+  std::vector<float> intensities;          // [R] of what a LiDAR saw, 0 to 1
   std::vector<double> times;               // of the moments, seconds
   std::vector<bool> actors;                // which of Scene::actors the rays may meet; empty: all
   int64_t count() const { return static_cast<int64_t>(moments.size()); }
@@ -25,7 +27,7 @@ struct RayList {
   void last_is_at(double time, std::size_t first);
 };
 
-/// Rays [begin, end) with all moments.
+/// Rays [begin, end) with the moments between the first and the last of theirs.
 RayList part_of(const RayList& rays, int64_t begin, int64_t end);
 
 /// A part of an image, in cells of some pixels a side.
@@ -35,10 +37,16 @@ struct Region {
 /// All of an image, cut cells too.
 Region cells_of(const Camera& camera, int scale);
 
-/// A new moment, and in it a ray through the middle of each cell of scale x scale pixels, row by row.
-/// log_from_camera: the camera in the axes of the rays.
-void add_cells(RayList& rays, const Camera& camera, const Eigen::Matrix4d& log_from_camera, double time,
-               const Region& region, int scale);
+/// A camera that exposes an image.
+struct Exposing {
+  const Camera& camera;
+  Eigen::Matrix4d log_from_camera;  // in the axes of the rays, when the middle row is exposed
+  double time;                      // then
+  CameraMotion motion = {};
+};
+/// A ray through the middle of each cell of scale x scale pixels, row by row; a new moment for all, or for each row if
+/// the camera moves on meanwhile.
+void add_cells(RayList& rays, const Exposing& photo, const Region& region, int scale);
 
 /// A sweep in memory.
 struct LoadedSweep {
@@ -80,6 +88,7 @@ struct LogRays {
   Eigen::Matrix4d log_from_world;
   int scale;
   std::vector<Silhouette> silhouettes = {};  // of each photo; empty: none
+  bool rolling = false;                      // rows of photos are seen when they were exposed (Recording::shutter)
 };
 
 /// Parts of photos that are boxes of actors, as projected, drawn by class first: what of them is longer than `longest`
@@ -184,6 +193,7 @@ class LogSource {
   Eigen::Matrix4d log_from_world_;
   int scale_;
   std::vector<Silhouette> silhouettes_;
+  bool rolling_;
 };
 
 }  // namespace cloam

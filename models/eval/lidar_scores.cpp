@@ -14,6 +14,19 @@
 namespace cloam {
 namespace {
 
+constexpr std::vector<double> LidarScores::*kLists[] = {&LidarScores::errors,      &LidarScores::chamfer,
+                                                        &LidarScores::intensities, &LidarScores::intensity_errors,
+                                                        &LidarScores::drops,       &LidarScores::missing_drops};
+
+double mean_of(const std::vector<double>& values) {
+  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
+  return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+}
+
+double above_half(const std::vector<double>& values) {
+  return static_cast<double>(std::count_if(values.begin(), values.end(), [](double value) { return value > 0.5; }));
+}
+
 /// x y z of each ray's end, of those that have one.
 std::vector<float> ends_of(const WorldRays& rays, const std::vector<float>& depths) {
   std::vector<float> points;
@@ -30,6 +43,12 @@ LidarScores lidar_scores(const MeasuredSweep& sweep) {
   const std::vector<float>& recorded = sweep.recorded.depths;
   for (std::size_t i = 0; i < recorded.size(); ++i)
     scores.errors.push_back(std::abs(double{sweep.depths[i]} - double{recorded[i]}));
+  for (std::size_t i = 0; i < sweep.intensities.size(); ++i) {
+    scores.intensities.push_back(double{sweep.recorded.intensities[i]});
+    scores.intensity_errors.push_back(std::pow(double{sweep.intensities[i]} - scores.intensities.back(), 2));
+  }
+  scores.drops.assign(sweep.drops.begin(), sweep.drops.end());
+  scores.missing_drops.assign(sweep.missing_drops.begin(), sweep.missing_drops.end());
   const WorldRays& rays = sweep.recorded.rays;
   scores.chamfer.push_back(chamfer(ends_of(rays, sweep.depths), ends_of(rays, recorded)).by_target());
   return scores;
@@ -42,14 +61,19 @@ LidarScores lidar_scores(Street& street, const Scene& scene, int index, const Ra
   const auto make = [&](std::size_t item) {
     const std::optional<MeasuredSweep> measured = measured_sweep(street, scene, *sweeps[item], index);
     const LidarScores scores = measured ? lidar_scores(*measured) : LidarScores();
-    return nlohmann::ordered_json::array({packed(scores.errors), packed(scores.chamfer)});
+    nlohmann::ordered_json made = nlohmann::ordered_json::array();
+    for (const auto list : kLists) made.push_back(packed(scores.*list));
+    return made;
   };
   const auto complete = [&](std::size_t done) {
     return text(done, " of ", sweeps.size(), " sweeps were measured; no metrics were written");
   };
   LidarScores all;
-  for (const auto& made : share_out(ranks, listener, {sweeps.size(), make, complete}))
-    all.add({unpacked<double>(made.at(0)), unpacked<double>(made.at(1))});
+  for (const auto& made : share_out(ranks, listener, {sweeps.size(), make, complete})) {
+    LidarScores one;
+    for (std::size_t i = 0; i < std::size(kLists); ++i) one.*kLists[i] = unpacked<double>(made.at(i));
+    all.add(one);
+  }
   return all;
 }
 
@@ -62,14 +86,37 @@ double LidarScores::median_error() const {
   return 0.5 * (*middle + *std::max_element(values.begin(), middle));
 }
 
-double LidarScores::mean_chamfer() const {
-  if (chamfer.empty()) return std::numeric_limits<double>::quiet_NaN();
-  return std::accumulate(chamfer.begin(), chamfer.end(), 0.0) / static_cast<double>(chamfer.size());
+double LidarScores::mean_chamfer() const { return mean_of(chamfer); }
+
+double LidarScores::intensity_rmse() const { return std::sqrt(mean_of(intensity_errors)); }
+
+double LidarScores::mean_intensity_rmse() const {
+  const double mean = mean_of(intensities);
+  std::vector<double> errors_of_mean;
+  for (const double value : intensities) errors_of_mean.push_back(std::pow(value - mean, 2));
+  return std::sqrt(mean_of(errors_of_mean));
+}
+
+double LidarScores::drop_accuracy() const {
+  if (drops.empty() || missing_drops.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto returned = static_cast<double>(drops.size()), missing = static_cast<double>(missing_drops.size());
+  return (returned - above_half(drops) + above_half(missing_drops)) / (returned + missing);
+}
+
+double LidarScores::balanced_drop_accuracy() const {
+  if (drops.empty() || missing_drops.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto returned = static_cast<double>(drops.size()), missing = static_cast<double>(missing_drops.size());
+  return 0.5 * (1 - above_half(drops) / returned + above_half(missing_drops) / missing);
+}
+
+double LidarScores::usual_drop_share() const {
+  if (drops.empty() || missing_drops.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto returned = static_cast<double>(drops.size()), missing = static_cast<double>(missing_drops.size());
+  return std::max(returned, missing) / (returned + missing);
 }
 
 void LidarScores::add(const LidarScores& more) {
-  errors.insert(errors.end(), more.errors.begin(), more.errors.end());
-  chamfer.insert(chamfer.end(), more.chamfer.begin(), more.chamfer.end());
+  for (const auto list : kLists) (this->*list).insert((this->*list).end(), (more.*list).begin(), (more.*list).end());
 }
 
 }  // namespace cloam

@@ -11,10 +11,21 @@ namespace cloam {
 struct LidarScores {
   std::vector<double> errors;   // metres, a ray each
   std::vector<double> chamfer;  // square metres, a sweep each
+  // Of streets that know them: the recorded intensity of each return and the squared error, and how likely it was held
+  // that a return, or a missing ray, is missing.
+  std::vector<double> intensities = {}, intensity_errors = {}, drops = {}, missing_drops = {};
 
   /// NaN of none.
   double median_error() const;
   double mean_chamfer() const;
+  double intensity_rmse() const;
+  /// Of the mean intensity for all returns.
+  double mean_intensity_rmse() const;
+  /// The share of rays of which it is rightly told whether they come back; of returns and of missing rays with equal
+  /// weights; and the share of whichever are more. NaN without rays of both kinds.
+  double drop_accuracy() const;
+  double balanced_drop_accuracy() const;
+  double usual_drop_share() const;
   void add(const LidarScores& more);
 };
 

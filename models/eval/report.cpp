@@ -62,6 +62,13 @@ void add_figures(Report& json, const EvalResult& result, const std::vector<Image
   if (!result.is_log) return;
   json["lidar_median_error_m"] = finite(lidar.median_error());
   json["lidar_chamfer_m2"] = finite(lidar.mean_chamfer());
+  if (lidar.drops.empty()) return;
+  json["lidar_median_squared_error_m2"] = finite(lidar.median_error() * lidar.median_error());
+  json["lidar_intensity_rmse"] = finite(lidar.intensity_rmse());
+  json["baseline_mean_intensity_rmse"] = finite(lidar.mean_intensity_rmse());
+  json["ray_drop_accuracy"] = finite(lidar.drop_accuracy());
+  json["ray_drop_balanced_accuracy"] = finite(lidar.balanced_drop_accuracy());
+  json["baseline_ray_drop_accuracy"] = finite(lidar.usual_drop_share());
 }
 
 bool is_rotate360(const EvalResult& result) { return result.protocol == "rotate360"; }

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "models/io/host_random.h"
+#include "models/io/in_parallel.h"
 #include "models/street/street_sweeps.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -12,9 +13,10 @@
 namespace cloam {
 namespace {
 
-constexpr double kKeptReturns = 0.95;  // share: the worst of a step are left out
-constexpr int64_t kLookAhead = 8;      // steps whose images are decoded ahead
-constexpr int64_t kSamplesOfRay = 60;  // of a ray, as a rule
+constexpr double kKeptReturns = 0.95;   // share: the worst of a step are left out
+constexpr size_t kSweepsOfMissing = 4;  // a step
+constexpr int64_t kLookAhead = 8;       // steps whose images are decoded ahead
+constexpr int64_t kSamplesOfRay = 60;   // of a ray, as a rule
 
 void bind_grid(Config& c, const std::string& of, HashGrid& grid, const std::string& whose) {
   c.bind(of + ".levels", grid.levels, "levels of " + whose + " hash grid", {1, 32});
@@ -47,6 +49,8 @@ void Neurad::configure(Config& c) {
          {0, 5});
   c.bind("appearance.size", street.appearance, "numbers of a sensor's embedding; 0: none", {0, 1024});
   c.bind("appearance.rate", street.appearance_rate, "embeddings per second, linear in between", {0, 1000});
+  c.bind("sensors.rolling_shutter", o.rolling_shutter,
+         "see each row of an image when it was exposed (meta/recording.json: rolling_shutter_seconds)");
   c.bind("steps.background", street.steps.background, "metres between samples in occupied voxels", kMetres);
   c.bind("steps.actor", street.steps.actor, "metres between samples in actors", kMetres);
   c.bind("steps.sky", street.steps.sky, "samples per ray in the sky", {1, 4096});
@@ -60,6 +64,10 @@ void Neurad::configure(Config& c) {
   c.bind("weight.lidar", o.weight_lidar, "weight of the absolute LiDAR depth error, in metres");
   c.bind("weight.line_of_sight", o.weight_line_of_sight,
          "weight of the line-of-sight loss: opacity along LiDAR rays away from their return");
+  c.bind("weight.intensity", o.weight_intensity, "weight of the squared error of LiDAR intensities");
+  c.bind("weight.ray_drop", o.weight_drop,
+         "weight of the cross-entropy of which LiDAR rays come back; 0: none are missing");
+  c.bind("lidar.width", street.lidar_width, "width of the network of intensities and missing rays", {1, 4096});
   c.bind("perceptual.weights", o.perceptual_weights,
          "file with weights of a pretrained network; empty: random features");
   c.bind(kMixedPrecision, street.image.half,
@@ -86,9 +94,46 @@ void Neurad::load_data(std::vector<TrainingData> data) {
   TrainingData& log = data.front();
   model_->take(log.scene);
   LogSweeps sweeps = training_sweeps(log.scene, model_->space(), log.photos.store());
-  data_ = std::make_unique<LogSource>(log.scene, std::move(log.photos), std::move(sweeps),
-                                      LogRays{model_->space().street_from_world(), model_->scale()});
+  find_missing(*log.scene.get(), sweeps);
+  data_ = std::make_unique<LogSource>(
+      log.scene, std::move(log.photos), std::move(sweeps),
+      LogRays{model_->space().street_from_world(), model_->scale(), {}, config_.rolling_shutter});
   loaded(1, 1);
+}
+
+/// As large a share of a step's LiDAR rays is missing as of a sweep's.
+void Neurad::find_missing(const Scene& scene, const LogSweeps& sweeps) {
+  if (config_.weight_drop <= 0) return;
+  missing_.resize(sweeps.size());
+  in_parallel(sweeps.size(),
+              [&](size_t i) { missing_[i] = missing_rays(scene.recording, sweeps.sweep(i), *sweeps.points(i), 0); });
+  double returns = 0, missing = 0;
+  for (size_t i = 0; i < sweeps.size(); ++i) {
+    returns += static_cast<double>(sweeps.returns(i));
+    missing += static_cast<double>(missing_[i].origins.size() / 3);
+  }
+  std::erase_if(missing_, [](const WorldRays& rays) { return rays.origins.empty(); });
+  if (returns > 0) missing_rays_ = std::llround(missing / returns * config_.lidar_rays);
+}
+
+void Neurad::add_missing(RayList& rays, HostRandom& random, const Share& share) const {
+  const Eigen::Matrix4d& street = model_->space().street_from_world();
+  const auto parts = static_cast<int64_t>(std::min<size_t>(kSweepsOfMissing, missing_.size()));
+  for (int64_t part = 0; part < parts; ++part) {
+    const WorldRays& sweep = missing_[random.below(missing_.size())];
+    const size_t first = rays.times.size();
+    rays.times.push_back(sweep.time);
+    for (int64_t i = part; i < missing_rays_; i += parts) {
+      const size_t at = random.below(sweep.origins.size() / 3);
+      if (!share.holds(i, missing_rays_)) continue;
+      const auto vector_of = [&](const std::vector<float>& values) {
+        return Eigen::Map<const Eigen::Vector3f>(&values[3 * at]).cast<double>().eval();
+      };
+      rays.add((street * vector_of(sweep.origins).homogeneous()).head<3>(),
+               street.topLeftCorner<3, 3>() * vector_of(sweep.directions));
+      rays.last_is_at(sweep.times.empty() ? sweep.time : sweep.times[at], first);
+    }
+  }
 }
 
 MemoryPlan Neurad::memory(const PhotoSizes&) const {
@@ -111,6 +156,7 @@ ParameterGroups Neurad::groups() const {
   ParameterGroups groups = {{"background.", c.rate_grids, schedule},
                             {"field.", c.rate_field, schedule},
                             {"image.", c.rate_image, {c.final_rate, 0, 0, c.warm_up_image}},
+                            {"lidar.", c.rate_field, schedule},
                             {"appearance", c.rate_appearance, schedule}};
   for (ParameterGroup& group : groups) group.epsilon = 1e-15f;
   // Rows of actors that no ray of a step meets stand still: Adam's momentum would move them on.
@@ -123,9 +169,10 @@ ParameterGroups Neurad::groups() const {
 struct Neurad::Batch {
   RayList rays;
   Photographed photos;
-  int64_t of_photos = 0;  // rays, before those of the LiDAR
-  Tensor angles;          // [R]
-  Tensor shares;          // [N,embeddings] of the photos
+  int64_t of_photos = 0;   // rays, before those of the LiDAR
+  int64_t of_returns = 0;  // and before those that nothing came back along
+  Tensor angles;           // [R]
+  Tensor shares;           // [N,embeddings] of the photos
 };
 
 void Neurad::look_ahead(const Progress& progress) {
@@ -148,6 +195,8 @@ Neurad::Batch Neurad::draw_batch(const Progress& progress) const {
   batch.of_photos = batch.rays.count();
   batch.rays.actors.clear();  // none costs more than the samples in its box
   data_->add_returns(batch.rays, random, config_.lidar_rays, progress.share);
+  batch.of_returns = batch.rays.count();
+  add_missing(batch.rays, random, progress.share);
   const std::shared_ptr<const Scene> scene = model_->scene();
   std::vector<float> angles;
   std::vector<std::pair<std::string, double>> sensors;
@@ -176,15 +225,38 @@ Tensor Neurad::image_loss(const Batch& batch, const NeuradRays& seen, Tensor& sq
 
 /// Depths without the worst returns, and what lies in a beam's way.
 Tensor Neurad::lidar_loss(const Batch& batch, const NeuradRays& seen, Tensor& metres) const {
-  const int64_t begin = batch.of_photos, end = batch.rays.count(), count = end - begin;
-  const Tensor ranges =
-      from_host(std::vector<float>(batch.rays.ranges.begin() + begin, batch.rays.ranges.end()), {count});
+  const int64_t begin = batch.of_photos, end = batch.of_returns, count = end - begin;
+  const std::vector<float>& all = batch.rays.ranges;
+  const Tensor ranges = from_host(std::vector<float>(all.begin() + begin, all.begin() + end), {count});
   const Tensor error = abs(slice(seen.depth, 0, begin, end) - ranges);
   const int64_t kept = std::max<int64_t>(1, std::llround(kKeptReturns * static_cast<double>(count)));
   const Tensor limit = slice(sort(stop_gradient(error)).keys, 0, kept - 1, kept);
   metres = mean(minimum(stop_gradient(error), 1.f));
   return sum(where(error <= limit, error, 0.f)) * (config_.weight_lidar / static_cast<float>(kept)) +
          mean(slice(seen.line_of_sight, 0, begin, end)) * config_.weight_line_of_sight;
+}
+
+/// Intensities of what came back, and whether it did.
+Tensor Neurad::returns_loss(const Batch& batch, const NeuradRays& seen, std::vector<Figure>& figures) const {
+  const int64_t begin = batch.of_photos, middle = batch.of_returns, end = batch.rays.count();
+  std::vector<std::pair<std::string, double>> sensors;
+  for (int64_t i = begin; i < end; ++i)
+    sensors.emplace_back(kLidarName, batch.rays.times[static_cast<size_t>(batch.rays.moments[static_cast<size_t>(i)])]);
+  const NeuradModel::Returns found =
+      model_->returns_of(slice(seen.features, 0, begin, end), model_->embedding_shares(sensors));
+  const std::vector<float>& recorded = batch.rays.intensities;
+  const Tensor truth =
+      from_host(std::vector<float>(recorded.begin() + begin, recorded.begin() + middle), {middle - begin});
+  const Tensor error = mean(square(slice(found.intensity, 0, 0, middle - begin) - truth));
+  figures.push_back({"intensity", 0, sqrt(stop_gradient(error))});
+  const Tensor loss = error * config_.weight_intensity;
+  if (end == middle) return loss;
+  // Cross-entropy with 0 for returns and 1 for missing rays.
+  std::vector<float> signs(static_cast<size_t>(middle - begin), 1.f);
+  signs.resize(static_cast<size_t>(end - begin), -1.f);
+  const Tensor wrong = found.missing * from_host(signs, {end - begin});
+  figures.push_back({"drop", 0, mean(cast(stop_gradient(wrong) < 0.f, DType::f32))});
+  return loss + mean(softplus(wrong)) * config_.weight_drop;
 }
 
 Step Neurad::step(const Progress& progress, const Tensors& wanted) {
@@ -195,11 +267,14 @@ Step Neurad::step(const Progress& progress, const Tensors& wanted) {
   const NeuradRays seen = model_->render(model_->street(batch.rays), batch.rays, batch.angles, how);
   Tensor squared, metres;
   Tensor loss = image_loss(batch, seen, squared);
-  if (batch.rays.count() > batch.of_photos) loss = loss + lidar_loss(batch, seen, metres);
+  std::vector<Figure> figures;
+  if (batch.of_returns > batch.of_photos)
+    loss = loss + lidar_loss(batch, seen, metres) + returns_loss(batch, seen, figures);
   Step step = step_of(loss, wanted);
   const float share = std::max(batch.photos.share, 1e-6f);
   step.figures = {psnr_figure(share < 1 ? squared * (1 / share) : squared)};
   if (metres) step.figures.push_back({"lidar_m", 0, metres});
+  step.figures.insert(step.figures.end(), figures.begin(), figures.end());
   step.figures.push_back({"samples", static_cast<double>(seen.samples.t.dim(0) * progress.share.ranks)});
   step.figures.push_back({"marched", static_cast<double>(seen.marched * progress.share.ranks)});
   step.weight = static_cast<double>(progress.share.size(config_.patches)) / config_.patches;
@@ -209,7 +284,9 @@ Step Neurad::step(const Progress& progress, const Tensors& wanted) {
 Picture Neurad::render(const View& view) {
   const auto street = [&](const RayList& rays) { return model_->street(rays); };
   const NeuradModel::Seer seer = {view.sensor, view.time, pixel_angle(view.camera.fx, model_->scale())};
-  return street_picture(model_->painter(street, seer), view, model_->space());
+  const CameraMotion motion =
+      config_.rolling_shutter ? camera_motion(*model_->scene(), view.sensor, view.time) : CameraMotion();
+  return street_picture(model_->painter(street, seer), view, model_->space(), motion);
 }
 
 LidarReturns Neurad::measure(const WorldRays& rays) {

@@ -5,6 +5,7 @@
 
 #include "models/methods/neurad_model.h"
 #include "models/nn/feature_network.h"
+#include "models/street/missing_rays.h"
 #include "models/street/street.h"
 #include "models/street/takes_edits.h"
 #include "models/train/learns_from_captures.h"
@@ -16,8 +17,10 @@ namespace cloam {
 
 struct NeuradConfig {
   NeuradOptions street;
+  bool rolling_shutter = true;  // rows of photos are seen when they were exposed
   int patches = 40, patch_side = 32, lidar_rays = 16384;
   float weight_rgb = 5, weight_perceptual = 0.05f, weight_lidar = 0.01f, weight_line_of_sight = 0.01f;
+  float weight_intensity = 0.1f, weight_drop = 0.01f;
   std::string perceptual_weights;  // file; empty: fixed random features
   float rate_grids = 1e-2f, rate_field = 1e-2f, rate_image = 1e-3f, rate_appearance = 1e-3f;
   float final_rate = 0.1f;
@@ -55,6 +58,10 @@ class Neurad final : public Method,
   void look_ahead(const Progress& progress);
   /// What a step's rays are of: photos first, then the LiDAR's returns.
   struct Batch;
+  void find_missing(const Scene& scene, const LogSweeps& sweeps);
+  /// Rays of a sweep that sent nothing back.
+  void add_missing(RayList& rays, HostRandom& random, const Share& share) const;
+  Tensor returns_loss(const Batch& batch, const NeuradRays& seen, std::vector<Figure>& figures) const;
   Batch draw_batch(const Progress& progress) const;
   Tensor image_loss(const Batch& batch, const NeuradRays& seen, Tensor& squared) const;
   Tensor lidar_loss(const Batch& batch, const NeuradRays& seen, Tensor& metres) const;
@@ -64,6 +71,8 @@ class Neurad final : public Method,
   Params params_;
   std::unique_ptr<NeuradModel> model_;
   std::unique_ptr<LogSource> data_;
+  std::vector<WorldRays> missing_;  // of each sweep that has some
+  int64_t missing_rays_ = 0;        // a step: as many to its returns as the sweeps have
   std::optional<FeatureNetwork> perceptual_;
   int64_t announced_ = 0;  // the last step that was
 };

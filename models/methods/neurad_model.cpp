@@ -49,6 +49,9 @@ NeuradModel::NeuradModel(const NeuradOptions& options, const Scope& root, const 
   field_ = std::make_unique<NeuradField>(root / "background", root / "actors", root / "field", options_.field,
                                          static_cast<int64_t>(scene.actors.size()));
   image_ = std::make_unique<ImageDecoder>(root / "image", options_.image);
+  const int64_t width = options_.lidar_width;
+  lidar_ = std::make_unique<SmallMlp>(root / "lidar",
+                                      std::vector<int64_t>{options_.image.features + 1, width, width, width, 2});
   sensors_ = sensors_of(scene);
   double last = first_ = scene.frames.front().timestamp.value_or(0);
   for (const Frame& frame : scene.frames) {
@@ -200,18 +203,35 @@ Tensor NeuradModel::image_of(const Tensor& features, const Tensor& shares) const
   return (*image_)(concat({features, broadcast_to(seen, {count, own, rows, columns})}, 1));
 }
 
+/// Of the features, the embedding and a one, since the network has no biases.
+NeuradModel::Returns NeuradModel::returns_of(const Tensor& features, const Tensor& shares) const {
+  const int64_t count = features.dim(0);
+  Tensors all = {features, ones({count, 1})};
+  if (embeddings_) all.insert(all.begin() + 1, matmul(shares, embeddings_));
+  const Tensor out = (*lidar_)(concat(all, 1));
+  return {sigmoid(reshape(slice(out, 1, 0, 1), {count})), reshape(slice(out, 1, 1, 2), {count})};
+}
+
 StreetPainter NeuradModel::painter(const std::function<NeuradScene(const RayList&)>& scene, const Seer& seer) const {
   StreetPainter painter;
   painter.scale = scale();
-  painter.image = [this, shares = embedding_shares({{seer.sensor, seer.time}})](const Tensor& features, const Tensor&) {
-    return image_of(features, shares);
-  };
-  painter.look = [this, scene, angle = seer.angle](const RayList& rays) {
-    const NeuradRays seen = render(scene(rays), rays, full({rays.count()}, angle), {});
-    eval({seen.features, seen.depth, seen.opacity, seen.actor_opacity, seen.alpha});
-    return SeenByRays{seen.features,      {},
-                      seen.depth,         seen.opacity,
-                      seen.actor_opacity, street_owners(seen.alpha, seen.samples).to_host<int32_t>()};
+  const Tensor shares = embedding_shares({{seer.sensor, seer.time}});
+  painter.image = [this, shares](const Tensor& features, const Tensor&) { return image_of(features, shares); };
+  const bool is_lidar = seer.sensor == kLidarName;
+  painter.look = [this, scene, shares, is_lidar, angle = seer.angle](const RayList& rays) {
+    const int64_t count = rays.count();
+    const NeuradRays seen = render(scene(rays), rays, full({count}, angle), {});
+    Tensors all = {seen.features, seen.depth, seen.opacity, seen.actor_opacity, seen.alpha};
+    Returns back;
+    if (is_lidar) {
+      back = returns_of(seen.features, broadcast_to(shares, {count, shares.dim(1)}));
+      back.missing = sigmoid(back.missing);
+      all.insert(all.end(), {back.intensity, back.missing});
+    }
+    eval(all);
+    const std::vector<int32_t> owners = street_owners(seen.alpha, seen.samples).to_host<int32_t>();
+    return SeenByRays{seen.features,      {},     seen.depth,     seen.opacity,
+                      seen.actor_opacity, owners, back.intensity, back.missing};
   };
   return painter;
 }

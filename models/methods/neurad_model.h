@@ -17,6 +17,7 @@ struct NeuradOptions {
   StreetSpaceOptions space;
   StreetSteps steps;
   ImageDecoderOptions image{.width = 32, .side = 7, .blocks = 4, .doublings = 1};
+  int lidar_width = 32;       // of the network that tells a return's intensity and whether there is one
   int appearance = 16;        // numbers of a sensor's embedding; 0: none
   float appearance_rate = 1;  // embeddings a second, between which they are linear
   float flip = 0.25f;         // how often an actor is seen mirrored in training
@@ -69,6 +70,13 @@ class NeuradModel {
   Tensor embedding_shares(const std::vector<std::pair<std::string, double>>& sensors) const;
   /// features [N,F,H,W], shares [N,embeddings] -> RGB at the image's size.
   Tensor image_of(const Tensor& features, const Tensor& shares) const;
+  /// What comes back along a LiDAR's rays.
+  struct Returns {
+    Tensor intensity;  // [R] in [0,1]
+    Tensor missing;    // [R] logits: that nothing does
+  };
+  /// features [R,F], shares [R,embeddings].
+  Returns returns_of(const Tensor& features, const Tensor& shares) const;
   /// sensor, time: whose embedding the picture has; angle: of a ray, solid.
   struct Seer {
     std::string sensor;
@@ -93,6 +101,7 @@ class NeuradModel {
   std::unique_ptr<StreetSpace> space_;
   std::unique_ptr<NeuradField> field_;
   std::unique_ptr<ImageDecoder> image_;
+  std::unique_ptr<SmallMlp> lidar_;
   std::vector<std::string> sensors_;
   double first_ = 0;     // second of the first photo
   int64_t moments_ = 1;  // embeddings a sensor

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/street/missing_rays.h"
+
 namespace cloam {
 namespace {
 
@@ -26,6 +28,7 @@ SweepRays sweep_rays(const Sweep& sweep, const LidarPoints& points, int scene) {
         origin;
     if (way.norm() < kNearest) continue;
     out.depths.push_back(static_cast<float>(way.norm()));
+    out.intensities.push_back(points.intensities[i]);
     if (sweep.velocity) out.rays.times.push_back(time);
     for (int axis = 0; axis < 3; ++axis) {
       out.rays.origins.push_back(static_cast<float>(origin[axis]));
@@ -35,27 +38,50 @@ SweepRays sweep_rays(const Sweep& sweep, const LidarPoints& points, int scene) {
   return out;
 }
 
-SweepRays thinned(const SweepRays& rays, std::size_t most) {
-  const std::size_t stride = std::max<std::size_t>(1, (rays.depths.size() + most - 1) / most);
-  SweepRays out;
-  out.rays.scene = rays.rays.scene;
-  out.rays.time = rays.rays.time;
-  for (std::size_t i = 0; i < rays.depths.size(); i += stride) {
-    out.depths.push_back(rays.depths[i]);
-    if (!rays.rays.times.empty()) out.rays.times.push_back(rays.rays.times[i]);
+WorldRays every(const WorldRays& rays, std::size_t stride) {
+  WorldRays out;
+  out.scene = rays.scene;
+  out.time = rays.time;
+  for (std::size_t i = 0; 3 * i < rays.origins.size(); i += stride) {
+    if (!rays.times.empty()) out.times.push_back(rays.times[i]);
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      out.rays.origins.push_back(rays.rays.origins[3 * i + axis]);
-      out.rays.directions.push_back(rays.rays.directions[3 * i + axis]);
+      out.origins.push_back(rays.origins[3 * i + axis]);
+      out.directions.push_back(rays.directions[3 * i + axis]);
     }
   }
   return out;
 }
 
+namespace {
+
+std::size_t stride_for(std::size_t rays, std::size_t most) {
+  return std::max<std::size_t>(1, (rays + most - 1) / most);
+}
+
+}  // namespace
+
+SweepRays thinned(const SweepRays& rays, std::size_t most) {
+  const std::size_t stride = stride_for(rays.depths.size(), most);
+  SweepRays out{every(rays.rays, stride), {}, {}};
+  for (std::size_t i = 0; i < rays.depths.size(); i += stride) {
+    out.depths.push_back(rays.depths[i]);
+    if (!rays.intensities.empty()) out.intensities.push_back(rays.intensities[i]);
+  }
+  return out;
+}
+
 std::optional<MeasuredSweep> measured_sweep(Street& street, const Scene& scene, const Sweep& sweep, int index) {
-  SweepRays rays = thinned(sweep_rays(sweep, load_sweep(scene, sweep), index), kMaxRays);
-  if (rays.depths.empty()) return {};
-  std::vector<float> depths = street.measure(rays.rays).depths;
-  return MeasuredSweep{std::move(rays), std::move(depths)};
+  const LidarPoints points = load_sweep(scene, sweep);
+  const SweepRays all = sweep_rays(sweep, points, index);
+  if (all.depths.empty()) return {};
+  SweepRays rays = thinned(all, kMaxRays);
+  LidarReturns seen = street.measure(rays.rays);
+  MeasuredSweep out{std::move(rays), std::move(seen.depths), std::move(seen.intensities), std::move(seen.drops), {}};
+  if (out.drops.empty()) return out;
+  const WorldRays missing =
+      every(missing_rays(scene.recording, sweep, points, index), stride_for(all.depths.size(), kMaxRays));
+  if (!missing.origins.empty()) out.missing_drops = street.measure(missing).drops;
+  return out;
 }
 
 }  // namespace cloam

@@ -107,7 +107,7 @@ std::vector<bool> open_cells(const Scene& scene, const StreetSpace& space, const
                              int cell) {
   RayList all;
   const Region region = cells_of(camera, cell);
-  add_cells(all, camera, space.street_from_world() * frame.world_from_camera, frame.timestamp.value_or(0), region,
+  add_cells(all, {camera, space.street_from_world() * frame.world_from_camera, frame.timestamp.value_or(0)}, region,
             cell);
   std::vector<bool> open;
   for (int64_t begin = 0; begin < all.count(); begin += kRaysAsked) {

@@ -17,6 +17,7 @@ using Eigen::Vector3d;
 constexpr double kMargin = 0.2;    // metres: boxes are drawn tightly, and moving things smear
 constexpr double kSurface = 0.05;  // metres: how far an actor's surface may be outside its box
 constexpr double kBeyond = 1e-3;   // metres behind a box where a ray goes on
+constexpr float kMissing = 0.5f;   // how likely a ray is missing that is
 constexpr int kMaxBoxes = 4;       // that one ray goes through before it is given up
 
 struct Span {
@@ -97,11 +98,12 @@ struct Beam {
   std::size_t point = 0;
   SeenFrom from = {};
   Vector3d direction = Vector3d::Zero();
-  double recorded = 0;  // depth
-  bool freed = false;   // it lay on an actor that was edited
-  double start = 0;     // where the ray begins that is asked next
-  double ground = 0;    // where it ends if nothing is found from there; 0: nowhere
-  double depth = 0;     // the answer; 0: nothing
+  double recorded = 0;                  // depth
+  bool freed = false;                   // it lay on an actor that was edited
+  double start = 0;                     // where the ray begins that is asked next
+  double ground = 0;                    // where it ends if nothing is found from there; 0: nowhere
+  double depth = 0;                     // the answer; 0: nothing
+  std::optional<float> intensity = {};  // of the answer, of streets that know it
 };
 
 class SweepEditor {
@@ -182,12 +184,16 @@ class SweepEditor {
       Beam& beam = *beams[i];
       const double depth = returns.depths[i] > 0 ? beam.start + double(returns.depths[i]) : beam.ground;
       const bool is_hit = depth > 0 && edited_.has(returns.actors[i]);
+      const bool is_missing = !returns.drops.empty() && returns.drops[i] > kMissing;
+      if (!returns.intensities.empty()) beam.intensity = returns.intensities[i];
       if (!beam.freed) {
-        beam.depth = is_hit && depth < beam.recorded ? depth : beam.recorded;
+        const bool changes = is_hit && depth < beam.recorded;
+        beam.depth = !changes ? beam.recorded : is_missing ? 0 : depth;
         continue;
       }
       beam.depth = depth;
       const auto ghost = depth > 0 ? old_box_around(beam) : std::nullopt;
+      if (!ghost && is_missing) beam.depth = 0;
       if (!ghost) continue;
       beam.start = ghost->leave + kBeyond;
       // Actors stand on the ground, in which a ray from their box's bottom already is.
@@ -227,7 +233,7 @@ class SweepEditor {
       Eigen::Vector3f at(&points_.positions[3 * i]);
       if (changes) at = (answer->from.origin + answer->depth * answer->direction).cast<float>();
       out.positions.insert(out.positions.end(), at.data(), at.data() + 3);
-      out.intensities.push_back(points_.intensities[i]);
+      out.intensities.push_back(changes && answer->intensity ? *answer->intensity : points_.intensities[i]);
       out.times.push_back(points_.times[i]);
       out.sensors.push_back(points_.sensors[i]);
     }

@@ -29,7 +29,8 @@ struct EditedLog {
 ///     meets no more;
 ///   - rays that meet the new box of an edited actor before their recorded return: where the street has that actor
 ///     there, they end on it.
-/// All other returns stay bit for bit, as do intensities, times and sensors; rays that meet nothing have no return.
+/// Where the street knows them, changed returns have its intensity, and none comes back where more likely none does.
+/// All else stays bit for bit; rays that meet nothing have no return.
 SweepEdit edited_sweep(Street& street, const EditedLog& log, const Sweep& sweep, const LidarPoints& recorded);
 
 }  // namespace cloam

@@ -18,6 +18,8 @@ struct WorldRays {
 struct LidarReturns {
   std::vector<float> depths;  // metres; 0: nothing is hit
   std::vector<int> actors;    // as Picture::actors
+  // Of methods that know them, else empty: 0 to 1, and how likely it is that nothing comes back.
+  std::vector<float> intensities = {}, drops = {};
 };
 
 class Street {

@@ -15,7 +15,7 @@ constexpr int64_t kRaysAtOnce = 4096;  // rays
 
 /// All blocks side by side, on the host.
 struct Everything {
-  std::vector<float> features, light, depth, opacity, actor_opacity;
+  std::vector<float> features, light, depth, opacity, actor_opacity, intensity, drop;
   std::vector<int> actors;
 };
 
@@ -36,6 +36,8 @@ Everything look(
     append(all.depth, seen.depth);
     append(all.opacity, seen.opacity);
     append(all.actor_opacity, seen.actor_opacity);
+    if (seen.intensity) append(all.intensity, seen.intensity);
+    if (seen.drop) append(all.drop, seen.drop);
     for (const int32_t owner : seen.owners) all.actors.push_back(owner + 1);
   }
   for (size_t i = 0; i < all.depth.size(); ++i)
@@ -94,11 +96,12 @@ std::vector<float> pixels_of(const Tensor& image, const Camera& size) {
 
 }  // namespace
 
-Picture street_picture(const StreetPainter& painter, const View& view, const StreetSpace& space) {
+Picture street_picture(const StreetPainter& painter, const View& view, const StreetSpace& space,
+                       const CameraMotion& motion) {
   const Camera& size = view.camera;
   const Region cells = cells_of(size, painter.scale);
   RayList rays;
-  add_cells(rays, size, space.street_from_world() * view.world_from_camera, view.time, cells, painter.scale);
+  add_cells(rays, {size, space.street_from_world() * view.world_from_camera, view.time, motion}, cells, painter.scale);
   const Everything all = look(painter, rays, view.between);
   const auto map = [&](const std::vector<float>& values) { return map_of(values, cells); };
   Picture out{size.width, size.height, {}, {}, {}, {}};
@@ -120,13 +123,13 @@ LidarReturns street_returns(const StreetPainter& painter, const WorldRays& rays,
     if (!rays.times.empty()) list.last_is_at(rays.times[i / 3], 0);
   }
   Everything all = look(painter, list);
-  return {std::move(all.depth), std::move(all.actors)};
+  return {std::move(all.depth), std::move(all.actors), std::move(all.intensity), std::move(all.drop)};
 }
 
 Picture asset_picture(const StreetPainter& painter, const Camera& camera, const Eigen::Matrix4d& box_from_camera) {
   const Region cells = cells_of(camera, painter.scale);
   RayList rays;
-  add_cells(rays, camera, box_from_camera, 0, cells, painter.scale);
+  add_cells(rays, {camera, box_from_camera, 0}, cells, painter.scale);
   const Everything all = look(painter, rays);
   const Tensor image = painter.image(map_of(all.features, cells), Tensor());
   const Tensor covered = resize_bilinear(map_of(all.actor_opacity, cells), image.dim(2), image.dim(3));

@@ -16,6 +16,7 @@ struct SeenByRays {
   Tensor depth, opacity;          // [R] metres along the ray; without the sky
   Tensor actor_opacity;           // [R]
   std::vector<int32_t> owners{};  // [R] place of the actor that gives most light; -1: none
+  Tensor intensity{}, drop{};     // [R] as LidarReturns; empty: not known
 };
 
 /// A method's part: what rays see, and pixels from maps of it. features [1,F,h,w] and light [1,3,h,w] (or empty) give
@@ -26,7 +27,9 @@ struct StreetPainter {
   int scale = 1;  // pixels a ray, along each side
 };
 
-Picture street_picture(const StreetPainter& painter, const View& view, const StreetSpace& space);
+/// motion: of the camera while it exposes the picture.
+Picture street_picture(const StreetPainter& painter, const View& view, const StreetSpace& space,
+                       const CameraMotion& motion = {});
 LidarReturns street_returns(const StreetPainter& painter, const WorldRays& rays, const StreetSpace& space);
 /// On white, the sky left out. box_from_camera: as Street::render_asset.
 Picture asset_picture(const StreetPainter& painter, const Camera& camera, const Eigen::Matrix4d& box_from_camera);

@@ -9,6 +9,7 @@ namespace cloam {
 struct MadeStreet {
   StreetWorld world;
   Track ego;
+  double sway = 0;  // degrees to either side that the car's heading turns from its way and back, once a second
 };
 
 struct Weather {

@@ -16,6 +16,7 @@ struct StreetLogOptions {
   int beams = 32;
   bool night = false;
   double clouds = 0;             // share of the sun's light that comes from all over the sky instead
+  double sway = 0;               // degrees, MadeStreet::sway
   bool rolling_shutter = false;  // pictures take 30 ms and sweeps 100 ms, in which all goes on moving
   bool as_recorded = false;      // with the clock, the second LiDAR and the car's own body of a real log
   bool dead_lidar = false;       // with as_recorded: lidar/poses.json stands still at the first pose

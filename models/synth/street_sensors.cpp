@@ -111,7 +111,8 @@ Matrix4d world_from_ego(const MadeStreet& street, double time) {
   const Course& course = street.world.course;
   const double along = street.ego.along + time * street.ego.speed;
   const Eigen::Vector2d place = course.place(along, street.ego.right);
-  return pose_at({place.x(), place.y(), 0}, course.yaw(along));
+  const double sway = street.sway * kDegree * std::sin(2 * M_PI * time);
+  return pose_at({place.x(), place.y(), 0}, course.yaw(along) + sway);
 }
 
 Matrix4d world_from_camera(const MadeStreet& street, const Mount& mount, double time) {

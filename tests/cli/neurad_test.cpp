@@ -37,12 +37,20 @@ nlohmann::json json_of(const std::vector<std::string>& words) {
 TEST_CASE("neurad: a run is measured, its sweeps and masks are rendered, an actor is a mesh") {
   const std::string run = neurad_street().string();
   const auto measured = json_of({"eval", run, "--json"});
-  for (const char* key : {"psnr", "masked_psnr", "lidar_median_error_m", "lidar_chamfer_m2"}) {
+  for (const char* key : {"psnr", "masked_psnr", "lidar_median_error_m", "lidar_chamfer_m2",
+                          "lidar_median_squared_error_m2", "lidar_intensity_rmse", "baseline_mean_intensity_rmse",
+                          "ray_drop_accuracy", "ray_drop_balanced_accuracy", "baseline_ray_drop_accuracy"}) {
     CAPTURE(key);
     CHECK(measured.at(key).is_number());
   }
   const fs::path out = scratch() / "neurad_sweeps";
   CHECK(json_of({"render", run, "-o", out.string(), "--lidar", "--json"}).at("sweeps") > 0);
+  for (const auto& entry : fs::directory_iterator(out)) {
+    const PlyVertices sweep = read_ply_vertices(entry.path());
+    REQUIRE(sweep.find("drop"));
+    for (const char* name : {"intensity", "drop"})
+      for (const float value : sweep.column(name)) CHECK((value >= 0 && value <= 1));
+  }
   const Scene log = read_scene(small_street());
   const fs::path pictures = scratch() / "neurad_pictures";
   REQUIRE(cloam_with({"render", run, "-o", pictures.string(), "--step", "0", "--masks"}).code == 0);

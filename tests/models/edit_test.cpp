@@ -361,3 +361,41 @@ TEST_CASE("simulate: a beam that nothing sends back any more has no return") {
   REQUIRE(edit.points.size() == 1);
   CHECK(edit.points.intensities[0] == 0.5f);
 }
+
+namespace {
+
+/// A street that knows intensities, and that nothing comes back from the left half of what it is asked.
+struct KnowingStreet final : AnalyticStreet {
+  using AnalyticStreet::AnalyticStreet;
+  LidarReturns measure(const WorldRays& rays) override {
+    LidarReturns returns = AnalyticStreet::measure(rays);
+    for (std::size_t r = 0; r < returns.depths.size(); ++r) {
+      returns.intensities.push_back(0.125f);
+      returns.drops.push_back(rays.directions[3 * r] < 0 ? 0.9f : 0.1f);
+    }
+    return returns;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("simulation: changed returns have the street's intensity, and none comes back where it says so") {
+  Scenes before = street_scenes(), after = before;
+  apply(Shift{{0, 3, 0}}, after, kCar);
+  AnalyticStreet then(before), plain(after);
+  KnowingStreet knowing(after);
+  const Sweep& sweep = before[0].sweeps[1];
+  const LidarPoints recorded = recorded_sweep(then, sweep);
+  const SweepEdit without = edited_sweep(plain, {before[0], after[0]}, sweep, recorded),
+                  with = edited_sweep(knowing, {before[0], after[0]}, sweep, recorded);
+  CHECK(with.changed > 20);
+  CHECK(with.gone > without.gone + 10);
+  std::size_t changed = 0;
+  const Vector3d lidar = sweep.world_from_lidar.topRightCorner<3, 1>();
+  for (std::size_t i = 0; i < with.points.size(); ++i) {
+    if (with.points.intensities[i] != 0.125f) continue;
+    ++changed;
+    CHECK(point(with.points, i).x() >= lidar.x() - 1e-3);
+  }
+  CHECK(changed == with.changed - with.gone);
+}
