@@ -22,7 +22,9 @@ constexpr int kWarmUp = 30;  // steps
 
 void Nerf::configure(Config& c) {
   NerfConfig& o = config_;
-  c.bind("space.kind", o.space, "auto, contract (unbounded scenes) or ndc (photos that all look one way)");
+  c.bind("space.kind", o.space,
+         "auto, contract (unbounded scenes) or ndc (photos that all look one way; auto: where LLFF's depths lie beside "
+         "them)");
   c.bind("space.nearest", o.nearest,
          "ndc: distance of the nearest thing, in units of the poses; 0: as the capture says", {0, 1e7});
   c.bind("field.kind", o.field.kind, "radiance field: hash, frequency or triplane");

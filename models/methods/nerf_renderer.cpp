@@ -24,7 +24,7 @@ constexpr float kNdcDensity = 32.f;
 constexpr float kMinStep = 1e-5f;  // normalised units: a ray takes 100,000 of them
 
 SceneFrame frame_of(const NerfConfig& config, const Scene& scene) {
-  if (config.space == "ndc") return fit_ndc(scene, config.nearest);
+  if (config.space == "ndc" || (config.space == "auto" && fits_ndc(scene))) return fit_ndc(scene, config.nearest);
   SceneFrame frame = fit_scene(scene);
   if (config.space == "auto") return frame;
   if (config.space != "contract")

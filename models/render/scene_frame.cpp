@@ -47,14 +47,22 @@ std::array<Eigen::Vector3d, 4> corners(const Scene& scene, const Frame& f, const
   for (size_t i = 0; i < 4; i++) {
     const Eigen::Vector2d corner(i % 2 == 0 ? 0 : camera.width, i < 2 ? 0 : camera.height);
     seen[i] = turn * f.world_from_camera.topLeftCorner<3, 3>() * direction(camera, corner).normalized();
-    if (!(seen[i].z() > kLeastForward))
-      throw Error(Fault::usage, text("setting space.kind: ndc is for photos that all look one way; ", f.name,
-                                     " looks too far to the side of the others: use contract"));
   }
   return seen;
 }
 
+/// The first that sees what lies too far to the side of the mean camera's axis; none: all look one way.
+const Frame* first_aside(const Scene& scene) {
+  const Eigen::Matrix3d turn = mean_axes(scene);
+  for (const Frame& f : scene.frames)
+    for (const Eigen::Vector3d& way : corners(scene, f, turn))
+      if (!(way.z() > kLeastForward)) return &f;
+  return nullptr;
+}
+
 }  // namespace
+
+bool fits_ndc(const Scene& scene) { return scene.hints.nearest.value_or(0) > 0 && !first_aside(scene); }
 
 SceneFrame fit_ndc(const Scene& scene, double nearest) {
   if (nearest == 0) nearest = scene.hints.nearest.value_or(0);
@@ -62,6 +70,9 @@ SceneFrame fit_ndc(const Scene& scene, double nearest) {
     throw Error(Fault::usage,
                 "setting space.kind: ndc needs to know how far the nearest thing is, which this capture does not say: "
                 "--set space.nearest=DISTANCE, in units of its poses");
+  if (const Frame* aside = first_aside(scene))
+    throw Error(Fault::usage, text("setting space.kind: ndc is for photos that all look one way; ", aside->name,
+                                   " looks too far to the side of the others: use contract"));
   SceneFrame frame;
   frame.ndc = true;
   frame.turn = mean_axes(scene);

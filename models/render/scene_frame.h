@@ -19,6 +19,9 @@ struct SceneFrame {
 /// the cameras' mean distance from it, contracted.
 SceneFrame fit_scene(const Scene& scene);
 
+/// Whether the capture says how far its nearest thing is, and its photos all look one way.
+bool fits_ndc(const Scene& scene);
+
 /// Normalised device coordinates of a forward-facing capture: the axes of the mean camera, the near plane at three
 /// quarters of the distance of the nearest thing (`nearest`, in scene units; 0: what the capture says, or its points),
 /// at least in front of all cameras. Fault::usage for cameras that do not look one way, or where nothing says how far

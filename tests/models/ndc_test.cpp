@@ -107,10 +107,14 @@ TEST_CASE("NDC is refused where it cannot be, with the way out") {
   scene.hints.nearest = {};
   CHECK(holds(error_of([&] { fit_ndc(scene, 0); }, Fault::usage), "--set space.nearest=DISTANCE"));
   CHECK(fit_ndc(scene, 4).scale == doctest::Approx(1 / 3.0));
+  CHECK_FALSE(fits_ndc(scene));
+  scene.hints.nearest = 4;
+  CHECK(fits_ndc(scene));
   scene.frames[3].world_from_camera.block<3, 2>(0, 0) *= -1;
   scene.frames[3].world_from_camera.col(0).swap(scene.frames[3].world_from_camera.col(2));
   scene.frames[3].world_from_camera.col(0) *= -1;
   CHECK(holds(error_of([&] { fit_ndc(scene, 4); }, Fault::usage), "images/103.png looks too far to the side"));
+  CHECK_FALSE(fits_ndc(scene));
   auto method = configured("nerf", {{"space.kind", "round"}});
   CHECK(holds(error_of([&] { method->build({scene}, 1); }, Fault::usage), "want auto, contract or ndc"));
 }
@@ -120,7 +124,7 @@ TEST_CASE("nerf in NDC learns held-out views of a forward-facing capture") {
   const ForwardFacing made;
   Scene scene = read_made(folder.path, made);
   apply_holdout(scene, 8);
-  auto method = configured("nerf", {{"space.kind", "ndc"},
+  auto method = configured("nerf", {{"space.kind", "auto"},
                                     {"field.levels", "6"},
                                     {"field.log2_rows", "13"},
                                     {"field.finest", "128"},
