@@ -28,6 +28,7 @@ Examples:
   cloam edit runs/street --actor 3f2a:shift=2,0,0 -o runs/edited   2 m to its right
   cloam edit runs/street --actor 3f2a:rotate=90,shift=0,-5,0 --actor 1:77:remove -o runs/edited
   cloam edit runs/street --actor 3f2a:replace=0:c4 -o runs/edited  with the appearance of another, of any log
+  cloam edit runs/street --actor 3f2a:replace=runs/other:c4 -o runs/edited     of another run of street-gaussians
   cloam edit runs/street --actor 3f2a:path=drive.csv -o runs/edited
   cloam edit runs/street --actor 3f2a:replace=generated --prior runs/assets --seed 7 -o runs/edited
   cloam render runs/edited -o pictures                             see the result
@@ -36,7 +37,8 @@ Examples:
   shift=X,Y,Z     metres along the actor's own axes: right, forward, up (or shift=X/Y/Z)
   rotate=DEGREES  around its own z axis, counter-clockwise seen from above
   remove          remove it, and its LiDAR points
-  replace=OTHER   give it the appearance and size of another actor ([LOG:]ID), on the same ground
+  replace=OTHER   give it the appearance and size of another actor ([LOG:]ID), on the same ground; RUN:[LOG:]ID is
+                  one of another run, where both are runs of street-gaussians
   replace=generated
                   replace it with a new asset of its class, for the log's time of day, from the diffusion run
                   --prior: of eight samples, the one with the most similar box; generated:7 has the
@@ -100,10 +102,14 @@ int edit_actors(const EditRequest& request, const Common& common) {
   check_has_views(read_record(request.run));
   if (!request.prior.empty()) check_prior(request);
   StoredRun run = read_run(request.run);
-  ActorEdits edits(run, [&] {
-    open_device(common);
-    return prior_named(request.prior.empty() ? kShipped : request.prior);
-  });
+  const auto open = [&] { open_device(common); };
+  ActorEdits edits(
+      run,
+      [&] {
+        open();
+        return prior_named(request.prior.empty() ? kShipped : request.prior);
+      },
+      open);
   for (const std::string& given : request.actors) edits.apply_all(given, request.wish);
   write_edited_run(run, request.out, command_line());
   if (common.json) put_json({{"schema_version", 1}, {"run", request.out}});

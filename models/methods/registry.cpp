@@ -6,6 +6,8 @@
 #include <sstream>
 #include <type_traits>
 
+#include "models/gaussians/adopts_actors.h"
+#include "models/gaussians/exports_actors.h"
 #include "models/io/words.h"
 #include "models/methods/diffusion.h"
 #include "models/methods/genassets.h"
@@ -26,8 +28,9 @@ struct MethodRow {
 
 template <class... Capabilities>
 struct List {};
-using All = List<LearnsFromCaptures, LearnsFromRun, RendersViews, Street, HasSurfaces, Grows, SharesNetworks,
-                 TakesPrior, GeneratesAssets, ShowsAssets, ExportsGaussians, ExportsActors, MixedPrecision>;
+using All =
+    List<LearnsFromCaptures, LearnsFromRun, RendersViews, Street, HasSurfaces, Grows, SharesNetworks, TakesPrior,
+         GeneratesAssets, ShowsAssets, ExportsGaussians, ExportsActors, AdoptsActors, MixedPrecision>;
 
 template <class M, class... Capabilities>
 std::set<std::type_index> capabilities_of(List<Capabilities...>) {

@@ -10,6 +10,7 @@
 #include "models/render/undistort.h"
 #include "models/splat/parameters.h"
 #include "models/splat/sky_map.h"
+#include "models/street/sky_region.h"
 #include "models/street/street_sweeps.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
@@ -146,8 +147,10 @@ void StreetGaussians::add_hints(const Scene& scene, const StreetSpace& space, co
     Hints hints;
     hints.time = frame.timestamp.value_or(0);
     hints.sensor = frame.sensor;
-    hints.kinds =
-        from_host(pixel_kinds(scene, frame, pixels.cameras[camera], space, depths[i]), {photo.height, photo.width});
+    std::vector<uint8_t> kinds = pixel_kinds(scene, frame, pixels.cameras[camera], space, depths[i]);
+    follow_sky(kinds, photo);
+    boxes_.emplace_back(pixels.cameras[camera], frame.world_from_camera, kinds);
+    hints.kinds = from_host(kinds, {photo.height, photo.width});
     if (const auto found = static_cast<int64_t>(depths[i].pixels.size()); found > 0) {
       hints.pixels = from_host(depths[i].pixels, {found});
       hints.depths = from_host(depths[i].depths, {found});
@@ -305,8 +308,13 @@ RowMoves StreetGaussians::grow(const Progress& progress) {
   return moves;
 }
 
+/// Those that photos show only where boxes are go with those that are faint: nothing shows that they are there, and
+/// they would stand in for an actor who stays in one place of the picture.
 RowMoves StreetGaussians::grow_background(const GrowthStatistics& statistics, const Progress& progress) {
   Gaussians all = gaussians_in(params_, common_, kBackgroundPart);
+  const std::vector<bool> hidden = only_in_boxes(all.means, boxes_);
+  for (size_t i = 0; i < all.count(); ++i)
+    if (hidden[i]) all.opacities[i] = kGone;
   const GrowthMoves moves = background_growth_->grow(all, statistics, progress);
   if (all.count() == 0)
     throw Error(Fault::diverged,
@@ -373,6 +381,11 @@ Gaussians StreetGaussians::actor_gaussians(const AssetName& asset) const {
   Gaussians like = common_;
   like.up = Eigen::Vector3d::UnitZ();
   return model_->gaussians_of(model_->place_of(asset), like);
+}
+
+void StreetGaussians::adopt(std::size_t place, const Gaussians& looks) {
+  model_->adopt(place, looks);
+  observed_.restart(count());
 }
 
 Picture StreetGaussians::render(const View& view) { return picture_of(*model_, view); }

@@ -2,6 +2,7 @@
 // rigid actors in the axes of their boxes, drawn together in one pass before a sky.
 #pragma once
 #include "models/batches/image_source.h"
+#include "models/gaussians/adopts_actors.h"
 #include "models/gaussians/exports_actors.h"
 #include "models/methods/street_gaussians_model.h"
 #include "models/splat/observed.h"
@@ -21,6 +22,7 @@ class StreetGaussians final : public Method,
                               public Street,
                               public TakesEdits,
                               public ExportsActors,
+                              public AdoptsActors,
                               public Grows {
  public:
   void configure(Config& config) override;
@@ -42,6 +44,7 @@ class StreetGaussians final : public Method,
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
   Gaussians background_gaussians() const override { return gaussians_in(params_, common_, kBackgroundPart); }
   Gaussians actor_gaussians(const AssetName& asset) const override;
+  void adopt(std::size_t place, const Gaussians& looks) override;
   void take_actors(const Scenes& scenes) override { model_->take_actors(scenes.at(0).actors); }
 
  private:
@@ -74,7 +77,8 @@ class StreetGaussians final : public Method,
   std::unique_ptr<Growth> background_growth_, actors_growth_;
   std::unique_ptr<PhotoSource> photos_;
   std::vector<Hints> hints_;
-  Observed observed_;  // of all gaussians, actors' last
+  std::vector<BoxesInPhoto> boxes_;  // of the photos that train
+  Observed observed_;                // of all gaussians, actors' last
 };
 
 }  // namespace cloam

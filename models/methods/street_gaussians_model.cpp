@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "models/gaussians/values.h"
 #include "models/io/tensors.h"
 #include "models/scene/pose.h"
 #include "models/splat/parameters.h"
@@ -148,6 +149,22 @@ void StreetGaussiansModel::set_owners(std::vector<int32_t> owners) {
   for (const int32_t owner : owners_)
     for (int k = 0; k < 3; ++k) halves.push_back(static_cast<float>(actors_[static_cast<size_t>(owner)].size[k] / 2));
   half_sizes_ = from_host(halves, {count, 3});
+}
+
+void StreetGaussiansModel::adopt(std::size_t actor, const Gaussians& looks) {
+  Gaussians all = has_actors() ? gaussians_in(params_, {}, kActorsPart) : Gaussians();
+  append(all, looks);
+  put_gaussians(params_, all, kActorsPart);
+  const auto count = static_cast<int64_t>(all.count());
+  if (config_.waves > 1) {
+    const Shape shape = waves_shape(count, config_.waves);
+    std::vector<float> waves = params_.contains(kWavesName) ? params_.at(kWavesName).to_host() : std::vector<float>();
+    waves.resize(static_cast<size_t>(numel(shape)));
+    params_[kWavesName] = parameter(waves, shape);
+  }
+  std::vector<int32_t> owners = owners_;
+  owners.resize(all.count(), static_cast<int32_t>(actor));
+  set_owners(std::move(owners));
 }
 
 int64_t StreetGaussiansModel::count(const char* part) const {

@@ -51,6 +51,8 @@ class StreetGaussiansModel {
   /// Of the actors' gaussians: place among actors().
   const std::vector<int32_t>& owners() const { return owners_; }
   void set_owners(std::vector<int32_t> owners);
+  /// More gaussians, of the actor at that place; their base colour is the same at all times.
+  void adopt(std::size_t actor, const Gaussians& looks);
 
   /// Which box each row of the learned corrections is of: by actor, its place and the box's step.
   std::vector<int64_t> corrected_boxes() const;

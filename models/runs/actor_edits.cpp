@@ -6,8 +6,11 @@
 #include <numbers>
 
 #include "models/data/path_file.h"
+#include "models/gaussians/adopts_actors.h"
 #include "models/io/words.h"
+#include "models/latents/shows_assets.h"
 #include "models/runs/actor_names.h"
+#include "models/runs/adopted_actor.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -59,8 +62,8 @@ std::optional<uint64_t> seed_in(const std::string& operand, const std::string& g
 
 }  // namespace
 
-ActorEdits::ActorEdits(StoredRun& run, std::function<std::filesystem::path()> prior)
-    : run_(run), prior_(std::move(prior)), before_(run.scenes), logs_(log_names(run.record)) {}
+ActorEdits::ActorEdits(StoredRun& run, std::function<std::filesystem::path()> prior, std::function<void()> open)
+    : run_(run), prior_(std::move(prior)), open_(std::move(open)), before_(run.scenes), logs_(log_names(run.record)) {}
 
 void ActorEdits::apply_all(const std::string& given, const MakerRequest& wish) {
   // An operand may have colons of its own (a log, a path): the last one before it ends the actor's name.
@@ -86,6 +89,8 @@ ActorEdit ActorEdits::parse(const std::string& operation, const AssetName& actor
   if (name == "remove") return Remove{};
   if (name == "replace" && operand.substr(0, operand.find(':')) == kGenerated)
     return generated(actor, {seed_in(operand, given).value_or(wish.seed), wish.guidance});
+  if (name == "replace")
+    if (const std::filesystem::path folder = run_named_in(operand); !folder.empty()) return adopted(operand, folder);
   if (name == "replace") return replace_by(before_, find_actor(before_, logs_, operand));
   if (name == "path") return Follow{read_path_file(operand)};
   const std::vector<double> v = numbers_of(operand, name == "shift" ? 3 : 1, given);
@@ -94,8 +99,26 @@ ActorEdit ActorEdits::parse(const std::string& operation, const AssetName& actor
 }
 
 Replace ActorEdits::generated(const AssetName& actor, const MakerRequest& wish) {
+  if (!has<ShowsAssets>(run_.record.method))
+    throw Error(
+        Fault::usage,
+        text("replace=", kGenerated, " is for runs of genassets, whose actors are codes; ", run_.folder.string(),
+             " is a run of ", run_.record.method, "\n  fix: replace=ID gives the looks of another of its actors",
+             has<AdoptsActors>(run_.record.method) ? ", replace=RUN:ID those of another run's" : ""));
   if (!maker_) maker_.emplace(prior_(), run_);
   return maker_->make(run_, actor, wish);
+}
+
+Replace ActorEdits::adopted(const std::string& operand, const std::filesystem::path& folder) {
+  const auto known = adopted_.find(operand);
+  if (known != adopted_.end()) return known->second;
+  if (!open_)
+    throw Error(Fault::usage, text("replace=", operand, ": actors of other runs come by cloam edit ",
+                                   quoted(run_.folder.string()), " --actor ID:replace=", quoted(operand), " -o RUN2"));
+  open_();
+  const StoredRun other = read_run(folder);
+  const AssetName name = find_actor(other.scenes, log_names(other.record), operand.substr(folder.string().size() + 1));
+  return adopted_[operand] = adopt_actor(run_, other, name);
 }
 
 }  // namespace cloam

@@ -39,9 +39,13 @@ void write_edited_run(const StoredRun& edited, const fs::path& to, const std::st
   RunRecord record = edited.record;
   const RunPaths paths{to};
   const FolderLock lock(to);
-  const std::string name = edited.checkpoint.path.filename().string();
-  link_or_copy(edited.checkpoint.path, paths.checkpoints() / name);
-  commit_text(paths.checkpoints() / "latest.txt", name + "\n");
+  if (edited.checkpoint.path.empty()) {
+    save_checkpoint(paths.checkpoints(), edited.checkpoint.step, edited.checkpoint.file);
+  } else {
+    const std::string name = edited.checkpoint.path.filename().string();
+    link_or_copy(edited.checkpoint.path, paths.checkpoints() / name);
+    commit_text(paths.checkpoints() / "latest.txt", name + "\n");
+  }
   if (fs::exists(RunPaths{from}.config())) link_or_copy(RunPaths{from}.config(), paths.config());
   if (!edited.generated.assets.empty()) write_new_assets(paths.generated(), edited.generated);
   write_scenes(paths.scene(), edited.scenes);

@@ -16,9 +16,9 @@ namespace cloam {
 struct StoredRun {
   std::filesystem::path folder;
   RunRecord record;
-  Scenes scenes;  // the geometry that the model was fitted to; no images
-  LoadedCheckpoint checkpoint;
-  NewAssets generated;  // of an edited run: assets that actors wear as added_asset(scenes.size(), place)
+  Scenes scenes;                // the geometry that the model was fitted to; no images
+  LoadedCheckpoint checkpoint;  // without a path: changed since it was read
+  NewAssets generated;          // of an edited run: assets that actors wear as added_asset(scenes.size(), place)
 };
 
 /// Reads the record, the geometry, the newest whole checkpoint and generated assets.

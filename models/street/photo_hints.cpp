@@ -8,6 +8,7 @@
 #include <map>
 
 #include "models/data/actor_masks.h"
+#include "models/io/in_parallel.h"
 #include "models/scene/actor_space.h"
 #include "models/street/street_boxes.h"
 #include "runtime/ops.h"
@@ -177,6 +178,45 @@ std::vector<uint8_t> pixel_kinds(const Scene& scene, const Frame& frame, const C
   for (uint8_t& kind : kinds)
     if (kind & (kMatterPixel | kActorPixel)) kind &= static_cast<uint8_t>(~kSkyPixel);
   return kinds;
+}
+
+BoxesInPhoto::BoxesInPhoto(const Camera& camera, const Matrix4d& world_from_camera, const std::vector<uint8_t>& kinds)
+    : camera_(camera),
+      camera_from_world_(world_from_camera.inverse()),
+      cell_(cell_of(camera)),
+      columns_((camera.width + cell_ - 1) / cell_) {
+  for (int y = 0; y < camera.height; y += cell_)
+    for (int x = 0; x < camera.width; x += cell_)
+      there_.push_back(
+          (kinds[static_cast<std::size_t>(y) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(x)] &
+           kActorPixel) != 0);
+}
+
+std::optional<bool> BoxesInPhoto::covers(const Vector3d& point) const {
+  const Vector3d at = move(camera_from_world_, point);
+  if (at.z() < kLeast) return std::nullopt;
+  const Eigen::Vector2d pixel = project(camera_, at);
+  if (pixel.x() < 0 || pixel.y() < 0 || pixel.x() >= camera_.width || pixel.y() >= camera_.height) return std::nullopt;
+  const int column = static_cast<int>(pixel.x()) / cell_, row = static_cast<int>(pixel.y()) / cell_;
+  return there_[static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) + static_cast<std::size_t>(column)];
+}
+
+std::vector<bool> only_in_boxes(const std::vector<float>& points, const std::vector<BoxesInPhoto>& photos) {
+  constexpr std::size_t kAtOnce = 1024;
+  const std::size_t count = points.size() / 3;
+  std::vector<uint8_t> found(count, 0);
+  in_parallel((count + kAtOnce - 1) / kAtOnce, [&](std::size_t part) {
+    for (std::size_t i = part * kAtOnce; i < std::min(count, (part + 1) * kAtOnce); ++i) {
+      const Vector3d point = Eigen::Map<const Eigen::Vector3f>(&points[3 * i]).cast<double>();
+      for (const BoxesInPhoto& photo : photos) {
+        const std::optional<bool> covered = photo.covers(point);
+        if (!covered) continue;
+        found[i] = *covered;
+        if (!*covered) break;
+      }
+    }
+  });
+  return {found.begin(), found.end()};
 }
 
 }  // namespace cloam

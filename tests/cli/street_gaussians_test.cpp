@@ -144,3 +144,68 @@ TEST_CASE("street-gaussians: export writes the background and every actor in its
   REQUIRE_MESSAGE(single.code == 0, single.err);
   CHECK(read_gaussians(file).gaussians.count() == json.at("actors").at(0).at("gaussians").get<std::size_t>());
 }
+
+TEST_CASE("street-gaussians: an actor takes the looks of an actor of another run, which may be gone afterwards") {
+  const fs::path other = scratch() / "gaussian_other";
+  const auto training = std::ranges::find_if(
+      small_trainings(), [](const SmallTraining& one) { return one.method == std::string("street-gaussians"); });
+  const Outcome trained = cloam_with(
+      training->words(other, {"--steps", "4", "--seed", "7", "--set", "initial.fewest=90", "--set", "actors.waves=2"}));
+  REQUIRE_MESSAGE(trained.code == 0, trained.err);
+  const Scene log = read_scene(small_street());
+  const Frame& frame = log.frames.front();
+  const Actor& wearer = largest_in(log, frame);
+  const Actor& worn = *std::ranges::find_if(log.actors, [&](const Actor& a) { return a.id != wearer.id; });
+  const auto exported = [&](const fs::path& run, const std::string& actor, const char* name) {
+    const fs::path file = scratch() / name;
+    const Outcome outcome = cloam_with({"export", run.string(), "--actor", actor, "-o", file.string()});
+    REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+    return read_gaussians(file).gaussians;
+  };
+  const Gaussians looks = exported(other, worn.id, "gaussian_worn.ply");
+  const fs::path edited = scratch() / "gaussian_exchanged";
+  const Outcome edit = cloam_with({"edit", gaussian_street().string(), "--actor",
+                                   wearer.id + ":replace=" + other.string() + ":" + worn.id, "-o", edited.string()});
+  REQUIRE_MESSAGE(edit.code == 0, edit.err);
+  fs::remove_all(other);
+  const Gaussians taken = exported(edited, worn.id + "-2", "gaussian_taken.ply");
+  CHECK(taken.means == looks.means);
+  CHECK(taken.sh_first == looks.sh_first);
+  CHECK(taken.opacities == looks.opacities);
+  CHECK(exported(edited, worn.id, "gaussian_own.ply").means ==
+        exported(gaussian_street(), worn.id, "gaussian_own_before.ply").means);
+  const auto picture_of = [&](const fs::path& run) {
+    const fs::path out = scratch() / ("exchange_of_" + run.filename().string());
+    const Outcome rendered = cloam_with({"render", run.string(), "-o", out.string(), "--step", "0"});
+    REQUIRE_MESSAGE(rendered.code == 0, rendered.err);
+    for (const auto& entry : fs::directory_iterator(out))
+      if (entry.path().extension() == ".png") return read_image(entry.path());
+    FAIL("no picture");
+    return Image();
+  };
+  const Image before = picture_of(gaussian_street()), after = picture_of(edited);
+  const std::vector<int> around = box_pixels(log, wearer, frame, 3);
+  const std::size_t channels = before.pixels.size() / around.size();
+  std::size_t changed = 0, beside = 0;
+  for (std::size_t at = 0; at < before.pixels.size(); ++at)
+    (around[at / channels] ? changed : beside) += before.pixels[at] != after.pixels[at];
+  CHECK(changed > 30);
+  CHECK(beside == 0);
+  const Outcome listed = cloam_with({"edit", edited.string(), "--list", "--json"});
+  CHECK_MESSAGE(listed.code == 0, listed.err);
+}
+
+TEST_CASE("street-gaussians: looks that it cannot take are refused with what it can") {
+  const std::string id = read_scene(small_street()).actors.front().id;
+  const fs::path never = scratch() / "gaussian_never";
+  const auto refused = [&](const fs::path& run, const std::string& operation, const std::string& says) {
+    const Outcome outcome = cloam_with({"edit", run.string(), "--actor", id + ":" + operation, "-o", never.string()});
+    CHECK(outcome.code == 2);
+    CHECK_MESSAGE(contains(outcome.err, says), outcome.err);
+    CHECK_FALSE(fs::exists(never));
+  };
+  const std::string street = gaussian_street().string();
+  refused(street, "replace=generated", "replace=RUN:ID");
+  refused(street, "replace=" + street + ":nobody", "nobody");
+  refused(small_street_run(), "replace=" + street + ":" + id, "is a run of genassets");
+}
