@@ -58,8 +58,8 @@ struct Blended {
   Tensor transmittance;  // [H,W]: what of the background is seen
 };
 /// 3D Gaussian Splatting's blending (Kerbl et al. 2023). Any number of times differentiable in the splats; the
-/// gradients are the same bits each time. Up to five channels a pass. The composed form is its reference: 256 numbers a pair
-/// in memory, and nothing for the probe, whose gradient is that of no function.
+/// gradients are the same bits each time. Up to five channels a pass. The composed form is its reference: 256 numbers a
+/// pair in memory, and nothing for the probe, whose gradient is that of no function.
 Blended splat_blend(const Splats& splats, const SplatTiles& tiles);
 Blended splat_blend_composed(const Splats& splats, const SplatTiles& tiles);
 
