@@ -101,7 +101,8 @@ TEST_CASE("two ranks are two shares on one, byte for byte, in every method") {
     const fs::path one = scratch() / (std::string(small.method) + "_shares"),
                    two = scratch() / (std::string(small.method) + "_ranks");
     Words how = {"--steps", "6", "--save-every", "3"};
-    if (small.method == std::string("genassets")) how.insert(how.end(), {"--set", "batch.patches=2"});
+    if (small.method == std::string("genassets") || small.method == std::string("neurad"))
+      how.insert(how.end(), {"--set", "batch.patches=2"});
     Words alone = how;
     alone.insert(alone.end(), {"--gradient-accumulation", "2"});
     const Outcome shares = cloam_with(small.words(one, alone));
