@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "models/io/host_random.h"
+#include "models/street/least_errors.h"
 #include "runtime/ops.h"
 
 namespace cloam {
@@ -29,8 +30,7 @@ Tensor lidar_loss(const Tensor& depth, const Tensor& ranges, bool linear) {
                error = linear ? where(metres < 1.f, square(metres), 2.f * metres - 1.f) : square(metres);
   const int64_t count = error.dim(0),
                 kept = std::max<int64_t>(1, static_cast<int64_t>((1 - kWorst) * static_cast<double>(count)));
-  const Tensor limit = slice(sort(stop_gradient(error)).keys, 0, kept - 1, kept);
-  return sum(where(error <= limit, error, 0.f)) * (1.f / static_cast<float>(kept));
+  return mean_of_least(error, kept);
 }
 
 /// For the progress line: metres, of which more than one counts as one.

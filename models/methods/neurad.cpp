@@ -6,6 +6,7 @@
 
 #include "models/io/host_random.h"
 #include "models/io/in_parallel.h"
+#include "models/street/least_errors.h"
 #include "models/street/street_sweeps.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -230,9 +231,8 @@ Tensor Neurad::lidar_loss(const Batch& batch, const NeuradRays& seen, Tensor& me
   const Tensor ranges = from_host(std::vector<float>(all.begin() + begin, all.begin() + end), {count});
   const Tensor error = abs(slice(seen.depth, 0, begin, end) - ranges);
   const int64_t kept = std::max<int64_t>(1, std::llround(kKeptReturns * static_cast<double>(count)));
-  const Tensor limit = slice(sort(stop_gradient(error)).keys, 0, kept - 1, kept);
   metres = mean(minimum(stop_gradient(error), 1.f));
-  return sum(where(error <= limit, error, 0.f)) * (config_.weight_lidar / static_cast<float>(kept)) +
+  return mean_of_least(error, kept) * config_.weight_lidar +
          mean(slice(seen.line_of_sight, 0, begin, end)) * config_.weight_line_of_sight;
 }
 

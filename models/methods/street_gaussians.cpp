@@ -10,6 +10,7 @@
 #include "models/render/undistort.h"
 #include "models/splat/parameters.h"
 #include "models/splat/sky_map.h"
+#include "models/street/least_errors.h"
 #include "models/street/sky_region.h"
 #include "models/street/street_sweeps.h"
 #include "runtime/device.h"
@@ -271,7 +272,7 @@ Tensor StreetGaussians::lidar_term(const Seen& seen) const {
   const Tensor opacity = maximum(1.f - at_returns(seen.drawn.transmittance), 1e-2f);
   const Tensor error = abs(at_returns(slice(seen.drawn.planes, 0, 3, 4)) / opacity - seen.hints.depths);
   const int64_t all = error.dim(0), kept = std::max<int64_t>(1, std::llround(kKeptReturns * static_cast<double>(all)));
-  return mean(gather_rows(error, slice(sort(stop_gradient(error)).order, 0, 0, kept)));
+  return mean_of_least(error, kept);
 }
 
 /// Where boxes are, a pixel shows an actor or it does not (entropy); elsewhere it shows none (Yan et al. 2024, L_reg).
