@@ -160,24 +160,10 @@ TEST_CASE("genassets: equal seeds give equal bytes, and a checkpoint of any step
 TEST_CASE("genassets: what a LiDAR would measure") {
   const Folder folder;
   Scene scene = toy_street(folder.path);
-  scene.actors = {toy_actor("far", {2, 2, 2}, 20, 8), toy_actor("near", {2, 4, 3}, 12, 0)};
+  scene.actors = toy_targets();
   const auto method = loaded(scene, {{"space.voxel", "0.25"}, {"space.dilate", "0"}, {"steps.background", "0.1"}});
   fill(*method);
-  const std::vector<Vector3d> ways = {{1, 0, 0}, {1, -0.4, 0.05}, {0.2, 0, 1}, {20, 8, -0.5}};
-  WorldRays rays;
-  rays.time = 0.2;
-  for (const Vector3d& way : ways)
-    for (int k = 0; k < 3; ++k) {
-      rays.origins.push_back(k == 2 ? 1.5f : 0.f);
-      rays.directions.push_back(static_cast<float>(way.normalized()[k]));
-    }
-  const LidarReturns returns = as<Street>(*method)->measure(rays);
-  CHECK(returns.actors == std::vector<int>{2, 0, 0, 1});
-  REQUIRE(returns.depths.size() == 4);
-  CHECK(double{returns.depths[0]} == doctest::Approx(11 - 0.125).epsilon(0.01));
-  const double wall = kToyWall * ways[1].norm();
-  CHECK(std::abs(double{returns.depths[1]} - wall) < 0.4);  // a voxel and a step
-  CHECK(returns.depths[2] == 0);                            // the sky
+  check_toy_returns(*method);
 }
 
 // Adam's momentum moves whatever it steps: rows that a step's log does not own must not be stepped (spec: lazy Adam).

@@ -1,6 +1,8 @@
 // A street small enough to train on within a test: a wall 30 m ahead of cameras that look along x, and what drives
 // between. Photos are made up; LiDAR returns come from the wall alone.
 #pragma once
+#include <doctest/doctest.h>
+
 #include <Eigen/Dense>
 #include <filesystem>
 #include <fstream>
@@ -10,6 +12,9 @@
 #include "models/data/load_images.h"
 #include "models/data/load_sweep.h"
 #include "models/scene/scene.h"
+#include "models/street/street.h"
+#include "models/train/capability.h"
+#include "models/train/method.h"
 #include "tests/models/folder.h"
 
 namespace cloam {
@@ -86,6 +91,31 @@ inline Pixels toy_pixels(const Scene& scene) {
     pixels.frames.push_back(photo);
   }
   return pixels;
+}
+
+/// The actors whose returns check_toy_returns() wants.
+inline std::vector<Actor> toy_targets() {
+  return {toy_actor("far", {2, 2, 2}, 20, 8), toy_actor("near", {2, 4, 3}, 12, 0)};
+}
+
+/// Rays from the LiDAR's place to the nearer target, to the wall, to the sky and to the farther target, in a street
+/// that is solid in its boxes and occupied voxels.
+inline void check_toy_returns(Method& method) {
+  const std::vector<Eigen::Vector3d> ways = {{1, 0, 0}, {1, -0.4, 0.05}, {0.2, 0, 1}, {20, 8, -0.5}};
+  WorldRays rays;
+  rays.time = 0.2;
+  for (const Eigen::Vector3d& way : ways)
+    for (int k = 0; k < 3; ++k) {
+      rays.origins.push_back(k == 2 ? 1.5f : 0.f);
+      rays.directions.push_back(static_cast<float>(way.normalized()[k]));
+    }
+  const LidarReturns returns = as<Street>(method)->measure(rays);
+  CHECK(returns.actors == std::vector<int>{2, 0, 0, 1});
+  REQUIRE(returns.depths.size() == 4);
+  CHECK(double{returns.depths[0]} == doctest::Approx(11 - 0.125).epsilon(0.01));
+  const double wall = kToyWall * ways[1].norm();
+  CHECK(std::abs(double{returns.depths[1]} - wall) < 0.4);  // a voxel and a step
+  CHECK(returns.depths[2] == 0);                            // the sky
 }
 
 }  // namespace cloam
