@@ -8,13 +8,9 @@
 #include "cli/render_views.h"
 #include "cli/stop_signal.h"
 #include "cli/terminal_picture.h"
+#include "models/eval/ellipsoid_views.h"
 #include "models/eval/geometry_pictures.h"
 #include "models/eval/pictures.h"
-#include "models/gaussians/ellipsoids.h"
-#include "models/gaussians/exports_actors.h"
-#include "models/gaussians/exports_gaussians.h"
-#include "models/gaussians/turn.h"
-#include "models/gaussians/values.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
 #include "models/io/ply.h"
@@ -72,30 +68,6 @@ std::string film_name(const std::vector<NamedView>& views, const RenderRequest& 
   return kCameraFileViews;
 }
 
-/// What a run of Gaussians shows at a view's time: all of them, in the world of its scene.
-Gaussians gaussians_at(const RestoredRun& run, const View& view) {
-  if (const auto* exports = as<ExportsGaussians>(*run.method)) return exports->gaussians();
-  const auto& street = *as<ExportsActors>(*run.method);
-  Gaussians all = street.background_gaussians();
-  for (const Actor& actor : run.scenes[static_cast<std::size_t>(view.scene)].actors) {
-    const auto world_from_box = world_from_box_at(actor, view.time);
-    if (!world_from_box) continue;
-    Gaussians placed = street.actor_gaussians(actor.asset.value_or(AssetName{view.scene, actor.id}));
-    transform(placed, {world_from_box->block<3, 3>(0, 0), 1, world_from_box->block<3, 1>(0, 3)});
-    append(all, placed);
-  }
-  return all;
-}
-
-/// Faint ones would hide what is behind them as well as solid ones do.
-constexpr double kSolid = 0.2;  // opacity
-
-Picture seen_ellipsoids(const RestoredRun& run, const View& view) {
-  const auto* exports = as<ExportsGaussians>(*run.method);
-  const GaussianDrawing drawing = exports ? exports->drawing() : GaussianDrawing();
-  return ellipsoid_picture(gaussians_at(run, view), view, {1, kSolid, drawing.near, drawing.white ? 1.0 : 0.0});
-}
-
 Image drawn(const Picture& picture, const View& view, const std::string& what) {
   if (what == "depth") return depth_picture(picture);
   if (what == "normals") return normal_picture(picture, view.camera);
@@ -105,7 +77,7 @@ Image drawn(const Picture& picture, const View& view, const std::string& what) {
 
 void render_view(const RestoredRun& run, const NamedView& view, const RenderRequest& request) {
   const Picture picture =
-      request.draw == kEllipsoids ? seen_ellipsoids(run, view.view) : as<RendersViews>(*run.method)->render(view.view);
+      request.draw == kEllipsoids ? ellipsoids_seen(run, view.view) : as<RendersViews>(*run.method)->render(view.view);
   const fs::path folder = request.out;
   write_png(folder / (view.name + ".png"), drawn(picture, view.view, request.draw));
   if (request.exr) write_picture_exr(folder / (view.name + ".exr"), picture);
@@ -129,19 +101,22 @@ void render_all(const RestoredRun& run, const std::vector<NamedView>& views, con
 /// The sweep that the model would return along the recorded rays.
 void render_sweep(Street& street, const SweepRays& sweep, const fs::path& path) {
   const LidarReturns seen = street.measure(sweep.rays);
-  std::vector<PlyColumn> columns = {{"x", {}}, {"y", {}}, {"z", {}}, {"actor", {}}, {"intensity", {}}, {"drop", {}}};
+  std::vector<PlyColumn> columns = {{"x", {}}, {"y", {}}, {"z", {}}, {"actor", {}}};
   for (std::size_t i = 0; i < seen.depths.size(); ++i) {
     if (seen.depths[i] <= 0) continue;
     for (std::size_t axis = 0; axis < 3; ++axis)
       columns[axis].values.push_back(sweep.rays.origins[3 * i + axis] +
                                      seen.depths[i] * sweep.rays.directions[3 * i + axis]);
     columns[3].values.push_back(static_cast<float>(seen.actors[i]));
-    if (!seen.intensities.empty()) columns[4].values.push_back(seen.intensities[i]);
-    if (!seen.drops.empty()) columns[5].values.push_back(seen.drops[i]);
   }
-  std::erase_if(columns, [&](const PlyColumn& column) {
-    return (column.name == "intensity" && seen.intensities.empty()) || (column.name == "drop" && seen.drops.empty());
-  });
+  const auto add = [&](const char* name, const std::vector<float>& of_rays) {
+    if (of_rays.empty()) return;  // the method does not know them
+    columns.push_back({name, {}});
+    for (std::size_t i = 0; i < of_rays.size(); ++i)
+      if (seen.depths[i] > 0) columns.back().values.push_back(of_rays[i]);
+  };
+  add("intensity", seen.intensities);
+  add("drop", seen.drops);
   write_ply_vertices(path, columns);
 }
 
@@ -272,7 +247,7 @@ int run_render(const RenderRequest& request, const Common& common) {
   if ((request.masks || request.lidar) && !as<Street>(*run.method))
     throw Error(Fault::usage,
                 text("--masks and --lidar need a method with actors and LiDAR; the run's is ", run.record.method));
-  if (request.draw == kEllipsoids && !as<ExportsGaussians>(*run.method) && !as<ExportsActors>(*run.method))
+  if (request.draw == kEllipsoids && !has_ellipsoids(run))
     throw Error(Fault::usage,
                 text("--draw ellipsoids shows the Gaussians of a run of splat or street-gaussians; the run's "
                      "method is ",
