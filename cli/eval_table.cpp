@@ -69,12 +69,12 @@ std::string outline_row(const std::vector<ImageScore>& images) {
                      mean_score(images, &ImageScore::box_overlap));
 }
 
-/// Of streets that know intensities and missing rays.
+/// Of methods that know intensities and ray drop.
 std::string lidar_rows(const LidarScores& lidar) {
   if (lidar.drops.empty()) return "";
   return fmt::format(
-      "intensity of LiDAR returns, RMSE: {:.3f}; of their mean {:.3f}\n"
-      "missing rays told from returns: {:.1f} % right, of both kinds alike {:.1f} %; all as most are {:.1f} %, 50 %\n",
+      "LiDAR intensity, RMSE: {:.3f}; of the mean intensity {:.3f}\n"
+      "ray drop: {:.1f} % right, balanced {:.1f} %; guessing the more frequent kind {:.1f} %, 50 %\n",
       lidar.intensity_rmse(), lidar.mean_intensity_rmse(), 100 * lidar.drop_accuracy(),
       100 * lidar.balanced_drop_accuracy(), 100 * lidar.usual_drop_share());
 }

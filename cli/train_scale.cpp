@@ -117,7 +117,8 @@ void tell_scale(TrainJob& job, const ScaleQuestion& question, const Common& comm
   const int64_t left = std::max<int64_t>(0, progress.horizon - progress.step);
   progress.seed = job.record.seed;
   Steps one(job, 1), each(job, ranks);
-  say(common, text("scale  takes steps to measure them, for ", kUnmeasured.seconds + kMeasured.seconds, " s at most"));
+  say(common, text("scale  measures steps: ", kUnmeasured.seconds + kMeasured.seconds, " s at most, or ", 2 * kLeast,
+                   " of each where steps are slow"));
   take_in_turn(one, each, optimiser, progress, kUnmeasured);
   take_in_turn(one, each, optimiser, progress, kMeasured);
   // What a rank sends and what it receives go over its link at the same time.

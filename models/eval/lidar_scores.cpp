@@ -27,6 +27,19 @@ double above_half(const std::vector<double>& values) {
   return static_cast<double>(std::count_if(values.begin(), values.end(), [](double value) { return value > 0.5; }));
 }
 
+/// Rays of either kind, and those of them that are told rightly.
+struct DropCounts {
+  double returned, missing, told, told_missing;
+};
+
+/// NaN without rays of both kinds.
+DropCounts drop_counts(const LidarScores& of) {
+  const auto returned = static_cast<double>(of.drops.size()), missing = static_cast<double>(of.missing_drops.size());
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  if (of.drops.empty() || of.missing_drops.empty()) return {kNone, kNone, kNone, kNone};
+  return {returned, missing, returned - above_half(of.drops), above_half(of.missing_drops)};
+}
+
 /// x y z of each ray's end, of those that have one.
 std::vector<float> ends_of(const WorldRays& rays, const std::vector<float>& depths) {
   std::vector<float> points;
@@ -98,21 +111,18 @@ double LidarScores::mean_intensity_rmse() const {
 }
 
 double LidarScores::drop_accuracy() const {
-  if (drops.empty() || missing_drops.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto returned = static_cast<double>(drops.size()), missing = static_cast<double>(missing_drops.size());
-  return (returned - above_half(drops) + above_half(missing_drops)) / (returned + missing);
+  const auto [returned, missing, told, told_missing] = drop_counts(*this);
+  return (told + told_missing) / (returned + missing);
 }
 
 double LidarScores::balanced_drop_accuracy() const {
-  if (drops.empty() || missing_drops.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto returned = static_cast<double>(drops.size()), missing = static_cast<double>(missing_drops.size());
-  return 0.5 * (1 - above_half(drops) / returned + above_half(missing_drops) / missing);
+  const auto [returned, missing, told, told_missing] = drop_counts(*this);
+  return 0.5 * (told / returned + told_missing / missing);
 }
 
 double LidarScores::usual_drop_share() const {
-  if (drops.empty() || missing_drops.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto returned = static_cast<double>(drops.size()), missing = static_cast<double>(missing_drops.size());
-  return std::max(returned, missing) / (returned + missing);
+  const DropCounts counts = drop_counts(*this);
+  return std::max(counts.returned, counts.missing) / (counts.returned + counts.missing);
 }
 
 void LidarScores::add(const LidarScores& more) {

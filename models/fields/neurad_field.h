@@ -1,5 +1,5 @@
-// NeuRAD's field (Tonderski et al. 2024): hash grids for the background and for all actors, told by what a sample is
-// wide, and one small network for both.
+// NeuRAD's field (Tonderski et al. 2024): hash grids for the background and for all actors, whose levels are
+// downweighted by how wide a sample is, and one small network for both.
 #pragma once
 #include "models/fields/street_field.h"
 #include "runtime/ops/fields.h"
