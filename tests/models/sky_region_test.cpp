@@ -29,7 +29,7 @@ FramePixels photo_of(const std::function<int(int, int)>& grey) {
 }  // namespace
 
 TEST_CASE("the sky is followed to where the photo has an edge, and what does not look like it is not of it") {
-  const auto is_house = [](int x, int y) { return x >= 5 && x < 10 && y >= 6 && y < 15; };
+  const auto is_house = [](int x, int y) { return x >= 5 && x < 10 && y >= 2 && y < 12; };
   const FramePixels photo = photo_of([&](int x, int y) {
     return y >= 15 ? 90 : is_house(x, y) ? 150 : 200 + y + (x + y) % 2;
   });
