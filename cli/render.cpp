@@ -11,6 +11,7 @@
 #include "models/eval/ellipsoid_views.h"
 #include "models/eval/geometry_pictures.h"
 #include "models/eval/pictures.h"
+#include "models/eval/sample_pictures.h"
 #include "models/io/commit.h"
 #include "models/io/gif.h"
 #include "models/io/ply.h"
@@ -20,13 +21,14 @@
 #include "models/runs/shared_work.h"
 #include "models/street/lidar_rays.h"
 #include "models/train/renders_views.h"
+#include "models/train/shows_samples.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
 constexpr int kFilmRate = 20;
-constexpr char kEllipsoids[] = "ellipsoids";
+constexpr char kEllipsoids[] = "ellipsoids", kSamples[] = "samples";
 constexpr char kRenderExamples[] = R"(Render views of a trained scene.
 
 Examples:
@@ -34,7 +36,7 @@ Examples:
   cloam render runs/fox -o orbit --path orbit --frames 60    a turntable, with a GIF and an MP4
   cloam render runs/fox -o walk --path interpolated --frames 200    through the cameras, likewise
   cloam render runs/fox -o all --split all --exr             colour, depth and opacity as EXR layers
-  cloam render runs/fox -o depths --draw depth               or normals, opacity, ellipsoids
+  cloam render runs/fox -o depths --draw depth               or normals, opacity, ellipsoids, samples
   cloam render runs/fox -o one --camera cam.json
   cloam render runs/street -o wide --log 003 --time +0.75 --camera-name left_camera --size 1280x720
   cloam render runs/street -o sweeps --lidar --split all)";
@@ -76,9 +78,15 @@ Image drawn(const Picture& picture, const View& view, const std::string& what) {
 }
 
 void render_view(const RestoredRun& run, const NamedView& view, const RenderRequest& request) {
+  const fs::path folder = request.out;
+  if (request.draw == kSamples) {
+    const Camera& camera = view.view.camera;
+    const auto samples = as<ShowsSamples>(*run.method)->samples(view.view, camera.height / 2);
+    write_png(folder / (view.name + ".png"), sample_picture(samples, camera.width, camera.height));
+    return;
+  }
   const Picture picture =
       request.draw == kEllipsoids ? ellipsoids_seen(run, view.view) : as<RendersViews>(*run.method)->render(view.view);
-  const fs::path folder = request.out;
   write_png(folder / (view.name + ".png"), drawn(picture, view.view, request.draw));
   if (request.exr) write_picture_exr(folder / (view.name + ".exr"), picture);
   if (request.masks) write_mask(folder / (view.name + "_actor.png"), picture);
@@ -238,6 +246,8 @@ void check_request(const RenderRequest& request) {
     throw Error(Fault::usage, "--lidar renders recorded sweeps: choose them with --split, --step and --log");
   if (request.draw == kEllipsoids && request.masks)
     throw Error(Fault::usage, "--masks are of the rendered picture: leave out --draw ellipsoids");
+  if (request.draw == kSamples && (request.masks || request.exr))
+    throw Error(Fault::usage, "--masks and --exr are of the rendered picture: leave out --draw samples");
 }
 
 int run_render(const RenderRequest& request, const Common& common) {
@@ -252,6 +262,9 @@ int run_render(const RenderRequest& request, const Common& common) {
                 text("--draw ellipsoids shows the Gaussians of a run of splat or street-gaussians; the run's "
                      "method is ",
                      run.record.method));
+  if (request.draw == kSamples && !as<ShowsSamples>(*run.method))
+    throw Error(Fault::usage, text("--draw samples shows where a run of nerf samples its rays; the run's method is ",
+                                   run.record.method));
   if (request.lidar) return render_lidar_alone(run, request, common);
   const std::vector<NamedView> views = views_of(run, request);
   if (views.empty()) throw Error(Fault::data, "no view to render in the split " + request.split);
@@ -283,8 +296,8 @@ Command add_render(CLI::App& program) {
             "Driving logs: one camera at this time (seconds of the log, or +1.5 after its first image)");
         add("--size", r.size, "Picture size, WIDTHxHEIGHT (that of the training images)");
         add("--draw", r.draw,
-            "What the pictures show: colour, depth, normals, opacity or, of Gaussians, ellipsoids (colour)",
-            one_of({"colour", "depth", "normals", "opacity", kEllipsoids}));
+            "What the pictures show: colour, depth, normals, opacity, ellipsoids (Gaussians), samples (nerf) (colour)",
+            one_of({"colour", "depth", "normals", "opacity", kEllipsoids, kSamples}));
         add("--masks", r.masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
         add("--lidar", r.lidar, "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");
         add("--exr", r.exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");

@@ -19,7 +19,7 @@ struct RenderRequest {
   std::string time;                    // seconds on the log's clock, or with a + after its first image
   std::optional<int> step;
   bool masks = false, lidar = false;
-  std::string draw = "colour";  // colour, depth, normals, opacity or ellipsoids
+  std::string draw = "colour";  // colour, depth, normals, opacity, ellipsoids or samples
 };
 
 struct NamedView {

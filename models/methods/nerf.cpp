@@ -41,11 +41,11 @@ void Nerf::configure(Config& c) {
          "frequency encoding: frequencies of the direction", {0, 32});
   c.bind("field.plane_channels", o.field.plane_channels, "tri-plane: channels per plane", {1, 1024});
   c.bind("field.plane_side", o.field.plane_side, "tri-plane: texels per axis", {2, 8192});
-  c.bind("sampling", o.sampling, "occupancy (march through a grid) or importance (coarse and fine network)");
+  c.bind("sampling", o.sampling, "occupancy (march through a grid), importance (coarse and fine network) or uniform");
   c.bind("background", o.background, "background colour: auto, white, random or none");
   c.bind("batch.rays", o.batch_rays, "rays per step (occupancy sampling: initially)", {1, 1 << 22});
   c.bind("batch.samples", o.batch_samples, "occupancy sampling: target samples per step", {1, 1 << 28});
-  c.bind("samples.coarse", o.coarse_samples, "importance sampling: stratified samples per ray", {1, 4096});
+  c.bind("samples.coarse", o.coarse_samples, "importance and uniform sampling: stratified samples per ray", {1, 4096});
   c.bind("samples.fine", o.fine_samples, "importance sampling: additional samples per ray", {1, 4096});
   c.bind("march.min_step", o.min_step, "smallest step in normalised units; 0: chosen from the scene", {0, 1});
   c.bind("march.cone", o.cone, "unbounded scenes: step length divided by distance", {0, 1});
@@ -79,9 +79,8 @@ void Nerf::load_data(std::vector<TrainingData> data) {
 MemoryPlan Nerf::memory(const PhotoSizes& photos) const {
   MemoryPlan plan = memory_of(params_);
   plan.images = photos.bytes + 12 * photos.largest;  // and directions
-  const int64_t samples = renderer_->marching()
-                              ? config_.batch_samples
-                              : int64_t{config_.batch_rays} * (2 * config_.coarse_samples + config_.fine_samples);
+  const int64_t samples =
+      renderer_->marching() ? config_.batch_samples : config_.batch_rays * renderer_->samples_per_ray();
   plan.work = 2 * plan.parameters + static_cast<uint64_t>(samples * (renderer_->bytes_per_sample() + 64));
   return plan;
 }
@@ -155,6 +154,8 @@ void Nerf::after_step(const Progress& progress) {
 Picture Nerf::render(const View& view) {
   return renderer_->picture(view, has_alpha_ || config_.background == "white" ? 1.f : 0.f);
 }
+
+std::vector<RaySample> Nerf::samples(const View& view, int row) { return renderer_->samples(view, row); }
 
 TensorMap Nerf::state() const {
   TensorMap out = renderer_->state();

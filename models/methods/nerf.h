@@ -10,10 +10,11 @@
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
 #include "models/train/renders_views.h"
+#include "models/train/shows_samples.h"
 
 namespace cloam {
 
-class Nerf final : public Method, public LearnsFromCaptures, public RendersViews {
+class Nerf final : public Method, public LearnsFromCaptures, public RendersViews, public ShowsSamples {
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
@@ -25,6 +26,7 @@ class Nerf final : public Method, public LearnsFromCaptures, public RendersViews
   int64_t most_shares() const override { return std::min<int64_t>(kLeastRays, config_.batch_rays); }
   void after_step(const Progress& progress) override;
   Picture render(const View& view) override;
+  std::vector<RaySample> samples(const View& view, int row) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
 

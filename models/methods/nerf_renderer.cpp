@@ -18,6 +18,7 @@ enum RenderStream : uint32_t { kRayJitter = 2, kPlace = 4, kFine = 5, kFinePlace
 constexpr size_t kChannels = 6;  // of composite(): colour, opacity, depth, distortion
 constexpr float kLeastTransmittance = 1e-3f;
 constexpr double kRenderSamples = 400000;  // samples in memory while rendering
+constexpr int64_t kRowBlock = 512;         // rays
 // From the near plane to infinity NDC have a length of 2, a contracted ray 64. Densities are per 1/32 there, so that an
 // untrained field is as opaque: through a thin one photos are too bright, and its colours go to white and stay there.
 constexpr float kNdcDensity = 32.f;
@@ -38,15 +39,14 @@ SceneFrame frame_of(const NerfConfig& config, const Scene& scene) {
 
 NerfRenderer::NerfRenderer(const NerfConfig& config, const Scene& scene, const Scope& root)
     : config_(config), frame_(frame_of(config, scene)) {
-  if (config.sampling != "occupancy" && config.sampling != "importance")
-    throw Error(Fault::usage, text("setting sampling: \"", config.sampling, "\", want occupancy or importance"));
+  if (config.sampling != "occupancy" && config.sampling != "importance" && config.sampling != "uniform")
+    throw Error(Fault::usage,
+                text("setting sampling: \"", config.sampling, "\", want occupancy, importance or uniform"));
   if (config.min_step > 0 && config.min_step < kMinStep)
     throw Error(Fault::usage, text("setting march.min_step: ", config.min_step, ", want 0 or ", kMinStep, " to 1"));
   field_ = make_field(root / "field", config.field);
-  if (marching())
-    occupancy_ = std::make_unique<OccupancyGrid>(config.occupancy);
-  else
-    coarse_ = make_field(root / "coarse", config.field);
+  if (marching()) occupancy_ = std::make_unique<OccupancyGrid>(config.occupancy);
+  if (config.sampling == "importance") coarse_ = make_field(root / "coarse", config.field);
 }
 
 MarchOptions NerfRenderer::march_options() const {
@@ -61,7 +61,8 @@ MarchOptions NerfRenderer::march_options() const {
 
 NerfRenderer::Rendered NerfRenderer::shade(const Rays& rays, const Sampling& how) const {
   const Rays path = frame_.ndc ? ndc_rays(rays, frame_) : rays;
-  return marching() ? shade_marched(rays, path, how) : shade_importance(rays, path, how);
+  if (marching()) return shade_marched(rays, path, how);
+  return coarse_ ? shade_importance(rays, path, how) : shade_uniform(rays, path, how);
 }
 
 /// Of samples [S] at t along the paths of the rays `ray` [S]. A mean of lengths in NDC would be one of disparities,
@@ -89,12 +90,14 @@ NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Rays&
       how.skim ? visible(all, stop_gradient(per_length(field_->density(all.points))), kLeastTransmittance) : all;
   const FieldOutput out = (*field_)(s.points, rays.directions, s.ray);
   const Tensor depth = depths(rays, s.t, s.ray, how.distances);
-  return {composite({per_length(out.sigma), s.offsets, s.dt}, {out.rgb, depth}), Tensor(), s.t.dim(0), all.t.dim(0)};
+  const Medium medium{per_length(out.sigma), s.offsets, s.dt};
+  const Along along{depth, s.ray, composite_weights(medium)};
+  return {composite(medium, {out.rgb, depth}), Tensor(), along, s.t.dim(0), all.t.dim(0)};
 }
 
 /// One sample in each interval, at its place in it (NeRF eq. 2), composited.
-Tensor NerfRenderer::shade_edges(const Field& field, const Rays& rays, const Rays& path, const Edges& at,
-                                 Tensor* weights) const {
+NerfRenderer::Rendered NerfRenderer::shade_edges(const Field& field, const Rays& rays, const Rays& path,
+                                                 const Edges& at) const {
   const auto& [edges, place, distances] = at;
   const int64_t count = edges.dim(0), n = edges.dim(1) - 1;
   const Tensor begin = slice(edges, 1, 0, n), length = slice(edges, 1, 1, n + 1) - begin;
@@ -103,33 +106,50 @@ Tensor NerfRenderer::shade_edges(const Field& field, const Rays& rays, const Ray
   std::vector<int32_t> first, ray;
   for (int64_t r = 0; r <= count; r++) first.push_back(static_cast<int32_t>(r * n));
   for (int64_t r = 0; r < count; r++) ray.insert(ray.end(), static_cast<size_t>(n), static_cast<int32_t>(r));
-  const Tensor offsets = from_host(first, {count + 1}), flat_length = reshape(length, {count * n}),
-               of_ray = from_host(ray, {count * n});
+  const Tensor of_ray = from_host(ray, {count * n});
   const FieldOutput out = field(unit_points(reshape(points, {count * n, 3}), frame_.contract), rays.directions, of_ray);
-  const Tensor sigma = per_length(out.sigma);
-  if (weights) *weights = reshape(composite_weights({sigma, offsets, flat_length}), {count, n});
-  return composite({sigma, offsets, flat_length}, {out.rgb, depths(rays, reshape(t, {count * n}), of_ray, distances)});
+  const Medium medium{per_length(out.sigma), from_host(first, {count + 1}), reshape(length, {count * n})};
+  const Tensor depth = depths(rays, reshape(t, {count * n}), of_ray, distances);
+  const Along along{depth, of_ray, composite_weights(medium)};
+  return {composite(medium, {out.rgb, depth}), Tensor(), along, count * n, count * n};
+}
+
+/// [R,N+1]: the ends of `samples.coarse` intervals of one length a ray.
+Tensor NerfRenderer::even_edges(const Rays& path) const {
+  const int64_t count = config_.coarse_samples;
+  std::vector<float> steps;
+  for (int64_t i = 0; i <= count; i++) steps.push_back(static_cast<float>(i) / static_cast<float>(count));
+  const Tensor near = slice(path.span, 1, 0, 1), far = maximum(slice(path.span, 1, 1, 2), near + 1e-3f);
+  return near + (far - near) * from_host(steps, {1, count + 1});
+}
+
+/// Where in [0,1) of `numbers` intervals a ray's samples lie.
+Tensor NerfRenderer::places(const Rays& rays, int64_t numbers, const Sampling& how, uint32_t stream) {
+  const int64_t count = rays.origins.dim(0);
+  return how.jitter ? random_of(count, numbers, how, stream) : full({count, numbers}, 0.5f);
+}
+
+NerfRenderer::Rendered NerfRenderer::shade_uniform(const Rays& rays, const Rays& path, const Sampling& how) const {
+  return shade_edges(*field_, rays, path,
+                     {even_edges(path), places(rays, config_.coarse_samples, how, kPlace), how.distances});
 }
 
 NerfRenderer::Rendered NerfRenderer::shade_importance(const Rays& rays, const Rays& path, const Sampling& how) const {
   const int64_t count = rays.origins.dim(0), coarse = config_.coarse_samples, fine = config_.fine_samples;
-  std::vector<float> steps;
-  for (int64_t i = 0; i <= coarse; i++) steps.push_back(static_cast<float>(i) / static_cast<float>(coarse));
-  const Tensor near = slice(path.span, 1, 0, 1), far = maximum(slice(path.span, 1, 1, 2), near + 1e-3f);
-  const Tensor edges = near + (far - near) * from_host(steps, {1, coarse + 1});
-  const auto place = [&](int64_t n, uint32_t which) {
-    return how.jitter ? random_of(count, n, how, which) : full({count, n}, 0.5f);
-  };
-  Rendered out;
-  Tensor weights;
-  out.coarse = shade_edges(*coarse_, rays, path, {edges, place(coarse, kPlace), how.distances}, &weights);
+  const Tensor edges = even_edges(path);
+  const Rendered first = shade_edges(*coarse_, rays, path, {edges, places(rays, coarse, how, kPlace), how.distances});
   std::vector<float> ranks;
   for (int64_t i = 0; i < fine; i++) ranks.push_back(static_cast<float>(i));
-  const Tensor uniform = (from_host(ranks, {1, fine}) + place(fine, kFine)) * (1.f / static_cast<float>(fine));
-  const Tensor all = importance_edges(edges, weights, uniform);
-  out.fine = shade_edges(*field_, rays, path, {all, place(coarse + fine, kFinePlace), how.distances}, nullptr);
-  out.samples = out.marched = count * (2 * coarse + fine);
+  const Tensor even = (from_host(ranks, {1, fine}) + places(rays, fine, how, kFine)) * (1.f / static_cast<float>(fine));
+  const Tensor all = importance_edges(edges, reshape(first.along.weight, {count, coarse}), even);
+  Rendered out = shade_edges(*field_, rays, path, {all, places(rays, coarse + fine, how, kFinePlace), how.distances});
+  out.coarse = first.fine;
+  out.samples = out.marched = count * samples_per_ray();
   return out;
+}
+
+int64_t NerfRenderer::samples_per_ray() const {
+  return coarse_ ? int64_t{2} * config_.coarse_samples + config_.fine_samples : config_.coarse_samples;
 }
 
 /// Density times the local step over the smallest one: what decides whether a cell can be seen. Far cells of a
@@ -176,6 +196,25 @@ Picture NerfRenderer::picture(const View& view, float back) const {
     const double per_ray = static_cast<double>(seen.marched + 1) / static_cast<double>(end - begin);
     block = std::clamp<int64_t>(static_cast<int64_t>(kRenderSamples / per_ray), 256, 2 * block);
     begin = end;
+  }
+  return out;
+}
+
+std::vector<RaySample> NerfRenderer::samples(const View& view, int row) const {
+  const Rays all = view_rays(view, frame_, {});
+  const int64_t width = view.camera.width, begin = row * width;
+  std::vector<RaySample> out;
+  for (int64_t column = 0; column < width; column += kRowBlock) {
+    const int64_t end = std::min(width, column + kRowBlock);
+    const auto part = [&](const Tensor& x) { return slice(x, 0, begin + column, begin + end); };
+    Sampling how;
+    how.distances = true;
+    const Along along = shade({part(all.origins), part(all.directions), part(all.span)}, how).along;
+    eval({along.distance, along.ray, along.weight});
+    const std::vector<float> distances = along.distance.to_host(), weights = along.weight.to_host();
+    const std::vector<int32_t> rays = along.ray.to_host<int32_t>();
+    for (size_t i = 0; i < rays.size(); i++)
+      out.push_back({static_cast<int>(column) + rays[i], distances[i] / static_cast<float>(frame_.scale), weights[i]});
   }
   return out;
 }

@@ -1,11 +1,12 @@
-// What NeRF's fields look like along rays: samples from marching through an occupancy grid, or drawn where a coarse
-// field is dense, and the quadrature over them.
+// What NeRF's fields look like along rays: samples from marching through an occupancy grid, drawn where a coarse field
+// is dense, or evenly spread, and the quadrature over them.
 #pragma once
 #include <memory>
 
 #include "models/fields/field.h"
 #include "models/render/occupancy.h"
 #include "models/render/rays.h"
+#include "models/train/shows_samples.h"
 
 namespace cloam {
 
@@ -14,11 +15,11 @@ struct NerfConfig {
   float nearest = 0.f;         // ndc: of the nearest thing, in scene units; 0: the capture says it
   FieldOptions field;
   OccupancyOptions occupancy;
-  std::string sampling = "occupancy";  // occupancy | importance
-  std::string background = "auto";     // auto | white | random | none
-  int batch_rays = 1024;               // importance: rays a step; occupancy: at most 16 times as many
-  int batch_samples = 65536;           // occupancy: samples a step aims at
-  int coarse_samples = 64, fine_samples = 128;
+  std::string sampling = "occupancy";               // occupancy | importance | uniform
+  std::string background = "auto";                  // auto | white | random | none
+  int batch_rays = 1024;                            // rays a step; occupancy: at most 16 times as many
+  int batch_samples = 65536;                        // occupancy: samples a step aims at
+  int coarse_samples = 64, fine_samples = 128;      // a ray; uniform: as many as coarse
   float min_step = 0.f;                             // in normalised units; 0: chosen by the kind of scene
   float cone = 0.03f;                               // unbounded scenes: step length over distance
   float learning_rate = 1e-2f, final_rate = 0.03f;  // factor reached at the horizon
@@ -34,8 +35,12 @@ class NerfRenderer {
   /// Declares the fields' parameters under `root`. The settings must outlive this. Fault::usage for those that do not
   /// fit together.
   NerfRenderer(const NerfConfig& config, const Scene& scene, const Scope& root);
+  struct Along {
+    Tensor distance, ray, weight;  // [S] of the samples; distances as Sampling has them
+  };
   struct Rendered {
     Tensor fine, coarse;               // [R,6] of composite(); coarse only with importance sampling
+    Along along = {};                  // what `fine` is composited of
     int64_t samples = 0, marched = 0;  // shaded, and stepped to before the dark ones were left out
   };
   struct Sampling {
@@ -48,9 +53,13 @@ class NerfRenderer {
   Rendered shade(const Rays& rays, const Sampling& how) const;
   /// Block by block; `back`: how bright it is where nothing is.
   Picture picture(const View& view, float back) const;
+  /// What a picture of the view shades along the rays of one row of pixels.
+  std::vector<RaySample> samples(const View& view, int row) const;
   /// After a step: the occupancy grid follows the field.
   void follow(int64_t step, uint64_t seed);
   bool marching() const { return config_.sampling == "occupancy"; }
+  /// A ray, of all fields, where it does not depend on the scene.
+  int64_t samples_per_ray() const;
   /// Of activations, in training.
   int64_t bytes_per_sample() const { return field_->bytes_per_sample(); }
   const SceneFrame& frame() const { return frame_; }
@@ -61,14 +70,17 @@ class NerfRenderer {
  private:
   MarchOptions march_options() const;
   static Tensor random_of(int64_t count, int64_t numbers, const Sampling& how, uint32_t stream);
+  static Tensor places(const Rays& rays, int64_t numbers, const Sampling& how, uint32_t stream);
   // path: the rays in the field's space.
   Rendered shade_marched(const Rays& rays, const Rays& path, const Sampling& how) const;
   Rendered shade_importance(const Rays& rays, const Rays& path, const Sampling& how) const;
+  Rendered shade_uniform(const Rays& rays, const Rays& path, const Sampling& how) const;
   struct Edges {
     Tensor edges, place;  // [R,N+1]; [R,N] in [0,1)
     bool distances;
   };
-  Tensor shade_edges(const Field& field, const Rays& rays, const Rays& path, const Edges& at, Tensor* weights) const;
+  Rendered shade_edges(const Field& field, const Rays& rays, const Rays& path, const Edges& at) const;
+  Tensor even_edges(const Rays& path) const;
   Tensor depths(const Rays& rays, const Tensor& t, const Tensor& ray, bool distances) const;
   Tensor per_length(const Tensor& sigma) const;
   Tensor thickness(const Tensor& points) const;

@@ -55,6 +55,14 @@ TEST_CASE("splat: pictures of depth, normals, opacity and ellipsoids, each of it
       cloam_with({"render", small_run().string(), "-o", (scratch() / "never-drawn").string(), "--draw", "ellipsoids"});
   CHECK(refused.code == 2);
   CHECK_MESSAGE(contains(refused.err, "shows the Gaussians of a run of splat or street-gaussians"), refused.err);
+  const Outcome without_rays =
+      cloam_with({"render", trained().string(), "-o", (scratch() / "never-drawn").string(), "--draw", "samples"});
+  CHECK(without_rays.code == 2);
+  CHECK_MESSAGE(contains(without_rays.err, "a run of nerf samples its rays; the run's method is splat"),
+                without_rays.err);
+  const fs::path rays = scratch() / "drawn-samples";
+  CHECK(cloam_with({"render", small_run().string(), "-o", rays.string(), "--draw", "samples"}).code == 0);
+  CHECK(!fs::is_empty(rays));
 }
 
 TEST_CASE("splat: exported in every format, read again, and drawn like the model") {

@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 
+#include "models/eval/sample_pictures.h"
 #include "models/gaussians/ellipsoids.h"
 
 namespace cloam {
@@ -69,6 +70,20 @@ size_t seen_pixels(const Picture& picture) {
 }
 
 }  // namespace
+
+TEST_CASE("a picture of samples: columns are rays, rows steps of the distance's logarithm, brightness light") {
+  // 1, 10 and 100 away: the bottom row, the middle one, the top one.
+  const std::vector<RaySample> samples = {{0, 1.f, 0.f}, {1, 10.f, 1.f}, {2, 100.f, 0.25f}, {2, 100.f, 0.f}};
+  const Image image = sample_picture(samples, 4, 5);
+  const auto blue = [&](int x, int y) { return image.pixels.at(static_cast<size_t>(3 * (y * 4 + x) + 2)); };
+  for (int y = 0; y < 5; ++y)
+    for (int x = 0; x < 4; ++x)
+      CHECK((blue(x, y) > 0) == ((x == 0 && y == 4) || (x == 1 && y == 2) || (x == 2 && y == 0)));
+  CHECK(blue(1, 2) == 255);
+  CHECK(blue(0, 4) == doctest::Approx(0.45 * 255).epsilon(0.01));
+  CHECK(blue(2, 0) == doctest::Approx((0.45 + 0.55 * 0.5) * 255).epsilon(0.01));  // the root of a quarter
+  CHECK(sample_picture({}, 2, 2).pixels == std::vector<uint8_t>(12, 0));
+}
 
 TEST_CASE("ellipsoids: each ray that meets one ends on its near surface, and no other ray sees it") {
   const Made made{{0.3, -0.2, 6}, {0.5, 1.5, 0.25}, Eigen::Quaterniond(0.8, 0.3, -0.4, 0.2).normalized()};

@@ -10,6 +10,7 @@
 #include "models/metrics/psnr.h"
 #include "models/render/rays.h"
 #include "models/synth/synthetic_scene.h"
+#include "models/train/shows_samples.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -90,6 +91,56 @@ TEST_CASE("the paper's sampling and network, made small, learn held-out views") 
   CHECK(outcome.psnr > outcome.baseline + 3);
 }
 
+TEST_CASE("nerf with evenly spread samples learns held-out views of a small scene") {
+  auto settings = kSmallHash;
+  settings.insert(settings.end(), {{"sampling", "uniform"}, {"batch.rays", "256"}, {"samples.coarse", "32"}});
+  const Outcome outcome = train_small(settings, 150);
+  MESSAGE("psnr ", outcome.psnr, ", mean colour ", outcome.baseline);
+  CHECK(outcome.psnr > outcome.baseline + 4);
+}
+
+TEST_CASE("nerf: samples along a row of rays make up the picture's opacity and depth there") {
+  const Folder folder;
+  write_synthetic_scene(folder.path / "data", {6, 1, 16, 3});
+  const Scene scene = read_scene(folder.path / "data");
+  const View view = view_of(scene.frames.front(), scene.cameras.front(), 0);
+  const int width = view.camera.width, row = view.camera.height / 3;
+  for (const char* sampling : {"occupancy", "importance", "uniform"}) {
+    CAPTURE(sampling);
+    const auto method = loaded(scene, {{"field.levels", "3"},
+                                       {"field.log2_rows", "8"},
+                                       {"field.width", "16"},
+                                       {"occupancy.side", "8"},
+                                       {"sampling", sampling},
+                                       {"samples.coarse", "6"},
+                                       {"samples.fine", "4"}});
+    const Picture picture = shown(*method, view);
+    const auto samples = as<ShowsSamples>(*method)->samples(view, row);
+    const auto of = [&](int column) {
+      std::vector<RaySample> ray;
+      std::copy_if(samples.begin(), samples.end(), std::back_inserter(ray),
+                   [&](const RaySample& sample) { return sample.column == column; });
+      return ray;
+    };
+    for (int column = 0; column < width; column++) {
+      const auto ray = of(column);
+      double light = 0, depth = 0;
+      for (const RaySample& sample : ray) light += sample.weight, depth += sample.weight * sample.distance;
+      const auto pixel = static_cast<size_t>(row * width + column);
+      CHECK(light == doctest::Approx(picture.opacity[pixel]).epsilon(1e-4));
+      if (light > 1e-2) CHECK(depth / light == doctest::Approx(picture.depth[pixel]).epsilon(1e-4));
+      const bool even = sampling == std::string("uniform");
+      if (even) {
+        REQUIRE(ray.size() == 6);
+        for (size_t i = 2; i < ray.size(); i++)
+          CHECK(ray[i].distance - ray[i - 1].distance ==
+                doctest::Approx(ray[1].distance - ray[0].distance).epsilon(1e-3));
+      }
+      if (sampling == std::string("importance")) CHECK(ray.size() == 10);
+    }
+  }
+}
+
 TEST_CASE("nerf: a checkpoint of any step holds all that the next step and a render read") {
   const Folder folder;
   write_synthetic_scene(folder.path / "data", {6, 1, 16, 3});
@@ -100,7 +151,12 @@ TEST_CASE("nerf: a checkpoint of any step holds all that the next step and a ren
   const Settings importance = {{"field.kind", "frequency"}, {"field.width", "16"},   {"field.depth", "3"},
                                {"sampling", "importance"},  {"batch.rays", "16"},    {"samples.coarse", "6"},
                                {"samples.fine", "6"},       {"background", "random"}};
-  for (const Settings& settings : {marching, importance}) {
+  const Settings uniform = {{"field.kind", "triplane"},
+                            {"field.plane_side", "8"},
+                            {"sampling", "uniform"},
+                            {"batch.rays", "16"},
+                            {"samples.coarse", "6"}};
+  for (const Settings& settings : {marching, importance, uniform}) {
     CAPTURE(settings.front().second);
     const Frame& frame = scene.frames.front();
     check_resumes_from_every_step(
