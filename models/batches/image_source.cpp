@@ -25,11 +25,13 @@ Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int 
 PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const SceneFrame& frame, const RayRange& range)
     : frame_(frame), range_(range) {
   std::vector<int32_t> first_direction, frames;
-  std::vector<float> directions, poses;
+  std::vector<float> directions, widths, poses;
   for (const Camera& camera : photos.listed().cameras) {
     first_direction.push_back(static_cast<int32_t>(directions.size() / 3));
     const std::vector<float> d = unit_directions(camera);
     directions.insert(directions.end(), d.begin(), d.end());
+    const std::vector<float> w = pixel_widths(d, camera.width, camera.height);
+    widths.insert(widths.end(), w.begin(), w.end());
   }
   std::vector<uint8_t> rgba, mask;
   const bool masked = photos.masked();
@@ -51,6 +53,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
   rgba_ = from_host(rgba, {pixel_count, 4});
   if (masked) mask_ = from_host(mask, {pixel_count});
   directions_ = from_host(directions, {static_cast<int64_t>(directions.size() / 3), 3});
+  widths_ = from_host(widths, {static_cast<int64_t>(widths.size())});
   poses_ = from_host(poses, {frame_count, 12});
   frames_ = from_host(frames, {frame_count, 3});
 }
@@ -63,7 +66,9 @@ PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& s
   const Tensor inside = minimum(cast(place * cast(column(1), DType::f32), DType::i32), column(1) - 1);
   const Tensor pixel = column(0) + inside;
   PixelBatch out;
-  out.rays = world_rays(gather_rows(directions_, column(2) + inside), gather_rows(poses_, frame), frame_, range_);
+  const Tensor direction = column(2) + inside;
+  out.rays = world_rays(gather_rows(directions_, direction), gather_rows(poses_, frame), frame_, range_);
+  out.widths = gather_rows(widths_, direction);
   out.rgba = cast(gather_rows(rgba_, pixel), DType::f32) * (1.f / 255.f);
   if (mask_) out.used = cast(gather_rows(mask_, pixel) > 0, DType::f32);
   return out;

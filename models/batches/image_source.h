@@ -9,8 +9,9 @@ namespace cloam {
 
 struct PixelBatch {
   Rays rays;
-  Tensor rgba;  // [R,4] in [0,1], straight alpha
-  Tensor used;  // [R] 1, or 0 where a mask says ignore; empty when there are no masks
+  Tensor widths;  // [R] of pixels, at distance 1
+  Tensor rgba;    // [R,4] in [0,1], straight alpha
+  Tensor used;    // [R] 1, or 0 where a mask says ignore; empty when there are no masks
 };
 
 /// All training pixels on the device.
@@ -26,6 +27,7 @@ class PixelSource {
   RayRange range_;
   Tensor rgba_, mask_;  // [P,4], [P] uint8
   Tensor directions_;   // [D,3] of length 1, camera axes
+  Tensor widths_;       // [D] of pixels, at distance 1
   Tensor poses_;        // [N,12] rotation by rows, position (normalised)
   Tensor frames_;       // [N,3] int32: first pixel, pixels, first direction
 };

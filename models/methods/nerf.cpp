@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/batches/own_rows.h"
+#include "models/batches/pixel_targets.h"
 #include "models/io/tensors.h"
 #include "runtime/error.h"
 
@@ -78,7 +78,7 @@ void Nerf::load_data(std::vector<TrainingData> data) {
 
 MemoryPlan Nerf::memory(const PhotoSizes& photos) const {
   MemoryPlan plan = memory_of(params_);
-  plan.images = photos.bytes + 12 * photos.largest;  // and directions
+  plan.images = photos.bytes + 16 * photos.largest;  // and directions, widths
   const int64_t samples =
       renderer_->marching() ? config_.batch_samples : config_.batch_rays * renderer_->samples_per_ray();
   plan.work = 2 * plan.parameters + static_cast<uint64_t>(samples * (renderer_->bytes_per_sample() + 64));
@@ -93,21 +93,6 @@ ParameterGroups Nerf::groups() const {
   return {all};
 }
 
-/// [R,3] of the share's rays, or [1,3]: what is seen where nothing is. Random colours in training teach the field to be
-/// opaque or empty, and in NDC, whose rays all end at something, opaque: colours behind haze can be anything.
-Tensor Nerf::background_for(const RandomKey& key, const Share& share) const {
-  const bool random =
-      config_.background == "random" || (config_.background == "auto" && (has_alpha_ || renderer_->frame().ndc));
-  if (random) return own_rows(random_uniform({rays_, 3}, key.of_stream(kBackground)), share);
-  return full({1, 3}, config_.background == "white" ? 1.f : 0.f);
-}
-
-Tensor Nerf::pixel_loss(const Tensor& colour, const Tensor& truth, const Tensor& used) const {
-  Tensor error = square(colour - truth);
-  if (config_.loss == "charbonnier") error = sqrt(error + 1e-6f);
-  return used ? mean(error * unsqueeze(used, 1)) : mean(error);
-}
-
 Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   const RandomKey key{seed_, static_cast<uint32_t>(progress.step), 0};
   const PixelBatch batch = pixels_->draw(rays_, key.of_stream(kPixels), progress.share);
@@ -115,10 +100,11 @@ Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   // a quarter of the samples are dark; until then it only looks now and then.
   skimmed_ = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
   const NerfRenderer::Rendered seen = renderer_->shade(batch.rays, {key, true, skimmed_, progress.share, rays_});
-  const Tensor background = background_for(key, progress.share);
-  const Tensor alpha = slice(batch.rgba, 1, 3, 4);
-  const Tensor truth =
-      has_alpha_ ? slice(batch.rgba, 1, 0, 3) * alpha + background * (1.f - alpha) : slice(batch.rgba, 1, 0, 3);
+  // In NDC, whose rays all end at something, too: colours behind haze can be anything.
+  const bool by_itself = has_alpha_ || renderer_->frame().ndc;
+  const Tensor background =
+      background_of({config_.background, by_itself}, rays_, key.of_stream(kBackground), progress.share);
+  const Tensor truth = truth_over(background, batch, has_alpha_);
   const auto colour = [&](const Tensor& rendered) {
     return slice(rendered, 1, 0, 3) + background * (1.f - slice(rendered, 1, 3, 4));
   };
@@ -127,8 +113,9 @@ Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   samples_ = static_cast<double>(seen.samples);
   marched_ = static_cast<double>(seen.marched);
   const Tensor spread = mean(slice(seen.fine, 1, 5, 6)) * config_.distortion;
-  Tensor loss = pixel_loss(fine, truth, batch.used) + spread;
-  if (seen.coarse) loss = loss + pixel_loss(colour(seen.coarse), truth, batch.used);
+  const auto loss_of = [&](const Tensor& rendered) { return pixel_loss(config_.loss, rendered, truth, batch.used); };
+  Tensor loss = loss_of(fine) + spread;
+  if (seen.coarse) loss = loss + loss_of(colour(seen.coarse));
   Step step = step_of(loss, wanted);
   step.weight = static_cast<double>(progress.share.size(rays_)) / static_cast<double>(rays_);
   step.counts = {&samples_, &marched_};

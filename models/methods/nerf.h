@@ -32,9 +32,6 @@ class Nerf final : public Method, public LearnsFromCaptures, public RendersViews
 
  private:
   static constexpr int64_t kLeastRays = 64;  // a step
-  Tensor background_for(const RandomKey& key, const Share& share) const;
-  Tensor pixel_loss(const Tensor& rendered, const Tensor& truth, const Tensor& used) const;
-
   NerfConfig config_;
   bool has_alpha_ = false;
   uint64_t seed_ = 0;

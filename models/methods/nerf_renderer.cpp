@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "models/batches/own_rows.h"
+#include "models/render/picture_pixels.h"
 #include "runtime/error.h"
 #include "runtime/ops/composite.h"
 #include "runtime/ops/volume.h"
@@ -191,7 +192,7 @@ Picture NerfRenderer::picture(const View& view, float back) const {
     Sampling how;
     how.distances = true;
     const Rendered seen = shade(rays, how);
-    append_pixels(out, seen.fine.to_host(), back);
+    append_pixels(out, seen.fine.to_host(), {kChannels, back, frame_.scale});
     // The next block is as large as keeps the samples at hand within kRenderSamples.
     const double per_ray = static_cast<double>(seen.marched + 1) / static_cast<double>(end - begin);
     block = std::clamp<int64_t>(static_cast<int64_t>(kRenderSamples / per_ray), 256, 2 * block);
@@ -217,15 +218,6 @@ std::vector<RaySample> NerfRenderer::samples(const View& view, int row) const {
       out.push_back({static_cast<int>(column) + rays[i], distances[i] / static_cast<float>(frame_.scale), weights[i]});
   }
   return out;
-}
-
-void NerfRenderer::append_pixels(Picture& picture, const std::vector<float>& values, float back) const {
-  for (size_t i = 0; i + kChannels <= values.size(); i += kChannels) {
-    const float opacity = values[i + 3];
-    for (size_t c = 0; c < 3; c++) picture.rgb.push_back(std::clamp(values[i + c] + back * (1.f - opacity), 0.f, 1.f));
-    picture.opacity.push_back(opacity);
-    picture.depth.push_back(opacity > 1e-3f ? values[i + 4] / opacity / static_cast<float>(frame_.scale) : 0.f);
-  }
 }
 
 }  // namespace cloam

@@ -84,7 +84,6 @@ class NerfRenderer {
   Tensor depths(const Rays& rays, const Tensor& t, const Tensor& ray, bool distances) const;
   Tensor per_length(const Tensor& sigma) const;
   Tensor thickness(const Tensor& points) const;
-  void append_pixels(Picture& picture, const std::vector<float>& values, float back) const;
 
   const NerfConfig& config_;
   SceneFrame frame_;

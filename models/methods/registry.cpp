@@ -15,6 +15,7 @@
 #include "models/methods/neurad.h"
 #include "models/methods/splat.h"
 #include "models/methods/street_gaussians.h"
+#include "models/methods/zipnerf.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -47,7 +48,8 @@ MethodRow row(const char* name) {
 const std::vector<MethodRow>& methods() {
   static const std::vector<MethodRow> rows = {row<Nerf>("nerf"),           row<Splat>("splat"),
                                               row<GenAssets>("genassets"), row<StreetGaussians>("street-gaussians"),
-                                              row<Neurad>("neurad"),       row<Diffusion>("diffusion")};
+                                              row<Neurad>("neurad"),       row<ZipNerf>("zipnerf"),
+                                              row<Diffusion>("diffusion")};
   return rows;
 }
 
@@ -55,7 +57,7 @@ const std::vector<MethodRow>& methods() {
 const std::pair<const char*, const char*> kAliases[] = {
     {"3dgs", "splat"},    {"splatfacto", "splat"}, {"gaussian-splatting", "splat"},
     {"gsplat", "splat"},  {"instant-ngp", "nerf"}, {"ngp", "nerf"},
-    {"nerfacto", "nerf"},
+    {"nerfacto", "nerf"}, {"zip-nerf", "zipnerf"},
 };
 
 /// "field.kind=frequency sampling=importance". Of settings given twice the later one stands.
@@ -120,6 +122,13 @@ const std::vector<Preset>& presets() {
                    "image.kernel=3 batch.patches=4 batch.lidar_rays=1024 weight.perceptual=0 train.warm_up=30 "
                    "train.warm_up_image=30 train.rate_image=4e-3"),
        4000},
+      {"zipnerf", "zipnerf", "the paper's sizes: an hour on several GPUs", {}, 25000},
+      {"zipnerf-small", "zipnerf", "anti-aliased hash grid: minutes on two cores",
+       settings_in("grid.levels=8 grid.log2_rows=16 grid.finest=1024 field.bottleneck=16 field.colour_width=64 "
+                   "proposal1.levels=4 proposal1.finest=128 proposal2.levels=5 proposal2.finest=256 "
+                   "proposals.log2_rows=15 proposals.width=16 samples.proposal=32 samples.field=16 batch.rays=1024 "
+                   "train.warm_up=100"),
+       2000},
       // The ablations of GenAssets' Table A2.
       {"genassets-small-nokl", "genassets", "the same without variational codes",
        settings_in(street + "weight.kl=0 code.variational=false"), 7000},

@@ -1,6 +1,8 @@
 // Rays from cameras.
 #include "models/render/rays.h"
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 #include "runtime/ops/volume.h"
@@ -34,6 +36,22 @@ std::vector<float> unit_directions(const Camera& camera) {
     for (size_t k = 0; k < 3; k++) d[i + k] /= length;
   }
   return d;
+}
+
+std::vector<float> pixel_widths(const std::vector<float>& directions, int width, int height) {
+  const auto at = [&](int x, int y) {
+    const size_t place = 3 * (static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x));
+    return Eigen::Vector3d(directions[place], directions[place + 1], directions[place + 2]);
+  };
+  std::vector<float> widths;
+  for (int y = 0; y < height; y++)
+    for (int x = 0; x < width; x++) {
+      // The last row and column have their neighbour on the other side; an image of one pixel has none.
+      const Eigen::Vector3d here = at(x, y), right = (at(x + 1 < width ? x + 1 : std::max(x - 1, 0), y) - here),
+                            down = (at(x, y + 1 < height ? y + 1 : std::max(y - 1, 0)) - here);
+      widths.push_back(static_cast<float>(std::sqrt(right.cross(down).norm())));
+    }
+  return widths;
 }
 
 void append_pose(std::vector<float>& poses, const Eigen::Matrix4d& world_from_camera, const SceneFrame& frame) {

@@ -17,6 +17,9 @@ Rays view_rays(const View& view, const SceneFrame& frame, const RayRange& range)
 
 /// The parts of it. directions: [H*W,3] of length 1, in camera axes.
 std::vector<float> unit_directions(const Camera& camera);
+/// How wide a pixel is at distance 1, [H*W], of its unit directions: the root of the solid angle between it and its
+/// neighbours.
+std::vector<float> pixel_widths(const std::vector<float>& directions, int width, int height);
 /// Appends 12 numbers: the rotation by rows, the position (normalised).
 void append_pose(std::vector<float>& poses, const Eigen::Matrix4d& world_from_camera, const SceneFrame& frame);
 /// directions [R,3] in camera axes, poses [R,12] (or [1,12]).

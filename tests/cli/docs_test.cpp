@@ -54,6 +54,9 @@ const Rule kRules[] = {
     {"^cloam train street-gaussians",
      "cloam train street-gaussians --set initial.lidar=200 --set initial.near=20 --set initial.far=20"
      " --set initial.actor=20 --set initial.fewest=20 --set sky.side=4"},
+    {"^cloam train zipnerf",
+     "cloam train zipnerf --set grid.log2_rows=10 --set proposals.log2_rows=8 --set batch.rays=64"
+     " --set samples.proposal=8 --set samples.field=8"},
     {"^cloam train neurad",
      "cloam train neurad --set grid.log2_rows=10 --set actors.log2_rows=8 --set batch.patches=1 --set "
      "batch.patch_side=8"

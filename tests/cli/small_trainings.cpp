@@ -44,6 +44,13 @@ Words neurad(const fs::path& run, const Words& more) {
       more);
 }
 
+Words zipnerf(const fs::path& run, const Words& more) {
+  return with_settings(
+      {"train", "zipnerf", small_scene().string(), "-o", run.string(), "--preset", "zipnerf-small", "--progress",
+       "plain"},
+      {"grid.log2_rows=10", "proposals.log2_rows=8", "batch.rays=64", "samples.proposal=8", "samples.field=8"}, more);
+}
+
 Words diffusion(const fs::path& run, const Words& more) { return small_diffusion(two_streets_run(), run, more); }
 
 }  // namespace
@@ -54,7 +61,8 @@ const std::vector<SmallTraining>& small_trainings() {
                                                  {"genassets", genassets},
                                                  {"diffusion", diffusion},
                                                  {"street-gaussians", street_gaussians},
-                                                 {"neurad", neurad}};
+                                                 {"neurad", neurad},
+                                                 {"zipnerf", zipnerf}};
   return all;
 }
 

@@ -335,9 +335,10 @@ TEST_CASE("methods are known by the names they have elsewhere") {
   }
   const Outcome unknown = cloam_with({"train", "colmap-mvs", small_scene().string()});
   CHECK(unknown.code == 2);
-  CHECK(contains(unknown.err,
-                 "unknown method colmap-mvs  [exit 2]\n  want one of nerf, splat, genassets, street-gaussians, neurad, "
-                 "diffusion\n"));
+  CHECK(contains(
+      unknown.err,
+      "unknown method colmap-mvs  [exit 2]\n  want one of nerf, splat, genassets, street-gaussians, neurad, zipnerf, "
+      "diffusion\n"));
   const fs::path run = scratch() / "alias";
   const Outcome outcome = cloam_with({"train", "nerfacto", small_scene().string(), "-o", run.string(), "--dry-run"});
   CHECK_MESSAGE(outcome.code == 0, outcome.err);

@@ -85,7 +85,7 @@ Values mean_of_shares(const std::string& name, int64_t shares) {
 }  // namespace
 
 TEST_CASE("batches that are drawn as a whole: the gradients of three shares are those of one") {
-  for (const std::string name : {"nerf", "diffusion"}) {
+  for (const std::string name : {"nerf", "zipnerf", "diffusion"}) {
     CAPTURE(name);
     const Values whole = moments_after(*small_method(name), 1), parts = moments_after(*small_method(name), 3);
     for (const auto& [parameter, expected] : whole) {
@@ -132,7 +132,7 @@ TEST_CASE("what growth goes by are the views of all shares") {
 }
 
 TEST_CASE("trainings in two shares go on from every step to the same bytes") {
-  for (const std::string name : {"nerf", "splat", "street-gaussians", "neurad", "genassets", "diffusion"}) {
+  for (const std::string name : {"nerf", "splat", "street-gaussians", "neurad", "zipnerf", "genassets", "diffusion"}) {
     CAPTURE(name);
     const auto look = [](Method& method) {
       std::vector<float> all;

@@ -168,7 +168,7 @@ TEST_CASE("table, the paper's: 96 logs train, 7 are measured, each row and metho
   CHECK(option_of(node_of(plan, "fit/full/1/030/novel"), "--networks") == "@/train/full/1");
   CHECK(node_of(plan, "measure/full/1/030/rotate360").words[1] == "@/fit/full/1/030/novel");
   CHECK(option_of(node_of(plan, "fit/nerf/1/030/sparse"), "--networks").empty());
-  CHECK(table_methods() == std::vector<std::string>{"nerf", "splat", "street-gaussians", "neurad"});
+  CHECK(table_methods() == std::vector<std::string>{"nerf", "splat", "street-gaussians", "neurad", "zipnerf"});
 }
 
 TEST_CASE("table, the small: its logs are made, its steps are said, and rows differ in what they are named after") {

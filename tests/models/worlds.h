@@ -36,6 +36,12 @@ inline Settings small_settings(const std::string& method) {
             {"field.width", "16"},      {"field.features", "8"},   {"image.width", "8"},      {"image.kernel", "3"},
             {"image.blocks", "1"},      {"appearance.size", "4"},  {"batch.patches", "3"},    {"batch.patch_side", "6"},
             {"batch.lidar_rays", "16"}, {"steps.actor", "0.5"},    {"weight.perceptual", "0"}};
+  if (method == "zipnerf")
+    return {{"grid.levels", "3"},       {"grid.log2_rows", "8"},      {"grid.finest", "16"},
+            {"field.width", "16"},      {"field.bottleneck", "16"},   {"field.colour_width", "16"},
+            {"proposal1.levels", "2"},  {"proposal1.finest", "16"},   {"proposal2.levels", "2"},
+            {"proposal2.finest", "16"}, {"proposals.log2_rows", "8"}, {"proposals.width", "16"},
+            {"samples.proposal", "6"},  {"samples.field", "4"},       {"batch.rays", "16"}};
   return {{"unet.base", "16"},    {"unet.multipliers", "1,2"}, {"unet.groups", "4"}, {"unet.blocks", "1"},
           {"code.channels", "4"}, {"code.side", "4"},          {"batch.codes", "4"}};
 }
