@@ -3,7 +3,8 @@
 // of any length.
 //   t = W m + T,  N = W R S,  P = J N,  cov = P P' + blur I,  conic = cov^-1
 // with J the derivative of the projection at t, whose slopes are held to the picture and 0.3 of its half width around.
-// camera [18]: W and T as rows of [3,4], fx, fy, cx, cy, width, height. Gaussians at z <= near get opacity 0.
+// views [N,3,4]: W and T of each owner (owned: owners [G] in [0,N), else all see the first), then lens [6]: fx, fy, cx, cy,
+// width, height. Gaussians at z <= near get opacity 0.
 // antialiased: opacity times sqrt(det(cov - blur I) / det cov) (Yu et al. 2024, Mip-Splatting).
 typedef struct {
   float w[3][3];             // camera_from_world
@@ -16,18 +17,18 @@ typedef struct {
 } Seen;
 
 static inline Seen look(__global const float* mean, __global const float* scale, __global const float* rotation,
-                        __global const float* camera, float blur, float near) {
+                        __global const float* view, __global const float* lens, float blur, float near) {
   Seen o;
-  const float fx = camera[12], fy = camera[13];
+  const float fx = lens[0], fy = lens[1];
   for (int i = 0; i < 3; i++) {
-    for (int j = 0; j < 3; j++) o.w[i][j] = camera[4 * i + j];
-    o.t[i] = o.w[i][0] * mean[0] + o.w[i][1] * mean[1] + o.w[i][2] * mean[2] + camera[4 * i + 3];
+    for (int j = 0; j < 3; j++) o.w[i][j] = view[4 * i + j];
+    o.t[i] = o.w[i][0] * mean[0] + o.w[i][1] * mean[1] + o.w[i][2] * mean[2] + view[4 * i + 3];
   }
   o.seen = o.t[2] > near;
   if (!o.seen) return o;
   const float z = o.t[2];
   for (int i = 0; i < 2; i++) {
-    const float f = camera[12 + i], c = camera[14 + i], size = camera[16 + i], more = 0.15f * size / f;
+    const float f = lens[i], c = lens[2 + i], size = lens[4 + i], more = 0.15f * size / f;
     const float exact = o.t[i] / z;
     o.slope[i] = clamp(exact, -c / f - more, (size - c) / f + more);
     o.held[i] = o.slope[i] != exact;
@@ -65,18 +66,20 @@ static inline float sharpness(Seen o, int antialiased) { return antialiased ? sq
 // out [G,7]: x, y in pixels, conic a, b, c, opacity, depth z.
 __kernel FAT void project(__global const float* restrict means, __global const float* restrict scales,
                           __global const float* restrict rotations, __global const float* restrict logits,
-                          __global const float* restrict camera, __global float* restrict out, int count, float blur,
+                          __global const float* restrict views, __global const int* restrict owners, int owned,
+                          __global const float* restrict lens, __global float* restrict out, int count, float blur,
                           float near, int antialiased, int chunk) {
   for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
     __global float* to = out + 7 * (size_t)i;
-    const Seen o = look(means + 3 * (size_t)i, scales + 3 * (size_t)i, rotations + 4 * (size_t)i, camera, blur, near);
+    __global const float* view = views + 12 * (owned ? owners[i] : 0);
+    const Seen o = look(means + 3 * (size_t)i, scales + 3 * (size_t)i, rotations + 4 * (size_t)i, view, lens, blur, near);
     if (!o.seen) {
       to[0] = to[1] = to[3] = to[5] = to[6] = 0.0f;
       to[2] = to[4] = 1.0f;
       continue;
     }
-    to[0] = camera[12] * o.t[0] / o.t[2] + camera[14];
-    to[1] = camera[13] * o.t[1] / o.t[2] + camera[15];
+    to[0] = lens[0] * o.t[0] / o.t[2] + lens[2];
+    to[1] = lens[1] * o.t[1] / o.t[2] + lens[3];
     to[2] = o.yy / o.det;
     to[3] = -o.xy / o.det;
     to[4] = o.xx / o.det;
@@ -97,18 +100,20 @@ static inline void turn_back(Seen o, float g[3][3], __global float* to) {
   for (int i = 0; i < 4; i++) to[i] = (d[i] - along * o.q[i]) / o.length;
 }
 
-// g [G,7] -> out [G,11]: mean 3, scale 3, rotation 4, logit; with_pose: [G,23], then W and T [3,4] as well.
+// g [G,7] -> out [G,11]: mean 3, scale 3, rotation 4, logit; with_pose: [G,23], then its view's W and T [3,4] as well.
 __kernel FAT void project_grad(__global const float* restrict means, __global const float* restrict scales,
                                __global const float* restrict rotations, __global const float* restrict logits,
-                               __global const float* restrict camera, __global const float* restrict gradient,
+                               __global const float* restrict views, __global const int* restrict owners, int owned,
+                               __global const float* restrict lens, __global const float* restrict gradient,
                                __global float* restrict out, int count, float blur, float near, int antialiased,
                                int with_pose, int chunk) {
   const int width = with_pose ? 23 : 11;
-  const float f[2] = {camera[12], camera[13]};
+  const float f[2] = {lens[0], lens[1]};
   for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
     __global float* to = out + width * (size_t)i;
     __global const float* g = gradient + 7 * (size_t)i;
-    const Seen o = look(means + 3 * (size_t)i, scales + 3 * (size_t)i, rotations + 4 * (size_t)i, camera, blur, near);
+    __global const float* view = views + 12 * (owned ? owners[i] : 0);
+    const Seen o = look(means + 3 * (size_t)i, scales + 3 * (size_t)i, rotations + 4 * (size_t)i, view, lens, blur, near);
     const int reached = g[0] != 0.0f || g[1] != 0.0f || g[2] != 0.0f || g[3] != 0.0f || g[4] != 0.0f || g[5] != 0.0f || g[6] != 0.0f;
     if (!o.seen || !reached) {
       for (int k = 0; k < width; k++) to[k] = 0.0f;
@@ -200,12 +205,14 @@ static inline float3 slopes(float x, float y, float z, const float u[16]) {
   return d;
 }
 
-// first [G,3], rest [G,15,3], means [G,3], eye [3], of the first `bands` numbers of harmonics (1, 4, 9 or 16) -> out [G,3].
+// first [G,3], rest [G,15,3], means [G,3], eyes [N,3] (owned: one an owner), of the first `bands` numbers of harmonics (1, 4,
+// 9 or 16) -> out [G,3].
 __kernel FAT void colours(__global const float* restrict first, __global const float* restrict rest,
-                          __global const float* restrict means, __global const float* restrict eye,
-                          __global float* restrict out, int count, int bands, int chunk) {
+                          __global const float* restrict means, __global const float* restrict eyes,
+                          __global const int* restrict owners, int owned, __global float* restrict out, int count,
+                          int bands, int chunk) {
   for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
-    __global const float *m = means + 3 * (size_t)i, *more = rest + 45 * (size_t)i;
+    __global const float *m = means + 3 * (size_t)i, *more = rest + 45 * (size_t)i, *eye = eyes + 3 * (owned ? owners[i] : 0);
     const float dx = m[0] - eye[0], dy = m[1] - eye[1], dz = m[2] - eye[2];
     const float over = 1.0f / fmax(sqrt(dx * dx + dy * dy + dz * dz), 1e-12f);
     float h[16], sum[3];
@@ -219,11 +226,12 @@ __kernel FAT void colours(__global const float* restrict first, __global const f
 
 // colours: what the kernel above found; g [G,3] -> out [G,51]: first 3, rest 45, mean 3.
 __kernel FAT void colours_grad(__global const float* restrict rest, __global const float* restrict means,
-                               __global const float* restrict eye, __global const float* restrict found,
+                               __global const float* restrict eyes, __global const int* restrict owners, int owned,
+                               __global const float* restrict found,
                                __global const float* restrict gradient, __global float* restrict out, int count,
                                int bands, int chunk) {
   for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
-    __global const float *m = means + 3 * (size_t)i, *more = rest + 45 * (size_t)i;
+    __global const float *m = means + 3 * (size_t)i, *more = rest + 45 * (size_t)i, *eye = eyes + 3 * (owned ? owners[i] : 0);
     __global float* to = out + 51 * (size_t)i;
     float g[3], h[16], u[16];
     for (int c = 0; c < 3; c++) g[c] = found[3 * (size_t)i + c] > 0.0f ? gradient[3 * (size_t)i + c] : 0.0f;

@@ -53,19 +53,21 @@ Tensor axes_of(const Tensor& turns) {
 
 Tensor quaternion_product(const Tensor& q, const Tensor& r) { return mixed(left_products(q), r); }
 
+/// Each thing is its own world: the camera stands in its axes, so that no gaussian is moved.
 Projection projection_of(const ThingsModel& things, const Placements& at, const Camera& camera, const Tensor& view,
                          const DrawOptions& options) {
   const auto& [cloud, harmonics] = things.model;
-  const auto own = [&](const Tensor& of_things) { return gather_rows(of_things, things.owners); };
-  const Tensor eye = reshape(-sum(slice(view, 1, 0, 3) * slice(view, 1, 3, 4), {{0}}), {1, 3});
-  const Tensor axes = axes_of(at.turns), eyes = sum(axes * unsqueeze(eye - at.positions, 1), {{2}});
-  const Cloud placed = {mixed(own(axes), cloud.means) + own(at.positions), cloud.scales,
-                        mixed(own(left_products(at.turns)), cloud.rotations), cloud.opacities};
+  const Tensor turn = slice(view, 1, 0, 3), away = slice(view, 1, 3, 4);  // camera_from_world
+  const Tensor eye = reshape(-sum(turn * away, {{0}}), {1, 3}), axes = axes_of(at.turns);
+  const Tensor eyes = sum(axes * unsqueeze(eye - at.positions, 1), {{2}});
+  const Tensor turns = sum(unsqueeze(axes, 1) * reshape(turn, {1, 3, 1, 3}), {{3}});
+  const Tensor shifts = sum(unsqueeze(at.positions, 1) * unsqueeze(turn, 0), {{2}, true}) + unsqueeze(away, 0);
   Harmonics colours = harmonics;
   if (things.waves)
-    colours.first = colours.first + reshape(mixed(things.waves, own(at.waves)), harmonics.first.shape());
-  return {splat_project(placed, view, lens_of(camera, options)),
-          splat_colours(colours, cloud.means - own(eyes), zeros({3}))};
+    colours.first =
+        colours.first + reshape(mixed(things.waves, gather_rows(at.waves, things.owners)), harmonics.first.shape());
+  return {splat_project(cloud, concat({turns, shifts}, 2), lens_of(camera, options), things.owners),
+          splat_colours(colours, cloud.means, eyes, things.owners)};
 }
 
 }  // namespace cloam

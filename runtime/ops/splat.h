@@ -18,18 +18,21 @@ struct SplatCamera {
 };
 /// view [3,4]: camera_from_world -> [G,7]: x, y in pixels, conic a, b, c (the inverse covariance (a b; b c)), opacity
 /// (0 where it is not seen), depth along the camera's axis. Any number of times differentiable in the cloud and in
-/// view; the composed form is its reference.
-Tensor splat_project(const Cloud& cloud, const Tensor& view, const SplatCamera& camera);
-Tensor splat_project_composed(const Cloud& cloud, const Tensor& view, const SplatCamera& camera);
+/// view; the composed form is its reference. With `owners` int32 [G] in [0,N), gaussians lie in the axes of N things:
+/// view [N,3,4], camera_from_thing.
+Tensor splat_project(const Cloud& cloud, const Tensor& view, const SplatCamera& camera, const Tensor& owners = {});
+Tensor splat_project_composed(const Cloud& cloud, const Tensor& view, const SplatCamera& camera,
+                              const Tensor& owners = {});
 /// Colours towards an eye [3] from coefficients of spherical harmonics first [G,3] and rest [G,15,3], of degrees up to
 /// `degree` (0 to 3): max(0, 0.5 + sum) -> [G,3]. Any number of times differentiable in all tensors; the composed
-/// form is its reference.
+/// form is its reference. With owners as above: eye [N,3], in each thing's axes.
 struct Harmonics {
   Tensor first, rest;
   int degree = 3;
 };
-Tensor splat_colours(const Harmonics& harmonics, const Tensor& means, const Tensor& eye);
-Tensor splat_colours_composed(const Harmonics& harmonics, const Tensor& means, const Tensor& eye);
+Tensor splat_colours(const Harmonics& harmonics, const Tensor& means, const Tensor& eye, const Tensor& owners = {});
+Tensor splat_colours_composed(const Harmonics& harmonics, const Tensor& means, const Tensor& eye,
+                              const Tensor& owners = {});
 
 /// What each tile of 16 x 16 pixels blends, front to back. Tiles row by row, those at the right and lower edge cut.
 struct SplatTiles {

@@ -132,17 +132,20 @@ Tensor blend_composed(const Tensors& in, const SplatPicture& picture) {
   return picture_of(concat({sums, unsqueeze(left, 2)}, 2), picture);
 }
 
-Tensor splat_project_composed(const Cloud& cloud, const Tensor& view, const SplatCamera& camera) {
+Tensor splat_project_composed(const Cloud& cloud, const Tensor& view, const SplatCamera& camera, const Tensor& owners) {
   const std::vector<float> lens = {
       camera.fx, camera.fy, camera.cx, camera.cy, static_cast<float>(camera.width), static_cast<float>(camera.height)};
-  const Tensor views = broadcast_to(unsqueeze(view, 0), {cloud.means.dim(0), 3, 4});
+  const Tensor views =
+      owners ? gather_rows(view, owners) : broadcast_to(unsqueeze(view, 0), {cloud.means.dim(0), 3, 4});
   return project_composed({cloud.means, cloud.scales, cloud.rotations, cloud.opacities, views, from_host(lens, {6})},
                           {camera.blur, camera.near, camera.antialiased});
 }
 
-Tensor splat_colours_composed(const Harmonics& harmonics, const Tensor& means, const Tensor& eye) {
+Tensor splat_colours_composed(const Harmonics& harmonics, const Tensor& means, const Tensor& eye,
+                              const Tensor& owners) {
   const int side = harmonics.degree + 1;
-  return maximum(harmonic_sums_composed({harmonics.first, harmonics.rest, means, eye}, side * side), 0.f);
+  const Tensor from = owners ? gather_rows(eye, owners) : eye;
+  return maximum(harmonic_sums_composed({harmonics.first, harmonics.rest, means, from}, side * side), 0.f);
 }
 
 Blended splat_blend_composed(const Splats& splats, const SplatTiles& tiles) {

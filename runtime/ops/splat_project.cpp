@@ -4,6 +4,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/ops/composed.h"
+#include "runtime/ops/places.h"
 #include "runtime/ops/scan.h"
 #include "runtime/ops/splat_composed.h"
 
@@ -12,25 +13,48 @@ namespace {
 
 const Registered kSplatProjectKernels[] = {Registered("splat_project"), Registered("splat_colours")};
 
-constexpr int64_t kSeen = 7, kTile = 16, kCameraNumbers = 18;
+constexpr int64_t kSeen = 7, kTile = 16, kViewNumbers = 12, kLensNumbers = 6;
 
-/// in: means, scales, rotations, logits, camera [18], g -> [G,11], or [G,23] with the pose's part.
+/// Inputs of an op: places in `views` (where there are none, a buffer for the argument that is not read).
+struct Owners {
+  Owners(const Tensors& in, size_t first, size_t end) : owned(end > first), rows(owned ? in[first] : in[0]) {}
+  const bool owned;
+  const Tensor& rows;
+};
+
+/// What each owner's rows add up to, or all rows without owners: [N,...].
+Tensor by_owner(const Tensor& rows, const Owners& owners, int64_t count) {
+  return owners.owned ? scatter_add_rows(rows, owners.rows, count) : sum(rows, {.axes = {0}, .keep = true});
+}
+
+/// A row of views or eyes [N,...] for each of `count` gaussians.
+Tensor own_rows(const Tensor& of_owners, const Owners& owners, int64_t count) {
+  if (owners.owned) return gather_rows(of_owners, owners.rows);
+  Shape shape = of_owners.shape();
+  shape[0] = count;
+  return broadcast_to(of_owners, shape);
+}
+
+/// in: means, scales, rotations, logits, views [N,3,4], lens [6], perhaps owners, g -> [G,11], or [G,23] with the
+/// pose's part.
 struct ProjectGrad final : Op {
   ProjectGrad(const SplatLook& how, bool pose) : look(how), with_pose(pose) {}
   const char* name() const override { return "splat_project_grad"; }
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 256);
-    launch(kernel("splat_project", "project_grad"), name(), range, in[0], in[1], in[2], in[3], in[4], in[5], out,
-           out.dim(0), look.blur, look.near, look.antialiased ? 1 : 0, with_pose ? 1 : 0, chunk);
+    const Owners owners(in, 6, in.size() - 1);
+    launch(kernel("splat_project", "project_grad"), name(), range, in[0], in[1], in[2], in[3], in[4], owners.rows,
+           owners.owned ? 1 : 0, in[5], in.back(), out, out.dim(0), look.blur, look.near, look.antialiased ? 1 : 0,
+           with_pose ? 1 : 0, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     const auto rows = [look = look, with_pose = with_pose](const Tensors& of) {
       const int64_t count = of[0].dim(0);
-      const Tensor view = reshape(slice(of[4], 0, 0, 12), {1, 3, 4}), lens = slice(of[4], 0, 12, kCameraNumbers);
-      const Tensors own = {of[0], of[1], of[2], of[3], broadcast_to(view, {count, 3, 4}), lens};
-      const Tensors each = vjp_of([&](const Tensors& x) { return project_composed(x, look); }, own, of[5]);
+      const Tensor views = own_rows(of[4], Owners(of, 6, of.size() - 1), count);
+      const Tensors own = {of[0], of[1], of[2], of[3], views, of[5]};
+      const Tensors each = vjp_of([&](const Tensors& x) { return project_composed(x, look); }, own, of.back());
       Tensors columns = {each[0], each[1], each[2], unsqueeze(each[3], 1)};
-      if (with_pose) columns.push_back(reshape(each[4], {count, 12}));
+      if (with_pose) columns.push_back(reshape(each[4], {count, kViewNumbers}));
       return concat(columns, 1);
     };
     return vjp_of(rows, in, g);
@@ -39,14 +63,15 @@ struct ProjectGrad final : Op {
   bool with_pose;
 };
 
-/// in: means, scales, rotations, logits, camera [18] -> [G,7].
+/// in: means, scales, rotations, logits, views [N,3,4], lens [6], perhaps owners -> [G,7].
 struct Project final : Op {
   explicit Project(const SplatLook& how) : look(how) {}
   const char* name() const override { return "splat_project"; }
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 256);
-    launch(kernel("splat_project", "project"), name(), range, in[0], in[1], in[2], in[3], in[4], out, out.dim(0),
-           look.blur, look.near, look.antialiased ? 1 : 0, chunk);
+    const Owners owners(in, 6, in.size());
+    launch(kernel("splat_project", "project"), name(), range, in[0], in[1], in[2], in[3], in[4], owners.rows,
+           owners.owned ? 1 : 0, in[5], out, out.dim(0), look.blur, look.near, look.antialiased ? 1 : 0, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     const int64_t count = in[0].dim(0);
@@ -54,28 +79,33 @@ struct Project final : Op {
     Tensors all = in;
     all.push_back(g);
     const Tensor rows = make(std::make_shared<ProjectGrad>(look, pose), {count, pose ? 23 : 11}, all);
-    const Tensor camera = pose ? pad(sum(slice(rows, 1, 11, 23), {.axes = {0}}), 0, 0, kCameraNumbers - 12) : Tensor();
-    return {slice(rows, 1, 0, 3), slice(rows, 1, 3, 6), slice(rows, 1, 6, 10), reshape(slice(rows, 1, 10, 11), {count}),
-            camera};
+    Tensors gradients = {slice(rows, 1, 0, 3), slice(rows, 1, 3, 6), slice(rows, 1, 6, 10),
+                         reshape(slice(rows, 1, 10, 11), {count})};
+    gradients.resize(in.size());
+    if (pose)
+      gradients[4] = reshape(by_owner(slice(rows, 1, 11, 23), Owners(in, 6, in.size()), in[4].dim(0)), in[4].shape());
+    return gradients;
   }
   SplatLook look;
 };
 
-/// in: rest, means, eye, the colours found, g -> [G,51].
+/// in: rest, means, eyes [N,3], the colours found, perhaps owners, g -> [G,51].
 struct ColoursGrad final : Op {
   explicit ColoursGrad(int used) : bands(used) {}
   const char* name() const override { return "splat_colours_grad"; }
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 256);
-    launch(kernel("splat_project", "colours_grad"), name(), range, in[0], in[1], in[2], in[3], in[4], out, out.dim(0),
-           bands, chunk);
+    const Owners owners(in, 4, in.size() - 1);
+    launch(kernel("splat_project", "colours_grad"), name(), range, in[0], in[1], in[2], owners.rows,
+           owners.owned ? 1 : 0, in[3], in.back(), out, out.dim(0), bands, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     const auto rows = [bands = bands](const Tensors& of) {
       const int64_t count = of[1].dim(0);
-      const Tensors own = {zeros({count, 3}), of[0], of[1], of[2]};  // linear in the first
+      const Tensor eyes = own_rows(of[2], Owners(of, 4, of.size() - 1), count);
+      const Tensors own = {zeros({count, 3}), of[0], of[1], eyes};  // linear in the first
       const Tensors each = vjp_of([&](const Tensors& x) { return harmonic_sums_composed(x, bands); }, own,
-                                  where(of[3] > 0.f, of[4], 0.f));
+                                  where(of[3] > 0.f, of.back(), 0.f));
       return concat({each[0], reshape(each[1], {count, 45}), each[2]}, 1);
     };
     return vjp_of(rows, in, g);
@@ -83,21 +113,27 @@ struct ColoursGrad final : Op {
   int bands;
 };
 
-/// in: first, rest, means, eye -> [G,3].
+/// in: first, rest, means, eyes [N,3], perhaps owners -> [G,3].
 struct Colours final : Op {
   explicit Colours(int used) : bands(used) {}
   const char* name() const override { return "splat_colours"; }
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 256);
-    launch(kernel("splat_project", "colours"), name(), range, in[0], in[1], in[2], in[3], out, out.dim(0), bands,
-           chunk);
+    const Owners owners(in, 4, in.size());
+    launch(kernel("splat_project", "colours"), name(), range, in[0], in[1], in[2], in[3], owners.rows,
+           owners.owned ? 1 : 0, out, out.dim(0), bands, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor& out, const Tensor& g) const override {
     const int64_t count = in[0].dim(0);
-    const Tensor rows = make(std::make_shared<ColoursGrad>(bands), {count, 51}, {in[1], in[2], in[3], out, g});
+    Tensors all = {in[1], in[2], in[3], out};
+    all.insert(all.end(), in.begin() + 4, in.end());
+    all.push_back(g);
+    const Tensor rows = make(std::make_shared<ColoursGrad>(bands), {count, 51}, all);
     const Tensor by_mean = slice(rows, 1, 48, 51);
-    return {slice(rows, 1, 0, 3), reshape(slice(rows, 1, 3, 48), {count, 15, 3}), by_mean,
-            -sum(by_mean, {.axes = {0}})};
+    Tensors gradients = {slice(rows, 1, 0, 3), reshape(slice(rows, 1, 3, 48), {count, 15, 3}), by_mean};
+    gradients.resize(in.size());
+    if (in[3].node()->tracked) gradients[3] = -by_owner(by_mean, Owners(in, 4, in.size()), in[3].dim(0));
+    return gradients;
   }
   int bands;
 };
@@ -121,28 +157,37 @@ Tensor running_starts(const Tensor& counts) {
 
 }  // namespace
 
-Tensor splat_project(const Cloud& cloud, const Tensor& view, const SplatCamera& camera) {
+Tensor splat_project(const Cloud& cloud, const Tensor& view, const SplatCamera& camera, const Tensor& owners) {
   match("splat_project", {{"means", cloud.means, "G 3"},
                           {"scales", cloud.scales, "G 3"},
                           {"rotations", cloud.rotations, "G 4"},
                           {"opacities", cloud.opacities, "G"},
-                          {"view", view, "3 4"}});
+                          {"view", view, owners ? "N 3 4" : "3 4"}});
+  check_owners("splat_project", owners, cloud.means);
   const std::vector<float> lens = {
       camera.fx, camera.fy, camera.cx, camera.cy, static_cast<float>(camera.width), static_cast<float>(camera.height)};
-  const Tensor numbers = concat({reshape(view, {12}), from_host(lens, {kCameraNumbers - 12})}, 0);
+  Tensors in = {cloud.means,
+                cloud.scales,
+                cloud.rotations,
+                cloud.opacities,
+                owners ? view : unsqueeze(view, 0),
+                from_host(lens, {kLensNumbers})};
+  if (owners) in.push_back(owners);
   return make(std::make_shared<Project>(SplatLook{camera.blur, camera.near, camera.antialiased}),
-              {cloud.means.dim(0), kSeen}, {cloud.means, cloud.scales, cloud.rotations, cloud.opacities, numbers});
+              {cloud.means.dim(0), kSeen}, in);
 }
 
-Tensor splat_colours(const Harmonics& harmonics, const Tensor& means, const Tensor& eye) {
+Tensor splat_colours(const Harmonics& harmonics, const Tensor& means, const Tensor& eye, const Tensor& owners) {
   match("splat_colours", {{"first", harmonics.first, "G 3"},
                           {"rest", harmonics.rest, "G 15 3"},
                           {"means", means, "G 3"},
-                          {"eye", eye, "3"}});
+                          {"eye", eye, owners ? "N 3" : "3"}});
+  check_owners("splat_colours", owners, means);
   if (harmonics.degree < 0 || harmonics.degree > 3)
     throw Error(Fault::internal, text("[splat_colours] degree ", harmonics.degree, ", want 0 to 3"));
-  return make(std::make_shared<Colours>((harmonics.degree + 1) * (harmonics.degree + 1)), {means.dim(0), 3},
-              {harmonics.first, harmonics.rest, means, eye});
+  Tensors in = {harmonics.first, harmonics.rest, means, owners ? eye : unsqueeze(eye, 0)};
+  if (owners) in.push_back(owners);
+  return make(std::make_shared<Colours>((harmonics.degree + 1) * (harmonics.degree + 1)), {means.dim(0), 3}, in);
 }
 
 SplatTiles splat_tiles(const Tensor& seen, int64_t height, int64_t width) {

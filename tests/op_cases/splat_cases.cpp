@@ -119,8 +119,9 @@ Matrix rotation_of(const HostArray& rotations, int64_t i) {
 /// One gaussian's row, from the papers' formulas: cov = J W Sigma W' J' + 0.3 I with Sigma = R S S R'.
 void project_one(const HostArrays& in, const SplatCamera& camera, int64_t i, double* out) {
   Vector t;
+  const int64_t owner = in.size() > 5 ? static_cast<int64_t>(in[5][i]) : 0;
   const auto view = [&](size_t row, size_t column) {
-    return in[4].at({static_cast<int64_t>(row), static_cast<int64_t>(column)});
+    return in[4][12 * owner + static_cast<int64_t>(4 * row + column)];
   };
   for (size_t k = 0; k < 3; k++) {
     t[k] = view(k, 3);
@@ -192,6 +193,26 @@ double harmonic(int l, int m, const Vector& d) {
   return m == 0 ? norm : sign * std::sqrt(2.0) * norm * (m > 0 ? std::cos(order * azimuth) : std::sin(order * azimuth));
 }
 
+/// Each gaussian is one of three things, seen from elsewhere.
+OpCase projection_of_things(const char* label, int64_t count, double reach, bool composed = false) {
+  OpCase row = projection(label, true);
+  const std::vector<double> one = view_of_cases();
+  std::vector<double> views = one;
+  views.insert(views.end(), {1, 0, 0, 0.3, 0, 0, -1, 0.2, 0, 1, 0, 4});             // turned about x
+  views.insert(views.end(), {0.8, 0, -0.6, -0.4, 0, 1, 0, 0.1, 0.6, 0, 0.8, 4.5});  // turned about y
+  row.inputs = {between({count, 3}, -reach, reach),
+                between({count, 3}, -2.5, 0),
+                normal({count, 4}),
+                normal({count}),
+                given({3, 3, 4}, views),
+                below({count}, 3)};
+  row.run = [composed](const Tensors& in) {
+    return (composed ? splat_project_composed : splat_project)({in[0], in[1], in[2], in[3]}, in[4], lens(true), in[5]);
+  };
+  if (composed) row.op = "splat_project_composed";
+  return row;
+}
+
 OpCase colouring(const char* label, int degree) {
   return {.op = "splat_colours",
           .label = label,
@@ -204,7 +225,9 @@ OpCase colouring(const char* label, int degree) {
               [degree](const HostArrays& in) {
                 return from_index({in[0].dim(0), 3}, [&](const Shape& at) {
                   Vector d;
-                  for (int64_t k = 0; k < 3; k++) d[static_cast<size_t>(k)] = in[2].at({at[0], k}) - in[3][k];
+                  const int64_t owner = in.size() > 4 ? static_cast<int64_t>(in[4][at[0]]) : 0;
+                  for (int64_t k = 0; k < 3; k++)
+                    d[static_cast<size_t>(k)] = in[2].at({at[0], k}) - in[3][3 * owner + k];
                   const double length = std::sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
                   for (double& x : d) x /= length;
                   double all = 0.5 + harmonic(0, 0, d) * in[0].at({at[0], at[1]});
@@ -214,6 +237,17 @@ OpCase colouring(const char* label, int degree) {
                   return std::max(0.0, all);
                 });
               }};
+}
+
+OpCase colouring_of_things(const char* label, bool composed = false) {
+  OpCase row = colouring(label, 3);
+  row.inputs[3] = given({3, 3}, {2.5, -2, 3, -3, 1, 2, 0.5, 4, -2.5});
+  row.inputs.push_back(below({11}, 3));
+  row.run = [composed](const Tensors& in) {
+    return (composed ? splat_colours_composed : splat_colours)({in[0], in[1], 3}, in[2], in[3], in[4]);
+  };
+  if (composed) row.op = "splat_colours_composed";
+  return row;
 }
 
 OpCase second_order(OpCase row) {
@@ -258,6 +292,9 @@ void add_splat_cases(OpCases& rows) {
     return splat_project_composed({in[0], in[1], in[2], in[3]}, in[4], lens(true));
   };
   rows.push_back(projected);
+  rows.push_back(projection_of_things("of things", 23, 3));
+  rows.push_back(second_order(projection_of_things("of things, second order", 6, 1)));
+  rows.push_back(projection_of_things("of things", 23, 3, true));
   rows.push_back(colouring("", 3));
   rows.push_back(colouring("degree 1", 1));
   rows.push_back(second_order(colouring("second order", 3)));
@@ -265,6 +302,9 @@ void add_splat_cases(OpCases& rows) {
   coloured.op = "splat_colours_composed";
   coloured.run = [](const Tensors& in) { return splat_colours_composed({in[0], in[1], 2}, in[2], in[3]); };
   rows.push_back(coloured);
+  rows.push_back(colouring_of_things("of things"));
+  rows.push_back(second_order(colouring_of_things("of things, second order")));
+  rows.push_back(colouring_of_things("of things", true));
 }
 
 }  // namespace cloam
