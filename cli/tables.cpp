@@ -213,7 +213,7 @@ Command add_tables(CLI::App& program) {
         add("--measure", r.logs.measure, "Logs to measure, a list (" + joined(paper_logs(), ",") + ")");
         Names rows;
         for (const TableRow& row : genassets_rows()) rows.push_back(row.key);
-        add("--rows", r.rows, "Rows of GenAssets, a list of " + joined(rows) + " (all but the last)");
+        add("--rows", r.rows, "Rows of GenAssets, a list of " + joined(rows) + " (all but the last two)");
         add("--methods", r.methods, "Other methods, a list of " + joined(table_methods()) + ", or none (small: none)");
         add("--protocols", r.protocols, "List of " + joined(table_protocols()) + " (all)");
         add("--seeds", r.seeds, "List of random seeds (1)");

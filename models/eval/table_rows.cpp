@@ -95,6 +95,7 @@ const std::vector<TableRow>& genassets_rows() {
        true,
        false,
        of_full},
+      {"unisim", "UniSim's way: direct planes, finer steps, no shadows", "genassets", "-unisim"},
   };
   return rows;
 }

@@ -91,6 +91,11 @@ const std::vector<Preset>& presets() {
       "beyond.detail=false beyond.field_bypass=false beyond.field_residual=false beyond.image_bypass=false "
       "beyond.linear_lidar=false weight.line_of_sight=0 weight.adversarial=0.001 weight.kl=1e-5 ";
   const std::string whole = "batch.whole_images=true batch.lidar_rays=8192 ";
+  // UniSim (Yang et al. 2023), as far as its way differs: each actor learns its own features, which nothing mirrors and
+  // which cast no shadow; finer steps, a deeper sky, a narrower distance network.
+  const std::string unisim =
+      "decoder.use=false actors.symmetric=false shadows=false steps.background=0.2 steps.sky=16 field.width=32 "
+      "beyond.linear_lidar=false ";
   static const std::vector<Preset> rows = {
       {"nerf", "nerf", "hash grid and occupancy grid: minutes on two cores", {}, 4000},
       {"nerf-paper", "nerf", "the paper's 8x256 network, 64 + 128 samples",
@@ -106,6 +111,9 @@ const std::vector<Preset>& presets() {
       {"genassets-small", "genassets", "streets and their actors: minutes on two cores", settings_in(street), 7000},
       {"genassets-small-faithful", "genassets", "the same without what the paper does not have",
        settings_in(street + faithful), 7000},
+      {"genassets-unisim", "genassets", "UniSim's way: each actor's planes learned directly, finer steps",
+       settings_in(whole + unisim), 0, 100},
+      {"genassets-small-unisim", "genassets", "the same for minutes on two cores", settings_in(street + unisim), 7000},
       {"diffusion", "diffusion", "the paper's sizes: assets of a genassets run", {}, 100000},
       {"diffusion-small", "diffusion", "assets of a genassets-small run: minutes on two cores",
        settings_in("unet.base=32 unet.multipliers=1,2 unet.groups=8 batch.codes=64 train.rate=1e-3 "

@@ -43,7 +43,14 @@ TEST_CASE("ablations differ from genassets-small in what they leave out alone") 
   const std::map<std::string, std::map<std::string, std::string>> ablations = {
       {"nokl", {{"weight.kl", "0"}, {"code.variational", "false"}}},
       {"noperceptual", {{"weight.perceptual", "0"}}},
-      {"nodecoder", {{"decoder.use", "false"}, {"actors.symmetric", "false"}}}};
+      {"nodecoder", {{"decoder.use", "false"}, {"actors.symmetric", "false"}}},
+      {"unisim",
+       {{"decoder.use", "false"},
+        {"actors.symmetric", "false"},
+        {"shadows", "false"},
+        {"steps.background", "0.2"},
+        {"steps.sky", "16"},
+        {"beyond.linear_lidar", "false"}}}};
   for (const auto& [name, differences] : ablations) {
     CAPTURE(name);
     auto expected = base;

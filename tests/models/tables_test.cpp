@@ -197,6 +197,23 @@ TEST_CASE("table, the small: its logs are made, its steps are said, and rows dif
   CHECK(differs("full", "direct-mirrored") == std::set<std::string>{"decoder.use"});
 }
 
+TEST_CASE("table: UniSim's row has its preset, and the other street methods stand beside it") {
+  TableRequest request = small_request();
+  request.rows = rows_of({"full", "unisim"});
+  for (const char* method : {"street-gaussians", "neurad", "splat"}) request.rows.push_back(row_of_method(method));
+  request.protocols = {"sparse", "novel"};
+  const TablePlan plan = table_plan(request);
+  CHECK(option_of(node_of(plan, "train/unisim/1"), "--preset") == "genassets-small-unisim");
+  CHECK(find_preset("genassets-unisim").method == "genassets");
+  for (const TableRow& row : request.rows)
+    for (const std::string& protocol : request.protocols)
+      CHECK_MESSAGE(std::any_of(plan.nodes.begin(), plan.nodes.end(),
+                                [&](const TableNode& node) {
+                                  return node.id.starts_with("measure/" + row.key + "/") && node.id.ends_with(protocol);
+                                }),
+                    row.key << " " << protocol);
+}
+
 TEST_CASE("table, the small: measured logs that are named are measured, and made ones train") {
   const Folder folder;
   for (int frame = 0; frame < 8; ++frame) write_text(folder.path / text("a/camera/front_camera/0", frame, ".jpg"), "");
