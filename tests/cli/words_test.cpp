@@ -119,7 +119,13 @@ const std::map<std::string, std::string> kForeignOptions = {
 /// Those that the documents alone name.
 const Names kForeignInDocuments = {"--data-races",
                                    "--uniform-writes",  // Oclgrind's
-                                   "--logdir",          // TensorBoard's
+                                   "--install",
+                                   "--prefix",
+                                   "--component",
+                                   "--build",  // CMake's
+                                   "--cflags",
+                                   "--libs",    // pkg-config's
+                                   "--logdir",  // TensorBoard's
                                    "--rm",
                                    "--user",
                                    "--gpus",
