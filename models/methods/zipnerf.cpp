@@ -63,7 +63,7 @@ MemoryPlan ZipNerf::memory(const PhotoSizes& photos) const {
   MemoryPlan plan = memory_of(params_);
   plan.images = photos.bytes + 16 * photos.largest;  // and directions, widths
   plan.work = 2 * plan.parameters + static_cast<uint64_t>(int64_t{config_.batch_rays} * renderer_->bytes_per_ray());
-  plan.smaller = "smaller --set batch.rays or grid.log2_rows, or more --gradient-accumulation, would fit";
+  plan.smaller = "smaller --set batch.rays or grid.log2_rows would fit";
   return plan;
 }
 
