@@ -16,16 +16,21 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// The command, asked to stop once `begun` is there.
-Outcome stopped(const Words& words, const fs::path& begun, int signal = SIGINT) {
-  Process process(words);
-  REQUIRE_MESSAGE(wait_for(begun, process), process.wait().err);
+/// What a process says that is asked to stop.
+Outcome stopped(Process& process, int signal) {
   process.signal(signal);
   const Outcome outcome = process.wait();
   CHECK_MESSAGE(outcome.code == 128 + signal, outcome.err);
   CHECK_MESSAGE(contains(outcome.err, "\nstopping: finishing this "), outcome.err);
   CHECK_MESSAGE(contains(outcome.err, "; press Ctrl-C again to quit at once\n"), outcome.err);
   return outcome;
+}
+
+/// The command, asked to stop once `begun` is there.
+Outcome stopped(const Words& words, const fs::path& begun, int signal = SIGINT) {
+  Process process(words);
+  REQUIRE_MESSAGE(wait_for(begun, process), process.wait().err);
+  return stopped(process, signal);
 }
 
 /// The number in front of these words of what was said at the end.
@@ -128,6 +133,11 @@ TEST_CASE("crops that are stopped are whole, and have no index") {
 
 TEST_CASE("a training acknowledges Ctrl-C before its step ends") {
   const fs::path run = scratch() / "stopped-train";
-  const Outcome outcome = stopped(small_training(small_scene(), run, {"--steps", "100000"}), run / "metrics.jsonl");
+  Process process(small_training(small_scene(), run, {"--steps", "100000"}));
+  REQUIRE(wait_for(run / "metrics.jsonl", process));
+  // The file is there before signals are taken.
+  while (process.running() && !contains(content_of(run / "metrics.jsonl"), "\"event\":\"step\""))
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  const Outcome outcome = stopped(process, SIGINT);
   CHECK(outcome.err.find("stopping: ") < outcome.err.find("Continue: cloam train --resume"));
 }
