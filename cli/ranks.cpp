@@ -44,25 +44,23 @@ class LibraryRanks final : public Ranks {
   int64_t size() const override { return library_.size(); }
   void trade(const std::vector<std::span<const std::byte>>& to,
              const std::vector<std::span<std::byte>>& from) const override {
-    const std::vector<int> silent = library_.trade(to, from, seconds_);
-    if (silent.empty()) return;
-    throw Error(Fault::device,
-                text(silent.size() == 1 ? "rank " : "ranks ", listed(silent), silent.size() == 1 ? " has" : " have",
-                     " not answered for ", words_for_seconds(seconds_),
-                     ": stopped, hanging, or cut off\n  fix: look at the device and the network of its host; "
-                     "CLOAM_RANK_TIMEOUT=30m waits longer"));
+    require_all(library_.trade(to, from, seconds_), "answered");
   }
-  /// MPI's own way of waiting takes a whole core.
-  void await_all() const override {
-    const auto count = static_cast<size_t>(size());
-    std::vector<std::byte> sent(1), received(count);
-    std::vector<std::span<std::byte>> from;
-    for (std::byte& one : received) from.emplace_back(&one, 1);
-    library_.trade({count, std::span<const std::byte>(sent)}, from, std::numeric_limits<double>::infinity());
-  }
+  void await_all() const override { library_.await_all(std::numeric_limits<double>::infinity()); }
+  void await_work() const override { require_all(library_.await_all(seconds_), "finished a piece of its work"); }
+  void finish_piece() const override { library_.be_heard_of(); }
   RanksLibrary& library() const { return library_; }
 
  private:
+  void require_all(const std::vector<int>& silent, const char* what) const {
+    if (silent.empty()) return;
+    throw Error(Fault::device,
+                text(silent.size() == 1 ? "rank " : "ranks ", listed(silent), silent.size() == 1 ? " has" : " have",
+                     " not ", what, " for ", words_for_seconds(seconds_),
+                     ": stopped, hanging, or cut off\n  fix: look at the device and the network of its host; "
+                     "CLOAM_RANK_TIMEOUT=30m waits longer"));
+  }
+
   RanksLibrary& library_;
   double seconds_;
 };

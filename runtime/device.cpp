@@ -52,6 +52,7 @@ DeviceInfo describe(const cl::Platform& platform, const cl::Device& device, cons
   info.driver = trimmed(device.getInfo<CL_DRIVER_VERSION>());
   info.cl_version = trimmed(device.getInfo<CL_DEVICE_VERSION>());
   info.is_cpu = (device.getInfo<CL_DEVICE_TYPE>() & CL_DEVICE_TYPE_CPU) != 0;
+  info.shares_host_memory = device.getInfo<CL_DEVICE_HOST_UNIFIED_MEMORY>() != 0;
   info.global_bytes = device.getInfo<CL_DEVICE_GLOBAL_MEM_SIZE>();
   info.max_alloc_bytes = device.getInfo<CL_DEVICE_MAX_MEM_ALLOC_SIZE>();
   info.local_bytes = device.getInfo<CL_DEVICE_LOCAL_MEM_SIZE>();

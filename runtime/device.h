@@ -15,6 +15,7 @@ struct DeviceInfo {
   std::string name, platform, driver, cl_version;
   DeviceClass device_class = DeviceClass::cpu;
   bool is_cpu = false;
+  bool shares_host_memory = false;  // the host sees its buffers in place
   uint64_t global_bytes = 0, max_alloc_bytes = 0, local_bytes = 0;
   std::string pinning;       // of PoCL's threads to cores: "POCL_AFFINITY=1 (set by cloam)"; empty for other drivers
   uint64_t cache_bytes = 0;  // of the last level

@@ -7,6 +7,7 @@
 #include "runtime/debug.h"
 #include "runtime/driver.h"
 #include "runtime/ops.h"
+#include "runtime/ops/share.h"
 
 namespace cloam {
 namespace {
@@ -32,10 +33,15 @@ void check_shapes(const Tensor& tensor, const Tensor& place) {
                      to_string(place.shape()), " ", name_of(place.dtype())));
 }
 
-void check_count(const Tensor& tensor, size_t count) {
-  if (tensor.dtype() != DType::f32 || tensor.numel() != static_cast<int64_t>(count))
-    throw Error(Fault::internal,
-                text("[flat] ", count, " floats do not fit ", to_string(tensor.shape()), " ", name_of(tensor.dtype())));
+void use_rows(const Tensor& tensor, int64_t begin, int64_t end, HostUse kind,
+              const std::function<void(std::span<std::byte>)>& use) {
+  const Storage& storage = tensor.node()->storage;
+  if (!storage.buffer || !storage.dense(tensor.shape()) || tensor.rank() == 0 || begin < 0 || begin > end ||
+      end > tensor.dim(0))
+    throw Error(Fault::internal, text("[flat] rows ", begin, " to ", end, " of ", to_string(tensor.shape()),
+                                      ": want rows of an evaluated and dense tensor"));
+  const size_t row = static_cast<size_t>(row_width(tensor.shape())) * size_of(tensor.dtype());
+  use_on_host(*storage.buffer, static_cast<size_t>(begin) * row, static_cast<size_t>(end - begin) * row, kind, use);
 }
 
 }  // namespace
@@ -91,20 +97,25 @@ void put_at(const Tensor& value, const Tensor& place) {
   if (!lies_at(value, place) && value.numel() > 0) pack(value, place);
 }
 
-void read_over(const Tensor& tensor, std::span<float> to) {
-  check_count(tensor, to.size());
-  if (debug().float64) {
-    std::ranges::copy(tensor.to_host(), to.begin());
-    return;
-  }
+void read_on_host(const Tensor& tensor, const std::function<void(std::span<const float>)>& use) {
+  if (tensor.dtype() != DType::f32)
+    throw Error(Fault::internal, text("[flat] floats are to be read of a tensor of ", name_of(tensor.dtype())));
+  if (debug().float64) return use(tensor.to_host());
   const Tensor packed = dense(tensor);
-  read_buffer(*packed.node()->storage.buffer, 0, to.size_bytes(), to.data());
+  const size_t count = static_cast<size_t>(packed.numel());
+  use_on_host(*packed.node()->storage.buffer, 0, count * sizeof(float), HostUse::read, [&](std::span<std::byte> bytes) {
+    use({reinterpret_cast<const float*>(bytes.data()), count});
+  });
 }
 
-void write_over(const Tensor& tensor, std::span<const float> values) {
-  check_count(tensor, values.size());
-  if (debug().float64) return put_at(from_bytes(values.data(), DType::f32, tensor.shape()), tensor);
-  write_buffer(*tensor.node()->storage.buffer, values.data(), values.size_bytes());
+void read_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,
+                       const std::function<void(std::span<const std::byte>)>& use) {
+  use_rows(tensor, begin, end, HostUse::read, use);
+}
+
+void overwrite_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,
+                            const std::function<void(std::span<std::byte>)>& fill) {
+  use_rows(tensor, begin, end, HostUse::overwrite, fill);
 }
 
 }  // namespace cloam

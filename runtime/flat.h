@@ -1,5 +1,6 @@
 // Tensors that lie one behind the other in one buffer, so that one launch can serve them all.
 #pragma once
+#include <functional>
 #include <span>
 
 #include "runtime/tensor.h"
@@ -25,9 +26,13 @@ void expect_at(const Tensor& value, const Tensor& place);
 /// Evaluates `value` and copies it into the memory of `place`, unless the hint put it there.
 void put_at(const Tensor& value, const Tensor& place);
 
-/// Evaluates an f32 tensor and copies its values, row-major, over `to`, of its size.
-void read_over(const Tensor& tensor, std::span<float> to);
-/// Copies `values` into the memory of an evaluated f32 tensor of their number, which is dense.
-void write_over(const Tensor& tensor, std::span<const float> values);
+/// Evaluates an f32 tensor and calls `use` with its values, row-major: in place where device and host share memory.
+void read_on_host(const Tensor& tensor, const std::function<void(std::span<const float>)>& use);
+/// Of rows [begin, end) of an evaluated and dense tensor, as the device stores them, in place where it can be.
+void read_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,
+                       const std::function<void(std::span<const std::byte>)>& use);
+/// The same for rows that `fill` overwrites, all of them.
+void overwrite_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,
+                            const std::function<void(std::span<std::byte>)>& fill);
 
 }  // namespace cloam

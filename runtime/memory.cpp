@@ -247,6 +247,53 @@ void write_buffer(const Buffer& buffer, const void* from, size_t bytes) {
                            [&] { cl_device().queue.enqueueWriteBuffer(buffer.mem, CL_TRUE, 0, bytes, from); });
 }
 
+namespace {
+
+/// Bytes of a buffer that the host sees until this ends.
+class Mapped {
+ public:
+  Mapped(const Buffer& buffer, size_t offset, size_t bytes, HostUse kind) : mem_(buffer.mem) {
+    const WaitTimer timer;
+    const cl_map_flags flags = kind == HostUse::read ? CL_MAP_READ : CL_MAP_WRITE_INVALIDATE_REGION;
+    called([&] { return text("map ", bytes, " bytes of a buffer", after_launches()); },
+           [&] { at_ = cl_device().queue.enqueueMapBuffer(mem_, CL_TRUE, flags, offset, bytes); });
+  }
+  ~Mapped() {
+    if (at_) clEnqueueUnmapMemObject(cl_device().queue(), mem_(), at_, 0, nullptr, nullptr);
+  }
+  Mapped(const Mapped&) = delete;
+  Mapped& operator=(const Mapped&) = delete;
+  std::byte* at() const { return static_cast<std::byte*>(at_); }
+  void end() {
+    void* const at = std::exchange(at_, nullptr);
+    called([] { return std::string("unmap a buffer"); }, [&] { cl_device().queue.enqueueUnmapMemObject(mem_, at); });
+  }
+
+ private:
+  cl::Buffer mem_;
+  void* at_ = nullptr;
+};
+
+}  // namespace
+
+void use_on_host(const Buffer& buffer, size_t offset, size_t bytes, HostUse kind,
+                 const std::function<void(std::span<std::byte>)>& use) {
+  if (bytes == 0) return use({});
+  if (device().shares_host_memory) {
+    Mapped mapped(buffer, offset, bytes, kind);
+    collect_launches();
+    use({mapped.at(), bytes});
+    return mapped.end();
+  }
+  std::vector<std::byte> copy(bytes);
+  if (kind == HostUse::read) read_buffer(buffer, offset, bytes, copy.data());
+  use(copy);
+  if (kind == HostUse::overwrite)
+    called_again_with_room(
+        [&] { return text("write ", bytes, " bytes into a buffer"); },
+        [&] { cl_device().queue.enqueueWriteBuffer(buffer.mem, CL_TRUE, offset, bytes, copy.data()); });
+}
+
 void finish() {
   const WaitTimer timer;
   called([] { return "wait for the device" + after_launches(); }, [] { cl_device().queue.finish(); });

@@ -21,6 +21,7 @@ Part own_part(const Ranks& ranks, const Listener& listener, const SharedWork& wo
          item += static_cast<std::size_t>(ranks.size())) {
       listener.check_stop([&] { return work.complete(part.made.size()); });
       part.made.push_back(work.make(item));
+      ranks.finish_piece();
     }
   } catch (const Interrupted& stopped) { part.signal = stopped.signal(); }
   return part;
@@ -30,7 +31,7 @@ Part own_part(const Ranks& ranks, const Listener& listener, const SharedWork& wo
 std::vector<Part> all_parts(const Ranks& ranks, Part mine) {
   if (ranks.size() == 1) return {std::move(mine)};
   const std::vector<std::uint8_t> bytes = Report::to_cbor({{"made", std::move(mine.made)}, {"signal", mine.signal}});
-  ranks.await_all();
+  ranks.await_work();
   std::vector<Part> parts;
   for (const std::string& part : gathered(ranks, std::string(bytes.begin(), bytes.end()))) {
     Report read = Report::from_cbor(part);

@@ -84,44 +84,82 @@ std::vector<Shape> Optimiser::buffer_shapes() const {
   return out;
 }
 
-void Optimiser::take_buffers(const std::vector<std::span<const float>>& buffers, Tensors& gradients) {
-  size_t next = 0;
-  for (Flats& flats : flats_) {
-    write_over(flats.gradients.all, buffers[next++]);
-    for (size_t i = 0; i < flats.order.size(); i++) gradients[flats.order[i]] = flats.gradients.parts[i];
-  }
-  for (size_t i = 0; i < names_.size(); i++) {
-    if (!steps_.contains(names_[i])) continue;
-    const std::span<const float> values = buffers[next++];
-    gradients[i] = values.empty() ? Tensor() : from_bytes(values.data(), DType::f32, m_.at(names_[i]).shape());
-  }
+/// assign() may have moved them away.
+void Optimiser::gather_parameters(const Flats& flats, const Tensors& parameters) const {
+  for (size_t i = 0; i < flats.order.size(); i++) move_to(parameters[flats.order[i]], flats.parameters.parts[i]);
 }
 
-void Optimiser::step_group(Flats& flats, const Tensors& parameters, const Tensors& gradients, const AdamStep& with) {
-  for (size_t i = 0; i < flats.order.size(); i++) {
-    move_to(parameters[flats.order[i]], flats.parameters.parts[i]);  // assign() may have moved it away
-    put_at(gradients[flats.order[i]], flats.gradients.parts[i]);
-  }
-  adam_step(flats.parameters.all, flats.m.all, flats.v.all, flats.gradients.all, with);
+namespace {
+
+AdamStep step_of(const ParameterGroup& group, const Progress& progress) {
+  return {group.rate_at(progress), group.beta1, group.beta2, group.epsilon, group.decay, progress.step};
+}
+
+}  // namespace
+
+AdamStep Optimiser::dense_step(const Flats& flats, const ParameterGroups& groups, const Progress& progress) const {
+  const auto group =
+      std::find_if(groups.begin(), groups.end(), [&](const auto& one) { return one.prefix == flats.prefix; });
+  if (group == groups.end()) throw Error(Fault::internal, text("the parameter group ", flats.prefix, "* is missing"));
+  return step_of(*group, progress);
 }
 
 void Optimiser::step(Params& parameters, const Tensors& gradients, const ParameterGroups& groups,
                      const Progress& progress) {
-  const auto with = [&](const ParameterGroup& group) {
-    return AdamStep{group.rate_at(progress), group.beta1, group.beta2, group.epsilon, group.decay, progress.step};
-  };
   for (size_t i = 0; i < names_.size(); i++) {
     const std::string& name = names_[i];
     if (!gradients[i] || !steps_.contains(name)) continue;
-    adam_step_rows(parameters.at(name), m_[name], v_[name], steps_[name], gradients[i], with(group_of(name, groups)));
+    adam_step_rows(parameters.at(name), m_[name], v_[name], steps_[name], gradients[i],
+                   step_of(group_of(name, groups), progress));
   }
   const Tensors in_order = wanted(parameters);
   for (Flats& flats : flats_) {
-    const auto group =
-        std::find_if(groups.begin(), groups.end(), [&](const auto& one) { return one.prefix == flats.prefix; });
-    if (group == groups.end()) throw Error(Fault::internal, text("the parameter group ", flats.prefix, "* is missing"));
-    step_group(flats, in_order, gradients, with(*group));
+    gather_parameters(flats, in_order);
+    for (size_t i = 0; i < flats.order.size(); i++) put_at(gradients[flats.order[i]], flats.gradients.parts[i]);
+    adam_step(flats.parameters.all, flats.m.all, flats.v.all, flats.gradients.all, dense_step(flats, groups, progress));
   }
+}
+
+void Optimiser::step_rows(Params& parameters, const std::vector<std::span<const float>>& gradients,
+                          const RowsStep& how) {
+  const Share share = how.progress.share;
+  const auto rows_of = [&](Shape shape, std::span<const float> values) {
+    shape[0] = share.size(shape[0]);
+    return from_bytes(values.data(), DType::f32, shape);
+  };
+  size_t next = 0;
+  const Tensors in_order = wanted(parameters);
+  for (Flats& flats : flats_) {
+    gather_parameters(flats, in_order);
+    const Shape shape = flats.parameters.all.shape();
+    AdamStep with = dense_step(flats, how.groups, how.progress);
+    with.first_row = share.begin(shape[0]);
+    adam_step(flats.parameters.all, flats.m.all, flats.v.all, rows_of(shape, gradients[next++]), with);
+  }
+  for (const std::string& name : names_) {
+    if (!steps_.contains(name)) continue;
+    const std::span<const float> values = gradients[next++];
+    Tensor& parameter = parameters.at(name);
+    if (values.empty()) continue;
+    AdamStep with = step_of(group_of(name, how.groups), how.progress);
+    with.first_row = share.begin(parameter.dim(0));
+    adam_step_rows(parameter, m_[name], v_[name], steps_[name], rows_of(parameter.shape(), values), with);
+  }
+}
+
+Tensors Optimiser::stepped(const Params& parameters) const {
+  Tensors out;
+  for (const Flats& flats : flats_) out.push_back(flats.parameters.all);
+  for (const std::string& name : names_)
+    if (steps_.contains(name)) out.push_back(parameters.at(name));
+  return out;
+}
+
+Tensors Optimiser::moments() const {
+  Tensors out;
+  for (const Flats& flats : flats_) out.insert(out.end(), {flats.m.all, flats.v.all});
+  for (const auto& [name, steps] : steps_) out.insert(out.end(), {m_.at(name), v_.at(name), steps});
+  return out;
 }
 
 namespace {

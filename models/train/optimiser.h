@@ -20,14 +20,22 @@ class Optimiser {
   /// copies; they hold until the next step's are evaluated. An empty one of a dense parameter becomes zeros, since its
   /// moments fade all the same; a sparse parameter stands still.
   void expect(Tensors& gradients) const;
-  /// What step() will read of evaluated gradients, as few buffers in an order that is fixed: a group's together, then
-  /// those of sparse parameters, empty handles where one stands still.
+  /// Evaluated gradients as few tensors in an order that is fixed: a group's together, then those of sparse parameters,
+  /// empty handles where one stands still.
   Tensors buffers_of(const Tensors& gradients);
   std::vector<Shape> buffer_shapes() const;
-  /// Such values in place of the gradients; empty where a sparse parameter stands still.
-  void take_buffers(const std::vector<std::span<const float>>& buffers, Tensors& gradients);
   /// One step in place, with evaluated gradients.
   void step(Params& parameters, const Tensors& gradients, const ParameterGroups& groups, const Progress& progress);
+  /// The same with gradients by buffer, of the rows that are this share's; empty where a sparse parameter stands still.
+  /// Those rows are stepped.
+  struct RowsStep {
+    const ParameterGroups& groups;
+    Progress progress;  // the share: of each buffer's rows
+  };
+  void step_rows(Params& parameters, const std::vector<std::span<const float>>& gradients, const RowsStep& how);
+  /// What step_rows() changes, in the order of the buffers, and what it keeps of each row.
+  Tensors stepped(const Params& parameters) const;
+  Tensors moments() const;
   /// After a method replaced parameters by others of more, fewer or other rows: moments and counts move along.
   void move_rows(const Params& parameters, const RowMoves& moves, const ParameterGroups& groups);
   /// Whether no parameter that it steps is NaN or infinite.
@@ -43,7 +51,8 @@ class Optimiser {
     Flat parameters, m, v, gradients;
   };
   void add_group(const std::string& prefix, const Params& parameters, const ParameterGroups& groups);
-  void step_group(Flats& flats, const Tensors& parameters, const Tensors& gradients, const AdamStep& with);
+  void gather_parameters(const Flats& flats, const Tensors& parameters) const;
+  AdamStep dense_step(const Flats& flats, const ParameterGroups& groups, const Progress& progress) const;
 
   std::vector<std::string> names_;  // not frozen, in the order of the map
   std::vector<Flats> flats_;

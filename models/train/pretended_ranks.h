@@ -10,6 +10,7 @@ class PretendedRanks final : public Ranks {
   explicit PretendedRanks(int64_t size) : size_(size) {}
   int64_t rank() const override { return 0; }
   int64_t size() const override { return size_; }
+  bool real() const override { return false; }
   void trade(const std::vector<std::span<const std::byte>>& to,
              const std::vector<std::span<std::byte>>& from) const override;
   uint64_t sent_bytes() const { return sent_; }

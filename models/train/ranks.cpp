@@ -39,19 +39,26 @@ size_t size_in(const std::string& written) {
 
 Share share_of(const Ranks& ranks, int64_t rank) { return {rank, ranks.size()}; }
 
-template <class Float>
-auto part_of(std::span<Float> values, const Share& share) {
-  const auto count = static_cast<int64_t>(values.size());
-  return values.subspan(static_cast<size_t>(share.begin(count)), static_cast<size_t>(share.size(count)));
+/// A rank's rows of `count` rows that lie in `values`.
+template <class Value>
+std::span<Value> rows_of(std::span<Value> values, int64_t count, const Share& share) {
+  const size_t width = count == 0 ? 0 : values.size() / static_cast<size_t>(count);
+  return values.subspan(static_cast<size_t>(share.begin(count)) * width,
+                        static_cast<size_t>(share.size(count)) * width);
 }
 
-/// As added to zeros, which no share's -0 is left of.
-void begin_weighted(std::span<float> sum, std::span<const float> values, float weight) {
-  for (size_t i = 0; i < sum.size(); ++i) sum[i] = 0.f + weight * values[i];
-}
+constexpr size_t kBlock = 4096;  // floats: what is added to stays in the cache
 
-void add_weighted(std::span<float> sum, std::span<const float> values, float weight) {
-  for (size_t i = 0; i < sum.size(); ++i) sum[i] += weight * values[i];
+void add_weighted(std::span<float> sum, const std::vector<std::span<const float>>& shares,
+                  const std::vector<float>& weights) {
+  for (size_t begin = 0; begin < sum.size(); begin += kBlock) {
+    const size_t end = std::min(begin + kBlock, sum.size());
+    for (size_t share = 0; share < shares.size(); ++share) {
+      const float weight = weights[share];
+      const float* const values = shares[share].data();
+      for (size_t i = begin; i < end; ++i) sum[i] += weight * values[i];
+    }
+  }
 }
 
 }  // namespace
@@ -83,49 +90,58 @@ std::vector<int64_t> from_first(const Ranks& ranks, std::vector<int64_t> mine) {
   return mine;
 }
 
-void OrderedSum::grow(size_t count) {
-  if (added_ && count == values_.size()) return;
-  if (added_) take();  // other values will be this rank's to add
-  values_.resize(count);
-  const std::span<const float> own = part_of(std::span<const float>(values_), share_of(ranks_, ranks_.rank()));
-  sum_.resize(own.size());
-  if (added_) std::ranges::copy(own, sum_.begin());
-}
-
-void OrderedSum::add(const std::vector<float>& weights) {
-  const auto others = static_cast<size_t>(ranks_.size() - 1);
-  received_.resize(others * sum_.size());
+void OrderedSum::add(std::span<const float> values, int64_t rows, const std::vector<float>& weights) {
+  const size_t own_size = rows_of(values, rows, share_of(*ranks_, ranks_->rank())).size();
+  if (!added_) sum_.assign(own_size, 0.f);  // of which no share's -0 is left
+  rows_ = rows;
+  received_.resize(static_cast<size_t>(ranks_->size() - 1) * own_size);
   std::vector<std::span<const float>> shares;
   Sent to;
   Received from;
-  for (int64_t rank = 0; rank < ranks_.size(); ++rank) {
-    const std::span<float> of_mine = part_of(std::span(values_), share_of(ranks_, rank));
-    const bool own = rank == ranks_.rank();
-    const auto place = static_cast<size_t>(rank - (rank > ranks_.rank() ? 1 : 0)) * sum_.size();
-    const std::span<float> other = own ? std::span<float>() : std::span(received_).subspan(place, sum_.size());
-    shares.emplace_back(own ? of_mine : other);
+  for (int64_t rank = 0; rank < ranks_->size(); ++rank) {
+    const std::span<const float> of_mine = rows_of(values, rows, share_of(*ranks_, rank));
+    const bool own = rank == ranks_->rank();
+    const auto place = static_cast<size_t>(rank - (rank > ranks_->rank() ? 1 : 0)) * own_size;
+    const std::span<float> other = own ? std::span<float>() : std::span(received_).subspan(place, own_size);
+    shares.push_back(own ? of_mine : std::span<const float>(other));
     to.push_back(std::as_bytes(of_mine));
     from.push_back(std::as_writable_bytes(other));
   }
-  ranks_.trade(to, from);
-  for (size_t rank = 0; rank < shares.size(); ++rank) {
-    if (added_)
-      add_weighted(sum_, shares[rank], weights[rank]);
-    else
-      begin_weighted(sum_, shares[rank], weights[rank]);
-    added_ = true;
-  }
+  ranks_->trade(to, from);
+  add_weighted(sum_, shares, weights);
+  added_ = true;
 }
 
-void OrderedSum::take() {
-  Sent to;
+void OrderedSum::spread(std::span<float> all) const {
+  const Share share = share_of(*ranks_, ranks_->rank());
+  const std::span<float> place = rows_of(all, rows_, share);
+  std::ranges::copy(sum_, place.begin());
+  const size_t begin = static_cast<size_t>(place.data() - all.data());
+  spread_rows(*ranks_,
+              {std::as_bytes(std::span(sum_)), std::as_writable_bytes(all.first(begin)),
+               std::as_writable_bytes(all.subspan(begin + place.size()))},
+              rows_);
+}
+
+void spread_rows(const Ranks& ranks, const SpreadRows& rows, int64_t count) {
+  const Share own = share_of(ranks, ranks.rank());
+  const size_t all = rows.own.size() + rows.before.size() + rows.behind.size();
+  const size_t width = count == 0 ? 0 : all / static_cast<size_t>(count);
+  Sent to(static_cast<size_t>(ranks.size()), rows.own);
   Received from;
-  for (int64_t rank = 0; rank < ranks_.size(); ++rank) {
-    to.push_back(std::as_bytes(std::span<const float>(sum_)));
-    from.push_back(std::as_writable_bytes(part_of(std::span(values_), share_of(ranks_, rank))));
+  for (int64_t rank = 0; rank < ranks.size(); ++rank) {
+    const Share share = share_of(ranks, rank);
+    const size_t begin = static_cast<size_t>(share.begin(count)) * width;
+    const size_t size = static_cast<size_t>(share.size(count)) * width;
+    const size_t own_end = static_cast<size_t>(own.end(count)) * width;
+    if (rank < own.rank)
+      from.push_back(rows.before.subspan(begin, size));
+    else if (rank > own.rank)
+      from.push_back(rows.behind.subspan(begin - own_end, size));
+    else
+      from.emplace_back();
   }
-  ranks_.trade(to, from);
-  std::ranges::copy(sum_, part_of(std::span(values_), share_of(ranks_, ranks_.rank())).begin());
+  ranks.trade(to, from);
 }
 
 }  // namespace cloam

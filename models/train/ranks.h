@@ -20,8 +20,15 @@ class Ranks {
   /// one is gone or silent for too long.
   virtual void trade(const std::vector<std::span<const std::byte>>& to,
                      const std::vector<std::span<std::byte>>& from) const = 0;
-  /// Returns once every rank is here, however long that takes: for work of which each has its own.
+  /// False: the others are only pretended, and nothing that is theirs comes of a trade.
+  virtual bool real() const { return true; }
+  /// Returns once every rank is here, however long that takes.
   virtual void await_all() const;
+  /// The same after work of which each has its own, in pieces. Fault::device, naming the rank, where one has finished
+  /// no piece for too long.
+  virtual void await_work() const { await_all(); }
+  /// A piece of such work is done.
+  virtual void finish_piece() const {}
 };
 
 /// One rank, which needs no others.
@@ -35,27 +42,34 @@ std::vector<int64_t> from_first(const Ranks& ranks, std::vector<int64_t> mine);
 inline void meet(const Ranks& ranks) { gathered(ranks, ""); }
 
 /// A sum over shares of weight times values, of which each rank adds one at a time, in the order of the ranks. One
-/// addition at a time in one order: a single rank that adds all shares gets the same bits. Its memory stays from one
-/// sum to the next.
+/// addition at a time in one order: a single rank that adds all shares gets the same bits. Values lie in rows, of which
+/// each rank adds up its Share. Its memory stays from one sum to the next.
 class OrderedSum {
  public:
-  explicit OrderedSum(const Ranks& ranks) : ranks_(ranks) {}
-  /// A new sum, of no values.
+  explicit OrderedSum(const Ranks& ranks) : ranks_(&ranks) {}
+  /// A new sum, of nothing.
   void begin() { added_ = false; }
-  /// Makes the sum one of `count` values, no fewer than were added before, which it keeps.
-  void grow(size_t count);
-  /// This rank's share, all of it to be filled before each add(); the whole, on all ranks, after take().
-  std::span<float> values() { return values_; }
-  /// Weights: of all ranks' shares.
-  void add(const std::vector<float>& weights);
-  void take();
+  /// Of every rank a share, as many rows on all; weights: of all ranks' shares. The same number of rows until begin().
+  void add(std::span<const float> values, int64_t rows, const std::vector<float>& weights);
+  bool has_values() const { return added_; }
+  /// The sum's rows that are this rank's.
+  std::span<const float> own() const { return sum_; }
+  /// All rows, on all ranks, into `all`.
+  void spread(std::span<float> all) const;
 
  private:
-  const Ranks& ranks_;
-  std::vector<float> values_;
-  std::vector<float> sum_;       // of the values that are this rank's to add (Share)
-  std::vector<float> received_;  // their shares of the other ranks
+  const Ranks* ranks_;
+  std::vector<float> sum_;
+  std::vector<float> received_;  // own rows of the other ranks' shares
+  int64_t rows_ = 0;
   bool added_ = false;
 };
+
+/// Each rank's `own` rows, of rows of so many bytes, go to all others, whose rows lie before them and behind them.
+struct SpreadRows {
+  std::span<const std::byte> own;
+  std::span<std::byte> before, behind;
+};
+void spread_rows(const Ranks& ranks, const SpreadRows& rows, int64_t count);
 
 }  // namespace cloam

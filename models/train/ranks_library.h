@@ -14,6 +14,10 @@ class RanksLibrary {
   /// As Ranks::trade. The ranks that were silent for so long; none: all is done.
   virtual std::vector<int> trade(const std::vector<std::span<const std::byte>>& to,
                                  const std::vector<std::span<std::byte>>& from, double seconds) = 0;
+  /// Returns once every rank is here; or the ranks that are not, and that have not called be_heard_of() for so long.
+  virtual std::vector<int> await_all(double seconds) = 0;
+  /// Lets all others know that this rank goes on.
+  virtual void be_heard_of() = 0;
   /// Before the program ends; waits for the others.
   virtual void end() = 0;
   /// Ends all ranks at once.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <sstream>
 
 #include "runtime/error.h"
 #include "runtime/op.h"
@@ -12,42 +13,49 @@ namespace {
 
 /// What ranks tell each other of a share beside its floats.
 struct Told {
-  std::vector<double> numbers;       // weight, loss, whether each buffer has a gradient, counts, figures
-  std::vector<std::string> figures;  // their names
+  std::vector<double> numbers = {};       // weight, loss, whether each buffer has a gradient, counts, figures
+  std::vector<std::string> figures = {};  // their names
+  std::string failure = {};               // in words: what it reads is damaged
 };
 
 std::string packed(const Told& told) {
   std::string out(reinterpret_cast<const char*>(told.numbers.data()), told.numbers.size() * sizeof(double));
   std::string names;
   for (const std::string& name : told.figures) names += name + '\n';
-  return std::to_string(out.size()) + '\n' + out + names;
+  return text(out.size(), '\n', names.size(), '\n') + out + names + told.failure;
 }
 
-Told unpacked(const std::string& text) {
-  const size_t line = text.find('\n'), bytes = std::stoull(text);
+Told unpacked(const std::string& words) {
+  std::istringstream in(words);
+  size_t bytes = 0, names = 0;
+  in >> bytes >> names;
+  in.get();
   Told told;
   told.numbers.resize(bytes / sizeof(double));
-  std::memcpy(told.numbers.data(), text.data() + line + 1, bytes);
-  for (size_t at = line + 1 + bytes; at < text.size();) {
-    const size_t end = text.find('\n', at);
-    told.figures.push_back(text.substr(at, end - at));
-    at = end + 1;
-  }
+  in.read(reinterpret_cast<char*>(told.numbers.data()), static_cast<std::streamsize>(bytes));
+  std::string lines(names, '\0');
+  in.read(lines.data(), static_cast<std::streamsize>(names));
+  told.failure.assign(std::istreambuf_iterator<char>(in), {});
+  std::istringstream all(lines);
+  for (std::string name; std::getline(all, name);) told.figures.push_back(name);
   return told;
 }
+
+using OrderedSums = std::vector<OrderedSum>;
 
 /// One step's sums over shares.
 class SummedStep {
  public:
-  SummedStep(Optimiser& optimiser, const Sharing& sharing, OrderedSum& gradients, OrderedSum& sums)
-      : optimiser_(optimiser), sharing_(sharing), gradients_(gradients), sums_(sums) {
-    gradients_.begin();
-    sums_.begin();
-  }
+  SummedStep(const Sharing& sharing, OrderedSums& gradients, OrderedSums& sums)
+      : sharing_(sharing), gradients_(gradients), sums_(sums) {}
   /// An evaluated share of this rank, while every other rank adds one, too.
-  void add(const Step& step);
-  /// Into the last share's step, on all ranks.
-  void take(Step& step);
+  void add(const Step& step, const Tensors& buffers, const std::vector<Shape>& shapes);
+  /// In place of a share, where none could be made. Does not return.
+  void fail(const Error& error);
+  /// The gradients of this rank's rows, by buffer.
+  std::vector<std::span<const float>> own_gradients() const;
+  /// What else a step leaves behind, into the last share's step, on all ranks.
+  void take(const Step& step) const;
   TakenStep means() const;
 
  private:
@@ -55,20 +63,11 @@ class SummedStep {
   void hear(const Told& mine, size_t counts);
   bool has_gradient(size_t buffer) const;
   void note(const Told& told, size_t counts);
-  void place_buffers();
-  std::span<float> values_of(size_t buffer);
-  void add_gradients(const Tensors& buffers);
+  void add_gradients(const Tensors& buffers, const std::vector<Shape>& shapes);
   void add_sums(const Tensors& sums);
 
-  Optimiser& optimiser_;
   const Sharing& sharing_;
-  OrderedSum& gradients_;  // of the buffers that have any, one behind the other
-  OrderedSum& sums_;
-  struct Place {
-    size_t begin = 0, count = 0;
-  };
-  std::map<size_t, Place> places_;  // of the buffers among gradients_
-  size_t placed_ = 0;               // values
+  OrderedSums &gradients_, &sums_;  // by buffer; of the first nothing where no share has a gradient
   std::vector<Told> round_;         // of the shares that the ranks add at a time, by rank
   std::vector<float> weights_;      // theirs
   std::vector<double> counts_;
@@ -121,67 +120,62 @@ void SummedStep::note(const Told& told, size_t counts) {
 void SummedStep::hear(const Told& mine, size_t counts) {
   round_.clear();
   weights_.clear();
-  for (const std::string& text : gathered(sharing_.ranks, packed(mine))) round_.push_back(unpacked(text));
+  for (const std::string& words : gathered(sharing_.ranks, packed(mine))) round_.push_back(unpacked(words));
+  for (const Told& told : round_)
+    if (!told.failure.empty()) throw Error(Fault::data, told.failure);
   for (const Told& told : round_) note(told, counts);
 }
 
-/// A buffer that a share has a gradient of keeps its place until the step is taken.
-void SummedStep::place_buffers() {
-  const std::vector<Shape> shapes = optimiser_.buffer_shapes();
-  for (size_t i = 0; i < shapes.size(); ++i) {
-    if (!has_gradient(i) || places_.contains(i)) continue;
-    places_[i] = {placed_, static_cast<size_t>(numel(shapes[i]))};
-    placed_ += places_[i].count;
-  }
-  gradients_.grow(placed_);
-}
+void SummedStep::fail(const Error& error) { hear({{}, {}, error.what()}, 0); }
 
-std::span<float> SummedStep::values_of(size_t buffer) {
-  const auto found = places_.find(buffer);
-  return found == places_.end() ? std::span<float>()
-                                : gradients_.values().subspan(found->second.begin, found->second.count);
-}
-
-void SummedStep::add_gradients(const Tensors& buffers) {
-  place_buffers();
-  for (const auto& [buffer, place] : places_) {
-    if (buffers[buffer])
-      read_over(buffers[buffer], values_of(buffer));
+/// Where only other ranks have a gradient, this one adds zeros.
+void SummedStep::add_gradients(const Tensors& buffers, const std::vector<Shape>& shapes) {
+  for (size_t i = 0; i < buffers.size(); ++i) {
+    if (!has_gradient(i)) continue;
+    const auto add = [&](std::span<const float> values) { gradients_[i].add(values, shapes[i][0], weights_); };
+    if (buffers[i])
+      read_on_host(buffers[i], add);
     else
-      std::ranges::fill(values_of(buffer), 0.f);
+      add(std::vector<float>(static_cast<size_t>(numel(shapes[i])), 0.f));
   }
-  gradients_.add(weights_);
 }
 
 void SummedStep::add_sums(const Tensors& sums) {
-  size_t count = 0, at = 0;
-  for (const Tensor& sum : sums) count += static_cast<size_t>(sum.numel());
-  sums_.grow(count);
-  for (const Tensor& sum : sums) {
-    const auto size = static_cast<size_t>(sum.numel());
-    read_over(sum, sums_.values().subspan(at, size));
-    at += size;
-  }
-  sums_.add(std::vector<float>(weights_.size(), 1.f));
+  for (size_t i = 0; i < sums.size(); ++i)
+    read_on_host(sums[i], [&](std::span<const float> values) {
+      sums_[i].add(values, sums[i].numel(), std::vector<float>(weights_.size(), 1.f));
+    });
 }
 
-void SummedStep::add(const Step& step) {
-  const Tensors buffers = optimiser_.buffers_of(step.gradients);
+/// As many as there are, all of nothing.
+void begin_sums(OrderedSums& sums, size_t count, const Ranks& ranks) {
+  while (sums.size() < count) sums.emplace_back(ranks);
+  sums.erase(sums.begin() + static_cast<std::ptrdiff_t>(count), sums.end());
+  for (OrderedSum& sum : sums) sum.begin();
+}
+
+void SummedStep::add(const Step& step, const Tensors& buffers, const std::vector<Shape>& shapes) {
+  if (weight_ == 0) {
+    begin_sums(gradients_, buffers.size(), sharing_.ranks);
+    begin_sums(sums_, step.sums.size(), sharing_.ranks);
+  }
   hear(told_of(step, buffers), step.counts.size());
-  add_gradients(buffers);
+  add_gradients(buffers, shapes);
   add_sums(step.sums);
 }
 
-void SummedStep::take(Step& step) {
-  gradients_.take();
-  std::vector<std::span<const float>> buffers;
-  for (size_t i = 0; i < optimiser_.buffer_shapes().size(); ++i) buffers.emplace_back(values_of(i));
-  optimiser_.take_buffers(buffers, step.gradients);
-  sums_.take();
-  size_t at = 0;
-  for (const Tensor& sum : step.sums) {
-    assign({{sum, from_bytes(sums_.values().data() + at, DType::f32, sum.shape())}});
-    at += static_cast<size_t>(sum.numel());
+std::vector<std::span<const float>> SummedStep::own_gradients() const {
+  std::vector<std::span<const float>> out;
+  for (const OrderedSum& sum : gradients_) out.push_back(sum.has_values() ? sum.own() : std::span<const float>());
+  return out;
+}
+
+void SummedStep::take(const Step& step) const {
+  for (size_t i = 0; i < sums_.size(); ++i) {
+    const Tensor& sum = step.sums[i];
+    std::vector<float> all(static_cast<size_t>(sum.numel()));
+    sums_[i].spread(all);
+    assign({{sum, from_bytes(all.data(), DType::f32, sum.shape())}});
   }
   for (size_t i = 0; i < counts_.size(); ++i) *step.counts[i] = counts_[i];
 }
@@ -190,6 +184,25 @@ TakenStep SummedStep::means() const {
   TakenStep taken{loss_ / weight_};
   for (const auto& [name, mean] : figures_) taken.figures[name] = mean.sum / mean.weight;
   return taken;
+}
+
+/// Every rank's own rows to all. Of pretended ranks none come.
+void spread_rows_of(const Tensor& tensor, const Ranks& ranks) {
+  const int64_t count = tensor.dim(0);
+  const Share own{ranks.rank(), ranks.size()};
+  if (own.ranks == 1) return;
+  read_rows_on_host(tensor, own.begin(count), own.end(count), [&](std::span<const std::byte> mine) {
+    if (!ranks.real()) {
+      const size_t row = static_cast<size_t>(tensor.numel() / std::max<int64_t>(1, count)) * size_of(tensor.dtype());
+      std::vector<std::byte> others(static_cast<size_t>(count) * row - mine.size());
+      return spread_rows(ranks, {mine, {}, others}, count);
+    }
+    overwrite_rows_on_host(tensor, 0, own.begin(count), [&](std::span<std::byte> before) {
+      overwrite_rows_on_host(tensor, own.end(count), count, [&](std::span<std::byte> behind) {
+        spread_rows(ranks, {mine, before, behind}, count);
+      });
+    });
+  });
 }
 
 Step evaluated_step(Method& method, Optimiser& optimiser, const Progress& progress) {
@@ -222,17 +235,34 @@ TakenStep SharedSteps::take(Method& method, Optimiser& optimiser, const Progress
     for (const Figure& figure : step.figures) taken.figures[figure.name] = figure.value();
     return taken;
   }
-  SummedStep sum(optimiser, sharing_, gradients_, sums_);
+  SummedStep sum(sharing_, gradients_, sums_);
   Step step;
   for (int64_t first = 0; first < sharing_.shares; first += sharing_.ranks.size()) {
     Progress part = progress;
     part.share = {first + sharing_.ranks.rank(), sharing_.shares};
-    step = evaluated_step(method, optimiser, part);
-    sum.add(step);
+    try {
+      step = evaluated_step(method, optimiser, part);
+    } catch (const Error& error) {
+      if (error.fault() != Fault::data) throw;
+      sum.fail(error);
+    }
+    sum.add(step, optimiser.buffers_of(step.gradients), optimiser.buffer_shapes());
   }
   sum.take(step);
-  update(step);
+  Progress own = progress;
+  own.share = {sharing_.ranks.rank(), sharing_.ranks.size()};
+  optimiser.step_rows(method.parameters(), sum.own_gradients(), {method.groups(), own});
+  const Tensors stepped = optimiser.stepped(method.parameters());
+  for (size_t i = 0; i < stepped.size(); ++i)
+    if (gradients_[i].has_values()) spread_rows_of(stepped[i], sharing_.ranks);
+  moments_apart_ = sharing_.ranks.size() > 1;
   return sum.means();
+}
+
+void SharedSteps::gather_moments(Optimiser& optimiser) {
+  if (!moments_apart_) return;
+  for (const Tensor& moments : optimiser.moments()) spread_rows_of(moments, sharing_.ranks);
+  moments_apart_ = false;
 }
 
 }  // namespace cloam

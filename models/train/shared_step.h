@@ -21,18 +21,21 @@ struct TakenStep {
 /// Evaluates loss, gradients, figures and the rest together.
 void eval_step(const Step& step);
 
-/// Takes the steps of one training.
+/// Takes the steps of one training. Of the sum of gradients each rank has its share of rows, makes Adam's step of those
+/// and gives the others what became of them (ZeRO-1: Rajbhandari et al. 2020). Their moments it keeps to itself.
 class SharedSteps {
  public:
-  explicit SharedSteps(const Sharing& sharing = {})
-      : sharing_(sharing), gradients_(sharing.ranks), sums_(sharing.ranks) {}
+  explicit SharedSteps(const Sharing& sharing = {}) : sharing_(sharing) {}
   /// Loss, gradients, and the optimiser's step: the same bits for N ranks as for N shares on one. Of one share nothing
-  /// is read back but loss and figures.
+  /// is read back but loss and figures. Fault::data on all ranks where one finds what it reads damaged.
   TakenStep take(Method& method, Optimiser& optimiser, const Progress& progress);
+  /// Moments of all rows on every rank, for what saves them or moves rows. All ranks call it.
+  void gather_moments(Optimiser& optimiser);
 
  private:
   Sharing sharing_;
-  OrderedSum gradients_, sums_;
+  std::vector<OrderedSum> gradients_, sums_;
+  bool moments_apart_ = false;
 };
 
 }  // namespace cloam

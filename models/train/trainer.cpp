@@ -188,6 +188,7 @@ TakenStep Loop::take_next_step() {
     if (error.fault() != Fault::data) throw;
     progress_.step--;
     if (progress_.step > 0 && saved_step_ != progress_.step) save();
+    meet(*options_.ranks);  // who goes first ends all
     throw;
   }
 }
@@ -205,7 +206,10 @@ void Loop::one_step() {
   }
   run_.method.after_step(progress_);
   const RowMoves moves = grows_ ? grows_->grow(progress_) : RowMoves{};
-  if (!moves.empty()) optimiser_.move_rows(run_.method.parameters(), moves, run_.method.groups());
+  if (!moves.empty()) {
+    steps_.gather_moments(optimiser_);
+    optimiser_.move_rows(run_.method.parameters(), moves, run_.method.groups());
+  }
   profile_step();
   step_seconds_ = time_.seconds() - before;
 }
@@ -280,6 +284,7 @@ void Loop::require_finite() {
 void Loop::save() {
   require_finite();
   saved_step_ = progress_.step;
+  steps_.gather_moments(optimiser_);
   if (options_.ranks->rank() > 0) return;
   const double before = time_.seconds();
   SafetensorsFile file = checkpoint_of(run_.method, progress_, run_.metadata);

@@ -230,7 +230,9 @@ TEST_CASE("a rank that is killed ends all; the run goes on from its checkpoint t
     const auto ranks = ranks_under_way(run);
     const std::vector<pid_t> processes = ranks->processes();
     CHECK(processes.size() == 2);
-    REQUIRE(kill(ranks->process_of(lost), SIGKILL) == 0);
+    const pid_t process = ranks->process_of(lost);
+    REQUIRE(process > 0);
+    REQUIRE(kill(process, SIGKILL) == 0);
     const Outcome outcome = ended(*ranks, processes);
     CHECK(outcome.code != 0);
     CHECK_MESSAGE(contains(outcome.err, "rank " + std::to_string(lost) + " "), outcome.err);
@@ -245,7 +247,9 @@ TEST_CASE("a rank that stands still is noticed and named") {
   const fs::path run = scratch() / "stopped_rank";
   const auto ranks = ranks_under_way(run, {"CLOAM_RANK_TIMEOUT=5s"});
   const std::vector<pid_t> processes = ranks->processes();
-  REQUIRE(kill(ranks->process_of(1), SIGSTOP) == 0);
+  const pid_t stopped = ranks->process_of(1);
+  REQUIRE(stopped > 0);
+  REQUIRE(kill(stopped, SIGSTOP) == 0);
   const Outcome outcome = ended(*ranks, processes);
   CHECK(outcome.code == 4);
   CHECK_MESSAGE(contains(outcome.err, "rank 1 has not answered for 5s"), outcome.err);

@@ -172,3 +172,18 @@ TEST_CASE("ranks that are asked to stop end their pictures, and the first tells 
   CHECK(lines_with(outcome.err, "stopped: ") == 1);
   for (const auto& [file, bytes] : files) CHECK(file.ends_with(".png"));
 }
+
+TEST_CASE("a rank that stands still at its part of the work is noticed and named, once the others are done") {
+  const fs::path folder = scratch() / "one_part_stands_still";
+  Ranks ranks(2, with({"render", small_run().string(), "-o", folder.string()}, {"--path", "orbit", "--frames", "300"}),
+              {"CLOAM_RANK_TIMEOUT=5s"});
+  for (int i = 0; i < 600 && ranks.running() && !fs::exists(folder / "orbit_0001.png"); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  const pid_t stopped = ranks.process_of(1);
+  REQUIRE(stopped > 0);
+  REQUIRE(kill(stopped, SIGSTOP) == 0);
+  const Outcome outcome = ranks.wait();
+  CHECK_MESSAGE(outcome.code == 4, outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "rank 1 has not finished a piece of its work for 5s"), outcome.err);
+  CHECK(fs::exists(folder / "orbit_0298.png"));
+}

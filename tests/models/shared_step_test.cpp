@@ -3,8 +3,10 @@
 
 #include <doctest/doctest.h>
 
+#include <barrier>
 #include <cmath>
 #include <cstring>
+#include <thread>
 
 #include "tests/models/resume.h"
 #include "tests/models/worlds.h"
@@ -144,23 +146,76 @@ TEST_CASE("trainings in two shares go on from every step to the same bytes") {
   }
 }
 
-TEST_CASE("an ordered sum adds one share at a time, also to values that come later") {
+TEST_CASE("an ordered sum adds one share at a time, in order") {
   OrderedSum sum(alone());
   for (int again = 0; again < 2; ++again) {
     sum.begin();
-    sum.grow(1);
-    for (const float value : {1e8f, 1.f, 1.f}) {
-      sum.values()[0] = value;
-      sum.add({0.5f});
-    }
-    sum.grow(2);
-    sum.values()[0] = -1e8f;
-    sum.values()[1] = 6.f;
-    sum.add({0.5f});
-    sum.take();
+    CHECK_FALSE(sum.has_values());
+    for (const float value : {1e8f, 1.f, 1.f, -1e8f}) sum.add(std::vector<float>{value, 3.f}, 1, {0.5f});
     // 5e7 + 0.5 is 5e7 in float32, twice; in another order the first would be 1.
-    CHECK(sum.values()[0] == 0);
-    CHECK(sum.values()[1] == 3);
-    CHECK(sum.values().size() == 2);
+    std::vector<float> all(2);
+    sum.spread(all);
+    CHECK(all == std::vector<float>{0.f, 6.f});
   }
+}
+
+namespace {
+
+/// Two ranks in two threads of one process.
+class InThreads final : public Ranks {
+ public:
+  struct Desk {
+    std::barrier<> both{2};
+    const std::vector<std::span<const std::byte>>* sent[2] = {};
+  };
+  InThreads(Desk& desk, int64_t rank) : desk_(desk), rank_(rank) {}
+  int64_t rank() const override { return rank_; }
+  int64_t size() const override { return 2; }
+  void trade(const std::vector<std::span<const std::byte>>& to,
+             const std::vector<std::span<std::byte>>& from) const override {
+    desk_.sent[rank_] = &to;
+    desk_.both.arrive_and_wait();
+    const auto other = static_cast<size_t>(1 - rank_);
+    const std::span<const std::byte> given = (*desk_.sent[other])[static_cast<size_t>(rank_)];
+    CHECK(given.size() == from[other].size());
+    std::ranges::copy(given, from[other].begin());
+    desk_.both.arrive_and_wait();
+  }
+
+ private:
+  Desk& desk_;
+  int64_t rank_;
+};
+
+}  // namespace
+
+TEST_CASE("two ranks add up half of the rows each, and end with all of them") {
+  // 5 rows of 2: ranks have 2 and 3 of them. No share's -0 is left.
+  InThreads::Desk desk;
+  std::vector<float> all[2] = {std::vector<float>(10), std::vector<float>(10)};
+  std::vector<float> own[2];
+  const auto one = [&](int rank) {
+    const InThreads ranks(desk, rank);
+    OrderedSum sum(ranks);
+    sum.begin();
+    for (const float scale : {1.f, 100.f}) {
+      std::vector<float> values;
+      for (int i = 0; i < 10; ++i) values.push_back(i == 9 ? -0.f : scale * static_cast<float>(i + 10 * rank));
+      sum.add(values, 5, {0.25f, 0.5f});
+    }
+    own[rank].assign(sum.own().begin(), sum.own().end());
+    sum.spread(all[rank]);
+  };
+  std::thread other(one, 1);
+  one(0);
+  other.join();
+  std::vector<float> expected;
+  for (int i = 0; i < 9; ++i)
+    expected.push_back(101.f * (0.25f * static_cast<float>(i) + 0.5f * static_cast<float>(i + 10)));
+  expected.push_back(0);
+  CHECK(all[0] == expected);
+  CHECK(all[1] == expected);
+  CHECK_FALSE(std::signbit(all[0][9]));
+  CHECK(own[0] == std::vector<float>(expected.begin(), expected.begin() + 4));
+  CHECK(own[1] == std::vector<float>(expected.begin() + 4, expected.end()));
 }

@@ -79,6 +79,42 @@ TEST_CASE("adam_step_rows leaves rows without a gradient and counts the steps of
   }
 }
 
+TEST_CASE("steps of some rows at a time are the step of all, bit for bit") {
+  const Shape shape{3001, 3};
+  const std::vector<float> start = noise(9003, 4);
+  struct State {
+    Tensor p, m = zeros({3001, 3}), v = zeros({3001, 3}), steps = from_host(std::vector<int32_t>(3001, 0), {3001});
+  };
+  State whole{parameter(start, shape)}, parts = whole, dense{parameter(start, shape)}, dense_parts = dense;
+  parts = {parameter(start, shape)};
+  dense_parts = {parameter(start, shape)};
+  for (int64_t t = 1; t <= 3; t++) {
+    std::vector<float> g = noise(9003, static_cast<unsigned>(t));
+    for (int64_t i = 0; i < 3000; i++) g[static_cast<size_t>(3 * i)] = 1;
+    for (int i = 0; i < 3; i++) g[static_cast<size_t>(30 + i)] = 0;  // row 10 stands still where rows do
+    const Tensor all = from_host(g, shape);
+    AdamStep with{.learning_rate = 1e-2F, .step = t};
+    adam_step(dense.p, dense.m, dense.v, all, with);
+    adam_step_rows(whole.p, whole.m, whole.v, whole.steps, all, with);
+    for (const auto& [begin, end] : {std::pair<int64_t, int64_t>{0, 1}, {1, 1999}, {1999, 1999}, {1999, 3001}}) {
+      with.first_row = begin;
+      const Tensor rows = slice(all, 0, begin, end);
+      adam_step(dense_parts.p, dense_parts.m, dense_parts.v, rows, with);
+      adam_step_rows(parts.p, parts.m, parts.v, parts.steps, rows, with);
+    }
+  }
+  for (const auto& [one, other] : {std::pair{&whole, &parts}, std::pair{&dense, &dense_parts}}) {
+    CHECK(one->p.to_host() == other->p.to_host());
+    CHECK(one->m.to_host() == other->m.to_host());
+    CHECK(one->v.to_host() == other->v.to_host());
+    CHECK(one->steps.to_host<int32_t>() == other->steps.to_host<int32_t>());
+  }
+  CHECK(whole.steps.to_host<int32_t>().at(10) == 0);
+  CHECK(whole.steps.to_host<int32_t>().at(3000) == 3);
+  CHECK_THROWS_AS(adam_step(dense.p, dense.m, dense.v, ones({2, 3}), {.first_row = 3000}), Error);
+  CHECK_THROWS_AS(adam_step(dense.p, dense.m, dense.v, ones({2, 2}), {.first_row = 0}), Error);
+}
+
 TEST_CASE("the steps refuse state of another shape, and step 0") {
   Tensor p = parameter({1, 2}, {2}), m = zeros({2}), v = zeros({3}), w = zeros({2});
   CHECK_THROWS_AS(adam_step(p, m, v, ones({2}), {}), Error);

@@ -86,3 +86,21 @@ TEST_CASE("one Adam step over flat tensors is the step of each, in one launch") 
   for (size_t i = 0; i < shapes.size(); i++) CHECK(p.parts[i].to_host() == single_p[i].to_host());
   CHECK(value_at(p, 0) != -3.f);
 }
+
+TEST_CASE("the host reads and overwrites rows, and nothing beside them") {
+  const Tensor x = made_to_stay(from_host(counted(15, 1), {5, 3}));
+  std::vector<float> seen;
+  read_on_host(transpose(x), [&](std::span<const float> values) { seen.assign(values.begin(), values.end()); });
+  CHECK(seen == transpose(x).to_host());
+  const auto floats = [](auto bytes) { return bytes.size() / size_of(DType::f32); };
+  read_rows_on_host(x, 1, 3, [&](std::span<const std::byte> from) {
+    CHECK(floats(from) == 6);
+    overwrite_rows_on_host(x, 3, 5, [&](std::span<std::byte> to) { std::ranges::copy(from, to.begin()); });
+  });
+  overwrite_rows_on_host(x, 5, 5, [&](std::span<std::byte> none) { CHECK(none.empty()); });
+  CHECK(x.to_host() == std::vector<float>{1, 2, 3, 4, 5, 6, 7, 8, 9, 4, 5, 6, 7, 8, 9});
+  CHECK_THROWS_AS(read_rows_on_host(x, 4, 6, [](auto) {}), Error);
+  CHECK_THROWS_AS(read_rows_on_host(transpose(x), 0, 1, [](auto) {}), Error);
+  CHECK_THROWS_AS(overwrite_rows_on_host(x, 0, 5, [](auto) { throw Error(Fault::data, "given up"); }), Error);
+  CHECK((x + 1.f).to_host().size() == 15);  // what was given up is the device's again
+}
