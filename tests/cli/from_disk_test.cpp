@@ -118,27 +118,38 @@ TEST_CASE("an image that is damaged in the middle ends the training with what it
 }
 
 TEST_CASE("what one of two ranks finds damaged ends both, with what they learned until then") {
-  const fs::path log = copy_of(small_street(), "damaged_for_a_rank"), run = scratch() / "damaged_for_a_rank_run",
-                 sound = scratch() / "sound_for_ranks", photo = log / "camera" / "front_camera" / "01.jpg";
-  const auto words_for = [&](const fs::path& where, const fs::path& out) {
-    Words words = small_genassets(out.filename(), {"--host-memory", "1K", "--set", "batch.patches=2"});
+  const auto words_for = [](const fs::path& where, const std::string& name) {
+    Words words = small_genassets(name, {"--host-memory", "1K", "--set", "batch.patches=2"});
     std::replace(words.begin(), words.end(), small_street().string(), where.string());
     return words;
   };
-  REQUIRE(Ranks(2, words_for(small_street(), sound)).wait().code == 0);
-  const std::string bytes = content_of(photo);
-  std::string damaged = bytes;
-  damaged.replace(bytes.size() - 100, 4, "\xff\xe1\xff\xff");
-  write_text(photo, damaged);
-  const Outcome outcome = Ranks(2, words_for(log, run)).wait();
-  CHECK_MESSAGE(outcome.code == 3, outcome.err);
-  CHECK_MESSAGE(contains(outcome.err, "01.jpg: "), outcome.err);
-  CHECK_MESSAGE(outcome.err.find("error: ") == outcome.err.rfind("error: "), outcome.err);
-  REQUIRE_MESSAGE(contains(outcome.err, " is whole; "), outcome.err);
-  write_text(photo, bytes);
-  const Outcome resumed = Ranks(2, {"train", "--resume", run.string()}).wait();
-  REQUIRE_MESSAGE(resumed.code == 0, resumed.err);
-  CHECK(content_of(run / "ckpt" / "000010.safetensors") == content_of(sound / "ckpt" / "000010.safetensors"));
+  const fs::path sound = scratch() / "sound_for_ranks";
+  REQUIRE(Ranks(2, words_for(small_street(), "sound_for_ranks")).wait().code == 0);
+  bool saved = false;
+  for (const std::string image : {"01", "02", "00"}) {
+    if (saved) continue;
+    CAPTURE(image);
+    const std::string name = "damaged_for_a_rank" + image;
+    const fs::path log = copy_of(small_street(), "log_" + name),
+                   photo = log / "camera" / "front_camera" / (image + ".jpg");
+    const std::string bytes = content_of(photo);
+    std::string damaged = bytes;
+    damaged.replace(bytes.size() - 100, 4, "\xff\xe1\xff\xff");
+    write_text(photo, damaged);
+    const Outcome outcome = Ranks(2, words_for(log, name)).wait();
+    CHECK_MESSAGE(outcome.code == 3, outcome.err);
+    CHECK_MESSAGE(contains(outcome.err, image + ".jpg: "), outcome.err);
+    CHECK_MESSAGE(outcome.err.find("error: ") == outcome.err.rfind("error: "), outcome.err);
+    if (contains(outcome.err, "no checkpoint was saved yet")) continue;  // the first step asked for it
+    saved = true;
+    REQUIRE_MESSAGE(contains(outcome.err, " is whole; "), outcome.err);
+    write_text(photo, bytes);
+    const Outcome resumed = Ranks(2, {"train", "--resume", (scratch() / name).string()}).wait();
+    REQUIRE_MESSAGE(resumed.code == 0, resumed.err);
+    CHECK(content_of(scratch() / name / "ckpt" / "000010.safetensors") ==
+          content_of(sound / "ckpt" / "000010.safetensors"));
+  }
+  CHECK(saved);
 }
 
 }  // namespace cloam
