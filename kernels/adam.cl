@@ -10,12 +10,12 @@ static inline void step_one(__global float* p, __global float* m, __global float
   *p = *p * shrink - rate_m * mean / (sqrt(square) * scale_v + epsilon);
 }
 
-// rate_m = rate / (1 - b1^t), scale_v = 1 / sqrt(1 - b2^t), shrink = 1 - rate decay. g: of the n values from `first` on.
+// Of the n values from `first` on. rate_m = rate / (1 - b1^t), scale_v = 1 / sqrt(1 - b2^t), shrink = 1 - rate decay.
 __kernel FAT void adam(__global float* restrict p, __global float* restrict m, __global float* restrict v,
                        __global const float* g, int first, int n, float beta1, float beta2, float rate_m, float scale_v,
                        float epsilon, float shrink, int chunk) {
-  for (int i = LOOP_LO(chunk); i < LOOP_HI(n, chunk); i += LOOP_STEP)
-    step_one(p + first + i, m + first + i, v + first + i, g[i], beta1, beta2, rate_m, scale_v, epsilon, shrink);
+  for (int i = first + LOOP_LO(chunk); i < first + LOOP_HI(n, chunk); i += LOOP_STEP)
+    step_one(p + i, m + i, v + i, g[i], beta1, beta2, rate_m, scale_v, epsilon, shrink);
 }
 
 // 1 - e^x for x <= 0 without cancellation near 0: the series there.
@@ -25,22 +25,21 @@ static inline float one_minus_exp(float x) {
   return x > -0.3f ? series : 1.0f - m_exp(x);
 }
 
-// Rows with a gradient of zeros stay as they are; each other row counts its own steps t, and b^t = e^(t log b). g: of the
+// Rows with a gradient of zeros stay as they are; each other row counts its own steps t, and b^t = e^(t log b). Of the
 // `rows` rows from `first` on.
 __kernel FAT void adam_rows(__global float* restrict p, __global float* restrict m, __global float* restrict v,
-                            __global int* restrict steps, __global const float* g, int first, int rows, int width, float beta1,
-                            float beta2, float log_beta1, float log_beta2, float rate, float epsilon, float shrink,
-                            int chunk) {
-  for (int row = LOOP_LO(chunk); row < LOOP_HI(rows, chunk); row += LOOP_STEP) {
-    const size_t at = (size_t)row * width, to = at + (size_t)first * width;
+                            __global int* restrict steps, __global const float* g, int first, int rows, int width,
+                            float beta1, float beta2, float log_beta1, float log_beta2, float rate, float epsilon,
+                            float shrink, int chunk) {
+  for (int row = first + LOOP_LO(chunk); row < first + LOOP_HI(rows, chunk); row += LOOP_STEP) {
+    const size_t at = (size_t)row * width;
     int touched = 0;
     for (int c = 0; c < width; c++) touched |= g[at + c] != 0.0f;
     if (touched) {
-      const float t = (float)(++steps[first + row]);
+      const float t = (float)(++steps[row]);
       const float rate_m = rate / one_minus_exp(t * log_beta1), scale_v = 1.0f / sqrt(one_minus_exp(t * log_beta2));
       for (int c = 0; c < width; c++)
-        step_one(p + to + c, m + to + c, v + to + c, g[at + c], beta1, beta2, rate_m, scale_v, epsilon,
-                 shrink);
+        step_one(p + at + c, m + at + c, v + at + c, g[at + c], beta1, beta2, rate_m, scale_v, epsilon, shrink);
     }
   }
 }

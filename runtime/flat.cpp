@@ -58,27 +58,42 @@ Tensor made_to_stay(const Tensor& value) {
   return out;
 }
 
-Flat flat_zeros(const std::vector<Shape>& shapes) {
+namespace {
+
+/// Where parts of these shapes begin, in floats, and where the last one ends.
+std::vector<int64_t> begins_of(const std::vector<Shape>& shapes) {
   const cl_uint bits = called([] { return "ask the device how buffers are aligned"; },
                               [] { return cl_device().device.getInfo<CL_DEVICE_MEM_BASE_ADDR_ALIGN>(); });
-  const size_t unit = std::max<size_t>(128, bits / 8);
-  std::vector<size_t> begins;
-  size_t bytes = 0;
-  for (const Shape& shape : shapes) {
-    begins.push_back(bytes);
-    bytes += std::max<size_t>(1, (static_cast<size_t>(numel(shape)) * size_of(DType::f32) + unit - 1) / unit) * unit;
-  }
+  const auto unit = static_cast<int64_t>(std::max<size_t>(128, bits / 8) / size_of(DType::f32));
+  std::vector<int64_t> begins = {0};
+  for (const Shape& shape : shapes)
+    begins.push_back(begins.back() + std::max<int64_t>(1, (numel(shape) + unit - 1) / unit) * unit);
+  return begins;
+}
+
+Tensor part_of(const Flat& flat, size_t begin, size_t end, const Shape& shape) {
+  const auto byte_of = [&](size_t part) { return static_cast<size_t>(flat.begins[part]) * size_of(DType::f32); };
+  auto node = std::make_shared<Node>();
+  node->shape = shape;
+  node->storage = {part_of(flat.all.node()->storage.buffer, byte_of(begin), byte_of(end) - byte_of(begin)), 0,
+                   dense_strides(shape)};
+  return Tensor(std::move(node));
+}
+
+}  // namespace
+
+Flat flat_zeros(const std::vector<Shape>& shapes) {
   Flat out;
-  out.all = made_to_stay(zeros({static_cast<int64_t>(bytes / size_of(DType::f32))}));
-  const std::shared_ptr<Buffer>& whole = out.all.node()->storage.buffer;
-  for (size_t i = 0; i < shapes.size(); i++) {
-    const size_t end = i + 1 < shapes.size() ? begins[i + 1] : bytes;
-    auto node = std::make_shared<Node>();
-    node->shape = shapes[i];
-    node->storage = {part_of(whole, begins[i], end - begins[i]), 0, dense_strides(shapes[i])};
-    out.parts.emplace_back(std::move(node));
-  }
+  out.begins = begins_of(shapes);
+  out.all = made_to_stay(zeros({out.begins.back()}));
+  for (size_t i = 0; i < shapes.size(); i++) out.parts.push_back(part_of(out, i, i + 1, shapes[i]));
   return out;
+}
+
+int64_t flat_size(const std::vector<Shape>& shapes) { return begins_of(shapes).back(); }
+
+Tensor joined(const Flat& flat, size_t begin, size_t end) {
+  return part_of(flat, begin, end, {flat.begins[end] - flat.begins[begin]});
 }
 
 void move_to(const Tensor& tensor, const Tensor& place) {

@@ -12,8 +12,13 @@ namespace cloam {
 struct Flat {
   Tensor all;
   Tensors parts;
+  std::vector<int64_t> begins;  // of the parts in `all`, and its length
 };
 Flat flat_zeros(const std::vector<Shape>& shapes);
+/// How long `all` will be.
+int64_t flat_size(const std::vector<Shape>& shapes);
+/// Parts [begin, end) with the gaps between and behind them, [m], in the same memory.
+Tensor joined(const Flat& flat, size_t begin, size_t end);
 
 /// The value in memory of its own and no more than it needs, for what stays as long as the model: others get a little
 /// more from the pool.

@@ -2,51 +2,68 @@
 #include "models/train/optimiser.h"
 
 #include <algorithm>
-#include <set>
+#include <map>
 
 #include "models/io/tensors.h"
+#include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/op.h"
 #include "runtime/ops.h"
 #include "runtime/ops/adam.h"
 
 namespace cloam {
+namespace {
+
+std::vector<Shape> shapes_of(const std::vector<size_t>& places, const Tensors& parameters) {
+  std::vector<Shape> shapes;
+  for (const size_t place : places) shapes.push_back(parameters[place].shape());
+  return shapes;
+}
+
+bool fit_one_buffer(const std::vector<Shape>& shapes) {
+  return static_cast<uint64_t>(flat_size(shapes)) * size_of(DType::f32) <= device().max_alloc_bytes;
+}
+
+}  // namespace
 
 Optimiser::Optimiser(const Params& parameters, const ParameterGroups& groups) {
-  std::set<std::string> prefixes;
+  std::map<std::string, std::vector<size_t>> dense;  // by the group's prefix
   for (const auto& [name, p] : parameters) {
     const ParameterGroup& group = group_of(name, groups);
     if (group.frozen) continue;
+    if (!group.sparse) dense[group.prefix].push_back(names_.size());
     names_.push_back(name);
-    if (!group.sparse) {
-      prefixes.insert(group.prefix);
-      continue;
-    }
+    if (!group.sparse) continue;
     m_[name] = made_to_stay(zeros(p.shape()));
     v_[name] = made_to_stay(zeros(p.shape()));
     steps_[name] = from_host(std::vector<int32_t>(static_cast<size_t>(p.dim(0)), 0), {p.dim(0)});
   }
-  for (const std::string& prefix : prefixes) add_group(prefix, parameters, groups);
+  const Tensors in_order = wanted(parameters);
+  for (const auto& [prefix, places] : dense) {
+    std::vector<size_t> order = flats_.empty() ? places : flats_.back().order;
+    if (!flats_.empty()) order.insert(order.end(), places.begin(), places.end());
+    if (flats_.empty() || !fit_one_buffer(shapes_of(order, in_order))) flats_.emplace_back();
+    Flats& flats = flats_.back();
+    flats.groups.push_back({prefix, flats.order.size(), flats.order.size() + places.size(), {}, {}, {}, {}});
+    flats.order.insert(flats.order.end(), places.begin(), places.end());
+  }
+  for (Flats& flats : flats_) make(flats, in_order);
 }
 
-void Optimiser::add_group(const std::string& prefix, const Params& parameters, const ParameterGroups& groups) {
-  Flats flats;
-  flats.prefix = prefix;
-  std::vector<Shape> shapes;
-  std::vector<std::string> names;
-  for (size_t place = 0; place < names_.size(); place++) {
-    if (group_of(names_[place], groups).prefix != prefix) continue;
-    flats.order.push_back(place);
-    shapes.push_back(parameters.at(names_[place]).shape());
-    names.push_back(names_[place]);
-  }
+void Optimiser::make(Flats& flats, const Tensors& parameters) {
+  const std::vector<Shape> shapes = shapes_of(flats.order, parameters);
   for (Flat* flat : {&flats.parameters, &flats.m, &flats.v, &flats.gradients}) *flat = flat_zeros(shapes);
-  for (size_t i = 0; i < names.size(); i++) {
-    move_to(parameters.at(names[i]), flats.parameters.parts[i]);
-    m_[names[i]] = flats.m.parts[i];
-    v_[names[i]] = flats.v.parts[i];
+  gather_parameters(flats, parameters);
+  for (size_t i = 0; i < flats.order.size(); i++) {
+    m_[names_[flats.order[i]]] = flats.m.parts[i];
+    v_[names_[flats.order[i]]] = flats.v.parts[i];
   }
-  flats_.push_back(std::move(flats));
+  for (Group& group : flats.groups) {
+    group.parameters = joined(flats.parameters, group.begin, group.end);
+    group.m = joined(flats.m, group.begin, group.end);
+    group.v = joined(flats.v, group.begin, group.end);
+    group.gradients = joined(flats.gradients, group.begin, group.end);
+  }
 }
 
 Tensors Optimiser::wanted(const Params& parameters) const {
@@ -95,14 +112,13 @@ AdamStep step_of(const ParameterGroup& group, const Progress& progress) {
   return {group.rate_at(progress), group.beta1, group.beta2, group.epsilon, group.decay, progress.step};
 }
 
-}  // namespace
-
-AdamStep Optimiser::dense_step(const Flats& flats, const ParameterGroups& groups, const Progress& progress) const {
-  const auto group =
-      std::find_if(groups.begin(), groups.end(), [&](const auto& one) { return one.prefix == flats.prefix; });
-  if (group == groups.end()) throw Error(Fault::internal, text("the parameter group ", flats.prefix, "* is missing"));
+AdamStep step_of(const std::string& prefix, const ParameterGroups& groups, const Progress& progress) {
+  const auto group = std::find_if(groups.begin(), groups.end(), [&](const auto& one) { return one.prefix == prefix; });
+  if (group == groups.end()) throw Error(Fault::internal, text("the parameter group ", prefix, "* is missing"));
   return step_of(*group, progress);
 }
+
+}  // namespace
 
 void Optimiser::step(Params& parameters, const Tensors& gradients, const ParameterGroups& groups,
                      const Progress& progress) {
@@ -116,34 +132,55 @@ void Optimiser::step(Params& parameters, const Tensors& gradients, const Paramet
   for (Flats& flats : flats_) {
     gather_parameters(flats, in_order);
     for (size_t i = 0; i < flats.order.size(); i++) put_at(gradients[flats.order[i]], flats.gradients.parts[i]);
-    adam_step(flats.parameters.all, flats.m.all, flats.v.all, flats.gradients.all, dense_step(flats, groups, progress));
+    for (Group& group : flats.groups)
+      adam_step(group.parameters, group.m, group.v, group.gradients, step_of(group.prefix, groups, progress));
+  }
+}
+
+namespace {
+
+/// Values in place of rows [begin, end) of a tensor.
+void put_rows(std::span<const float> values, const Tensor& tensor, const AdamStep::Rows& rows) {
+  overwrite_rows_on_host(tensor, rows.begin, rows.end,
+                         [&](std::span<std::byte> place) { std::ranges::copy(std::as_bytes(values), place.begin()); });
+}
+
+AdamStep::Rows rows_of(const Share& share, const Tensor& buffer) {
+  return {share.begin(buffer.dim(0)), share.end(buffer.dim(0))};
+}
+
+}  // namespace
+
+/// gradients: of the rows of `flats` that are the share's.
+void Optimiser::step_own(Flats& flats, std::span<const float> gradients, const RowsStep& how) {
+  const AdamStep::Rows own = rows_of(how.progress.share, flats.gradients.all);
+  put_rows(gradients, flats.gradients.all, own);
+  for (Group& group : flats.groups) {
+    const int64_t base = flats.gradients.begins[group.begin], end = flats.gradients.begins[group.end];
+    AdamStep with = step_of(group.prefix, how.groups, how.progress);
+    with.rows = {std::clamp(own.begin, base, end) - base, std::clamp(own.end, base, end) - base};
+    adam_step(group.parameters, group.m, group.v, group.gradients, with);
   }
 }
 
 void Optimiser::step_rows(Params& parameters, const std::vector<std::span<const float>>& gradients,
                           const RowsStep& how) {
-  const Share share = how.progress.share;
-  const auto rows_of = [&](Shape shape, std::span<const float> values) {
-    shape[0] = share.size(shape[0]);
-    return from_bytes(values.data(), DType::f32, shape);
-  };
   size_t next = 0;
   const Tensors in_order = wanted(parameters);
   for (Flats& flats : flats_) {
     gather_parameters(flats, in_order);
-    const Shape shape = flats.parameters.all.shape();
-    AdamStep with = dense_step(flats, how.groups, how.progress);
-    with.first_row = share.begin(shape[0]);
-    adam_step(flats.parameters.all, flats.m.all, flats.v.all, rows_of(shape, gradients[next++]), with);
+    step_own(flats, gradients[next++], how);
   }
   for (const std::string& name : names_) {
     if (!steps_.contains(name)) continue;
     const std::span<const float> values = gradients[next++];
-    Tensor& parameter = parameters.at(name);
     if (values.empty()) continue;
+    Tensor& parameter = parameters.at(name);
+    const Tensor gradient = empty(parameter.shape());
     AdamStep with = step_of(group_of(name, how.groups), how.progress);
-    with.first_row = share.begin(parameter.dim(0));
-    adam_step_rows(parameter, m_[name], v_[name], steps_[name], rows_of(parameter.shape(), values), with);
+    with.rows = rows_of(how.progress.share, parameter);
+    put_rows(values, gradient, *with.rows);
+    adam_step_rows(parameter, m_[name], v_[name], steps_[name], gradient, with);
   }
 }
 

@@ -11,8 +11,9 @@ namespace cloam {
 
 class Optimiser {
  public:
-  /// Zero moments for every parameter that is not frozen; rows of `sparse` ones count their own steps. Parameters with
-  /// one group move into one buffer, so that a step is one launch for all of them.
+  /// Zero moments for every parameter that is not frozen; rows of `sparse` ones count their own steps. All others move
+  /// into one buffer (several where the device allows none so large), group behind group, so that a step is one launch
+  /// a group, and ranks have few buffers to exchange.
   Optimiser(const Params& parameters, const ParameterGroups& groups);
   /// The parameters to compute gradients of: all that are not frozen, in the order of the map.
   Tensors wanted(const Params& parameters) const;
@@ -20,8 +21,8 @@ class Optimiser {
   /// copies; they hold until the next step's are evaluated. An empty one of a dense parameter becomes zeros, since its
   /// moments fade all the same; a sparse parameter stands still.
   void expect(Tensors& gradients) const;
-  /// Evaluated gradients as few tensors in an order that is fixed: a group's together, then those of sparse parameters,
-  /// empty handles where one stands still.
+  /// Evaluated gradients as few tensors in an order that is fixed: those that lie together, then those of sparse
+  /// parameters, empty handles where one stands still.
   Tensors buffers_of(const Tensors& gradients);
   std::vector<Shape> buffer_shapes() const;
   /// One step in place, with evaluated gradients.
@@ -45,14 +46,20 @@ class Optimiser {
   void restore(const TensorMap& state);
 
  private:
+  /// Parameters of one group, side by side in a buffer.
+  struct Group {
+    std::string prefix;
+    size_t begin, end;  // parts
+    Tensor parameters, m, v, gradients;
+  };
   struct Flats {
-    std::string prefix;         // of the group
+    std::vector<Group> groups;
     std::vector<size_t> order;  // places of its parameters among those wanted
     Flat parameters, m, v, gradients;
   };
-  void add_group(const std::string& prefix, const Params& parameters, const ParameterGroups& groups);
+  void make(Flats& flats, const Tensors& parameters);
   void gather_parameters(const Flats& flats, const Tensors& parameters) const;
-  AdamStep dense_step(const Flats& flats, const ParameterGroups& groups, const Progress& progress) const;
+  void step_own(Flats& flats, std::span<const float> gradients, const RowsStep& how);
 
   std::vector<std::string> names_;  // not frozen, in the order of the map
   std::vector<Flats> flats_;

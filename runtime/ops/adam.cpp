@@ -19,25 +19,20 @@ void check_state(const char* op, const Tensor& parameter, const Tensor& state, c
 /// Gives a tensor values of its own: zeros() is a view of one number.
 void own(const Tensor& leaf) { leaf.node()->storage = dense(leaf).node()->storage; }
 
-void check_rows(const char* op, const Tensor& parameter, const Tensor& gradient, int64_t first) {
-  Shape rows = parameter.shape();
-  if (rows.rank() > 0 && gradient.rank() > 0) rows[0] = gradient.dim(0);
-  if (rows.rank() == 0 || !(gradient.shape() == rows) || first < 0 || first + rows[0] > parameter.dim(0) ||
-      gradient.dtype() != DType::f32)
-    throw Error(Fault::internal,
-                text("[", op, "] the gradient ", to_string(gradient.shape()), " ", name_of(gradient.dtype()),
-                     " does not fit the rows from ", first, " on of the parameter ", to_string(parameter.shape())));
-}
-
-void check(const char* op, const Tensor& parameter, const Tensor& m, const Tensor& v, const Tensor& gradient,
-           const AdamStep& with) {
+void check(const char* op, const Tensor& parameter, const Tensor& m, const Tensor& v, const Tensor& gradient) {
   check_state(op, parameter, m, "m");
   check_state(op, parameter, v, "v");
-  if (with.first_row)
-    check_rows(op, parameter, gradient, *with.first_row);
-  else
-    check_state(op, parameter, gradient, "the gradient");
+  check_state(op, parameter, gradient, "the gradient");
   for (const Tensor& leaf : {parameter, m, v}) own(leaf);
+}
+
+AdamStep::Rows rows_of(const char* op, const Tensor& parameter, const AdamStep& with) {
+  const int64_t count = parameter.rank() > 0 ? parameter.dim(0) : 1;
+  const AdamStep::Rows rows = with.rows.value_or(AdamStep::Rows{0, count});
+  if (rows.begin < 0 || rows.begin > rows.end || rows.end > count)
+    throw Error(Fault::internal, text("[", op, "] rows ", rows.begin, " to ", rows.end, " of the parameter ",
+                                      to_string(parameter.shape())));
+  return rows;
 }
 
 float shrink_of(const AdamStep& with) {
@@ -47,11 +42,12 @@ float shrink_of(const AdamStep& with) {
 }  // namespace
 
 void adam_step(Tensor& parameter, Tensor& m, Tensor& v, const Tensor& gradient, const AdamStep& with) {
-  check("adam_step", parameter, m, v, gradient, with);
+  check("adam_step", parameter, m, v, gradient);
   if (with.step < 1) throw Error(Fault::internal, text("[adam_step] step ", with.step, ", want 1 for the first"));
   const auto steps = static_cast<double>(with.step);
   const double left1 = 1 - std::pow(double{with.beta1}, steps), left2 = 1 - std::pow(double{with.beta2}, steps);
-  const int64_t count = gradient.numel(), first = with.first_row.value_or(0) * row_width(parameter.shape());
+  const AdamStep::Rows rows = rows_of("adam_step", parameter, with);
+  const int64_t width = row_width(parameter.shape()), first = rows.begin * width, count = rows.end * width - first;
   if (count == 0) return;
   const WorkShare work = share(count, 4096);
   launch(kernel("adam", "adam"), "adam", work.range, parameter, m, v, dense(gradient), first, count, with.beta1,
@@ -61,18 +57,19 @@ void adam_step(Tensor& parameter, Tensor& m, Tensor& v, const Tensor& gradient, 
 
 void adam_step_rows(Tensor& parameter, Tensor& m, Tensor& v, Tensor& row_steps, const Tensor& gradient,
                     const AdamStep& with) {
-  check("adam_step_rows", parameter, m, v, gradient, with);
+  check("adam_step_rows", parameter, m, v, gradient);
   if (parameter.rank() == 0 || !(row_steps.shape() == Shape{parameter.dim(0)}) || row_steps.dtype() != DType::i32)
     throw Error(Fault::internal,
                 text("[adam_step_rows] row_steps is ", to_string(row_steps.shape()), " ", name_of(row_steps.dtype()),
                      " for a parameter ", to_string(parameter.shape()), ": want int32, one a row"));
-  if (gradient.numel() == 0) return;
+  const AdamStep::Rows own_rows = rows_of("adam_step_rows", parameter, with);
+  const int64_t rows = own_rows.end - own_rows.begin, width = row_width(parameter.shape());
+  if (rows * width == 0) return;
   own(row_steps);
   const auto log_of = [](float beta) { return static_cast<float>(std::log(double{beta})); };
-  const int64_t rows = gradient.dim(0), width = row_width(parameter.shape());
   const WorkShare work = share(rows, 4096 / width);
   launch(kernel("adam", "adam_rows"), "adam_rows", work.range, parameter, m, v, row_steps, dense(gradient),
-         with.first_row.value_or(0), rows, width, with.beta1, with.beta2, log_of(with.beta1), log_of(with.beta2),
+         own_rows.begin, rows, width, with.beta1, with.beta2, log_of(with.beta1), log_of(with.beta2),
          with.learning_rate, with.epsilon, shrink_of(with), work.chunk);
 }
 

@@ -10,8 +10,10 @@ struct AdamStep {
   float learning_rate = 1e-3f, beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-8f;
   float weight_decay = 0;  // decoupled, as AdamW: the parameter shrinks by learning_rate * weight_decay
   int64_t step = 1;        // from 1
-  /// Set: the gradient has the rows from this one on, as many as are stepped; all others stay as they are.
-  std::optional<int64_t> first_row = {};
+  struct Rows {
+    int64_t begin, end;
+  };
+  std::optional<Rows> rows = {};  // set: all others stay as they are
 };
 /// parameter, m, v: leaves of one shape, none sharing values with another (m and v begin as zeros(shape)); the gradient
 /// has that shape, too. A pending gradient is evaluated: where there are many, eval() all of them together first.

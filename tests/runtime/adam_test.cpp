@@ -97,10 +97,9 @@ TEST_CASE("steps of some rows at a time are the step of all, bit for bit") {
     adam_step(dense.p, dense.m, dense.v, all, with);
     adam_step_rows(whole.p, whole.m, whole.v, whole.steps, all, with);
     for (const auto& [begin, end] : {std::pair<int64_t, int64_t>{0, 1}, {1, 1999}, {1999, 1999}, {1999, 3001}}) {
-      with.first_row = begin;
-      const Tensor rows = slice(all, 0, begin, end);
-      adam_step(dense_parts.p, dense_parts.m, dense_parts.v, rows, with);
-      adam_step_rows(parts.p, parts.m, parts.v, parts.steps, rows, with);
+      with.rows = {begin, end};
+      adam_step(dense_parts.p, dense_parts.m, dense_parts.v, all, with);
+      adam_step_rows(parts.p, parts.m, parts.v, parts.steps, all, with);
     }
   }
   for (const auto& [one, other] : {std::pair{&whole, &parts}, std::pair{&dense, &dense_parts}}) {
@@ -111,8 +110,12 @@ TEST_CASE("steps of some rows at a time are the step of all, bit for bit") {
   }
   CHECK(whole.steps.to_host<int32_t>().at(10) == 0);
   CHECK(whole.steps.to_host<int32_t>().at(3000) == 3);
-  CHECK_THROWS_AS(adam_step(dense.p, dense.m, dense.v, ones({2, 3}), {.first_row = 3000}), Error);
-  CHECK_THROWS_AS(adam_step(dense.p, dense.m, dense.v, ones({2, 2}), {.first_row = 0}), Error);
+  AdamStep with;
+  for (const AdamStep::Rows& rows : {AdamStep::Rows{3000, 3002}, {-1, 3}, {7, 5}}) {
+    with.rows = rows;
+    CHECK_THROWS_AS(adam_step(dense.p, dense.m, dense.v, ones(shape), with), Error);
+    CHECK_THROWS_AS(adam_step_rows(whole.p, whole.m, whole.v, whole.steps, ones(shape), with), Error);
+  }
 }
 
 TEST_CASE("the steps refuse state of another shape, and step 0") {
