@@ -29,13 +29,14 @@ std::vector<double> columns(const EvalResult& result, const std::vector<ImageSco
   if (result.is_log)
     values.insert(values.end(),
                   {mean_score(images, &ImageScore::masked_psnr), mean_score(images, &ImageScore::masked_ssim),
-                   lidar.median_error(), lidar.mean_chamfer()});
+                   mean_score(images, &ImageScore::moving_psnr), lidar.median_error(), lidar.mean_chamfer()});
   return values;
 }
 
 std::string log_rows(const EvalResult& result) {
-  std::string out = fmt::format("{:<38}  {:>8}  {:>8}  {:>8}  {:>8}  {:>8}  {:>10}\n", "log (masked: over actors only)",
-                                "PSNR", "SSIM", "masked", "SSIM", "LiDAR m", "Chamfer m2");
+  std::string out =
+      fmt::format("{:<38}  {:>8}  {:>8}  {:>8}  {:>8}  {:>8}  {:>8}  {:>10}\n", "log (masked: over actors only)",
+                  "PSNR", "SSIM", "masked", "SSIM", "moving", "LiDAR m", "Chamfer m2");
   for (const SceneResult& scene : result.scenes) out += row(scene.name, columns(result, scene.images, scene.lidar));
   return out;
 }
@@ -46,7 +47,7 @@ std::string image_rows(const EvalResult& result) {
   return out;
 }
 
-/// Full-frame in the column of PSNR, over actors in that of masked PSNR.
+/// Full-frame in the column of PSNR, over actors in that of masked PSNR, over moving ones in theirs.
 std::string guess_rows(const EvalResult& result, const std::vector<ImageScore>& images) {
   const auto mean = [&](double BaselineScores::*figure) {
     return mean_score(images, [=](const ImageScore& image) { return image.baselines.*figure; });
@@ -55,11 +56,14 @@ std::string guess_rows(const EvalResult& result, const std::vector<ImageScore>& 
   if (!result.is_log) return out + row("baseline: nearest training photo", {mean(&BaselineScores::nearest_frame)});
   return out +
          row("baseline: blend of two neighbours",
-             {mean(&BaselineScores::blend), kNoScore, mean(&BaselineScores::blend_masked)}) +
+             {mean(&BaselineScores::blend), kNoScore, mean(&BaselineScores::blend_masked), kNoScore,
+              mean(&BaselineScores::blend_moving)}) +
          row("baseline: copy of the nearest photo",
-             {mean(&BaselineScores::copy), kNoScore, mean(&BaselineScores::copy_masked)}) +
+             {mean(&BaselineScores::copy), kNoScore, mean(&BaselineScores::copy_masked), kNoScore,
+              mean(&BaselineScores::copy_moving)}) +
          row("baseline: mean colour of each row", {mean(&BaselineScores::row_mean)}) +
-         row("baseline: true mean colour of actors", {kNoScore, kNoScore, mean(&BaselineScores::mean_masked)});
+         row("baseline: true mean colour of actors",
+             {kNoScore, kNoScore, mean(&BaselineScores::mean_masked), kNoScore, mean(&BaselineScores::mean_moving)});
 }
 
 std::string outline_row(const std::vector<ImageScore>& images) {

@@ -81,6 +81,15 @@ std::vector<std::uint8_t> ActorMask::any() const {
   return mask;
 }
 
+std::vector<std::uint8_t> ActorMask::moving(const Scene& scene) const {
+  std::vector<std::uint8_t> counts = {0};  // by number
+  for (const Actor& actor : scene.actors) counts.push_back(goes_somewhere(actor) ? 255 : 0);
+  std::vector<std::uint8_t> mask(actors.size());
+  std::transform(actors.begin(), actors.end(), mask.begin(),
+                 [&](int actor) { return counts.at(static_cast<std::size_t>(actor)); });
+  return mask;
+}
+
 ActorMasks::ActorMasks(const Scene& scene, bool use_truth) : scene_(scene) {
   const fs::path path = scene.root / "truth" / "actors.json";
   if (use_truth && has_file(path)) read_numbers(path);

@@ -17,6 +17,8 @@ struct ActorMask {
 
   /// [H,W], 255 where any actor is seen: as the metrics take it.
   std::vector<std::uint8_t> any() const;
+  /// The same of those of the scene's actors that go somewhere (scene.h).
+  std::vector<std::uint8_t> moving(const Scene& scene) const;
 };
 
 /// Masks of one log, exact where it has truth beside it: truth/CAMERA/NN_actor.png (instance numbers, 8 or 16 bit, 0

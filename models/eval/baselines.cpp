@@ -48,11 +48,19 @@ std::vector<double> row_colours_of(const Pixels& train, int rows) {
   return colours;
 }
 
-double over_actors(const std::vector<float>& baseline, const MeasuredPhoto& photo) {
-  return photo.actors ? masked_psnr(baseline, photo.rgb, photo.actors->any(), kChannels) : kNoScore;
+/// Of a picture: over the pixels of all actors, and of those that go somewhere; NaN where none is seen.
+struct ActorScores {
+  double all = kNoScore, moving = kNoScore;
+};
+
+ActorScores over_actors(const std::vector<float>& rgb, const MeasuredPhoto& photo) {
+  if (!photo.actors) return {};
+  return {masked_psnr(rgb, photo.rgb, photo.actors->any(), kChannels),
+          masked_psnr(rgb, photo.rgb, photo.actors->moving(photo.scene), kChannels)};
 }
 
-double painted_mean(const MeasuredPhoto& photo) {
+/// Each actor in the mean colour that it has in the photo.
+std::vector<float> painted(const MeasuredPhoto& photo) {
   const std::vector<int>& actors = photo.actors->actors;
   std::map<int, std::array<double, kChannels + 1>> sums;  // colour, pixels
   for (std::size_t i = 0; i < actors.size(); ++i) {
@@ -60,14 +68,16 @@ double painted_mean(const MeasuredPhoto& photo) {
     for (std::size_t c = 0; c < kChannels; ++c) sum[c] += static_cast<double>(photo.rgb[kChannels * i + c]);
     sum[kChannels] += 1;
   }
-  std::vector<float> baseline(photo.rgb.size());
-  for (std::size_t i = 0; i < baseline.size(); ++i) {
+  std::vector<float> rgb(photo.rgb.size());
+  for (std::size_t i = 0; i < rgb.size(); ++i) {
     const auto& sum = sums.at(actors[i / kChannels]);
-    baseline[i] = static_cast<float>(sum[i % kChannels] / sum[kChannels]);
+    rgb[i] = static_cast<float>(sum[i % kChannels] / sum[kChannels]);
   }
-  const double score = over_actors(baseline, photo);
-  return score < kExact ? score : kNoScore;  // masks of a pixel or two: nothing was guessed
+  return rgb;
 }
+
+/// Masks of a pixel or two hold one colour: nothing was guessed.
+double unless_exact(double score) { return score < kExact ? score : kNoScore; }
 
 std::vector<float> mean_of(const std::vector<float>& a, const std::vector<float>& b) {
   std::vector<float> mean(a.size());
@@ -98,7 +108,10 @@ Baselines::Baselines(const Scene& train_scene, const Pixels& train) : scene_(tra
 
 BaselineScores Baselines::score(const MeasuredPhoto& photo) const {
   BaselineScores scores;
-  if (photo.actors) scores.mean_masked = painted_mean(photo);
+  if (photo.actors) {
+    const auto [all, moving] = over_actors(painted(photo), photo);
+    scores.mean_masked = unless_exact(all), scores.mean_moving = unless_exact(moving);
+  }
   if (colour_.empty()) return scores;
   std::vector<float> baseline(photo.rgb.size());
   for (std::size_t i = 0; i < baseline.size(); ++i) baseline[i] = static_cast<float>(colour_[i % kChannels]);
@@ -127,9 +140,10 @@ void Baselines::score_log(const MeasuredPhoto& photo, BaselineScores& scores) co
   const std::vector<float> copy = on_white(later ? *after : *before);
   const std::vector<float> blend = before && after ? mean_of(on_white(*before), on_white(*after)) : copy;
   scores.copy = psnr_of(copy, photo.rgb, photo.pixels);
-  scores.copy_masked = over_actors(copy, photo);
+  const ActorScores of_copy = over_actors(copy, photo), of_blend = over_actors(blend, photo);
+  scores.copy_masked = of_copy.all, scores.copy_moving = of_copy.moving;
   scores.blend = psnr_of(blend, photo.rgb, photo.pixels);
-  scores.blend_masked = over_actors(blend, photo);
+  scores.blend_masked = of_blend.all, scores.blend_moving = of_blend.moving;
 }
 
 /// A photo is no guess for itself.

@@ -16,14 +16,16 @@ constexpr double kNoScore = std::numeric_limits<double>::quiet_NaN();
 struct BaselineScores {
   double mean_colour = kNoScore;    // every pixel the mean colour of the training photos
   double nearest_frame = kNoScore;  // a copy of the training photo nearest in place and direction
-  // Of logs. "masked": over the pixels of actors.
-  double copy = kNoScore, copy_masked = kNoScore;  // the nearest training photo of the same camera, the earlier of two
-  double blend = kNoScore, blend_masked = kNoScore;  // the mean of its nearest training photos before and after
-  double mean_masked = kNoScore;                     // each actor in the mean colour that it has in the photo
-  double row_mean = kNoScore;                        // each row the mean colour that it has in the training photos
+  // Of logs. "masked": over the pixels of actors; "moving": of those that go somewhere.
+  // The nearest training photo of the same camera, the earlier of two.
+  double copy = kNoScore, copy_masked = kNoScore, copy_moving = kNoScore;
+  // The mean of its nearest training photos before and after.
+  double blend = kNoScore, blend_masked = kNoScore, blend_moving = kNoScore;
+  double mean_masked = kNoScore, mean_moving = kNoScore;  // each actor in the mean colour that it has in the photo
+  double row_mean = kNoScore;                             // each row the mean colour that it has in the training photos
 };
 
-/// One photo that is measured; mask: where actors are seen, null where that is not known.
+/// One photo that is measured; actors: where they are seen, null where that is not known.
 struct MeasuredPhoto {
   const Scene& scene;
   const FramePixels& pixels;

@@ -25,6 +25,7 @@ inline const std::vector<ComparedFigure> kComparedFigures = {{"psnr", "PSNR"},
                                                              {"ssim", "SSIM"},
                                                              {"masked_psnr", "masked PSNR"},
                                                              {"masked_ssim", "masked SSIM"},
+                                                             {"moving_psnr", "moving PSNR"},
                                                              {"lidar_median_error_m", "LiDAR m"},
                                                              {"lidar_chamfer_m2", "Chamfer m2"},
                                                              {"lpips", "LPIPS"},
@@ -41,7 +42,8 @@ inline const std::vector<ComparedFigure> kComparedFigures = {{"psnr", "PSNR"},
                                                              {"baseline_nearest_frame_psnr", "nearest"},
                                                              {"baseline_blend_psnr", "blend"},
                                                              {"baseline_blend_masked_psnr", "masked blend"},
-                                                             {"baseline_mean_masked_psnr", "masked mean"}};
+                                                             {"baseline_mean_masked_psnr", "masked mean"},
+                                                             {"baseline_blend_moving_psnr", "moving blend"}};
 
 struct Mean {
   double mean, deviation;  // of a sample: divided by n - 1

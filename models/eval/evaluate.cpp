@@ -18,6 +18,7 @@ namespace {
 void score_actors(ImageScore& score, const Picture& picture, const MeasuredPhoto& photo) {
   const std::vector<std::uint8_t> mask = photo.actors->any();
   score.masked_psnr = masked_psnr(picture.rgb, photo.rgb, mask, 3);
+  score.moving_psnr = masked_psnr(picture.rgb, photo.rgb, photo.actors->moving(photo.scene), 3);
   score.masked_ssim = masked_ssim(picture.rgb, photo.rgb, mask, {photo.pixels.height, photo.pixels.width, 3});
 }
 

@@ -15,14 +15,15 @@ namespace cloam {
 constexpr std::size_t kOutlinePixels = 100;
 
 /// psnr, ssim: over the pixels that the photo's mask keeps; psnr_full: over all. masked_…: over the actors that have a
-/// box at the photo's step, all together (ssim with both images black elsewhere); NaN where none is seen.
+/// box at the photo's step, all together (ssim with both images black elsewhere); NaN where none is seen. moving_psnr:
+/// over those of them that go somewhere in the log.
 /// feature_distance: of a network, if one is given; of photo and render, and of both with all but the actors black.
 /// lpips likewise, or its form with other weights than the published ones. overlap: of the outlines of actors that show
 /// kOutlinePixels or more, intersection over union with the true masks; NaN without these. box_overlap: of the outlines
 /// of the boxes.
 struct ImageFigures {
   double psnr = kNoScore, ssim = kNoScore, psnr_full = kNoScore;
-  double masked_psnr = kNoScore, masked_ssim = kNoScore;
+  double masked_psnr = kNoScore, masked_ssim = kNoScore, moving_psnr = kNoScore;
   double feature_distance = kNoScore, masked_feature_distance = kNoScore;
   double lpips = kNoScore, masked_lpips = kNoScore;
   double overlap = kNoScore, box_overlap = kNoScore;

@@ -32,6 +32,7 @@ std::vector<ImageFigure> figures_of(const EvalResult& result) {
   if (result.is_log)
     add({{"masked_psnr", &ImageScore::masked_psnr},
          {"masked_ssim", &ImageScore::masked_ssim},
+         {"moving_psnr", &ImageScore::moving_psnr},
          {"outline_iou", &ImageScore::overlap}});
   if (!result.features.empty())
     add({{"feature_distance", &ImageScore::feature_distance},
@@ -44,9 +45,12 @@ std::vector<ImageFigure> figures_of(const EvalResult& result) {
   if (result.is_log)
     add({baseline("baseline_blend_psnr", &BaselineScores::blend),
          baseline("baseline_blend_masked_psnr", &BaselineScores::blend_masked),
+         baseline("baseline_blend_moving_psnr", &BaselineScores::blend_moving),
          baseline("baseline_mean_masked_psnr", &BaselineScores::mean_masked),
+         baseline("baseline_mean_moving_psnr", &BaselineScores::mean_moving),
          baseline("baseline_copy_psnr", &BaselineScores::copy),
          baseline("baseline_copy_masked_psnr", &BaselineScores::copy_masked),
+         baseline("baseline_copy_moving_psnr", &BaselineScores::copy_moving),
          baseline("baseline_row_mean_psnr", &BaselineScores::row_mean),
          {"baseline_box_outline_iou", &ImageScore::box_overlap}});
   return figures;

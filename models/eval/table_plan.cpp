@@ -97,8 +97,9 @@ class Planner {
   void make_logs() {
     made_ = true;
     const bool measures_others = !request_.logs.measured.empty();
+    const bool learns_first = std::any_of(request_.rows.begin(), request_.rows.end(), shares);
     for (const MadeLogs& made : kMadeLogs) {
-      if (measures_others && made.purpose == MadeFor::measuring) continue;
+      if (made.purpose == MadeFor::measuring ? measures_others : !learns_first) continue;
       TableNode node{"logs/" + std::string(made.folder), TableWork::logs, {}, {}, made.count};
       node.words = {"synth",
                     "-o",

@@ -112,12 +112,15 @@ TableRow row_of_method(const std::string& method) { return {method, method, meth
 const std::vector<TableColumn>& table_columns() {
   const std::vector<const char*> masked = {"baseline_blend_masked_psnr", "baseline_copy_masked_psnr",
                                            "baseline_mean_masked_psnr"};
+  const std::vector<const char*> moving = {"baseline_blend_moving_psnr", "baseline_copy_moving_psnr",
+                                           "baseline_mean_moving_psnr"};
   const std::vector<const char*> whole = {"baseline_blend_psnr", "baseline_copy_psnr", "baseline_mean_colour_psnr",
                                           "baseline_row_mean_psnr"};
   static const std::vector<TableColumn> columns = [&] {
     std::vector<TableColumn> all;
     for (const char* protocol : {"sparse", "novel", "rotate360"}) {
       all.push_back({protocol, "masked_psnr", "PSNR of actors", true, 2, masked});
+      all.push_back({protocol, "moving_psnr", "PSNR of moving actors", true, 2, moving});
       all.push_back({protocol, "masked_ssim", "SSIM of actors", true, 3, {}});
       all.push_back({protocol, "masked_lpips", "LPIPS of actors", false, 3, {}});
       all.push_back({protocol, "masked_feature_distance", "feature distance of actors (paper: LPIPS)", false, 3, {}});

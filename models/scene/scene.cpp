@@ -13,6 +13,7 @@ namespace {
 
 constexpr double kAloneSeconds = 0.1;     // of the moments of a log that usual LiDARs make
 constexpr double kAcrossSeam = 2.1;       // usual distances between boxes of successive steps, of a LiDAR that turns
+constexpr double kStill = 1;              // metres from its first box: who stays nearer goes nowhere
 constexpr double kMomentSeconds = 0.005;  // of returns that count as seen at once: 5 cm at 10 m/s
 
 /// The distance in time of boxes, which gaps only make longer. Where a LiDAR turns, boxes that cross the seam of its
@@ -65,6 +66,12 @@ std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time
   const double longest = next->step - before.step == 1 ? kAcrossSeam : 1.5;
   if (gap > longest * usual && time != next->timestamp) return std::nullopt;
   return pose_between(before.world_from_box, next->world_from_box, share);
+}
+
+bool goes_somewhere(const Actor& actor) {
+  const auto place = [](const ActorBox& box) -> Eigen::Vector3d { return box.world_from_box.topRightCorner<3, 1>(); };
+  return std::any_of(actor.boxes.begin(), actor.boxes.end(),
+                     [&](const ActorBox& box) { return (place(box) - place(actor.boxes.front())).norm() > kStill; });
 }
 
 const ActorBox* box_at_step(const Actor& actor, int step) {

@@ -119,6 +119,10 @@ using Scenes = std::vector<Scene>;
 /// are missing for more than 1.5 of these distances.
 std::optional<Eigen::Matrix4d> world_from_box_at(const Actor& actor, double time);
 
+/// Whether any of the actor's boxes lies more than a metre (in the log's axes) from where its first one does. What the
+/// source says of it (`stationary`) is not asked: not every format has it, and a parked car may drive off.
+bool goes_somewhere(const Actor& actor);
+
 /// The actor's box at a step; null where it has none.
 const ActorBox* box_at_step(const Actor& actor, int step);
 

@@ -23,7 +23,7 @@ using Eigen::Vector3d;
 constexpr uint8_t kGrey = 128, kOpaque = 128;
 constexpr std::size_t kMaxCameras = 64;  // that are asked whether they see a point
 constexpr int kAttempts = 40;
-constexpr double kStill = 1, kBoxMargin = 0.1;          // metres
+constexpr double kBoxMargin = 0.1;                      // metres
 constexpr double kLowestSky = -0.05, kSkyRadius = 1.5;  // sine of the elevation; of the furthest point's distance
 constexpr double kGoldenAngle = 2.399963229728653;
 constexpr uint32_t kRandomStream = 50;
@@ -84,11 +84,8 @@ PointCloud random_points(const Scene& scene, const InitialOptions& options) {
 /// The actors that go somewhere in the log.
 std::vector<const Actor*> movers(const Scene& scene) {
   std::vector<const Actor*> out;
-  for (const Actor& actor : scene.actors) {
-    const auto place = [](const ActorBox& box) -> Vector3d { return box.world_from_box.block<3, 1>(0, 3); };
-    if (!actor.boxes.empty() && (place(actor.boxes.back()) - place(actor.boxes.front())).norm() > kStill)
-      out.push_back(&actor);
-  }
+  for (const Actor& actor : scene.actors)
+    if (goes_somewhere(actor)) out.push_back(&actor);
   return out;
 }
 

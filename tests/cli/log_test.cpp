@@ -280,7 +280,8 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
   const auto json = nlohmann::json::parse(evaluated.out);
   for (const char* key : {"psnr", "ssim", "masked_psnr", "masked_ssim", "lidar_median_error_m", "lidar_chamfer_m2",
                           "baseline_blend_psnr", "baseline_blend_masked_psnr", "baseline_mean_masked_psnr",
-                          "baseline_copy_psnr", "baseline_copy_masked_psnr", "baseline_row_mean_psnr"}) {
+                          "baseline_copy_psnr", "baseline_copy_masked_psnr", "baseline_row_mean_psnr", "moving_psnr",
+                          "baseline_blend_moving_psnr", "baseline_copy_moving_psnr", "baseline_mean_moving_psnr"}) {
     CAPTURE(key);
     CHECK(json.contains(key));
     CHECK(json.at("logs").at(0).contains(key));

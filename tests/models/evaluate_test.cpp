@@ -106,6 +106,7 @@ TEST_CASE("copies and blends are of the neighbouring training photos of the same
 
 TEST_CASE("each actor is painted in its own true mean colour, and rows in their mean colours of training") {
   GreyLog log({20, 40}, {30});
+  log.scene.actors.resize(2);
   ActorMask mask{4, 2, {1, 1, 2, 2, 0, 0, 0, 0}};
   std::vector<float> rgb(24, 0.f);
   const float values[] = {0.1f, 0.3f, 0.8f, 0.8f};  // actor 1 differs by 0.1 from its mean, actor 2 not at all
@@ -119,6 +120,56 @@ TEST_CASE("each actor is painted in its own true mean colour, and rows in their 
   for (std::size_t i = 0; i < 24; ++i) rgb[i] = (i < 12 ? 110.f : 210.f) / 255;
   const BaselineScores rows = Baselines(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, nullptr});
   CHECK(rows.row_mean == doctest::Approx(decibel(10)).epsilon(1e-4));
+}
+
+TEST_CASE("guesses of moving actors are over those that go further than a metre, whatever the source calls them") {
+  GreyLog log({20, 40}, {30});
+  const auto on_way = [](const char* id, bool stationary, const std::vector<double>& places) {
+    Actor actor{id, "Car", {2, 4, 2}, stationary, {}};
+    for (const double x : places) actor.boxes.push_back({static_cast<int>(actor.boxes.size()), 0, at(x, 0.8, 0)});
+    return actor;
+  };
+  log.scene.actors = {on_way("drives", false, {0, 0.5, 1.1}), on_way("sways", false, {0, 0.9, -0.9}),
+                      on_way("goes and returns", true, {5, 9, 5}), on_way("is never there", false, {})};
+  const ActorMask mask{4, 2, {1, 1, 2, 2, 0, 0, 3, 0}};
+  CHECK(mask.moving(log.scene) == std::vector<std::uint8_t>{255, 255, 0, 0, 0, 0, 255, 0});
+  std::vector<float> rgb;
+  for (const int level : {48, 52, 100, 104, 30, 30, 26, 30}) rgb.insert(rgb.end(), 3, static_cast<float>(level) / 255);
+  const BaselineScores scores = Baselines(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, &mask});
+  const auto decibel_of = [](double levels_squared) { return decibel(std::sqrt(levels_squared)); };
+  CHECK(scores.copy_moving == doctest::Approx(decibel_of((28 * 28 + 32 * 32 + 6 * 6) / 3.0)));   // 20 everywhere
+  CHECK(scores.blend_moving == doctest::Approx(decibel_of((18 * 18 + 22 * 22 + 4 * 4) / 3.0)));  // 30
+  CHECK(scores.mean_moving == doctest::Approx(decibel_of((2 * 2 + 2 * 2) / 3.0)).epsilon(1e-4));
+  CHECK(scores.blend_masked == doctest::Approx(decibel_of((18 * 18 + 22 * 22 + 70 * 70 + 74 * 74 + 4 * 4) / 5.0)));
+  log.scene.actors.resize(2);
+  const ActorMask parked{4, 2, {2, 2, 2, 2, 0, 0, 0, 0}};
+  CHECK(std::isnan(Baselines(log.scene, log.train).score({log.scene, log.test.frames[0], rgb, &parked}).blend_moving));
+}
+
+TEST_CASE("moving_psnr of a render is over the actors that go somewhere, and is reported for each log") {
+  GreyLog log({0}, {90});
+  log.scene.cameras = {{30, 10, 30, 30, 15, 5, CameraModel::pinhole, {}, 0, 0}};
+  log.test.cameras = log.scene.cameras;
+  FramePixels& photo = log.test.frames[0];
+  photo.width = 30, photo.height = 10;
+  photo.rgba.assign(4 * 300, 255);  // left half 204, right half 255
+  for (std::size_t i = 0; i < 300; ++i)
+    for (std::size_t c = 0; c < 3; ++c) photo.rgba[4 * i + c] = i % 30 < 15 ? 204 : 255;
+  log.scene.actors = {{"drives", "Car", {1, 1, 1}, false, {{0, 0.0, at(-4, 0, 5.5)}, {90, 9.0, at(-1, 0, 5.5)}}},
+                      {"parks", "Car", {1, 1, 1}, false, {{0, 0.0, at(1, 0, 5.5)}, {90, 9.0, at(1, 0, 5.5)}}}};
+  struct Grey final : RendersViews {
+    Picture render(const View&) override { return {30, 10, std::vector<float>(900, 0.7f), {}, {}, {}}; }
+  } method;
+  const ActorMasks masks(log.scene);
+  const Baselines baselines(log.scene, log.train);
+  const ImageScore score = evaluate(method, {0, log.scene, log.test, baselines, &masks}).at(0);
+  CHECK(score.moving_psnr == doctest::Approx(20).epsilon(1e-5));  // 0.1 beside 0.8
+  CHECK(score.masked_psnr == doctest::Approx(-10 * std::log10((0.01 + 0.09) / 2)).epsilon(1e-5));
+  EvalResult result;
+  result.is_log = true;
+  result.scenes = {{"log", {score}, {}, 0}};
+  CHECK(to_json(result).at("moving_psnr") == score.moving_psnr);
+  CHECK(to_json(result).at("logs").at(0).at("moving_psnr") == score.moving_psnr);
 }
 
 TEST_CASE("masks of truth: actors with a box at that step, most pixels of a block") {

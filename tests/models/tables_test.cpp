@@ -214,6 +214,19 @@ TEST_CASE("table: UniSim's row has its preset, and the other street methods stan
                     row.key << " " << protocol);
 }
 
+TEST_CASE("table: methods alone need no stage 1, so no logs are made to train or to be photographed") {
+  TableRequest request = small_request();
+  request.rows = {row_of_method("splat"), row_of_method("neurad")};
+  const TablePlan plan = table_plan(request);
+  check_sound(plan);
+  std::set<std::string> made;
+  for (const TableNode& node : plan.nodes)
+    if (node.work == TableWork::logs) made.insert(node.id);
+  CHECK(made == std::set<std::string>{"logs/measured-clouds", "logs/measured-sun"});
+  CHECK(plan.request.logs.train.empty());
+  CHECK(node_of(plan, "measure/splat/1/measured-sun/sparse").needs.front() == "fit/splat/1/measured-sun/sparse");
+}
+
 TEST_CASE("table, the small: measured logs that are named are measured, and made ones train") {
   const Folder folder;
   for (int frame = 0; frame < 8; ++frame) write_text(folder.path / text("a/camera/front_camera/0", frame, ".jpg"), "");
