@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "runtime/device.h"
+#include "runtime/device_lock.h"
 #include "runtime/error.h"
 #include "runtime/op.h"
 #include "runtime/variant.h"
@@ -46,6 +47,8 @@ enum class HostUse { read, overwrite };
 /// be overwritten holds anything at first.
 void use_on_host(const Buffer& buffer, size_t offset, size_t bytes, HostUse kind,
                  const std::function<void(std::span<std::byte>)>& use);
+/// The first bytes of a buffer that the host sees in place, as long as the pointer lives; nobody may write them meanwhile.
+std::shared_ptr<const std::byte> mapped_to_read(const std::shared_ptr<Buffer>& buffer, size_t bytes);
 void finish();
 
 /// kernels/<stem>.cl, compiled once per set of constants.
@@ -138,6 +141,7 @@ void enqueue(cl::Kernel& k, const char* name, const Range& range, double bytes);
 /// Runs a kernel. Arguments in the kernel's order: tensors (dense), Strided, integers, floats.
 template <class... Args>
 void launch(cl::Kernel& k, const char* name, const Range& range, const Args&... args) {
+  const DeviceLock lock;  // the arguments are the kernel's, until it is launched
   Arguments arguments(k);
   (arguments.add(args), ...);
   enqueue(k, name, range, arguments.bytes());

@@ -13,9 +13,9 @@ struct Debug {
 };
 const Debug& debug();
 
-/// From now on evaluation stops at the first op with a NaN in its result (Fault::diverged, which names the op), or no
-/// longer: how a training that diverged is searched. Infinite values, of which some ops make use, pass. It is slow:
-/// each result is read back.
+/// From now on evaluation by this thread stops at the first op with a NaN in its result (Fault::diverged, which names
+/// the op), or no longer: how a training that diverged is searched. Infinite values, of which some ops make use, pass.
+/// It is slow: each result is read back.
 void look_for_nan(bool on);
 bool looking_for_nan();
 

@@ -2,6 +2,7 @@
 #include "runtime/device.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cctype>
 #include <cstdlib>
 #include <cstring>
@@ -10,6 +11,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/device_lock.h"
 #include "runtime/driver.h"
 #include "runtime/environment.h"
 #include "runtime/kernel_cache.h"
@@ -167,7 +169,8 @@ const Candidate& chosen_among(const Candidates& found, const std::string& wish) 
 }
 
 DeviceOptions device_options;
-std::optional<ClDevice> device_in_use;
+std::optional<ClDevice> opened;
+std::atomic<ClDevice*> device_in_use = nullptr;  // what was opened: asked for at each launch, without the lock
 
 void open_device() {
   const char* environment = std::getenv("CLOAM_DEVICE");
@@ -178,7 +181,8 @@ void open_device() {
   try {
     cl::Context context(c.device);
     cl::CommandQueue queue(context, c.device, debug().kernels ? CL_QUEUE_PROFILING_ENABLE : 0);
-    device_in_use = ClDevice{c.platform, c.device, context, queue, c.info};
+    opened = ClDevice{c.platform, c.device, context, queue, c.info};
+    device_in_use = &*opened;
     start_watchdog(c.info.is_cpu);
   } catch (const cl::Error& error) {
     opening_failed(error, "open the device", text(c.info.name, " (", c.info.platform, ", driver ", c.info.driver, ")"));
@@ -208,24 +212,28 @@ const Debug& debug() {
 }
 
 namespace {
-bool nan_is_wanted = false;
+thread_local bool nan_is_wanted = false;
 }
 
 void look_for_nan(bool on) { nan_is_wanted = on; }
 bool looking_for_nan() { return nan_is_wanted; }
 
 std::vector<DeviceInfo> list_devices() {
+  const DeviceLock lock;
   std::vector<DeviceInfo> out;
   for (const Candidate& c : candidates().all) out.push_back(c.info);
   return out;
 }
 
 void choose_device(const DeviceOptions& options) {
+  const DeviceLock lock;
   device_options = options;
   if (!device_in_use) open_device();
 }
 
 ClDevice& cl_device() {
+  if (ClDevice* const one = device_in_use) return *one;
+  const DeviceLock lock;
   if (!device_in_use) open_device();
   return *device_in_use;
 }

@@ -34,6 +34,7 @@ void choose_device(const DeviceOptions& options);
 /// The chosen device (chooses "auto" or $CLOAM_DEVICE at first use).
 const DeviceInfo& device();
 
+/// Of the process: of all its threads.
 struct DeviceStats {
   int64_t launches = 0, kernels_built = 0, plans_built = 0, plans_reused = 0;
   int64_t waits = 0;                                             // times the host waited for the device
@@ -43,7 +44,8 @@ struct DeviceStats {
   double build_seconds = 0;
 };
 DeviceStats& device_stats();
-/// Called after each program that was compiled or taken from the driver's cache, with the statistics so far.
+/// Called after each program that was compiled or taken from the driver's cache, with the statistics so far, by the
+/// thread that needed it, while others wait.
 void on_build(std::function<void(const DeviceStats&)> listener);
 uint64_t memory_budget();
 /// Gives cached free buffers back to the driver.

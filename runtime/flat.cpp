@@ -5,6 +5,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/device_lock.h"
 #include "runtime/driver.h"
 #include "runtime/ops.h"
 #include "runtime/ops/share.h"
@@ -35,6 +36,7 @@ void check_shapes(const Tensor& tensor, const Tensor& place) {
 
 void use_rows(const Tensor& tensor, int64_t begin, int64_t end, HostUse kind,
               const std::function<void(std::span<std::byte>)>& use) {
+  const DeviceLock lock;
   const Storage& storage = tensor.node()->storage;
   if (!storage.buffer || !storage.dense(tensor.shape()) || tensor.rank() == 0 || begin < 0 || begin > end ||
       end > tensor.dim(0))
@@ -83,6 +85,7 @@ Tensor part_of(const Flat& flat, size_t begin, size_t end, const Shape& shape) {
 }  // namespace
 
 Flat flat_zeros(const std::vector<Shape>& shapes) {
+  const DeviceLock lock;
   Flat out;
   out.begins = begins_of(shapes);
   out.all = made_to_stay(zeros({out.begins.back()}));
@@ -93,21 +96,25 @@ Flat flat_zeros(const std::vector<Shape>& shapes) {
 int64_t flat_size(const std::vector<Shape>& shapes) { return begins_of(shapes).back(); }
 
 Tensor joined(const Flat& flat, size_t begin, size_t end) {
+  const DeviceLock lock;
   return part_of(flat, begin, end, {flat.begins[end] - flat.begins[begin]});
 }
 
 void move_to(const Tensor& tensor, const Tensor& place) {
+  const DeviceLock lock;
   put_at(tensor, place);
   tensor.node()->storage = place.node()->storage;
 }
 
 void expect_at(const Tensor& value, const Tensor& place) {
   check_shapes(value, place);
+  const DeviceLock lock;
   if (!value.evaluated()) value.node()->place = place.node()->storage.buffer;
 }
 
 void put_at(const Tensor& value, const Tensor& place) {
   check_shapes(value, place);
+  const DeviceLock lock;
   eval({value});
   if (!lies_at(value, place) && value.numel() > 0) pack(value, place);
 }
@@ -116,11 +123,22 @@ void read_on_host(const Tensor& tensor, const std::function<void(std::span<const
   if (tensor.dtype() != DType::f32)
     throw Error(Fault::internal, text("[flat] floats are to be read of a tensor of ", name_of(tensor.dtype())));
   if (debug().float64) return use(tensor.to_host());
+  const DeviceLock lock;
   const Tensor packed = dense(tensor);
   const size_t count = static_cast<size_t>(packed.numel());
   use_on_host(*packed.node()->storage.buffer, 0, count * sizeof(float), HostUse::read, [&](std::span<std::byte> bytes) {
     use({reinterpret_cast<const float*>(bytes.data()), count});
   });
+}
+
+std::shared_ptr<const std::byte> host_view(const Tensor& tensor) {
+  const DeviceLock lock;
+  const bool is_parameter = tensor.tracked() && !tensor.node()->op;
+  if (is_parameter || tensor.numel() == 0 || !device().shares_host_memory || debug().float64) return nullptr;
+  const Tensor packed = dense(tensor);
+  const std::shared_ptr<Buffer>& buffer = packed.node()->storage.buffer;
+  if (buffer->whole || !buffer->pooled) return nullptr;
+  return mapped_to_read(buffer, static_cast<size_t>(packed.numel()) * size_of(packed.dtype()));
 }
 
 void read_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,

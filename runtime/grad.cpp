@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <unordered_map>
 
+#include "runtime/device_lock.h"
 #include "runtime/error.h"
 #include "runtime/op.h"
 #include "runtime/ops.h"
@@ -45,6 +46,7 @@ Tensors walk_back(const Tensor& out, const Tensors& wrt, const Tensor& g) {
   if (!(out.shape() == g.shape()))
     throw Error(Fault::internal, text("[grad] out has shape ", to_string(out.shape()), " but its gradient ",
                                       to_string(g.shape()), ", want the same"));
+  const DeviceLock lock;  // an evaluation forgets where untracked nodes came from
   std::unordered_map<Node*, Tensor> grads;
   grads.emplace(out.node(), g);
   const std::vector<Tensor> order = tracked_order(out);
@@ -67,6 +69,7 @@ Tensors walk_back(const Tensor& out, const Tensors& wrt, const Tensor& g) {
 }  // namespace
 
 void eval_for_gradient(const Tensors& outputs) {
+  const DeviceLock lock;
   Tensors all = outputs;
   for (const Tensor& output : outputs)
     for (const Tensor& t : tracked_order(output))

@@ -14,6 +14,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/device_lock.h"
 #include "runtime/driver.h"
 #include "runtime/float64.h"
 #include "runtime/profile.h"
@@ -68,7 +69,7 @@ Cache& cache() {
   return *one;
 }
 
-std::set<std::string>* kernel_recorder = nullptr;
+thread_local std::set<std::string>* kernel_recorder = nullptr;  // of what this thread launches
 
 /// "conv2d_cpu.cl: conv2d_rows", or what a generated kernel is made of.
 std::string name_of(const cl::Kernel& k, const char* label) {
@@ -175,9 +176,13 @@ cl::Kernel kernel_in(const cl::Program& program, const std::string& name) {
 
 void record_kernels(std::set<std::string>* into) { kernel_recorder = into; }
 
-void on_build(std::function<void(const DeviceStats&)> listener) { build_listener() = std::move(listener); }
+void on_build(std::function<void(const DeviceStats&)> listener) {
+  const DeviceLock lock;
+  build_listener() = std::move(listener);
+}
 
 cl::Kernel& kernel(const char* stem, const char* name, const Constants& constants) {
+  const DeviceLock lock;
   Compiled& compiled = cache().files[{stem, constants}];
   if (!compiled.program())
     compiled.program = build(text("kernels/", stem, ".cl"), kernel_text("prelude") + kernel_text(stem), constants);

@@ -10,6 +10,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/device_lock.h"
 #include "runtime/driver.h"
 #include "runtime/host_memory.h"
 #include "runtime/profile.h"
@@ -158,6 +159,7 @@ void poison(const cl::Buffer& mem, size_t bytes) {
 }  // namespace
 
 uint64_t memory_budget() {
+  const DeviceLock lock;
   static const uint64_t budget = default_budget();
   return wanted_max_bytes() ? wanted_max_bytes() : budget;
 }
@@ -176,6 +178,7 @@ std::shared_ptr<Buffer> lent(cl::Buffer mem, size_t bytes) {
 }  // namespace
 
 std::shared_ptr<Buffer> allocate(size_t bytes) {
+  const DeviceLock lock;
   if (bytes > memory_budget()) too_much(bytes, "over the budget");
   size_t index = size_class(bytes);
   std::optional<cl::Buffer> found = reuse(index);
@@ -184,6 +187,7 @@ std::shared_ptr<Buffer> allocate(size_t bytes) {
 }
 
 std::shared_ptr<Buffer> allocate_to_stay(size_t bytes) {
+  const DeviceLock lock;
   constexpr size_t kUnit = 256;
   if (bytes > memory_budget()) too_much(bytes, "over the budget");
   const size_t real = std::max<size_t>(1, (bytes + kUnit - 1) / kUnit) * kUnit;
@@ -194,6 +198,7 @@ std::shared_ptr<Buffer> allocate_to_stay(size_t bytes) {
 
 Buffer::~Buffer() {
   if (whole) return;
+  const DeviceLock lock;
   DeviceStats& s = device_stats();
   s.live_bytes -= bytes;
   if (!pooled) return;
@@ -205,6 +210,7 @@ Buffer::~Buffer() {
 }
 
 void trim_memory() {
+  const DeviceLock lock;
   finish();
   for (std::vector<Kept>& shelf : pool().free) shelf.clear();
   device_stats().kept_bytes = 0;
@@ -234,6 +240,7 @@ std::string after_launches() { return text(" after these launches, the last one 
 }  // namespace
 
 void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to) {
+  const DeviceLock lock;
   const WaitTimer timer;
   if (bytes)
     called([&] { return text("read ", bytes, " bytes of a buffer", after_launches()); },
@@ -242,6 +249,7 @@ void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to) {
 }
 
 void write_buffer(const Buffer& buffer, const void* from, size_t bytes) {
+  const DeviceLock lock;
   if (bytes)
     called_again_with_room([&] { return text("write ", bytes, " bytes into a buffer"); },
                            [&] { cl_device().queue.enqueueWriteBuffer(buffer.mem, CL_TRUE, 0, bytes, from); });
@@ -259,7 +267,9 @@ class Mapped {
            [&] { at_ = cl_device().queue.enqueueMapBuffer(mem_, CL_TRUE, flags, offset, bytes); });
   }
   ~Mapped() {
-    if (at_) clEnqueueUnmapMemObject(cl_device().queue(), mem_(), at_, 0, nullptr, nullptr);
+    if (!at_) return;
+    const DeviceLock lock;
+    clEnqueueUnmapMemObject(cl_device().queue(), mem_(), at_, 0, nullptr, nullptr);
   }
   Mapped(const Mapped&) = delete;
   Mapped& operator=(const Mapped&) = delete;
@@ -279,6 +289,7 @@ class Mapped {
 void use_on_host(const Buffer& buffer, size_t offset, size_t bytes, HostUse kind,
                  const std::function<void(std::span<std::byte>)>& use) {
   if (bytes == 0) return use({});
+  const DeviceLock lock;
   if (device().shares_host_memory) {
     Mapped mapped(buffer, offset, bytes, kind);
     collect_launches();
@@ -294,7 +305,18 @@ void use_on_host(const Buffer& buffer, size_t offset, size_t bytes, HostUse kind
         [&] { cl_device().queue.enqueueWriteBuffer(buffer.mem, CL_TRUE, offset, bytes, copy.data()); });
 }
 
+std::shared_ptr<const std::byte> mapped_to_read(const std::shared_ptr<Buffer>& buffer, size_t bytes) {
+  struct Held {
+    std::shared_ptr<Buffer> buffer;  // goes back to the pool once it is no longer mapped
+    Mapped mapped;
+  };
+  const DeviceLock lock;
+  const auto held = std::shared_ptr<Held>(new Held{buffer, {*buffer, 0, bytes, HostUse::read}});
+  return {held, held->mapped.at()};
+}
+
 void finish() {
+  const DeviceLock lock;
   const WaitTimer timer;
   called([] { return "wait for the device" + after_launches(); }, [] { cl_device().queue.finish(); });
   collect_launches();

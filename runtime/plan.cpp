@@ -9,6 +9,7 @@
 #include <unordered_map>
 
 #include "runtime/debug.h"
+#include "runtime/device_lock.h"
 #include "runtime/profile.h"
 
 namespace cloam {
@@ -397,6 +398,7 @@ bool pending(const Tensor& tensor) { return !tensor.evaluated(); }
 }  // namespace
 
 void eval(const Tensors& outputs) {
+  const DeviceLock lock;
   if (std::none_of(outputs.begin(), outputs.end(), pending)) return;
   const HostSpan span("eval");
   const WalkLoan loan;
@@ -410,21 +412,9 @@ void eval(const Tensors& outputs) {
     }
 }
 
-void assign(const std::vector<std::pair<Tensor, Tensor>>& updates) {
-  Tensors values;
-  for (const auto& [target, value] : updates) {
-    if (!(target.shape() == value.shape()) || target.dtype() != value.dtype())
-      throw Error(Fault::internal,
-                  text("[assign] target has shape ", to_string(target.shape()), " ", name_of(target.dtype()),
-                       ", value ", to_string(value.shape()), " ", name_of(value.dtype())));
-    values.push_back(value);
-  }
-  eval(values);
-  for (const auto& [target, value] : updates) target.node()->storage = dense(value).node()->storage;
-}
-
 /// A pointwise identity packs any strides; built as a plan of one group, so that it also serves inside another plan.
 void pack(const Tensor& tensor, const Tensor& to) {
+  const DeviceLock lock;
   static std::unordered_map<int, PlanStep> steps;
   Group group;
   group.inputs = {{0, tensor.dtype()}};
@@ -439,6 +429,7 @@ void pack(const Tensor& tensor, const Tensor& to) {
 void adopt(Tensor& out, const Tensor& value) { out.node()->storage = dense(value).node()->storage; }
 
 Tensor dense(const Tensor& tensor) {
+  const DeviceLock lock;
   eval({tensor});
   if (tensor.node()->storage.dense(tensor.shape())) return tensor;
   const Tensor out = empty(tensor.shape(), tensor.dtype());

@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "runtime/cl.h"
+#include "runtime/device_lock.h"
 #include "runtime/driver.h"
 
 namespace cloam {
@@ -115,9 +116,13 @@ void write_span(std::ostream& out, const Span& span, double origin) {
 
 }  // namespace
 
-bool profiling() { return profile_recorder().has_value(); }
+bool profiling() {
+  const DeviceLock lock;
+  return profile_recorder().has_value();
+}
 
 void start_profile(bool keep_timeline) {
+  const DeviceLock lock;
   if (profiling()) return;
   finish();
   ClDevice& cl = cl_device();
@@ -149,6 +154,7 @@ void collect_launches() {
 }
 
 void profile_step() {
+  const DeviceLock lock;
   if (!profiling()) return;
   Recorder& r = *profile_recorder();
   r.last = {host_us(), device_stats()};
@@ -156,6 +162,7 @@ void profile_step() {
 }
 
 Profile profile() {
+  const DeviceLock lock;
   finish();
   collect_launches();
   const Recorder& r = *profile_recorder();
@@ -175,6 +182,7 @@ Profile profile() {
 }
 
 std::string trace() {
+  const DeviceLock lock;
   finish();
   collect_launches();
   std::ostringstream out;

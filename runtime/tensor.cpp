@@ -5,6 +5,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
+#include "runtime/device_lock.h"
 #include "runtime/ops/pointwise.h"
 
 namespace cloam {
@@ -50,7 +51,10 @@ const Shape& Tensor::shape() const {
 int64_t Tensor::dim(int axis) const { return shape()[axis_of("dim", rank(), axis)]; }
 DType Tensor::dtype() const { return node_->dtype; }
 bool Tensor::tracked() const { return node_->tracked; }
-bool Tensor::evaluated() const { return node_->storage.buffer != nullptr; }
+bool Tensor::evaluated() const {
+  const DeviceLock lock;
+  return node_->storage.buffer != nullptr;
+}
 
 /// Long chains of history are freed in a loop: a destructor per link would overflow the stack.
 Node::~Node() {
@@ -180,6 +184,7 @@ Tensor parameter(const std::vector<float>& values, const Shape& shape) {
 
 template <class T>
 std::vector<T> Tensor::to_host() const {
+  const DeviceLock lock;
   const Tensor packed = dense(*this);
   if constexpr (std::is_same_v<T, float>)
     if (packed.dtype() == DType::f16) {
@@ -210,6 +215,20 @@ template std::vector<double> Tensor::to_host<double>() const;
 template std::vector<int32_t> Tensor::to_host<int32_t>() const;
 template std::vector<uint32_t> Tensor::to_host<uint32_t>() const;
 template std::vector<uint8_t> Tensor::to_host<uint8_t>() const;
+
+void assign(const std::vector<std::pair<Tensor, Tensor>>& updates) {
+  const DeviceLock lock;
+  Tensors values;
+  for (const auto& [target, value] : updates) {
+    if (!(target.shape() == value.shape()) || target.dtype() != value.dtype())
+      throw Error(Fault::internal,
+                  text("[assign] target has shape ", to_string(target.shape()), " ", name_of(target.dtype()),
+                       ", value ", to_string(value.shape()), " ", name_of(value.dtype())));
+    values.push_back(value);
+  }
+  eval(values);
+  for (const auto& [target, value] : updates) target.node()->storage = dense(value).node()->storage;
+}
 
 float Tensor::item() const {
   if (numel() != 1) throw Error(Fault::internal, text("[item] shape ", to_string(shape()), " is not one value"));

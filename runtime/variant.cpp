@@ -14,6 +14,7 @@
 
 #include "runtime/cache_folder.h"
 #include "runtime/cl.h"
+#include "runtime/device_lock.h"
 #include "runtime/hash.h"
 
 namespace cloam {
@@ -137,7 +138,7 @@ Choice first_choice(const std::string& family, const std::string& size) {
   return {family, size, rows[0], why};
 }
 
-std::vector<Choice>* choice_recorder = nullptr;
+thread_local std::vector<Choice>* choice_recorder = nullptr;  // of what this thread chooses
 
 void record(const Choice& choice) {
   for (const Choice& known : *choice_recorder)
@@ -170,20 +171,24 @@ std::string Variant::row() const {
 }
 
 const Variant& choose(const char* family, const char* size) {
+  const DeviceLock lock;
   const Choice& choice = choice_for(family, size);
   if (choice_recorder) record(choice);
   return *choice.variant;
 }
 
 std::vector<const Variant*> candidates(const std::string& family, const std::string& size) {
+  const DeviceLock lock;
   return fitting(family, size);
 }
 
 void prefer(const std::string& family, const std::string& size, const Variant& variant, const char* why) {
+  const DeviceLock lock;
   family_of(family).chosen[size] = {family, size, &variant, why};
 }
 
 void switch_off(const std::vector<std::string>& families) {
+  const DeviceLock lock;
   std::vector<std::string> changed = off();
   changed.insert(changed.end(), families.begin(), families.end());
   off() = families;
@@ -193,9 +198,13 @@ void switch_off(const std::vector<std::string>& families) {
   }
 }
 
-bool runs_reference(const char* family) { return reference_variants() || is_off(family); }
+bool runs_reference(const char* family) {
+  const DeviceLock lock;
+  return reference_variants() || is_off(family);
+}
 
 std::vector<Variant> all_variants() {
+  const DeviceLock lock;
   std::deque<Variant> rows;
   for (const std::string& stem : kernel_stems()) read_rows(stem, rows);
   return {rows.begin(), rows.end()};

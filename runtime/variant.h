@@ -68,8 +68,8 @@ std::string tuned_file();
 /// and size.
 std::string with_tuned(const std::vector<Choice>& tuned);
 
-void record_choices(std::vector<Choice>* into);  // null: stop
-/// Kernels that are launched from now on, each once: "FILE.cl: KERNEL", or "generated: OP". Null: stop.
+void record_choices(std::vector<Choice>* into);  // this thread's; null: stop
+/// Kernels that this thread launches from now on, each once: "FILE.cl: KERNEL", or "generated: OP". Null: stop.
 void record_kernels(std::set<std::string>* into);
 
 template <class Work>
