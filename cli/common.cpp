@@ -252,8 +252,6 @@ std::string clock_after(double seconds) {
   return fmt::format(fmt::runtime(seconds > 20 * 3600 ? "{:%a %H:%M}" : "{:%H:%M}"), fmt::localtime(when));
 }
 
-std::string time_stamp() { return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr))); }
-
 namespace {
 
 double& restarted() {

@@ -10,6 +10,7 @@
 #include "models/io/image.h"
 #include "models/io/words.h"
 #include "models/runs/listener.h"
+#include "models/runs/version.h"
 #include "runtime/device.h"
 
 namespace CLI {
@@ -20,8 +21,6 @@ namespace cloam {
 
 namespace fs = std::filesystem;
 struct RestoredRun;
-
-constexpr char kVersion[] = "0.1.0";
 
 struct Common {
   std::string device = "auto";
@@ -74,8 +73,6 @@ ImageSize parse_size(const std::string& text);
 uint64_t parse_bytes(const std::string& text);
 /// "14:05", the local time that many seconds from now.
 std::string clock_after(double seconds);
-/// UTC, as 2024-05-31T12:00:00Z.
-std::string time_stamp();
 /// Since the program was started (not since main was reached).
 double seconds_since_start();
 /// --device and CLOAM_DEVICE that choose this device again.

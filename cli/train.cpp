@@ -19,9 +19,7 @@
 #include "models/io/checkpoint.h"
 #include "models/io/commit.h"
 #include "models/methods/registry.h"
-#include "models/runs/scene_file.h"
-#include "models/runs/training_sources.h"
-#include "models/train/learns_from_captures.h"
+#include "models/runs/training.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
 #include "runtime/watchdog.h"
@@ -36,69 +34,14 @@ Examples:
   cloam train diffusion runs/street -o runs/assets --preset diffusion-small
   cloam train genassets data/pandaset/009 --networks runs/street --prior runs/assets --image front_camera/05)";
 
-/// A checkpoint to go on from; none (with a warning) if the run was ended before its first.
-std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, ProgressView& view) {
-  if (!has_checkpoints(RunPaths{job.folder}.checkpoints())) {
-    view.warning("the run has no checkpoint yet; training starts at the first step");
-    return std::nullopt;
-  }
-  LoadedCheckpoint checkpoint = load_latest_checkpoint(RunPaths{job.folder}.checkpoints());
-  check_belongs(checkpoint, job.record);
-  if (!checkpoint.warning.empty()) view.warning(checkpoint.warning);
-  return checkpoint;
-}
-
-void begin_record(TrainJob& job, const std::vector<DataNow>& data, const TrainRequest& request) {
-  if (request.overwrite && is_run(job.folder)) clear_run(job.folder);
-  RunRecord& r = job.record;
-  r.state = "running";
-  r.version = kVersion;
-  r.command_line = command_line();
-  r.device = device().name + " (" + device().platform + ")";
-  r.driver = device().driver;
-  r.started = time_stamp();
-  r.ended = "";
-  note_places(job, data);
-  write_record(job.folder, r);
-}
-
-void write_settings(const TrainJob& job, const Scenes& scenes) {
-  const RunRecord& r = job.record;
-  write_config(job.folder, job.config,
-               text("Settings of ", r.method, ", preset ", r.preset, "; the run again: cloam train ", r.method,
-                    " DATA --preset ", r.preset, " --seed ", r.seed,
-                    precision_of(r) == "mixed" ? " --precision mixed" : "", " --config FILE"));
-  write_scenes(RunPaths{job.folder}.scene(), scenes);
-}
-
-TrainOptions options_of(const TrainJob& job, const TrainRequest& request) {
-  TrainOptions options;
-  options.steps = job.record.steps;
-  options.time_budget_seconds = job.record.time_budget_seconds;
+/// As this rank of the program trains.
+TrainOptions options_here(const TrainJob& job, const TrainRequest& request) {
+  TrainOptions options = options_of(job, request);
   if (options.time_budget_seconds && request.pictures == "on")
     *options.time_budget_seconds -= kept_for_pictures(*options.time_budget_seconds);
   options.seconds_before = seconds_since_start();
-  options.stop_after = request.stop_after;
-  options.save_every = job.record.save_every;
-  options.default_steps = job.default_steps;
-  options.seed = job.record.seed;
-  options.shares = job.record.shares;
   options.ranks = &ranks();
   return options;
-}
-
-std::string state_of(const TrainResult& result) {
-  if (result.end > 0 && result.step >= result.end) return "finished";
-  if (result.interrupted) return "interrupted";
-  return result.out_of_time ? "out of time" : "stopped";
-}
-
-void end_record(TrainJob& job, const std::string& state, const TrainResult& result) {
-  job.record.state = state;
-  job.record.ended = time_stamp();
-  if (result.step > 0) job.record.step = result.step;
-  if (result.horizon > 0) job.record.horizon = result.horizon;
-  write_record(job.folder, job.record);
 }
 
 void tell_end(const TrainJob& job, const TrainResult& result, const Common& common) {
@@ -109,24 +52,13 @@ void tell_end(const TrainJob& job, const TrainResult& result, const Common& comm
   std::fprintf(stderr, "Continue: cloam train --resume %s\n", folder.c_str());
 }
 
-/// What the run folder holds after a fault, and how to go on.
-std::string way_on(const TrainJob& job, Fault fault, int64_t saved) {
-  if (fault == Fault::diverged)  // the trainer says the rest
-    return precision_of(job.record) == "mixed"
-               ? "\n  or: numbers of 16 bits end at 65504; train anew with --precision full"
-               : "";
-  const std::string resume = "cloam train --resume " + quoted(job.folder.string());
-  if (saved == 0) return text("\n  no checkpoint was saved yet; ", resume, " begins again with the first step");
-  return text("\n  the checkpoint of step ", saved, " is whole; ", resume, " continues from it");
-}
-
 /// Ends the record of a training that failed; gives the error with what the run folder holds.
 Error failed(TrainJob& job, const Error& first, int64_t saved, ProgressView& view, EventLog& log) {
   const Error error(first.fault(), first.what() + way_on(job, first.fault(), saved));
   view.finish();
   log.write("end", {{"state", "failed"}, {"exit", static_cast<int>(error.fault())}, {"message", error.what()}});
   try {
-    end_record(job, "failed", {});
+    end_failed_record(job);
   } catch (const Error&) {  // the disk may be the trouble; what is told is the first error
   }
   return error;
@@ -183,17 +115,8 @@ TrainResult train_and_record(TrainJob& job, const TrainRun& run, const TrainOpti
   const StopOnSignal signals("finishing this step, then saving");
   const TrainResult result = train(run, options, listener);
   view.finish();
-  end_record(job, state_of(result), result);
+  end_record(job, result);
   return result;
-}
-
-void take_progress(TrainJob& job, const LoadedCheckpoint& checkpoint, const TrainRequest& request) {
-  const auto horizon = checkpoint.file.metadata.find("horizon");
-  job.record.step = checkpoint.step;
-  if (horizon != checkpoint.file.metadata.end())
-    job.record.horizon = std::strtoll(horizon->second.c_str(), nullptr, 10);
-  // The horizon that a budget chose stands; only a new budget limits what is left of it.
-  if (job.record.horizon > 0 && !request.time_budget) job.record.time_budget_seconds.reset();
 }
 
 void log_end(const TrainJob& job, const TrainResult& result, EventLog& log) {
@@ -213,25 +136,6 @@ std::unique_ptr<TrainingView> followed(TrainJob& job, const Scene& scene, int po
   return pages;
 }
 
-/// The captures' data for the method; gives their scenes.
-Scenes give_data(TrainJob& job, Captures captures, ProgressView& view) {
-  Scenes scenes;
-  std::vector<TrainingData> data;
-  for (Capture& capture : captures) {
-    scenes.push_back(std::move(capture.scene));
-    data.push_back({std::move(capture.resting), std::move(capture.train)});
-  }
-  if (auto* learns = as<LearnsFromCaptures>(*job.method)) {
-    learns->loaded = [&view](std::size_t done, std::size_t all) {
-      view.waiting(text("sweeps of ", done, " of ", all, " captures"));
-    };
-    learns->load_data(std::move(data));
-    learns->loaded = [](std::size_t, std::size_t) {};
-    view.finish();
-  }
-  return scenes;
-}
-
 /// A hundred logs are large: while a training goes on only the method has them, at rest. What reading them took goes
 /// back to the system.
 void let_go(Scenes& scenes) {
@@ -239,20 +143,39 @@ void let_go(Scenes& scenes) {
   malloc_trim(0);
 }
 
+/// Where data are many, reading them takes minutes.
+CapturesTold news_of(ProgressView& view) {
+  return [&view](const std::string& what, std::size_t done, std::size_t all) {
+    view.waiting(text(what, " ", done, " of ", all, " captures"));
+  };
+}
+
+Scenes give_data_with_news(TrainJob& job, Captures captures, ProgressView& view) {
+  Scenes scenes = give_data(job, std::move(captures), [&view](std::size_t done, std::size_t all) {
+    view.waiting(text("sweeps of ", done, " of ", all, " captures"));
+  });
+  view.finish();
+  return scenes;
+}
+
+std::optional<LoadedCheckpoint> checkpoint_of(const TrainJob& job, const TrainRequest& request, ProgressView& view) {
+  if (!request.resume) return std::nullopt;
+  return checkpoint_to_go_on(job, [&](const std::string& warning) { view.warning(warning); });
+}
+
 /// A rank beside the first: it trains along, and writes nothing.
 int train_along(TrainJob& job, Captures captures, const TrainRequest& request, ProgressView& view) {
   job.source.reset();
-  Scenes scenes = give_data(job, std::move(captures), view);
+  Scenes scenes = give_data_with_news(job, std::move(captures), view);
   let_go(scenes);
   meet(ranks());
-  const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
-  job.record.step = 0;
-  if (checkpoint) take_progress(job, *checkpoint, request);
+  const auto checkpoint = checkpoint_of(job, request, view);
+  take_progress(job, checkpoint, request);
   TrainRun run{*job.method, RunPaths{job.folder}.checkpoints(), {}};
   run.resume = checkpoint ? &checkpoint->file : nullptr;
   run.stop = &stop_signal;
   const StopOnSignal signals(nullptr);
-  const TrainResult result = train(run, options_of(job, request), {});
+  const TrainResult result = train(run, options_here(job, request), {});
   return result.interrupted && result.step < result.end ? 128 + stop_signal.load() : 0;
 }
 
@@ -274,21 +197,20 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   std::optional<Previews> previews;
   if (auto* renders = as<RendersViews>(*job.method); renders && !captures.empty() && !wish.off)
     previews.emplace(*renders, preview_frame(captures), job.folder, log);
-  if (Scenes given = give_data(job, std::move(captures), view); !given.empty()) scenes = std::move(given);
+  if (Scenes given = give_data_with_news(job, std::move(captures), view); !given.empty()) scenes = std::move(given);
   meet(ranks());  // the others have looked at the folder as it was
   const FolderLock lock(job.folder);
   if (!request.resume) check_folder(job.folder, request.overwrite);  // another process may have been quicker
   auto pages = request.view ? followed(job, scenes.front(), *request.view) : nullptr;
-  const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
-  job.record.step = 0;
-  if (checkpoint) take_progress(job, *checkpoint, request);
+  const auto checkpoint = checkpoint_of(job, request, view);
+  take_progress(job, checkpoint, request);
   int64_t saved = job.record.step;
-  begin_record(job, now, request);
-  const TrainOptions options = options_of(job, request);
+  begin_record(job, now, request.overwrite, command_line());
+  const TrainOptions options = options_here(job, request);
   TrainingPreviews while_training(previews ? &*previews : nullptr, wish, view);
   std::optional<TensorBoardFile> event_file;
   const TrainResult result = recorded(job, saved, view, log, [&] {
-    if (!fs::exists(RunPaths{job.folder}.scene())) write_settings(job, scenes);
+    write_settings(job, scenes);
     let_go(scenes);
     mend_log(RunPaths{job.folder}.events());
     log.open(RunPaths{job.folder}.events());
@@ -317,18 +239,6 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   if (trouble) throw Error(*trouble);
   const bool ended_early = result.interrupted && job.record.state != "finished";
   return ended_early ? 128 + stopped_by : 0;
-}
-
-/// Where data are many, reading them takes minutes.
-Captures read_with_news(const TrainJob& job, uint64_t host_bytes, ProgressView& view) {
-  const ImageMemory memory = {std::make_shared<HostStore>(host_bytes),
-                              as<LearnsFromCaptures>(*job.method)->images_on_device() ? memory_budget() : 0};
-  Captures captures = read_captures(job.data, job.record.reading, memory,
-                                    [&](const std::string& what, std::size_t done, std::size_t all) {
-                                      view.waiting(text(what, " ", done, " of ", all, " captures"));
-                                    });
-  view.finish();
-  return captures;
 }
 
 void resolve_alias(TrainRequest& request, const Common& common) {
@@ -386,24 +296,15 @@ int run_train(TrainRequest request, const Common& given) {
   open_device(common);
   EventLog log(style == ProgressStyle::jsonl);
   ProgressView view(style, log);
-  const uint64_t host_bytes = host_budget(request.host_memory);
-  Captures captures;
-  if (!job.source) captures = read_with_news(job, host_bytes, view);
-  for (const Capture& capture : captures) job.default_steps += job.epochs * static_cast<int64_t>(capture.train.size());
-  const std::vector<DataNow> now = data_now(job, captures);
-  check_data_unchanged(job, now);
-  note_recordings(job, captures);
-  job.method->build(job.source ? job.source->scenes : scenes_of(captures), job.record.seed);
-  if (!request.resume) add_warnings(captures, job.record.method, *job.method);
-  if (job.source) as<LearnsFromRun>(*job.method)->load(source_of(*job.source));
-  adopt_networks(job, request);
-  adopt_prior(job, request);
+  const uint64_t host_bytes = request.host_memory.empty() ? default_host_budget() : parse_bytes(request.host_memory);
+  auto [captures, now] = read_input(job, request, host_bytes, news_of(view));
+  view.finish();
   tell_plan(job, captures, host_bytes, common, log);
   if (!request.dry_run && !first) return train_along(job, std::move(captures), request, view);
   if (!request.dry_run) return train_in_folder(job, std::move(captures), now, request, common, log, view);
   if (request.planned_ranks > 0) {
-    (void)give_data(job, std::move(captures), view);
-    const auto checkpoint = request.resume ? checkpoint_of(job, view) : std::nullopt;
+    (void)give_data_with_news(job, std::move(captures), view);
+    const auto checkpoint = checkpoint_of(job, request, view);
     tell_scale(job, {request.planned_ranks, request.link, checkpoint ? &checkpoint->file : nullptr}, common, log);
   }
   say(common, "dry run: nothing was written");

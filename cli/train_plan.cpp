@@ -9,31 +9,12 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "models/train/learns_from_captures.h"
+#include "models/runs/training.h"
 #include "models/train/learns_from_run.h"
-#include "runtime/error.h"
-#include "runtime/host_memory.h"
 #include "runtime/verdict.h"
 
 namespace cloam {
 namespace {
-
-uint64_t training_bytes(const Captures& captures, int downscale) {
-  uint64_t sum = 0;
-  for (const Capture& capture : captures) sum += image_bytes(capture.scene, Split::train, downscale);
-  return sum;
-}
-
-PhotoSizes sizes_of(const Captures& captures) {
-  PhotoSizes photos;
-  for (const Capture& capture : captures) {
-    photos.bytes += capture.train.bytes();
-    for (const FramePixels& frame : capture.train.listed().frames)
-      photos.largest =
-          std::max(photos.largest, static_cast<uint64_t>(frame.width) * static_cast<uint64_t>(frame.height));
-  }
-  return photos;
-}
 
 /// Images that go to the device pass through the host.
 std::string host_text(const PhotoSizes& photos, uint64_t budget, bool on_device) {
@@ -41,21 +22,6 @@ std::string host_text(const PhotoSizes& photos, uint64_t budget, bool on_device)
   if (on_device) return images + ", until they lie on the device";
   if (photos.bytes <= budget) return images + ", all of them held";
   return images + ", decoded ahead of use and held as far as there is room";
-}
-
-void check_memory(const MemoryPlan& plan, const TrainJob& job, const Captures& captures) {
-  if (plan.total() <= memory_budget()) return;
-  const uint64_t model = plan.total() - plan.images;
-  std::string fix = text("fix: the model alone needs ", words_for_bytes(model), "; ", plan.smaller);
-  for (int factor = job.record.reading.downscale + 1; factor <= 64 && model < memory_budget(); ++factor) {
-    const uint64_t images = training_bytes(captures, factor);
-    if (model + images > memory_budget()) continue;
-    fix = text("fix: --downscale ", factor, " fits (", words_for_bytes(model + images), ")");
-    break;
-  }
-  throw Error(Fault::memory, text("training needs ", words_for_bytes(plan.total()), ", the budget is ",
-                                  words_for_bytes(memory_budget()), "\n  ", fix, "\n  or: --max-memory ",
-                                  (plan.total() >> 20) + 1, "M, if the machine has that much"));
 }
 
 std::string schedule_text(const TrainJob& job) {
@@ -130,14 +96,9 @@ Event source_event(const TrainJob& job, const MemoryPlan& plan) {
 
 }  // namespace
 
-uint64_t host_budget(const std::string& typed) {
-  return typed.empty() ? host_free_bytes() / 100 * (device().is_cpu ? 15 : 50) : parse_bytes(typed);
-}
-
 void tell_plan(TrainJob& job, const Captures& captures, uint64_t host_budget, const Common& common, EventLog& log) {
   const PhotoSizes photos = sizes_of(captures);
-  const MemoryPlan plan = job.method->memory(photos);
-  job.record.memory = {plan.total(), memory_budget(), std::min(photos.bytes, host_budget), host_budget};
+  const MemoryPlan plan = plan_memory(job, photos, host_budget);
   std::string label = "plan   ";
   for (std::size_t i = 0; i < captures.size(); ++i) {
     const std::string name = captures.size() > 1 ? name_of_data(job.data[i]) + ": " : "";

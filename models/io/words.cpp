@@ -1,9 +1,10 @@
 // See words.h.
 #include "models/io/words.h"
 
-#include <fmt/format.h>
+#include <fmt/chrono.h>
 
 #include <cmath>
+#include <ctime>
 
 namespace cloam {
 
@@ -41,5 +42,7 @@ std::string words_for_seconds(double seconds) {
   if (whole < 3600) return fmt::format("{}m{:02}s", whole / 60, whole % 60);
   return fmt::format("{}h{:02}m", whole / 3600, whole / 60 % 60);
 }
+
+std::string time_stamp() { return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr))); }
 
 }  // namespace cloam

@@ -47,5 +47,7 @@ std::string quoted(const std::string& word);
 std::string words_for_bytes(uint64_t bytes);
 /// "12s", "3m05s", "1h02m".
 std::string words_for_seconds(double seconds);
+/// Now, in UTC, as 2024-05-31T12:00:00Z.
+std::string time_stamp();
 
 }  // namespace cloam

@@ -115,7 +115,18 @@ struct NotFinite final : Error {
   explicit NotFinite(const std::string& message) : Error(Fault::diverged, message) {}
 };
 
-class Loop {
+/// While it lives, this thread's evaluations stop at the first op with a NaN, if that is wanted.
+class NanSearch {
+ public:
+  explicit NanSearch(bool wanted) { look_for_nan(wanted); }
+  ~NanSearch() { look_for_nan(false); }
+  NanSearch(const NanSearch&) = delete;
+  NanSearch& operator=(const NanSearch&) = delete;
+};
+
+}  // namespace
+
+class Training::Loop {
  public:
   Loop(const TrainRun& run, const TrainOptions& options, const TrainListener& listener)
       : run_(run),
@@ -124,12 +135,13 @@ class Loop {
         grows_(as<Grows>(run.method)),
         optimiser_(run.method.parameters(), run.method.groups()),
         steps_({*options.ranks, options.shares}),
-        time_(options, grows_),
-        saving_(run.method, options) {}
-  ~Loop() { look_for_nan(false); }
-  Loop(const Loop&) = delete;
-  Loop& operator=(const Loop&) = delete;
-  TrainResult train();
+        time_(options_, grows_),
+        saving_(run.method, options_) {
+    begin();
+  }
+  bool step();
+  void save_if_not();
+  TrainResult result() const;
 
  private:
   void begin();
@@ -141,15 +153,14 @@ class Loop {
   [[noreturn]] void diverged(const std::string& what) const;
   void step_or_go_back();
   void go_back(const NotFinite& why);
-  void end_search();
   void save();
   std::vector<int64_t> agreed(std::vector<int64_t> mine) const;
   double learning_rate() const;
   std::optional<double> seconds_left() const;
 
-  const TrainRun& run_;
-  const TrainOptions& options_;
-  const TrainListener& listener_;
+  const TrainRun run_;
+  const TrainOptions options_;
+  const TrainListener listener_;
   Grows* grows_;  // null: parameters keep their rows
   Optimiser optimiser_;
   SharedSteps steps_;
@@ -162,12 +173,14 @@ class Loop {
   bool planning_ = false;  // the horizon follows from a time budget
   int64_t next_look_ = 0;  // step that looks at the parameters; the first compiles what that takes
   double step_seconds_ = 0;
+  double told_at_ = 0;      // when the last step was done
+  int64_t warm_after_ = 0;  // the step from which on their times count
   int64_t saved_step_ = -1;
   int64_t searched_ = 0;  // the step that was not finite, while the steps before it are taken again
   bool went_back_ = false;
 };
 
-void Loop::begin() {
+void Training::Loop::begin() {
   progress_.seed = options_.seed;
   if (run_.resume) {
     progress_ = restore_method(run_.method, *run_.resume);
@@ -177,10 +190,12 @@ void Loop::begin() {
   }
   planning_ = progress_.horizon == 0 && time_.by_budget();
   if (progress_.horizon == 0 && !planning_) progress_.horizon = options_.steps.value_or(options_.default_steps);
+  warm_after_ = progress_.step + kFirstSteps;
+  told_at_ = time_.seconds();
 }
 
 /// Data that are read while the training goes on may turn out to be damaged: what was learned until then is saved.
-TakenStep Loop::take_next_step() {
+TakenStep Training::Loop::take_next_step() {
   progress_.step++;
   try {
     return steps_.take(run_.method, optimiser_, progress_);
@@ -193,7 +208,7 @@ TakenStep Loop::take_next_step() {
   }
 }
 
-void Loop::one_step() {
+void Training::Loop::one_step() {
   const double before = time_.seconds();
   const TakenStep taken = take_next_step();
   figures_ = taken.figures;
@@ -215,16 +230,16 @@ void Loop::one_step() {
 }
 
 /// The last step; 0 while unknown. A training that was finished may have been given more than its horizon.
-int64_t Loop::end() const {
+int64_t Training::Loop::end() const {
   return progress_.horizon == 0 ? 0 : std::max(progress_.horizon, options_.steps.value_or(0));
 }
 
 /// What follows from clocks and signals must be the same on all ranks: as the first one says.
-std::vector<int64_t> Loop::agreed(std::vector<int64_t> mine) const {
+std::vector<int64_t> Training::Loop::agreed(std::vector<int64_t> mine) const {
   return from_first(*options_.ranks, std::move(mine));
 }
 
-bool Loop::finished() {
+bool Training::Loop::finished() {
   const std::vector<int64_t> now =
       agreed({run_.stop && *run_.stop != 0, time_.is_up(saving_.seconds() + step_seconds_), progress_.horizon});
   progress_.horizon = now[2];
@@ -234,7 +249,7 @@ bool Loop::finished() {
   return result_.interrupted || result_.out_of_time || stop_here || (end() > 0 && progress_.step >= end());
 }
 
-void Loop::diverged(const std::string& what) const {
+void Training::Loop::diverged(const std::string& what) const {
   throw NotFinite(
       text(what, " at step ", progress_.step, "; ",
            saved_step_ > 0 ? text("the checkpoint of step ", saved_step_, " is good") : "no checkpoint was saved",
@@ -243,7 +258,7 @@ void Loop::diverged(const std::string& what) const {
 }
 
 /// The last checkpoint, and the same steps from there: those that the fault must lie in op by op.
-void Loop::go_back(const NotFinite& why) {
+void Training::Loop::go_back(const NotFinite& why) {
   const LoadedCheckpoint checkpoint = load_latest_checkpoint(run_.checkpoints);
   if (checkpoint.step != saved_step_) throw why;
   listener_.warning(text(why.what(), "\n  taking the steps from ", saved_step_, " on again, to find the op"));
@@ -256,19 +271,14 @@ void Loop::go_back(const NotFinite& why) {
   save_is_due_ = false;
 }
 
-void Loop::end_search() {
-  look_for_nan(false);
-  searched_ = 0;
-}
-
-void Loop::step_or_go_back() try {
-  if (searched_ > 0) look_for_nan(progress_.step + 1 + kFiniteEvery >= searched_);
+void Training::Loop::step_or_go_back() try {
+  const NanSearch search(searched_ > 0 && progress_.step + 1 + kFiniteEvery >= searched_);
   one_step();
   if (searched_ == 0 || progress_.step < searched_) return;
   require_finite();
   listener_.warning(text("step ", searched_, " is finite now: the device or its memory erred the first time\n  fix: ",
                          "cloam selftest checks the device; if this happens again, its results cannot be trusted"));
-  end_search();
+  searched_ = 0;
 } catch (const NotFinite& error) {
   if (went_back_ || saved_step_ < 0) throw;
   go_back(error);
@@ -277,11 +287,11 @@ void Loop::step_or_go_back() try {
   diverged(text(error.what(), ", when the steps were taken again,"));
 }
 
-void Loop::require_finite() {
+void Training::Loop::require_finite() {
   if (!optimiser_.finite(run_.method.parameters())) diverged("a parameter became NaN or infinite");
 }
 
-void Loop::save() {
+void Training::Loop::save() {
   require_finite();
   saved_step_ = progress_.step;
   steps_.gather_moments(optimiser_);
@@ -294,38 +304,46 @@ void Loop::save() {
   listener_.checkpoint(progress_.step, result_.checkpoint);
 }
 
-double Loop::learning_rate() const {
+double Training::Loop::learning_rate() const {
   for (const ParameterGroup& group : run_.method.groups())
     if (!group.frozen) return static_cast<double>(group.rate_at(progress_));
   return 0;
 }
 
-std::optional<double> Loop::seconds_left() const {
+std::optional<double> Training::Loop::seconds_left() const {
   if (progress_.horizon == 0) return time_.budget_left();
   const int64_t last = options_.stop_after > 0 ? std::min(options_.stop_after, end()) : end();
   const std::optional<double> steps = time_.seconds_to(last, progress_);
   return steps ? std::optional(*steps + saving_.seconds()) : std::nullopt;
 }
 
-TrainResult Loop::train() {
-  begin();
-  const int64_t warm = progress_.step + kFirstSteps;
-  for (double before = time_.seconds(), now = before; !finished(); before = now) {
-    step_or_go_back();
-    now = time_.seconds();
-    if (progress_.step > warm) time_.add_step(now - before);
-    if (planning_) time_.choose_horizon(progress_, saving_.seconds());
-    listener_.step(
-        {progress_, end(), result_.loss, time_.seconds(), step_seconds_, learning_rate(), seconds_left(), figures_});
-    if (save_is_due_) save();
-  }
-  if (saved_step_ != progress_.step) save();
-  result_.step = progress_.step;
-  result_.horizon = progress_.horizon;
-  result_.end = end();
-  result_.seconds = time_.seconds();
-  return result_;
+bool Training::Loop::step() {
+  if (finished()) return false;
+  step_or_go_back();
+  const double now = time_.seconds();
+  if (progress_.step > warm_after_) time_.add_step(now - told_at_);
+  told_at_ = now;
+  if (planning_) time_.choose_horizon(progress_, saving_.seconds());
+  listener_.step(
+      {progress_, end(), result_.loss, time_.seconds(), step_seconds_, learning_rate(), seconds_left(), figures_});
+  if (save_is_due_) save();
+  return true;
 }
+
+void Training::Loop::save_if_not() {
+  if (saved_step_ != progress_.step) save();
+}
+
+TrainResult Training::Loop::result() const {
+  TrainResult result = result_;
+  result.step = progress_.step;
+  result.horizon = progress_.horizon;
+  result.end = end();
+  result.seconds = time_.seconds();
+  return result;
+}
+
+namespace {
 
 void compare_names(const Params& wanted, const TensorMap& found) {
   std::string message;
@@ -355,8 +373,18 @@ double steady_seconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+Training::Training(const TrainRun& run, const TrainOptions& options, const TrainListener& listener)
+    : loop_(std::make_unique<Loop>(run, options, listener)) {}
+Training::~Training() = default;
+bool Training::step() { return loop_->step(); }
+void Training::save() { loop_->save_if_not(); }
+TrainResult Training::result() const { return loop_->result(); }
+
 TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainListener& listener) {
-  return Loop(run, options, listener).train();
+  Training training(run, options, listener);
+  while (training.step()) continue;
+  training.save();
+  return training.result();
 }
 
 TensorMap parameters_in(const SafetensorsFile& checkpoint) { return with_prefix(checkpoint.tensors, kParameter); }

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 
 #include "models/train/method.h"
@@ -70,6 +71,27 @@ struct TrainRun {
   const std::atomic<int>* stop = nullptr;
 };
 TrainResult train(const TrainRun& run, const TrainOptions& options, const TrainListener& listener);
+
+/// The same step by step, for who does something between them. One thread at a time.
+class Training {
+ public:
+  /// What `run` names must live as long as this.
+  Training(const TrainRun& run, const TrainOptions& options, const TrainListener& listener);
+  ~Training();
+  Training(const Training&) = delete;
+  Training& operator=(const Training&) = delete;
+  /// Makes the next step, and saves it where that is due. False, and no step, where the training is at its end, was
+  /// asked to stop or has no time left.
+  bool step();
+  /// Saves now, unless the last step is saved.
+  void save();
+  /// As far as it is.
+  TrainResult result() const;
+
+ private:
+  class Loop;
+  std::unique_ptr<Loop> loop_;
+};
 
 /// The parameters that a checkpoint holds, under their names in the model.
 TensorMap parameters_in(const SafetensorsFile& checkpoint);

@@ -288,6 +288,31 @@ TEST_CASE("a training that was finished goes on at its last rates, and a stop on
   CHECK(load_latest_checkpoint(folder.path / "b").file == wanted);
 }
 
+TEST_CASE("a training that is taken step by step, and saved between them, makes the bytes of train()") {
+  const Folder folder;
+  TrainOptions options;
+  options.steps = 7;
+  TwoScenes whole, stepped;
+  whole.build({}, 1);
+  stepped.build({}, 1);
+  train({whole, folder.path / "whole", {}, nullptr, nullptr}, options, {});
+  std::vector<int64_t> told, saved;
+  TrainListener listener;
+  listener.step = [&](const StepReport& report) { told.push_back(report.progress.step); };
+  listener.checkpoint = [&](int64_t step, const fs::path&) { saved.push_back(step); };
+  Training training({stepped, folder.path / "stepped", {}, nullptr, nullptr}, options, listener);
+  while (training.step()) {
+    CHECK(training.result().step == told.back());
+    if (told.back() == 3) training.save();
+  }
+  CHECK_FALSE(training.step());
+  for (int again = 0; again < 2; ++again) training.save();
+  CHECK(told == std::vector<int64_t>{1, 2, 3, 4, 5, 6, 7});
+  CHECK(saved == std::vector<int64_t>{3, 7});
+  CHECK(training.result().horizon == 7);
+  CHECK(load_latest_checkpoint(folder.path / "stepped").file == load_latest_checkpoint(folder.path / "whole").file);
+}
+
 TEST_CASE("rows that a gradient reaches decay towards zero, the others keep their values") {
   Params params;
   params["w"] = parameter({4.f, 4.f}, {2, 1});
