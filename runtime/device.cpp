@@ -8,6 +8,7 @@
 #include <cstring>
 #include <optional>
 #include <sstream>
+#include <utility>
 
 #include "runtime/cl.h"
 #include "runtime/debug.h"
@@ -227,8 +228,14 @@ std::vector<DeviceInfo> list_devices() {
 
 void choose_device(const DeviceOptions& options) {
   const DeviceLock lock;
-  device_options = options;
-  if (!device_in_use) open_device();
+  const DeviceOptions before = std::exchange(device_options, options);
+  if (device_in_use) return;
+  try {
+    open_device();
+  } catch (const Error&) {  // whoever chooses again begins where this one began
+    device_options = before;
+    throw;
+  }
 }
 
 ClDevice& cl_device() {

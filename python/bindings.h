@@ -1,0 +1,55 @@
+// Python's module `cloam`: a file a subject, each of which adds its part. Values are NumPy arrays; errors are
+// cloam.Error. The interpreter's lock is given back in all that computes, reads or writes (Unlocked), and nothing takes
+// it while it holds a DeviceLock, so that threads of Python work side by side and none waits for another for ever.
+#pragma once
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include "models/runs/listener.h"
+#include "runtime/tensor.h"
+
+namespace cloam {
+
+namespace py = pybind11;
+using Unlocked = py::gil_scoped_release;
+/// What a tensor held may wait for a thread that uses the device: others go on meanwhile.
+struct DeletedUnlocked {
+  template <class Held>
+  void operator()(Held* held) const {
+    const Unlocked others;
+    delete held;
+  }
+};
+using TensorClass = py::class_<Tensor, std::unique_ptr<Tensor, DeletedUnlocked>>;
+
+void add_errors(py::module_& module);
+void add_devices(py::module_& module);
+TensorClass add_tensors(py::module_& module);
+void add_ops(py::module_& module, TensorClass& tensor);
+void add_metrics(py::module_& module);
+void add_runs(py::module_& module);
+void add_training(py::module_& module);
+
+/// Opens the device as the program does: kernels that selftest found wrong on it are switched off, and a device that
+/// computes wrong results is refused. Fault::device.
+void open_device();
+
+/// A tensor, a number or an array as a tensor. Fault::usage for anything else.
+Tensor tensor_from(const py::handle& value);
+
+/// A new array of that shape with a copy of the values.
+template <class Value>
+py::array_t<Value> array_of(const std::vector<Value>& values, const std::vector<py::ssize_t>& shape) {
+  return py::array_t<Value>(shape, values.data());
+}
+
+/// Throws KeyboardInterrupt if Ctrl-C came. Called between two parts of long work, without the interpreter's lock.
+void check_interrupt();
+/// What long work says goes to Python's warnings; Ctrl-C ends it.
+Listener python_listener();
+/// A warning of Python's.
+void python_warning(const std::string& warning);
+
+}  // namespace cloam
