@@ -22,7 +22,9 @@ struct DeletedUnlocked {
     delete held;
   }
 };
-using TensorClass = py::class_<Tensor, std::unique_ptr<Tensor, DeletedUnlocked>>;
+template <class Held>
+using Owned = std::unique_ptr<Held, DeletedUnlocked>;
+using TensorClass = py::class_<Tensor, Owned<Tensor>>;
 
 void add_errors(py::module_& module);
 void add_devices(py::module_& module);

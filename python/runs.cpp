@@ -29,6 +29,8 @@ struct Run {
   }
 };
 
+using RunClass = py::class_<Run, Owned<Run>>;
+
 struct NamedView {
   std::string name;
   View view;
@@ -98,8 +100,8 @@ Picture render(Run& run, NamedView named) {
 }
 
 /// A run with more edits; the one that they are of stays as it is.
-std::unique_ptr<Run> edited(Run& run, const std::vector<std::string>& actors, const std::string& prior,
-                            const MakerRequest& wish) {
+Owned<Run> edited(Run& run, const std::vector<std::string>& actors, const std::string& prior,
+                  const MakerRequest& wish) {
   check_has_views(run.restored.record);
   StoredRun stored = [&] {
     const std::scoped_lock lock(run.busy);
@@ -113,21 +115,37 @@ std::unique_ptr<Run> edited(Run& run, const std::vector<std::string>& actors, co
       },
       open_device);
   for (const std::string& words : actors) edits.apply_all(words, wish);
-  return std::make_unique<Run>(std::move(stored));
+  return Owned<Run>(new Run(std::move(stored)));
 }
 
-AssetRequest asset_wish(int count, const std::string& asset_class, const std::optional<bool>& night, uint64_t seed) {
-  AssetRequest wish;
-  wish.count = count;
-  wish.night = night;
-  wish.seed = seed;
-  if (asset_class.empty()) return wish;
+int class_named(const std::string& word) {
   const std::vector<std::string> names(std::begin(kAssetClasses), std::end(kAssetClasses));
   for (std::size_t i = 0; i < names.size(); ++i)
-    if (lower_case(names[i]) == lower_case(asset_class)) wish.asset_class = static_cast<int>(i);
-  if (!wish.asset_class)
-    throw Error(Fault::usage,
-                text("asset_class ", asset_class, ": want one of ", joined(names), did_you_mean(asset_class, names)));
+    if (lower_case(names[i]) == lower_case(word)) return static_cast<int>(i);
+  throw Error(Fault::usage, text("asset_class ", word, ": want one of ", joined(names), did_you_mean(word, names)));
+}
+
+/// What is asked for by name.
+AssetRequest asset_wish(int count, const py::kwargs& options) {
+  AssetRequest wish;
+  wish.count = count;
+  for (const auto& [key, value] : options) {
+    const std::string name = py::str(key);
+    if (name == "asset_class")
+      wish.asset_class = class_named(py::str(value));
+    else if (name == "night")
+      wish.night = value.cast<bool>();
+    else if (name == "seed")
+      wish.seed = value.cast<uint64_t>();
+    else if (name == "guidance")
+      wish.guidance = value.cast<float>();
+    else if (name == "steps")
+      wish.steps = value.cast<int>();
+    else
+      throw Error(Fault::usage,
+                  text("there is no ", name, " of assets: want asset_class, night, seed, guidance or steps"));
+  }
+  if (count < 1 || wish.steps < 1) throw Error(Fault::usage, "count and steps of assets are 1 or more");
   return wish;
 }
 
@@ -223,7 +241,7 @@ units; lens is (fx, fy, cx, cy) in pixels, with centres of pixels at + 0.5; time
           "[H,W], 1 + the place of the actor that is seen in its scene's actors, 0: none. None of methods without.");
 }
 
-void add_run_class(py::class_<Run>& run) {
+void add_run_class(RunClass& run) {
   run.def("__repr__", &run_words)
       .def_property_readonly("folder", [](const Run& r) { return r.restored.folder; })
       .def_property_readonly("method", [](const Run& r) { return r.restored.record.method; })
@@ -263,7 +281,7 @@ prior: the folder of a run of diffusion, for replace=generated. Nothing is writt
           "Writes an edited run into a new folder, as `cloam edit` does.");
 }
 
-void add_generation(py::module_& module, py::class_<Run>& run) {
+void add_generation(py::module_& module, RunClass& run) {
   py::class_<NewAsset>(module, "Asset", "A generated asset: its latent code and the box that it fills.")
       .def_property_readonly("asset_class", [](const NewAsset& a) { return std::string(kAssetClasses[a.asset_class]); })
       .def_readonly("night", &NewAsset::night)
@@ -277,30 +295,35 @@ void add_generation(py::module_& module, py::class_<Run>& run) {
           "code", [](const NewAsset& a) { return array_of(a.code, {static_cast<py::ssize_t>(a.code.size())}); });
   run.def(
          "generate",
-         [](Run& r, int count, const std::string& asset_class, const std::optional<bool>& night, uint64_t seed) {
-           return generated(r, asset_wish(count, asset_class, night, seed));
+         [](Run& r, int count, const py::kwargs& options) {
+           const AssetRequest wish = asset_wish(count, options);
+           const Unlocked others;
+           return generated(r, wish);
          },
-         py::arg("count") = 1, py::arg("asset_class") = "", py::arg("night") = py::none(), py::arg("seed") = 0,
-         py::call_guard<Unlocked>(), "New assets of a run of diffusion; the same seed gives the same.")
+         py::arg("count") = 1,
+         R"(New assets of a run of diffusion.
+
+asset_class: a word such as "Car", and night: True or False; without them as often as in training. seed: the same gives
+the same. guidance: above 1 follows class and night more closely. steps: of denoising.)")
       .def(
           "write_assets",
-          [](Run& r, const fs::path& folder, int count, const std::string& asset_class,
-             const std::optional<bool>& night, uint64_t seed, bool meshes) {
+          [](Run& r, const fs::path& folder, int count, bool meshes, const py::kwargs& options) {
+            const AssetRequest wish = asset_wish(count, options);
             AssetFiles files;
             files.folder = folder;
             files.meshes = meshes;
-            return write_generated(r, files, asset_wish(count, asset_class, night, seed));
+            const Unlocked others;
+            return write_generated(r, files, wish);
           },
-          py::arg("folder"), py::arg("count") = 1, py::arg("asset_class") = "", py::arg("night") = py::none(),
-          py::arg("seed") = 0, py::arg("meshes") = true, py::call_guard<Unlocked>(),
-          "The files of `cloam generate`; returns the text of generate.json.");
+          py::arg("folder"), py::arg("count") = 1, py::arg("meshes") = true,
+          "Writes the files of `cloam generate`; gives the text of generate.json. The rest as generate() takes it.");
 }
 
 }  // namespace
 
 void add_runs(py::module_& module) {
   add_views(module);
-  py::class_<Run> run(module, "Run", "A trained run, with its model on the device: load() gives one.");
+  RunClass run(module, "Run", "A trained run, with its model on the device: load() gives one.");
   add_run_class(run);
   add_generation(module, run);
   module.def(
@@ -308,7 +331,7 @@ void add_runs(py::module_& module) {
       [](const fs::path& folder) {
         StoredRun stored = read_run(folder);  // a wrong folder is told before a missing device
         open_device();
-        return std::make_unique<Run>(std::move(stored));
+        return Owned<Run>(new Run(std::move(stored)));
       },
       py::arg("run"), py::call_guard<Unlocked>(), "The run in a folder, from its newest whole checkpoint.");
 }

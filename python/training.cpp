@@ -200,12 +200,12 @@ TrainRequest request_from(const py::dict& given) {
   return r;
 }
 
-std::unique_ptr<Session> begun(const TrainRequest& request) {
+Owned<Session> begun(const TrainRequest& request) {
   const Unlocked others;
-  return std::make_unique<Session>(request);
+  return Owned<Session>(new Session(request));
 }
 
-std::unique_ptr<Session> new_session(const std::string& method, const py::object& data, const py::kwargs& options) {
+Owned<Session> new_session(const std::string& method, const py::object& data, const py::kwargs& options) {
   TrainRequest request = request_from(options);
   request.method = method;
   if (py::isinstance<py::list>(data) || py::isinstance<py::tuple>(data))
@@ -215,7 +215,7 @@ std::unique_ptr<Session> new_session(const std::string& method, const py::object
   return begun(request);
 }
 
-std::unique_ptr<Session> resumed_session(const std::filesystem::path& run, const py::kwargs& options) {
+Owned<Session> resumed_session(const std::filesystem::path& run, const py::kwargs& options) {
   TrainRequest request = request_from(options);
   request.resume = true;
   request.out = run.string();
@@ -249,7 +249,7 @@ Ctrl-C between two steps leaves a run that `cloam train --resume` and resume() g
 }  // namespace
 
 void add_training(py::module_& module) {
-  py::class_<Session>(module, "Training", kTraining)
+  py::class_<Session, Owned<Session>>(module, "Training", kTraining)
       .def(py::init(&new_session), py::arg("method"), py::arg("data"))
       .def_static("resume", &resumed_session, py::arg("run"),
                   "Goes on with a run that was interrupted or stopped; steps=N extends one that is finished.")

@@ -64,6 +64,7 @@ namespace {
 
 /// Where parts of these shapes begin, in floats, and where the last one ends.
 std::vector<int64_t> begins_of(const std::vector<Shape>& shapes) {
+  const DeviceLock lock;
   const cl_uint bits = called([] { return "ask the device how buffers are aligned"; },
                               [] { return cl_device().device.getInfo<CL_DEVICE_MEM_BASE_ADDR_ALIGN>(); });
   const auto unit = static_cast<int64_t>(std::max<size_t>(128, bits / 8) / size_of(DType::f32));
