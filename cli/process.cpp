@@ -1,4 +1,4 @@
-// cloam process: photos become a capture. COLMAP finds the poses; we choose, watch and lay out.
+// cloam process: photos or a video become a capture. COLMAP finds the poses; we choose, watch and lay out.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -14,6 +14,7 @@
 #include "cli/commands.h"
 #include "cli/progress.h"
 #include "cli/stop_signal.h"
+#include "cli/video_frames.h"
 #include "models/data/colmap.h"
 #include "models/data/colmap_model.h"
 #include "models/data/near_misses.h"
@@ -25,12 +26,15 @@
 namespace cloam {
 namespace {
 
-constexpr char kProcessExamples[] = R"(Find the camera poses of photos with COLMAP (apt-get install colmap), on the CPU.
+constexpr char kProcessExamples[] =
+    R"(Find the camera poses of photos, or of the frames of a video, with COLMAP (apt-get install colmap), on the CPU.
+Of a video ffmpeg takes the sharpest frame of each half second (apt-get install ffmpeg).
 The result is a capture for train and check: images/, and sparse/0 with cameras, poses and points.
 
 Examples:
   cloam process photos -o data/walk
-  cloam process frames -o data/walk --matching sequential      # video frames, in order of name
+  cloam process walk.mp4 -o data/walk                          # a video: mp4, mov, mkv, webm, ...
+  cloam process walk.mp4 -o data/walk --frames 200             # the sharpest of 200 equal parts
   cloam process photos -o data/walk --camera-model OPENCV --undistort)";
 
 constexpr std::size_t kMaxExhaustive = 150;  // images: the pairs to match grow with the square
@@ -38,6 +42,8 @@ constexpr std::size_t kFewest = 3;
 
 struct ProcessRequest {
   std::string images, out, matching = "auto", camera_model = "SIMPLE_RADIAL";
+  std::optional<double> fps;
+  std::optional<int> frames;
   int max_size = 1600;
   bool undistort = false, overwrite = false;
 };
@@ -52,21 +58,38 @@ struct Layout {
   fs::path database() const { return work() / "database.db"; }
   fs::path models() const { return work() / "sparse"; }
   fs::path straight() const { return work() / "undistorted"; }
+  fs::path frames() const { return work() / "frames"; }
+  /// What the database is of.
+  fs::path source() const { return work() / "source.json"; }
   fs::path log() const { return work() / "log.txt"; }
 };
 
-/// What was named in the place of a folder.
-[[noreturn]] void not_photos(const fs::path& file) {
-  if (!is_video_name(file)) throw Error(Fault::data, file.string() + ": is a file; give the folder of the photos");
-  throw Error(Fault::data, text(file.string(), ": is a video, not a folder of photos\n  fix: ", frames_command(file),
-                                "\n  then: cloam process frames -o DATA --matching sequential"));
+/// What COLMAP is given.
+struct Photos {
+  fs::path folder;
+  std::vector<std::string> names;  // below the folder, sorted
+  bool one_camera = false;
+};
+
+/// The video that was named in the place of a folder; nothing for a folder.
+std::optional<Video> video_of(const ProcessRequest& request) {
+  const fs::path given = request.images;
+  std::error_code error;
+  if (!fs::exists(given, error)) throw Error(Fault::data, "no such folder or video: " + given.string());
+  if (fs::is_directory(given, error)) {
+    if (request.fps || request.frames)
+      throw Error(Fault::usage, text("--fps and --frames choose frames of a video; ", given.string(), " is a folder"));
+    return std::nullopt;
+  }
+  if (request.fps && request.frames) throw Error(Fault::usage, "give either --fps or --frames, not both");
+  if (is_image_name(given) || is_heic_name(given))
+    throw Error(Fault::data, given.string() + ": is a photo; give the folder of the photos");
+  return read_video(given);
 }
 
 /// Names below the folder, sorted.
 std::vector<std::string> image_names(const fs::path& folder) {
   std::error_code error;
-  if (!fs::exists(folder, error)) throw Error(Fault::data, "no such folder: " + folder.string());
-  if (!fs::is_directory(folder, error)) not_photos(folder);
   std::vector<std::string> names;
   std::size_t heic = 0;
   fs::path video;
@@ -86,7 +109,7 @@ std::vector<std::string> image_names(const fs::path& folder) {
   if (names.size() >= kFewest) return names;
   throw Error(Fault::data,
               text(folder.string(), ": holds ", names.size(), " photos (.jpg, .jpeg, .png), want ", kFewest, " or more",
-                   video.empty() ? "" : "\n  fix: take frames from the video: " + frames_command(video)));
+                   video.empty() ? "" : "\n  fix: give the video: " + process_command(video)));
 }
 
 /// Reads every header: what COLMAP would leave out in silence stops here. True: one camera may have taken them all.
@@ -174,14 +197,15 @@ struct Colmap {
   }
 };
 
-std::vector<Stage> stages_of(const ProcessRequest& request, const Layout& layout, std::size_t images, bool one_camera) {
-  const bool pairs = request.matching == "exhaustive" || (request.matching == "auto" && images <= kMaxExhaustive);
+std::vector<Stage> stages_of(const ProcessRequest& request, const Layout& layout, const Photos& photos) {
+  const bool few = photos.names.size() <= kMaxExhaustive && photos.folder != layout.frames();
+  const bool pairs = request.matching == "exhaustive" || (request.matching == "auto" && few);
   const std::string database = layout.database().string();
-  const std::string folder = fs::canonical(request.images).string();
+  const std::string folder = fs::canonical(photos.folder).string();
   return {{"finding features",
            {"feature_extractor", "--database_path", database, "--image_path", folder, "--ImageReader.camera_model",
-            request.camera_model, "--ImageReader.single_camera", one_camera ? "1" : "0", "--SiftExtraction.use_gpu",
-            "0", "--SiftExtraction.max_image_size", std::to_string(request.max_size)}},
+            request.camera_model, "--ImageReader.single_camera", photos.one_camera ? "1" : "0",
+            "--SiftExtraction.use_gpu", "0", "--SiftExtraction.max_image_size", std::to_string(request.max_size)}},
           {pairs ? "matching all pairs" : "matching neighbours",
            {pairs ? "exhaustive_matcher" : "sequential_matcher", "--database_path", database, "--SiftMatching.use_gpu",
             "0"}},
@@ -239,6 +263,27 @@ void lay_capture(const fs::path& images, const fs::path& model, const Layout& la
   lay_model(model, layout.model());
 }
 
+/// What a database that lies there must be of, lest it holds photos that are no longer given.
+nlohmann::json source_of(const ProcessRequest& request) {
+  std::error_code error;
+  nlohmann::json source = {{"path", fs::canonical(request.images).string()}};
+  if (fs::is_directory(request.images, error)) return source;
+  source["bytes"] = fs::file_size(request.images);
+  source["fps"] = request.fps.value_or(0);
+  source["frames"] = request.frames.value_or(0);
+  return source;
+}
+
+/// Drops what an interrupted run left of something else.
+void begin_source(const ProcessRequest& request, const Layout& layout) {
+  const nlohmann::json source = source_of(request);
+  std::error_code error;
+  std::ifstream before(layout.source());
+  if (before && nlohmann::json::parse(before, nullptr, false) == source) return;
+  for (const fs::path& stale : {layout.database(), layout.frames()}) fs::remove_all(stale, error);
+  commit_text(layout.source(), source.dump() + "\n");
+}
+
 void prepare_folder(const ProcessRequest& request, const Layout& layout) {
   std::error_code error;
   if (request.overwrite) {
@@ -262,8 +307,7 @@ fs::path colmap_program() {
 }
 
 int interrupted(const Layout& layout) {
-  std::fprintf(stderr,
-               "What COLMAP has found so far is kept in %s; run the same command again to continue from there.\n",
+  std::fprintf(stderr, "What was found so far is kept in %s; run the same command again to continue from there.\n",
                layout.work().c_str());
   return 128 + stop_signal.load();
 }
@@ -292,23 +336,47 @@ void tell_result(const Layout& layout, std::size_t given, std::size_t models, co
   say(common, "next: cloam check " + quoted(layout.root.string()));
 }
 
+Photos photos_in(const fs::path& folder) {
+  Photos photos{folder, image_names(folder)};
+  photos.one_camera = all_of_one_size(folder, photos.names);
+  return photos;
+}
+
+/// Its frames, taken before if a run was interrupted after that. Empty once stop_signal is set.
+Photos frames_of(const Video& video, const ProcessRequest& request, const Layout& layout, PhotoProgress& progress) {
+  std::error_code error;
+  if (!fs::exists(layout.frames(), error))
+    take_frames(
+        video, {request.fps.value_or(2), request.frames.value_or(0)}, layout.frames(),
+        {[&](const std::string& stage) { progress.begin(stage); }, [&](double share) { progress.draw(share); }});
+  progress.end_line();
+  return stop_signal.load() == 0 ? photos_in(layout.frames()) : Photos{};
+}
+
 int run_process(const ProcessRequest& request, const Common& common) {
-  const std::vector<std::string> names = image_names(request.images);
-  const bool one_camera = all_of_one_size(request.images, names);
+  const std::optional<Video> video = video_of(request);
+  Photos photos = video ? Photos{} : photos_in(request.images);
   const fs::path program = colmap_program();
   const Layout layout{request.out};
   prepare_folder(request, layout);
   const FolderLock lock(layout.work());
+  begin_source(request, layout);
   const StopOnSignal signals("ending COLMAP");
-  say(common, text(names.size(), " photos, ", one_camera ? "one camera" : "several cameras"));
-  PhotoProgress progress(common, request.undistort ? 4 : 3);
-  Colmap colmap{program, layout, names.size(), progress, common.verbose};
-  for (const Stage& stage : stages_of(request, layout, names.size(), one_camera)) {
+  PhotoProgress progress(common,
+                         (request.undistort ? 4 : 3) + (video && !fs::exists(layout.frames()) ? kFrameStages : 0));
+  if (video) {
+    say(common, video->file.string() + ": " + in_words(*video));
+    photos = frames_of(*video, request, layout, progress);
+    if (stop_signal.load() != 0) return interrupted(layout);
+  }
+  say(common, text(photos.names.size(), " photos, ", photos.one_camera ? "one camera" : "several cameras"));
+  Colmap colmap{program, layout, photos.names.size(), progress, common.verbose};
+  for (const Stage& stage : stages_of(request, layout, photos)) {
     colmap.run(stage);
     if (stop_signal.load() != 0) return interrupted(layout);
   }
   const std::vector<FoundModel> models = found_models(layout.models());
-  fs::path images = request.images, model = models.front().folder;
+  fs::path images = photos.folder, model = models.front().folder;
   if (request.undistort) {
     colmap.run({"undistorting",
                 {"image_undistorter", "--image_path", fs::canonical(images).string(), "--input_path", model.string(),
@@ -318,27 +386,32 @@ int run_process(const ProcessRequest& request, const Common& common) {
     model = layout.straight() / "sparse";
   }
   lay_capture(images, model, layout);
-  tell_result(layout, names.size(), models.size(), common);
+  tell_result(layout, photos.names.size(), models.size(), common);
   return 0;
 }
 
 }  // namespace
 
 Command add_process(CLI::App& program) {
-  return command<ProcessRequest>(
-      program, "process", kProcessExamples, run_process, [](const Options& add, ProcessRequest& r) {
-        add("IMAGES", r.images, "Folder of photos, including its subfolders").required();
-        add("-o,--out", r.out, "Output folder for the capture").required();
-        add("--matching", r.matching,
-            "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos) (auto)",
-            one_of({"auto", "exhaustive", "sequential"}));
-        add("--camera-model", r.camera_model, "COLMAP's camera model, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)",
-            one_of({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV",
-                    "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
-        add("--max-size", r.max_size, "Longest image side for finding features (1600)", whole_number(100, 1 << 14));
-        add("--undistort", r.undistort, "Undistort the images");
-        add("--overwrite", r.overwrite, "Start over in a folder that already holds a model or part of one");
-      });
+  return command<
+      ProcessRequest>(program, "process", kProcessExamples, run_process, [](const Options& add, ProcessRequest& r) {
+    add("IMAGES", r.images, "Folder of photos, including its subfolders, or a video").required();
+    add("-o,--out", r.out, "Output folder for the capture").required();
+    add("--fps", r.fps, "Of a video: the sharpest frame of each part, that many parts a second (2)",
+        number_from(0.01, 240));
+    add("--frames", r.frames, "Of a video: that many parts in all, of equal length, instead",
+        whole_number(kFewest, 5000));
+    add("--matching", r.matching,
+        "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos, neighbours in a "
+        "video) (auto)",
+        one_of({"auto", "exhaustive", "sequential"}));
+    add("--camera-model", r.camera_model, "COLMAP's camera model, such as OPENCV or OPENCV_FISHEYE (SIMPLE_RADIAL)",
+        one_of({"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV",
+                "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"}));
+    add("--max-size", r.max_size, "Longest image side for finding features (1600)", whole_number(100, 1 << 14));
+    add("--undistort", r.undistort, "Undistort the images");
+    add("--overwrite", r.overwrite, "Start over in a folder that already holds a model or part of one");
+  });
 }
 
 }  // namespace cloam

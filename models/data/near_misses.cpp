@@ -74,9 +74,7 @@ bool is_video_name(const fs::path& path) {
   return has_extension(path, {".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".insv", ".3gp"});
 }
 
-std::string frames_command(const fs::path& video) {
-  return text("mkdir frames && ffmpeg -i '", video.string(), "' -vf fps=2 frames/%04d.jpg");
-}
+std::string process_command(const fs::path& video) { return "cloam process " + quoted(video.string()) + " -o DATA"; }
 
 std::string some_of(const std::vector<std::string>& names) {
   constexpr std::size_t most = 5;

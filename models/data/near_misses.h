@@ -18,9 +18,9 @@ bool is_heic_name(const std::filesystem::path& path);
 /// What to do about them.
 inline constexpr char kConvertHeic[] = "convert HEIC photos to JPEG first: mogrify -format jpg *.heic (ImageMagick)";
 
-/// By the extension: a film, from which frames have to be taken. In any letter case.
+/// By the extension: a film, of which `process` makes a capture. In any letter case.
 bool is_video_name(const std::filesystem::path& path);
-/// The command that takes frames from a film.
-std::string frames_command(const std::filesystem::path& video);
+/// The command that does.
+std::string process_command(const std::filesystem::path& video);
 
 }  // namespace cloam

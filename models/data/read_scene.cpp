@@ -127,8 +127,7 @@ std::string advice_on_files(const fs::path& root, const std::vector<fs::path>& c
   if (any(is_photo_name) != content.end()) return poses + root.string() + " -o DATA";
   if (any(is_heic_name) != content.end()) return kConvertHeic;
   if (const auto video = any(is_video_name); video != content.end())
-    return text("take frames from the video: ", frames_command(*video),
-                "\n              then: cloam process frames -o DATA");
+    return "a video needs camera poses first: " + process_command(*video);
   return "";
 }
 
@@ -166,8 +165,7 @@ std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
   if (kind == ".json") refuse(path, "is a file; give its folder: " + folder.string());
   for (const char* archive : {".zip", ".tar", ".gz", ".tgz", ".xz", ".bz2", ".zst", ".7z", ".rar", ".r3d"})
     if (kind == archive) refuse(path, "is an archive; unpack it and give the folder");
-  if (is_video_name(path))
-    refuse(path, text("is a video\n  fix: ", frames_command(path), "\n  then: cloam process frames -o DATA"));
+  if (is_video_name(path)) refuse(path, "is a video, which needs camera poses first\n  fix: " + process_command(path));
   refuse(path, "is a file; give the folder of a capture");
 }
 

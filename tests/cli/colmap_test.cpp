@@ -161,22 +161,20 @@ TEST_CASE("process says what went wrong") {
   CHECK(cloam_with({"process", "nowhere", "-o", "x"}, bench.environment()).code == 3);
 }
 
-TEST_CASE("process says what to do with a video and with photos that are not read") {
-  const Bench bench("process-video");
-  write_bytes(bench.root / "walk.MOV", "");
+TEST_CASE("process says what to do with a photo, a folder around a video, and photos that are not read") {
+  const Bench bench("process-others");
   const Words to = {"-o", (bench.root / "data").string()};
   const auto refused = [&](const fs::path& given) {
     const Outcome outcome = cloam_with({"process", given.string(), to[0], to[1]}, bench.environment());
     CHECK(outcome.code == 3);
     return outcome.err;
   };
-  CHECK(holds(refused(bench.root / "walk.MOV"), "ffmpeg -i '" + (bench.root / "walk.MOV").string() + "'"));
   CHECK(holds(refused(bench.root / "photos/p 1.png"), "give the folder of the photos"));
   write_bytes(bench.root / "phone/a.HEIC", "");
   write_bytes(bench.root / "phone/b.mp4", "");
   const std::string phone = refused(bench.root / "phone");
   CHECK(holds(phone, "1 HEIC photos are left out; convert"));
-  CHECK(holds(phone, "take frames from the video: "));
+  CHECK(holds(phone, "fix: give the video: cloam process " + (bench.root / "phone/b.mp4").string()));
   fs::create_directory_symlink(bench.root / "phone", bench.root / "photos/more");
   const Outcome linked = cloam_with(bench.command(), bench.environment());
   CHECK(linked.code == 0);

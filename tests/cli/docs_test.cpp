@@ -92,7 +92,7 @@ const Exception kExceptions[] = {
     {"cloam view", "serves until it is ended; view_test.cpp runs it"},
     {"ssh -L", "needs another computer"},
     {"cloam process photos -o DATA", "needs COLMAP and photos of one thing; colmap_test.cpp runs it"},
-    {"cloam process frames -o DATA --matching sequential", "the same"},
+    {"cloam process walk.mp4 -o DATA", "needs ffmpeg, COLMAP and a video; video_test.cpp runs it"},
 };
 
 /// Our commands in a row of a table: what stands in `` in all cells but the first, which is the other program's.
