@@ -12,6 +12,7 @@
 
 #include "cli/child_program.h"
 #include "cli/commands.h"
+#include "cli/process_photos.h"
 #include "cli/progress.h"
 #include "cli/stop_signal.h"
 #include "cli/video_frames.h"
@@ -32,13 +33,13 @@ Of a video ffmpeg takes the sharpest frame of each half second (apt-get install 
 The result is a capture for train and check: images/, and sparse/0 with cameras, poses and points.
 
 Examples:
-  cloam process photos -o data/walk
+  cloam process photos -o data/walk                            # also HEIC; turned as EXIF says
   cloam process walk.mp4 -o data/walk                          # a video: mp4, mov, mkv, webm, ...
   cloam process walk.mp4 -o data/walk --frames 200             # the sharpest of 200 equal parts
   cloam process photos -o data/walk --camera-model OPENCV --undistort)";
 
 constexpr std::size_t kMaxExhaustive = 150;  // images: the pairs to match grow with the square
-constexpr std::size_t kFewest = 3;
+constexpr std::size_t kMostCameras = 16;     // else each photo has one of its own, as a zoom lens needs
 
 struct ProcessRequest {
   std::string images, out, matching = "auto", camera_model = "SIMPLE_RADIAL";
@@ -58,17 +59,11 @@ struct Layout {
   fs::path database() const { return work() / "database.db"; }
   fs::path models() const { return work() / "sparse"; }
   fs::path straight() const { return work() / "undistorted"; }
+  fs::path upright() const { return work() / "upright"; }
   fs::path frames() const { return work() / "frames"; }
   /// What the database is of.
   fs::path source() const { return work() / "source.json"; }
   fs::path log() const { return work() / "log.txt"; }
-};
-
-/// What COLMAP is given.
-struct Photos {
-  fs::path folder;
-  std::vector<std::string> names;  // below the folder, sorted
-  bool one_camera = false;
 };
 
 /// The video that was named in the place of a folder; nothing for a folder.
@@ -85,40 +80,6 @@ std::optional<Video> video_of(const ProcessRequest& request) {
   if (is_image_name(given) || is_heic_name(given))
     throw Error(Fault::data, given.string() + ": is a photo; give the folder of the photos");
   return read_video(given);
-}
-
-/// Names below the folder, sorted.
-std::vector<std::string> image_names(const fs::path& folder) {
-  std::error_code error;
-  std::vector<std::string> names;
-  std::size_t heic = 0;
-  fs::path video;
-  fs::recursive_directory_iterator entry(folder, error), end;
-  if (error == std::errc::permission_denied) throw Error(Fault::data, folder.string() + ": permission denied");
-  for (; !error && entry != end; entry.increment(error)) {
-    const bool photo = is_image_name(entry->path()) && entry->path().extension() != ".exr";
-    if (photo && entry->is_regular_file(error))
-      names.push_back(entry->path().lexically_relative(folder).generic_string());
-    if (is_video_name(entry->path())) video = entry->path();
-    heic += is_heic_name(entry->path());
-    if (entry->is_symlink(error) && entry->is_directory(error))
-      warn(entry->path().string() + " is a link to a folder, which COLMAP does not follow; its photos are left out");
-  }
-  if (heic > 0) warn(text(heic, " HEIC photos are left out; ", kConvertHeic));
-  std::sort(names.begin(), names.end());
-  if (names.size() >= kFewest) return names;
-  throw Error(Fault::data,
-              text(folder.string(), ": holds ", names.size(), " photos (.jpg, .jpeg, .png), want ", kFewest, " or more",
-                   video.empty() ? "" : "\n  fix: give the video: " + process_command(video)));
-}
-
-/// Reads every header: what COLMAP would leave out in silence stops here. True: one camera may have taken them all.
-bool all_of_one_size(const fs::path& folder, const std::vector<std::string>& names) {
-  const ImageSize first = read_image_size(folder / names.front());
-  return std::all_of(names.begin(), names.end(), [&](const std::string& name) {
-    const ImageSize size = read_image_size(folder / name);
-    return size.width == first.width && size.height == first.height;
-  });
 }
 
 /// "[3/8" or "Registering image #5 (3)": how much of the stage is done, between 0 and 1.
@@ -197,20 +158,47 @@ struct Colmap {
   }
 };
 
-std::vector<Stage> stages_of(const ProcessRequest& request, const Layout& layout, const Photos& photos) {
+/// One for each camera, so that all of its photos share what is found of its lens.
+std::vector<Stage> feature_stages(const ProcessRequest& request, const Layout& layout, const ProcessPhotos& photos) {
+  const std::size_t count = photos.cameras.size() > kMostCameras ? 1 : photos.cameras.size();
+  const std::vector<std::string> words = {"feature_extractor",
+                                          "--database_path",
+                                          layout.database().string(),
+                                          "--image_path",
+                                          fs::canonical(photos.folder).string(),
+                                          "--ImageReader.camera_model",
+                                          request.camera_model,
+                                          "--ImageReader.single_camera",
+                                          count == photos.cameras.size() ? "1" : "0",
+                                          "--SiftExtraction.use_gpu",
+                                          "0",
+                                          "--SiftExtraction.max_image_size",
+                                          std::to_string(request.max_size)};
+  if (count == 1) return {{"finding features", words}};
+  std::vector<Stage> stages;
+  for (std::size_t i = 0; i < count; ++i) {
+    const fs::path list = layout.work() / text("camera", i + 1, ".txt");
+    std::string names;
+    for (const std::size_t place : photos.cameras[i]) names += photos.names[place] + "\n";
+    commit_text(list, names);
+    stages.push_back({text("finding features of camera ", i + 1), words});
+    stages.back().words.insert(stages.back().words.end(), {"--image_list_path", list.string()});
+  }
+  return stages;
+}
+
+std::vector<Stage> stages_of(const ProcessRequest& request, const Layout& layout, const ProcessPhotos& photos) {
   const bool few = photos.names.size() <= kMaxExhaustive && photos.folder != layout.frames();
   const bool pairs = request.matching == "exhaustive" || (request.matching == "auto" && few);
   const std::string database = layout.database().string();
-  const std::string folder = fs::canonical(photos.folder).string();
-  return {{"finding features",
-           {"feature_extractor", "--database_path", database, "--image_path", folder, "--ImageReader.camera_model",
-            request.camera_model, "--ImageReader.single_camera", photos.one_camera ? "1" : "0",
-            "--SiftExtraction.use_gpu", "0", "--SiftExtraction.max_image_size", std::to_string(request.max_size)}},
-          {pairs ? "matching all pairs" : "matching neighbours",
-           {pairs ? "exhaustive_matcher" : "sequential_matcher", "--database_path", database, "--SiftMatching.use_gpu",
-            "0"}},
-          {"placing cameras and points",
-           {"mapper", "--database_path", database, "--image_path", folder, "--output_path", layout.models().string()}}};
+  std::vector<Stage> stages = feature_stages(request, layout, photos);
+  stages.push_back({pairs ? "matching all pairs" : "matching neighbours",
+                    {pairs ? "exhaustive_matcher" : "sequential_matcher", "--database_path", database,
+                     "--SiftMatching.use_gpu", "0"}});
+  stages.push_back({"placing cameras and points",
+                    {"mapper", "--database_path", database, "--image_path", fs::canonical(photos.folder).string(),
+                     "--output_path", layout.models().string()}});
+  return stages;
 }
 
 struct FoundModel {
@@ -236,19 +224,6 @@ std::vector<FoundModel> found_models(const fs::path& folder) {
       "several places, of static, textured things; or try --matching exhaustive");
 }
 
-/// A second name for the file where that can be, else a copy.
-void lay_image(const fs::path& from, const fs::path& to) {
-  std::error_code error;
-  if (fs::equivalent(from, to, error)) return;
-  commit_file(to, [&](const fs::path& temp) {
-    std::error_code failed;
-    fs::remove(temp, failed);
-    const fs::path file = fs::canonical(from);
-    fs::create_hard_link(file, temp, failed);
-    if (failed) fs::copy_file(file, temp, fs::copy_options::overwrite_existing);
-  });
-}
-
 /// images last: without it the folder is no model yet.
 void lay_model(const fs::path& from, const fs::path& to) {
   for (const char* name : {"points3D.bin", "cameras.bin", "images.bin"}) {
@@ -259,7 +234,7 @@ void lay_model(const fs::path& from, const fs::path& to) {
 
 void lay_capture(const fs::path& images, const fs::path& model, const Layout& layout) {
   for (const ColmapImage& image : read_colmap_model(model).images)
-    lay_image(images / image.name, layout.images() / image.name);
+    lay_photo(images / image.name, layout.images() / image.name);
   lay_model(model, layout.model());
 }
 
@@ -280,7 +255,7 @@ void begin_source(const ProcessRequest& request, const Layout& layout) {
   std::error_code error;
   std::ifstream before(layout.source());
   if (before && nlohmann::json::parse(before, nullptr, false) == source) return;
-  for (const fs::path& stale : {layout.database(), layout.frames()}) fs::remove_all(stale, error);
+  for (const fs::path& stale : {layout.database(), layout.frames(), layout.upright()}) fs::remove_all(stale, error);
   commit_text(layout.source(), source.dump() + "\n");
 }
 
@@ -336,42 +311,50 @@ void tell_result(const Layout& layout, std::size_t given, std::size_t models, co
   say(common, "next: cloam check " + quoted(layout.root.string()));
 }
 
-Photos photos_in(const fs::path& folder) {
-  Photos photos{folder, image_names(folder)};
-  photos.one_camera = all_of_one_size(folder, photos.names);
-  return photos;
-}
-
 /// Its frames, taken before if a run was interrupted after that. Empty once stop_signal is set.
-Photos frames_of(const Video& video, const ProcessRequest& request, const Layout& layout, PhotoProgress& progress) {
+ProcessPhotos frames_of(const Video& video, const ProcessRequest& request, const Layout& layout,
+                        PhotoProgress& progress) {
   std::error_code error;
   if (!fs::exists(layout.frames(), error))
     take_frames(
         video, {request.fps.value_or(2), request.frames.value_or(0)}, layout.frames(),
         {[&](const std::string& stage) { progress.begin(stage); }, [&](double share) { progress.draw(share); }});
   progress.end_line();
-  return stop_signal.load() == 0 ? photos_in(layout.frames()) : Photos{};
+  return stop_signal.load() == 0 ? photos_in(layout.frames()) : ProcessPhotos{};
+}
+
+/// What COLMAP is to see.
+ProcessPhotos prepared(const std::optional<Video>& video, const ProcessRequest& request, const Layout& layout,
+                       ProcessPhotos photos, const Common& common) {
+  std::error_code error;
+  const bool take = video && !fs::exists(layout.frames(), error);
+  PhotoProgress progress(common, take ? kFrameStages : 1);
+  if (video) photos = frames_of(*video, request, layout, progress);
+  if (!photos.need_copies || stop_signal.load() != 0) return photos;
+  progress.begin("turning photos upright");
+  photos = upright_copies(photos, layout.upright(), [&](double share) { progress.draw(share); });
+  progress.end_line();
+  return photos;
 }
 
 int run_process(const ProcessRequest& request, const Common& common) {
   const std::optional<Video> video = video_of(request);
-  Photos photos = video ? Photos{} : photos_in(request.images);
+  ProcessPhotos photos = video ? ProcessPhotos{} : photos_in(request.images);
   const fs::path program = colmap_program();
   const Layout layout{request.out};
   prepare_folder(request, layout);
   const FolderLock lock(layout.work());
   begin_source(request, layout);
   const StopOnSignal signals("ending COLMAP");
-  PhotoProgress progress(common,
-                         (request.undistort ? 4 : 3) + (video && !fs::exists(layout.frames()) ? kFrameStages : 0));
-  if (video) {
-    say(common, video->file.string() + ": " + in_words(*video));
-    photos = frames_of(*video, request, layout, progress);
-    if (stop_signal.load() != 0) return interrupted(layout);
-  }
-  say(common, text(photos.names.size(), " photos, ", photos.one_camera ? "one camera" : "several cameras"));
+  if (video) say(common, video->file.string() + ": " + in_words(*video));
+  photos = prepared(video, request, layout, photos, common);
+  if (stop_signal.load() != 0) return interrupted(layout);
+  say(common, text(photos.names.size(), " photos, ",
+                   photos.cameras.size() == 1 ? "one camera" : text(photos.cameras.size(), " cameras")));
+  const std::vector<Stage> stages = stages_of(request, layout, photos);
+  PhotoProgress progress(common, static_cast<int>(stages.size()) + (request.undistort ? 1 : 0));
   Colmap colmap{program, layout, photos.names.size(), progress, common.verbose};
-  for (const Stage& stage : stages_of(request, layout, photos)) {
+  for (const Stage& stage : stages) {
     colmap.run(stage);
     if (stop_signal.load() != 0) return interrupted(layout);
   }
@@ -395,12 +378,12 @@ int run_process(const ProcessRequest& request, const Common& common) {
 Command add_process(CLI::App& program) {
   return command<
       ProcessRequest>(program, "process", kProcessExamples, run_process, [](const Options& add, ProcessRequest& r) {
-    add("IMAGES", r.images, "Folder of photos, including its subfolders, or a video").required();
+    add("IMAGES", r.images, "Folder of photos (JPEG, PNG, HEIC), including its subfolders, or a video").required();
     add("-o,--out", r.out, "Output folder for the capture").required();
     add("--fps", r.fps, "Of a video: the sharpest frame of each part, that many parts a second (2)",
         number_from(0.01, 240));
     add("--frames", r.frames, "Of a video: that many parts in all, of equal length, instead",
-        whole_number(kFewest, 5000));
+        whole_number(kFewestPhotos, 5000));
     add("--matching", r.matching,
         "exhaustive (all pairs), sequential (neighbours by name), auto (all pairs up to 150 photos, neighbours in a "
         "video) (auto)",

@@ -13,9 +13,9 @@ std::string near_misses(const std::filesystem::path& root, const std::vector<std
 /// The first five names: "a, b, c, d, e, ...".
 std::string some_of(const std::vector<std::string>& names);
 
-/// Photos of telephones (.heic, .heif), which are not read. In any letter case.
+/// Photos of telephones (.heic, .heif), which `process` alone reads. In any letter case.
 bool is_heic_name(const std::filesystem::path& path);
-/// What to do about them.
+/// What to do about those that stand in the place of photos that a capture lists.
 inline constexpr char kConvertHeic[] = "convert HEIC photos to JPEG first: mogrify -format jpg *.heic (ImageMagick)";
 
 /// By the extension: a film, of which `process` makes a capture. In any letter case.

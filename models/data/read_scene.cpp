@@ -124,8 +124,8 @@ std::string advice_on_files(const fs::path& root, const std::vector<fs::path>& c
     return std::find_if(content.begin(), content.end(), is_kind);
   };
   const std::string poses = "photos alone need camera poses first: cloam process ";
-  if (any(is_photo_name) != content.end()) return poses + root.string() + " -o DATA";
-  if (any(is_heic_name) != content.end()) return kConvertHeic;
+  if (any(is_photo_name) != content.end() || any(is_heic_name) != content.end())
+    return poses + root.string() + " -o DATA";
   if (const auto video = any(is_video_name); video != content.end())
     return "a video needs camera poses first: " + process_command(*video);
   return "";

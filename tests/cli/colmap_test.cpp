@@ -161,7 +161,7 @@ TEST_CASE("process says what went wrong") {
   CHECK(cloam_with({"process", "nowhere", "-o", "x"}, bench.environment()).code == 3);
 }
 
-TEST_CASE("process says what to do with a photo, a folder around a video, and photos that are not read") {
+TEST_CASE("process says what to do with a photo and a folder around a video") {
   const Bench bench("process-others");
   const Words to = {"-o", (bench.root / "data").string()};
   const auto refused = [&](const fs::path& given) {
@@ -173,7 +173,7 @@ TEST_CASE("process says what to do with a photo, a folder around a video, and ph
   write_bytes(bench.root / "phone/a.HEIC", "");
   write_bytes(bench.root / "phone/b.mp4", "");
   const std::string phone = refused(bench.root / "phone");
-  CHECK(holds(phone, "1 HEIC photos are left out; convert"));
+  CHECK(holds(phone, "holds 1 photos (.jpg, .jpeg, .png, .heic), want 3 or more"));
   CHECK(holds(phone, "fix: give the video: cloam process " + (bench.root / "phone/b.mp4").string()));
   fs::create_directory_symlink(bench.root / "phone", bench.root / "photos/more");
   const Outcome linked = cloam_with(bench.command(), bench.environment());

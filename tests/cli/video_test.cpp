@@ -149,7 +149,8 @@ TEST_CASE("process takes the sharpest frame of each half second of a video") {
   const fs::path sharp = bench.film("sharp.png",
                                     "-f lavfi -i testsrc2=size=320x240:rate=30:duration=2 -vf "
                                     "\"select='eq(n,7)',format=rgb24\" -frames:v 1");
-  CHECK(psnr(read_image(bench.frames() / "frame_000007.jpg"), read_image(sharp)) > 28);
+  CHECK(psnr(read_image(bench.frames() / "frame_000007.jpg"), read_image(sharp)) >
+        24);  // a blurred one: 19; colours have half the resolution
 
   bench.process(bench.root / "walk.mp4", {"--overwrite", "--frames", "3", "--matching", "exhaustive"});
   CHECK(bench.names().size() == 3);

@@ -236,8 +236,8 @@ TEST_CASE("folders that are almost a capture say what is wrong") {
   CHECK(holds(with("Transforms.JSON"), "rename Transforms.JSON to transforms.json"));
   CHECK(holds(with("transforms.json.gz"), "unpack transforms.json.gz"));
   CHECK(holds(with("transforms_test.json"), "add transforms_train.json"));
-  CHECK(holds(with("IMG_1.HEIC"), "convert HEIC photos"));
-  CHECK(holds(with("images/IMG_1.heic"), "convert HEIC photos"));
+  CHECK(holds(with("IMG_1.HEIC"), "cloam process " + (folder.path / "data").string() + " -o DATA"));
+  CHECK(holds(with("images/IMG_1.heic"), "cloam process " + (folder.path / "data/images").string() + " -o DATA"));
   CHECK(holds(with("walk.MP4"), "cloam process " + (folder.path / "data/walk.MP4").string() + " -o DATA"));
   CHECK(holds(with("images/1.jpg"), "cloam process " + (folder.path / "data/images").string() + " -o DATA"));
   CHECK(holds(with("keyframes/cameras/1.json"), "ns-process-data polycam"));

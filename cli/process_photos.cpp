@@ -1,0 +1,104 @@
+// See process_photos.h.
+#include "cli/process_photos.h"
+
+#include <algorithm>
+#include <atomic>
+#include <map>
+#include <mutex>
+#include <tuple>
+
+#include "cli/common.h"
+#include "cli/stop_signal.h"
+#include "models/data/near_misses.h"
+#include "models/io/commit.h"
+#include "models/io/image.h"
+#include "models/io/in_parallel.h"
+#include "models/io/photo_file.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+bool is_photo_of_phone(const fs::path& path) {
+  return is_heic_name(path) || (is_image_name(path) && path.extension() != ".exr");
+}
+
+/// Names below the folder, sorted.
+std::vector<std::string> photo_names(const fs::path& folder) {
+  std::error_code error;
+  std::vector<std::string> names;
+  fs::path video;
+  fs::recursive_directory_iterator entry(folder, error), end;
+  if (error == std::errc::permission_denied) throw Error(Fault::data, folder.string() + ": permission denied");
+  for (; !error && entry != end; entry.increment(error)) {
+    if (is_photo_of_phone(entry->path()) && entry->is_regular_file(error))
+      names.push_back(entry->path().lexically_relative(folder).generic_string());
+    if (is_video_name(entry->path())) video = entry->path();
+    if (entry->is_symlink(error) && entry->is_directory(error))
+      warn(entry->path().string() + " is a link to a folder, which COLMAP does not follow; its photos are left out");
+  }
+  std::sort(names.begin(), names.end());
+  if (names.size() >= kFewestPhotos) return names;
+  throw Error(Fault::data, text(folder.string(), ": holds ", names.size(), " photos (.jpg, .jpeg, .png, .heic), want ",
+                                kFewestPhotos, " or more",
+                                video.empty() ? "" : "\n  fix: give the video: " + process_command(video)));
+}
+
+/// IMG_1.HEIC becomes IMG_1.HEIC.jpg: IMG_1.jpg may be there, too.
+std::string copy_name(const std::string& name) { return is_heic_name(name) ? name + ".jpg" : name; }
+
+}  // namespace
+
+ProcessPhotos photos_in(const fs::path& folder) {
+  ProcessPhotos photos{folder, photo_names(folder), {}, false};
+  std::vector<PhotoHeader> headers(photos.names.size());
+  in_parallel(headers.size(), [&](std::size_t i) {
+    headers[i] = read_photo_header(folder / photos.names[i], is_heic_name(photos.names[i]));
+  });
+  std::map<std::tuple<int, int, std::string>, std::size_t> places;
+  for (std::size_t i = 0; i < headers.size(); ++i) {
+    const PhotoHeader& header = headers[i];
+    const auto [place, is_new] = places.emplace(std::tuple(header.width, header.height, header.lens), places.size());
+    if (is_new) photos.cameras.emplace_back();
+    photos.cameras[place->second].push_back(i);
+    photos.need_copies |= !header.upright || is_heic_name(photos.names[i]);
+  }
+  return photos;
+}
+
+void lay_photo(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  if (fs::equivalent(from, to, error)) return;
+  commit_file(to, [&](const fs::path& temp) {
+    std::error_code failed;
+    fs::remove(temp, failed);
+    const fs::path file = fs::canonical(from);
+    fs::create_hard_link(file, temp, failed);
+    if (failed) fs::copy_file(file, temp, fs::copy_options::overwrite_existing);
+  });
+}
+
+ProcessPhotos upright_copies(const ProcessPhotos& photos, const fs::path& folder,
+                             const std::function<void(double share)>& draw) {
+  ProcessPhotos copies = photos;
+  copies.folder = folder;
+  copies.need_copies = false;
+  for (std::string& name : copies.names) name = copy_name(name);
+  std::mutex drawing;
+  std::size_t done = 0;
+  in_parallel(copies.names.size(), [&](std::size_t i) {
+    if (stop_signal.load() != 0) return;
+    const fs::path from = photos.folder / photos.names[i], to = folder / copies.names[i];
+    const bool is_heic = is_heic_name(from);
+    std::error_code error;
+    if (!is_heic && read_photo_header(from, false).upright)
+      lay_photo(from, to);
+    else if (!fs::exists(to, error))
+      write_upright(from, is_heic, to);
+    const std::scoped_lock lock(drawing);
+    draw(static_cast<double>(++done) / static_cast<double>(copies.names.size()));
+  });
+  return copies;
+}
+
+}  // namespace cloam

@@ -1,0 +1,36 @@
+// The photos that COLMAP is given: which they are, which were taken by one camera, and upright copies where it would
+// not see them as they are.
+#pragma once
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace cloam {
+
+struct ProcessPhotos {
+  std::filesystem::path folder;
+  std::vector<std::string> names;  // below the folder, sorted
+  /// Places among the names, by size as looked at and lens; each photo belongs to one.
+  std::vector<std::vector<std::size_t>> cameras;
+  bool need_copies =
+      false;  // some are HEIC, or lie on their side: COLMAP reads no HEIC and follows no EXIF orientation
+};
+
+/// Fewest photos that make a capture.
+constexpr std::size_t kFewestPhotos = 3;
+
+/// Reads every header: what COLMAP would leave out in silence stops here. Warns of links to folders. Fault::data for
+/// fewer than three photos and for those that cannot be read.
+ProcessPhotos photos_in(const std::filesystem::path& folder);
+
+/// All photos in `folder`, which is made, upright and as JPEG or PNG: second names of the files where they are that
+/// already. Those that lie there are taken as they are. draw: is told how much is done, from 0 to 1. Ends early once
+/// stop_signal is set. Errors as write_upright.
+ProcessPhotos upright_copies(const ProcessPhotos& photos, const std::filesystem::path& folder,
+                             const std::function<void(double share)>& draw);
+
+/// A second name for the file where that can be, else a copy. Fault::write.
+void lay_photo(const std::filesystem::path& from, const std::filesystem::path& to);
+
+}  // namespace cloam
