@@ -58,7 +58,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
   frames_ = from_host(frames, {frame_count, 3});
 }
 
-PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& share) const {
+PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& share, const Tensor& poses) const {
   const Tensor frame = own_rows(random_below({count}, frames_.dim(0), key), share);
   const Tensor place = own_rows(random_uniform({count}, {key.seed, key.step, key.stream + 1}), share);
   const Tensor record = gather_rows(frames_, frame);
@@ -67,7 +67,7 @@ PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& s
   const Tensor pixel = column(0) + inside;
   PixelBatch out;
   const Tensor direction = column(2) + inside;
-  out.rays = world_rays(gather_rows(directions_, direction), gather_rows(poses_, frame), frame_, range_);
+  out.rays = world_rays(gather_rows(directions_, direction), gather_rows(poses, frame), frame_, range_);
   out.widths = gather_rows(widths_, direction);
   out.rgba = cast(gather_rows(rgba_, pixel), DType::f32) * (1.f / 255.f);
   if (mask_) out.used = cast(gather_rows(mask_, pixel) > 0, DType::f32);

@@ -20,7 +20,12 @@ class PixelSource {
   /// Fault::data for no image, Fault::memory for more than 2^29 pixels.
   PixelSource(const Scene& scene, const PhotoStore& photos, const SceneFrame& frame, const RayRange& range);
   /// The share of `count` pixels at random: a frame, then a pixel in it. streams key.stream and the one after it.
-  PixelBatch draw(int64_t count, const RandomKey& key, const Share& share) const;
+  PixelBatch draw(int64_t count, const RandomKey& key, const Share& share) const {
+    return draw(count, key, share, poses_);
+  }
+  /// The same with the photos in other places, [N,12] as poses(): rays are differentiable in them.
+  PixelBatch draw(int64_t count, const RandomKey& key, const Share& share, const Tensor& poses) const;
+  const Tensor& poses() const { return poses_; }
 
  private:
   SceneFrame frame_;

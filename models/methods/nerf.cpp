@@ -61,6 +61,7 @@ void Nerf::configure(Config& c) {
          kStepsOrNone);
   c.bind("weight.distortion", o.distortion, "weight of the distortion loss");
   c.bind("train.loss", o.loss, "pixel loss: square or charbonnier");
+  poses_.configure(c);
 }
 
 void Nerf::build(const Scenes& scenes, uint64_t seed) {
@@ -69,6 +70,7 @@ void Nerf::build(const Scenes& scenes, uint64_t seed) {
   has_alpha_ = scenes.front().has_alpha;
   renderer_ = std::make_unique<NerfRenderer>(config_, scenes.front(), Scope{params_, "", seed});
   rays_ = config_.batch_rays;
+  poses_.build(scenes.front(), params_);
 }
 
 void Nerf::load_data(std::vector<TrainingData> data) {
@@ -90,12 +92,15 @@ ParameterGroups Nerf::groups() const {
   all.rate = config_.learning_rate;
   all.schedule = {config_.final_rate, config_.decay_start, config_.decay_steps, kWarmUp};
   if (config_.field.kind != "frequency") all.beta2 = 0.99f, all.epsilon = 1e-15f;  // Mueller et al. 2022
-  return {all};
+  ParameterGroups groups = {all};
+  poses_.add_group(groups);
+  return groups;
 }
 
 Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   const RandomKey key{seed_, static_cast<uint32_t>(progress.step), 0};
-  const PixelBatch batch = pixels_->draw(rays_, key.of_stream(kPixels), progress.share);
+  const Tensor poses = poses_.on() ? poses_.moved(pixels_->poses(), renderer_->frame().scale) : pixels_->poses();
+  const PixelBatch batch = pixels_->draw(rays_, key.of_stream(kPixels), progress.share, poses);
   // What lies behind a surface gets no light and no gradient. A pass through the density alone finds it, and pays once
   // a quarter of the samples are dark; until then it only looks now and then.
   skimmed_ = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
@@ -122,6 +127,7 @@ Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   step.figures = {psnr_figure(error),
                   {"rays", static_cast<double>(rays_)},
                   {"samples", samples_ * static_cast<double>(progress.share.ranks)}};
+  for (const Figure& figure : poses_.figures()) step.figures.push_back(figure);
   if (renderer_->marching())
     step.figures.push_back(
         {"lit", skimmed_ ? (samples_ + 1) / (marched_ + 1) : static_cast<double>(lit_permille_) / 1000});

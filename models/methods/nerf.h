@@ -7,14 +7,20 @@
 
 #include "models/batches/image_source.h"
 #include "models/methods/nerf_renderer.h"
+#include "models/methods/pose_refinement.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
+#include "models/train/refines_poses.h"
 #include "models/train/renders_views.h"
 #include "models/train/shows_samples.h"
 
 namespace cloam {
 
-class Nerf final : public Method, public LearnsFromCaptures, public RendersViews, public ShowsSamples {
+class Nerf final : public Method,
+                   public LearnsFromCaptures,
+                   public RendersViews,
+                   public ShowsSamples,
+                   public RefinesPoses {
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
@@ -27,6 +33,7 @@ class Nerf final : public Method, public LearnsFromCaptures, public RendersViews
   void after_step(const Progress& progress) override;
   Picture render(const View& view) override;
   std::vector<RaySample> samples(const View& view, int row) override;
+  std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
 
@@ -38,6 +45,7 @@ class Nerf final : public Method, public LearnsFromCaptures, public RendersViews
   Params params_;
   std::unique_ptr<NerfRenderer> renderer_;
   std::unique_ptr<PixelSource> pixels_;
+  PoseRefinement poses_;
   int64_t rays_ = 0;                  // of the next step: follows the samples a ray costs
   double samples_ = 0, marched_ = 0;  // of the last step, shaded and marched to
   bool skimmed_ = false;              // it left out the dark ones

@@ -29,6 +29,7 @@ void Splat::configure(Config& c) {
   c.bind("exposure", o.exposure, "learn a gain and an offset per image and channel, with means 1 and 0");
   c.bind("train.rate_exposure", o.rate_exposure, "learning rate of the exposures; it falls to a tenth");
   bind_growth(c, o.growth);
+  poses_.configure(c);
 }
 
 void Splat::build(const Scenes& scenes, uint64_t seed) {
@@ -48,6 +49,7 @@ void Splat::build(const Scenes& scenes, uint64_t seed) {
   const auto frames = static_cast<int64_t>(frames_of(scene, Split::train).size());
   if (config_.exposure)
     params_["exposure"] = parameter(std::vector<float>(static_cast<size_t>(6 * frames), 0), {frames, 6});
+  poses_.build(scene, params_);
 }
 
 std::vector<std::string> Splat::warnings(const Scene& scene) const {
@@ -101,6 +103,7 @@ ParameterGroups Splat::groups() const {
   ParameterGroups groups = gaussian_groups(config_.rates, "", cameras_.radius);
   groups.push_back({"exposure", config_.rate_exposure, {kFinalExposure}});
   groups.back().epsilon = groups.front().epsilon;
+  poses_.add_group(groups);
   return groups;
 }
 
@@ -109,7 +112,8 @@ Step Splat::step(const Progress& progress, const Tensors& wanted) {
   const int64_t count = gaussian_count(params_);
   const Tensor probe =
       config_.growth.absolute ? parameter(std::vector<float>(static_cast<size_t>(2 * count)), {count, 2}) : Tensor();
-  const auto [picture, truth, drawn] = renderer_->compare(photos_->photographs()[which], which, progress, probe);
+  const auto [picture, truth, drawn] =
+      renderer_->compare(photos_->photographs()[which], {which, poses_, progress, probe});
   const Likeness alike = likeness(picture, truth);
   Tensor loss = (1.f - config_.ssim) * alike.l1 + config_.ssim * (1.f - alike.ssim);
   if (const Tensor penalty = growth_->penalty(splat_model(params_, 0).cloud)) loss = loss + penalty;
@@ -119,6 +123,7 @@ Step Splat::step(const Progress& progress, const Tensors& wanted) {
   observed_.add(drawn, step.gradients.back());
   step.gradients.pop_back();
   step.figures = {psnr_figure(mean(square(picture - truth))), {"gaussians", static_cast<double>(count)}};
+  for (const Figure& figure : poses_.figures()) step.figures.push_back(figure);
   step.more = observed_.pending();
   step.sums = observed_.of_view();
   return step;

@@ -4,12 +4,14 @@
 #include <memory>
 
 #include "models/gaussians/exports_gaussians.h"
+#include "models/methods/pose_refinement.h"
 #include "models/methods/splat_renderer.h"
 #include "models/splat/observed.h"
 #include "models/splat/parameters.h"
 #include "models/train/grows.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
+#include "models/train/refines_poses.h"
 #include "models/train/renders_views.h"
 
 namespace cloam {
@@ -18,6 +20,7 @@ class Splat final : public Method,
                     public LearnsFromCaptures,
                     public RendersViews,
                     public Grows,
+                    public RefinesPoses,
                     public ExportsGaussians {
  public:
   void configure(Config& config) override;
@@ -36,6 +39,7 @@ class Splat final : public Method,
   void fit_to(const TensorMap& parameters) override;
   TensorMap state() const override { return observed_.state(); }
   void restore(const TensorMap& state) override { observed_.restore(state); }
+  std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
   std::vector<std::string> warnings(const Scene& scene) const override;
 
  private:
@@ -49,6 +53,7 @@ class Splat final : public Method,
   std::unique_ptr<SplatRenderer> renderer_;
   std::unique_ptr<Growth> growth_;
   std::unique_ptr<PhotoSource> photos_;
+  PoseRefinement poses_;
   Observed observed_;
 };
 

@@ -35,13 +35,14 @@ Tensor SplatRenderer::exposed(const Tensor& planes, size_t photograph) const {
   return planes * exp(reshape(slice(own, 1, 0, 3), {3, 1, 1})) + reshape(slice(own, 1, 3, 6), {3, 1, 1});
 }
 
-SplatRenderer::Compared SplatRenderer::compare(const Photograph& photograph, size_t exposure, const Progress& progress,
-                                               const Tensor& probe) const {
+SplatRenderer::Compared SplatRenderer::compare(const Photograph& photograph, const Comparison& how) const {
   Compared out;
-  out.drawn = draw(splat_model(params_, degree_at(config_.harmonics, progress)), photograph.camera,
-                   view_matrix(photograph.world_from_camera), {near_, config_.antialiased, false, probe});
-  const Tensor background = background_for(progress);
-  out.picture = exposed(out.drawn.planes + unsqueeze(out.drawn.transmittance, 0) * background, exposure);
+  Tensor view = view_matrix(photograph.world_from_camera);
+  if (how.poses.on()) view = how.poses.moved_view(view, how.place);
+  out.drawn = draw(splat_model(params_, degree_at(config_.harmonics, how.progress)), photograph.camera, view,
+                   {near_, config_.antialiased, false, how.probe});
+  const Tensor background = background_for(how.progress);
+  out.picture = exposed(out.drawn.planes + unsqueeze(out.drawn.transmittance, 0) * background, how.place);
   const Tensor rgba = cast(photograph.rgba, DType::f32) / 255.f;
   out.truth = slice(rgba, 0, 0, 3);
   if (has_alpha_) {

@@ -2,6 +2,7 @@
 #pragma once
 #include "models/batches/image_source.h"
 #include "models/gaussians/exports_gaussians.h"
+#include "models/methods/pose_refinement.h"
 #include "models/nn/params.h"
 #include "models/scene/view.h"
 #include "models/splat/draw.h"
@@ -31,8 +32,14 @@ class SplatRenderer {
     Tensor picture, truth;  // [3,H,W] on one background, black where a mask says ignore
     Drawn drawn;
   };
-  /// As the gaussians show a photograph (with its exposure, that of row `exposure`). probe: see DrawOptions.
-  Compared compare(const Photograph& photograph, size_t exposure, const Progress& progress, const Tensor& probe) const;
+  struct Comparison {
+    size_t place;  // of the photograph, and of its exposure and its pose
+    const PoseRefinement& poses;
+    const Progress& progress;
+    Tensor probe;  // see DrawOptions
+  };
+  /// As the gaussians show a photograph.
+  Compared compare(const Photograph& photograph, const Comparison& how) const;
   Picture picture(const View& view) const;
   GaussianDrawing drawing() const { return {near_, config_.antialiased, bright()}; }
 

@@ -62,6 +62,14 @@ const Frame* first_aside(const Scene& scene) {
 
 }  // namespace
 
+double viewing_distance(const Scene& scene) {
+  const Eigen::Vector3d centre = focus(scene);
+  double distance = 0;
+  for (const Frame& f : scene.frames) distance += (f.world_from_camera.block<3, 1>(0, 3) - centre).norm();
+  distance /= static_cast<double>(std::max<size_t>(1, scene.frames.size()));
+  return distance > 1e-9 ? distance : 1;
+}
+
 bool fits_ndc(const Scene& scene) { return scene.hints.nearest.value_or(0) > 0 && !first_aside(scene); }
 
 SceneFrame fit_ndc(const Scene& scene, double nearest) {
@@ -100,10 +108,7 @@ SceneFrame fit_scene(const Scene& scene) {
   }
   frame.contract = true;
   frame.centre = focus(scene);
-  double distance = 0;
-  for (const Frame& f : scene.frames) distance += (f.world_from_camera.block<3, 1>(0, 3) - frame.centre).norm();
-  distance /= static_cast<double>(std::max<size_t>(1, scene.frames.size()));
-  frame.scale = distance > 1e-9 ? 1 / distance : 1;
+  frame.scale = 1 / viewing_distance(scene);
   return frame;
 }
 

@@ -19,6 +19,9 @@ struct SceneFrame {
 /// the cameras' mean distance from it, contracted.
 SceneFrame fit_scene(const Scene& scene);
 
+/// The cameras' mean distance from the point nearest to all optical axes, in scene units; 1 where they are all there.
+double viewing_distance(const Scene& scene);
+
 /// Whether the capture says how far its nearest thing is, and its photos all look one way.
 bool fits_ndc(const Scene& scene);
 

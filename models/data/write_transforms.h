@@ -1,0 +1,15 @@
+// A capture of photos as others read it, in nerfstudio's transforms.json.
+#pragma once
+#include <filesystem>
+
+#include "models/scene/scene.h"
+
+namespace cloam {
+
+/// Writes transforms.json and copies the images and masks beside it, so that the folder stands by itself; of
+/// NeRF-synthetic transforms_train.json and transforms_test.json, which say where the object is. Poses and cameras are
+/// those of `scene`; its images lie under its root. Fault::usage for a lens that the format has no words for;
+/// Fault::write.
+void write_transforms(const std::filesystem::path& folder, const Scene& scene);
+
+}  // namespace cloam

@@ -1,0 +1,298 @@
+// Poses that are learned: where they put photos, by float64; their gradients, by differences; that disturbed ones come
+// back.
+#include "models/methods/pose_refinement.h"
+
+#include <doctest/doctest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <random>
+
+#include "models/data/load_images.h"
+#include "models/data/read_scene.h"
+#include "models/data/write_transforms.h"
+#include "models/render/rays.h"
+#include "models/splat/draw.h"
+#include "models/synth/synthetic_scene.h"
+#include "models/train/optimiser.h"
+#include "models/train/refines_poses.h"
+#include "models/train/trainer.h"
+#include "runtime/error.h"
+#include "tests/models/folder.h"
+#include "tests/models/made_method.h"
+
+using namespace cloam;
+
+namespace {
+
+constexpr double kDegrees = 180 / M_PI;
+
+Eigen::Vector3d random_direction(std::mt19937& random) {
+  std::normal_distribution<double> normal;
+  return Eigen::Vector3d(normal(random), normal(random), normal(random)).normalized();
+}
+
+Eigen::Matrix4d motion(const Eigen::Vector3d& axis, double angle, const Eigen::Vector3d& shift) {
+  Eigen::Matrix4d out = Eigen::Matrix4d::Identity();
+  out.topLeftCorner<3, 3>() = Eigen::AngleAxisd(angle, axis).toRotationMatrix();
+  out.topRightCorner<3, 1>() = shift;
+  return out;
+}
+
+/// The poses in the axes of the true ones: a scene may be learned turned and shifted as a whole.
+std::vector<Eigen::Matrix4d> aligned(std::vector<Eigen::Matrix4d> poses, const std::vector<Eigen::Matrix4d>& truth) {
+  Eigen::Matrix3Xd from(3, poses.size()), to(3, poses.size());
+  for (size_t i = 0; i < poses.size(); ++i) {
+    from.col(static_cast<Eigen::Index>(i)) = poses[i].topRightCorner<3, 1>();
+    to.col(static_cast<Eigen::Index>(i)) = truth[i].topRightCorner<3, 1>();
+  }
+  const Eigen::Matrix4d similarity = Eigen::umeyama(from, to);
+  const double scale = std::cbrt(similarity.topLeftCorner<3, 3>().determinant());
+  for (Eigen::Matrix4d& pose : poses) {
+    pose = similarity * pose;
+    pose.topLeftCorner<3, 3>() /= scale;
+  }
+  return poses;
+}
+
+/// Means over photos: degrees, and the distance from the true place.
+struct Errors {
+  double degrees = 0, distance = 0;
+};
+
+Errors errors_of(const std::vector<Eigen::Matrix4d>& poses, const std::vector<Eigen::Matrix4d>& truth) {
+  Errors out;
+  for (size_t i = 0; i < poses.size(); ++i) {
+    const Eigen::Matrix3d turn = (truth[i].inverse() * poses[i]).topLeftCorner<3, 3>();
+    out.degrees += Eigen::AngleAxisd(turn).angle() * kDegrees / static_cast<double>(poses.size());
+    out.distance += (truth[i] - poses[i]).topRightCorner<3, 1>().norm() / static_cast<double>(poses.size());
+  }
+  return out;
+}
+
+Scene made_scene(const Folder& folder, int side) {
+  write_synthetic_scene(folder.path / "data", {20, 2, side, 3});
+  return read_scene(folder.path / "data");
+}
+
+std::vector<Eigen::Matrix4d> training_poses(const Scene& scene) {
+  std::vector<Eigen::Matrix4d> out;
+  for (const size_t frame : frames_of(scene, Split::train)) out.push_back(scene.frames[frame].world_from_camera);
+  return out;
+}
+
+}  // namespace
+
+TEST_CASE("poses: a turn and a shift in the camera's axes are the same for rays, for views and as they are told") {
+  const Folder folder;
+  const Scene scene = made_scene(folder, 8);
+  const std::vector<Eigen::Matrix4d> given = training_poses(scene);
+  PoseRefinement poses;
+  Config config;
+  poses.configure(config);
+  config.set("poses.refine", "true", "test");
+  Params parameters;
+  poses.build(scene, parameters);
+  const double unit = viewing_distance(scene), scale = 0.25;
+  std::mt19937 random(4);
+  std::vector<float> turns, shifts;
+  std::vector<Eigen::Matrix4d> want;
+  for (const Eigen::Matrix4d& pose : given) {
+    const Eigen::Vector3d axis = random_direction(random), shift = random_direction(random);
+    const double angle = 0.4;
+    const Eigen::Vector3d turn = 2 * std::tan(angle / 2) * axis - Eigen::Vector3d(shift.y(), -shift.x(), 0);
+    for (int i = 0; i < 3; ++i) {
+      turns.push_back(static_cast<float>(turn[i]));
+      shifts.push_back(static_cast<float>(shift[i]));
+    }
+    want.push_back(pose * motion(axis, angle, unit * shift));
+  }
+  const auto count = static_cast<int64_t>(given.size());
+  assign({{parameters.at("poses.turns"), from_host(turns, {count, 3})},
+          {parameters.at("poses.shifts"), from_host(shifts, {count, 3})}});
+
+  const std::vector<Eigen::Matrix4d> told = poses.poses();
+  SceneFrame frame;
+  frame.scale = scale;
+  frame.turn = Eigen::AngleAxisd(1, random_direction(random)).toRotationMatrix();
+  frame.centre = {1, 2, 3};
+  std::vector<float> rows, wanted;
+  for (size_t i = 0; i < given.size(); ++i) {
+    CHECK((told[i] - want[i]).norm() < 1e-5);
+    append_pose(rows, given[i], frame);
+    append_pose(wanted, want[i], frame);
+    const std::vector<float> view = poses.moved_view(view_matrix(given[i]), i).to_host();
+    const Eigen::Matrix4d camera_from_world = want[i].inverse();
+    for (int row = 0; row < 3; ++row)
+      for (int column = 0; column < 4; ++column)
+        CHECK(view[static_cast<size_t>(4 * row + column)] ==
+              doctest::Approx(camera_from_world(row, column)).epsilon(1e-4));
+  }
+  const std::vector<float> moved = poses.moved(from_host(rows, {count, 12}), scale).to_host();
+  for (size_t i = 0; i < moved.size(); ++i) CHECK(moved[i] == doctest::Approx(wanted[i]).epsilon(1e-4));
+}
+
+TEST_CASE("nerf: the loss falls as the gradient in a photo's pose says") {
+  const Folder folder;
+  const Scene scene = made_scene(folder, 16);
+  const auto method = configured("nerf", {{"poses.refine", "true"},
+                                          {"field.kind", "frequency"},
+                                          {"field.width", "16"},
+                                          {"field.depth", "2"},
+                                          {"field.point_frequencies", "2"},
+                                          {"field.direction_frequencies", "1"},
+                                          {"sampling", "uniform"},
+                                          {"samples.coarse", "8"},
+                                          {"batch.rays", "64"},
+                                          {"background", "white"}});
+  method->build({scene}, 7);
+  load_data(*method, scene, load_images(scene, Split::train));
+  const Progress progress{1, 10, 7, {}};
+  for (const char* name : {"poses.turns", "poses.shifts"}) {
+    CAPTURE(name);
+    const Tensor& parameter = method->parameters().at(name);
+    const Step step = method->step(progress, {parameter});
+    const std::vector<float> gradient = step.gradients.front().to_host();
+    double told = 0;
+    for (const float g : gradient) told += double{g} * double{g};
+    REQUIRE(told > 0);
+    // Along the gradient: the difference is its squared length times the step.
+    const float by = 1e-3f / static_cast<float>(std::sqrt(told));
+    const auto loss_at = [&](float way) {
+      std::vector<float> values(gradient.size());
+      for (size_t i = 0; i < values.size(); ++i) values[i] = way * by * gradient[i];
+      put(*method, name, values);
+      return double{method->step(progress, {}).loss.item()};
+    };
+    const double found = (loss_at(1) - loss_at(-1)) / (2 * double{by});
+    put(*method, name, std::vector<float>(gradient.size(), 0.f));
+    CHECK(found == doctest::Approx(told).epsilon(0.03));
+  }
+}
+
+namespace {
+
+/// The scene with each training photo turned by a degree and shifted by a hundredth of its distance.
+Scene disturbed(Scene scene) {
+  std::mt19937 random(5);
+  const double shift = 0.01 * viewing_distance(scene);
+  for (const size_t frame : frames_of(scene, Split::train)) {
+    Eigen::Matrix4d& pose = scene.frames[frame].world_from_camera;
+    pose = pose * motion(random_direction(random), 1 / kDegrees, shift * random_direction(random));
+  }
+  return scene;
+}
+
+std::unique_ptr<Method> trained(const Scene& scene, const std::string& name, const Settings& settings, int64_t steps) {
+  const Folder folder;
+  auto method = configured(name, settings);
+  method->build({scene}, 7);
+  load_data(*method, scene, load_images(scene, Split::train));
+  TrainOptions options;
+  options.steps = steps;
+  train({*method, folder.path, {}, nullptr, nullptr}, options, {});
+  return method;
+}
+
+}  // namespace
+
+TEST_CASE("nerf: disturbed poses come back while the scene is learned") {
+  const Folder folder;
+  const Scene scene = made_scene(folder, 64);
+  const std::vector<Eigen::Matrix4d> truth = training_poses(scene);
+  const auto method = trained(disturbed(scene), "nerf",
+                              {{"field.levels", "6"},
+                               {"field.log2_rows", "13"},
+                               {"field.finest", "128"},
+                               {"field.width", "32"},
+                               {"batch.samples", "16384"},
+                               {"batch.rays", "512"},
+                               {"occupancy.side", "48"},
+                               {"march.min_step", "0.03"},
+                               {"poses.refine", "true"}},
+                              600);
+  const Errors before = errors_of(aligned(training_poses(disturbed(scene)), truth), truth);
+  const Errors after = errors_of(aligned(as<RefinesPoses>(*method)->refined_poses(), truth), truth);
+  MESSAGE(before.degrees, " degrees and ", before.distance, " before, ", after.degrees, " and ", after.distance,
+          " after");
+  CHECK(after.degrees < 0.5 * before.degrees);
+  CHECK(after.distance < 0.7 * before.distance);
+}
+
+namespace {
+
+/// Small opaque gaussians of random colours: what tells one pose from another.
+void make_sharp(Method& splat) {
+  std::mt19937 random(6);
+  std::uniform_real_distribution<float> colour(-1.5f, 1.5f), place(-0.8f, 0.8f);
+  for (const auto& [name, p] : splat.parameters()) {
+    std::vector<float> values(static_cast<size_t>(p.numel()), name == "scales" ? std::log(0.05f) : 3.f);
+    if (name == "sh_first") std::ranges::generate(values, [&] { return colour(random); });
+    if (name == "means") std::ranges::generate(values, [&] { return place(random); });
+    if (name == "scales" || name == "opacities" || name == "sh_first" || name == "means") put(splat, name, values);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("splat: poses come to where the photos show what the gaussians show") {
+  const Folder folder;
+  const Scene scene = made_scene(folder, 48), begun = disturbed(scene);
+  const std::vector<Eigen::Matrix4d> truth = training_poses(scene);
+  const Settings settings = {{"initial", "random"},      {"initial.random", "400"}, {"background", "white"},
+                             {"growth.start", "100000"}, {"poses.refine", "true"},   {"poses.rate", "4e-3"},
+                             {"poses.warm_up", "0"}};
+  const auto model = configured("splat", settings);
+  model->build({scene}, 7);
+  make_sharp(*model);
+  Pixels photos = load_images(scene, Split::train);
+  for (FramePixels& photo : photos.frames) {
+    const std::vector<float> shows = shown(*model, view_of(scene.frames[photo.frame], photos.cameras.front(), 0)).rgb;
+    for (size_t i = 0; i < photo.rgba.size(); ++i)
+      photo.rgba[i] =
+          i % 4 == 3 ? 255 : static_cast<uint8_t>(std::lround(255 * std::clamp(shows[i / 4 * 3 + i % 4], 0.f, 1.f)));
+  }
+  const auto method = configured("splat", settings);
+  method->build({begun}, 7);
+  load_data(*method, begun, std::move(photos));
+  for (const auto& [name, values] : model->parameters())
+    if (!name.starts_with("poses.")) assign({{method->parameters().at(name), values}});
+  ParameterGroups poses = method->groups();
+  for (ParameterGroup& group : poses) group.frozen = group.prefix != "poses.";
+  Optimiser optimiser(method->parameters(), poses);
+  for (int64_t step = 1; step <= 600; ++step) {
+    const Progress progress{step, 600, 7, {}};
+    const Step taken = method->step(progress, optimiser.wanted(method->parameters()));
+    eval(taken.gradients);
+    optimiser.step(method->parameters(), taken.gradients, poses, progress);
+  }
+  const Errors before = errors_of(training_poses(begun), truth);
+  const Errors after = errors_of(as<RefinesPoses>(*method)->refined_poses(), truth);
+  MESSAGE(before.degrees, " degrees and ", before.distance, " before, ", after.degrees, " and ", after.distance,
+          " after");
+  CHECK(after.degrees < 0.6 * before.degrees);
+  CHECK(after.distance < 0.85 * before.distance);
+}
+
+TEST_CASE("a capture that was written is read with the same cameras, poses, splits and images") {
+  const Folder folder;
+  const Scene scene = made_scene(folder, 12);
+  write_transforms(folder.path / "again", scene);
+  const Scene again = read_scene(folder.path / "again");
+  CHECK(again.hints.synthetic_bounds == scene.hints.synthetic_bounds);
+  for (const Split split : {Split::train, Split::test}) {
+    const std::vector<size_t> was = frames_of(scene, split), is = frames_of(again, split);
+    REQUIRE(was.size() == is.size());
+    const Pixels before = load_images(scene, split), after = load_images(again, split);
+    for (size_t i = 0; i < was.size(); ++i) {
+      const Frame &a = scene.frames[was[i]], &b = again.frames[is[i]];
+      CHECK((a.world_from_camera - b.world_from_camera).norm() < 1e-12);
+      CHECK(scene.cameras[static_cast<size_t>(a.camera)] == again.cameras[static_cast<size_t>(b.camera)]);
+      CHECK(before.frames[i].rgba == after.frames[i].rgba);
+    }
+  }
+  Scene odd = scene;
+  odd.cameras.front().model = CameraModel::fov;
+  CHECK_THROWS_AS(write_transforms(folder.path / "odd", odd), Error);
+  CHECK(!std::filesystem::exists(folder.path / "odd"));
+}
