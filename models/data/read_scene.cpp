@@ -12,6 +12,7 @@
 #include "models/data/llff.h"
 #include "models/data/near_misses.h"
 #include "models/data/pandaset.h"
+#include "models/data/phone_apps.h"
 #include "models/data/rig.h"
 #include "models/data/transforms_json.h"
 #include "models/io/image.h"
@@ -30,6 +31,8 @@ constexpr SceneReader kReaders[] = {
      is_transforms_json, read_transforms_json},
     {"COLMAP", "sparse/0/cameras.bin, images.bin (or .txt) beside images/ (COLMAP)", is_colmap, read_colmap},
     {"LLFF", "poses_bounds.npy beside images/ (LLFF, forward-facing)", is_llff, read_llff},
+    {"Polycam", "keyframes/cameras/*.json beside keyframes/images/ (Polycam)", is_polycam, read_polycam},
+    {"Record3D", "EXR_RGBD/metadata.json beside EXR_RGBD/rgb/ (Record3D)", is_record3d, read_record3d},
     {"PandaSet", "camera/*_camera/poses.json, lidar/poses.json (PandaSet)", is_pandaset, read_pandaset},
     {"rig", "rig.json (your own recordings: docs/formats.md)", is_rig, read_rig},
     {"KITTI", "image_02/data, velodyne_points/data, oxts/data in a drive's folder (KITTI raw)", is_kitti, read_kitti},
@@ -104,17 +107,6 @@ std::string half_a_model(const fs::path& root) {
   return "";
 }
 
-// Folders as apps on telephones write them, whose poses nerfstudio turns into transforms.json.
-std::string app_folder(const fs::path& root) {
-  std::error_code error;
-  const char* app = nullptr;
-  if (fs::is_directory(root / "keyframes", error)) app = "polycam";
-  if (fs::is_directory(root / "EXR_RGBD", error)) app = "record3d";
-  if (!app) return "";
-  return text("this looks like an export from ", app, ": ns-process-data ", app, " --data ", root.string(),
-              " --output-dir DATA (nerfstudio) makes a capture from it");
-}
-
 bool is_photo_name(const fs::path& path) {
   return is_image_name(path) && lower_case(path.extension().string()) != ".exr";
 }
@@ -140,7 +132,7 @@ std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
     if (fs::is_directory(path, error) && reader_of(path)) return "give the folder inside it: " + path.string();
   for (const fs::path& path : content)
     if (const std::string found = misnamed_manifest(path); !found.empty()) return found;
-  for (const std::string& found : {half_a_model(root), app_folder(root), advice_on_files(root, content)})
+  for (const std::string& found : {half_a_model(root), advice_on_files(root, content)})
     if (!found.empty()) return found;
   for (const fs::path& path : content) {
     if (!fs::is_directory(path, error)) continue;

@@ -14,6 +14,7 @@
 #include "models/io/image.h"
 #include "models/io/json.h"
 #include "models/io/paths.h"
+#include "models/scene/point_ply.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -22,6 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kLongestImageSide = 1 << 17;
+constexpr std::uint64_t kMostPoints = 20'000'000;
 
 // A number of the frame, else of the file.
 struct Settings {
@@ -114,7 +116,7 @@ class TransformsReader {
     const Json& frames = source.file.at("frames");
     scene_.frames_listed += frames.size();
     scene_.hints.aabb_scale = optional_number(source.file, "aabb_scale", name);
-    if (source.file.contains("ply_file_path")) ++unused_["ply_file_path"];
+    if (const auto points = optional_string(source.file, "ply_file_path", name)) read_points(*points, name);
     scene_.has_test_split |= split == Split::test || !source.tests.empty();
     for (std::size_t i = 0; i < frames.size(); ++i) {
       guarded(options_.skip_bad, scene_.warnings, "frame dropped",
@@ -138,7 +140,7 @@ class TransformsReader {
                                   options_.allow_outside);  // before the name is shown: it checks the characters
     where += " (" + frame.name + ")";
     const Eigen::Matrix4d pose = matrix4(json, "transform_matrix", where);
-    if (json.contains("depth_file_path")) ++unused_["depth_file_path"];
+    if (json.contains("depth_file_path")) ++depth_maps_;
     frame.world_from_camera = opencv_from_opengl_pose(rigid(pose, where));
     if (!image) {
       missing_.push_back(frame.name);
@@ -161,23 +163,41 @@ class TransformsReader {
     return found->second;
   }
 
-  void warn_of_unused() {
-    const std::pair<const char*, const char*> keys[] = {
-        {"depth_file_path", "depth maps are not used in training"},
-        {"ply_file_path", "splat does not start from its points; it does start from those of a COLMAP model"}};
-    for (const auto& [key, meaning] : keys) {
-      const auto found = unused_.find(key);
-      if (found == unused_.end()) continue;
-      const std::string times = found->second > 1 ? text(" (", found->second, " times)") : "";
-      scene_.warnings.push_back(text(key, " is ignored", times, ": ", meaning));
+  /// In the coordinates of the poses, as nerfstudio writes them. A capture is whole without them.
+  void read_points(const std::string& listed, const std::string& where) {
+    if (scene_.cloud.count() > 0) return;
+    const fs::path file = scene_.root / path_named(scene_.root, listed, options_.allow_outside);
+    if (!has_file(file)) {
+      scene_.warnings.push_back(
+          text(where, ": ply_file_path names ", listed, ", which is missing: splat starts from random points"));
+      return;
     }
+    std::uint64_t given = 0;
+    guarded(options_.skip_bad, scene_.warnings, "points dropped", [&] {
+      without_quotes(file, [&] {
+        read_ply(file, [&](const PlyHeader& header) {
+          given = header.count;
+          if (given > kMostPoints) bad_data(file.string(), ": ", given, " points, want ", kMostPoints, " or fewer");
+          return point_rows(header, scene_.cloud);
+        });
+      });
+    });
+    if (scene_.cloud.count() < given)
+      scene_.warnings.push_back(text(given - scene_.cloud.count(), " of ", given, " points of ", listed,
+                                     " are left out: their positions are not finite"));
+  }
+
+  void warn_of_unused() {
+    if (depth_maps_ == 0) return;
+    const std::string times = depth_maps_ > 1 ? text(" (", depth_maps_, " times)") : "";
+    scene_.warnings.push_back("depth_file_path is ignored" + times + ": depth maps are not used in training");
   }
 
   ReadOptions options_;
   Scene scene_;
   std::vector<std::string> missing_;
-  std::map<Camera, int> cameras_;              // places in the scene's
-  std::map<std::string, std::size_t> unused_;  // keys that mean something to others, and how often they stand there
+  std::map<Camera, int> cameras_;  // places in the scene's
+  std::size_t depth_maps_ = 0;     // how many frames name one
 };
 
 }  // namespace

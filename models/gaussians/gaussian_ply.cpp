@@ -11,13 +11,13 @@
 #include "models/gaussians/values.h"
 #include "models/io/ply.h"
 #include "models/io/words.h"
+#include "models/scene/point_ply.h"
 #include "runtime/error.h"
 
 namespace cloam {
 namespace {
 
 constexpr char kMetric[] = "unit metre", kUp[] = "up ";
-constexpr std::uint8_t kGrey = 128;  // of points without a colour
 
 // "up X Y Z" with three finite numbers that are not all 0; other people's comments may begin with "up" too.
 std::optional<Eigen::Vector3d> up_of(const std::string& comment) {
@@ -82,30 +82,6 @@ PlyRow gaussian_rows(const PlyHeader& header, Gaussians& gaussians) {
   };
 }
 
-std::uint8_t colour(float value, float white) {
-  return std::isfinite(value) ? to_byte(255 * double(value) / double(white)) : kGrey;
-}
-
-PlyRow point_rows(const PlyHeader& header, PointCloud& cloud) {
-  const Places place{header.index("x"), header.index("y"), header.index("z")};
-  Places paint;
-  for (const char* name : {"red", "green", "blue"}) {
-    if (const auto found = header.find(name)) paint.push_back(*found);
-  }
-  std::array<float, 3> white{};
-  if (paint.size() == 3) {
-    for (std::size_t i = 0; i < 3; ++i) white[i] = header.properties[paint[i]].white;
-  }
-  check_count(header.count, header.file);
-  return [=, &cloud](std::span<const float> row) {
-    if (!std::all_of(place.begin(), place.end(), [&](std::size_t i) { return std::isfinite(row[i]); })) return;
-    for (const std::size_t i : place) cloud.positions.push_back(row[i]);
-    for (std::size_t i = 0; i < 3; ++i) {
-      cloud.colours.push_back(paint.size() == 3 ? colour(row[paint[i]], white[i]) : kGrey);
-    }
-  };
-}
-
 PlyHeader header_of(const Gaussians& gaussians, std::size_t coefficients) {
   PlyHeader header;
   header.count = gaussians.count();
@@ -134,6 +110,7 @@ SplatFile read_gaussian_ply(const std::filesystem::path& path) {
   read_ply(path, [&](const PlyHeader& found) {
     header = found;
     points = !header.find("f_dc_0");
+    if (points) check_count(header.count, header.file);
     return points ? point_rows(header, cloud) : gaussian_rows(header, file.gaussians);
   });
   if (points) {

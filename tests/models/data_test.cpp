@@ -240,8 +240,6 @@ TEST_CASE("folders that are almost a capture say what is wrong") {
   CHECK(holds(with("images/IMG_1.heic"), "cloam process " + (folder.path / "data/images").string() + " -o DATA"));
   CHECK(holds(with("walk.MP4"), "cloam process " + (folder.path / "data/walk.MP4").string() + " -o DATA"));
   CHECK(holds(with("images/1.jpg"), "cloam process " + (folder.path / "data/images").string() + " -o DATA"));
-  CHECK(holds(with("keyframes/cameras/1.json"), "ns-process-data polycam"));
-  CHECK(holds(with("EXR_RGBD/metadata.json"), "ns-process-data record3d"));
   for (const char* file : {"data.zip", "data.tar.gz"}) {
     folder.text_file(file, "");
     CHECK(holds(advice(file), "is an archive; unpack it"));
@@ -481,8 +479,26 @@ TEST_CASE("what a list gives beside images and poses and is not used is named") 
                                               R"("fl_x":10,"w":8,"h":6,"ply_file_path":"points.ply")"));
   const Scene scene = read_scene(folder.path);
   REQUIRE(scene.warnings.size() == 2);
-  CHECK(holds(scene.warnings[0], "depth_file_path is ignored"));
-  CHECK(holds(scene.warnings[1], "ply_file_path is ignored"));
+  CHECK(holds(scene.warnings[0], "ply_file_path names points.ply, which is missing"));
+  CHECK(holds(scene.warnings[1], "depth_file_path is ignored"));
+}
+
+TEST_CASE("nerfstudio: the points that a list names are the scene's, in the coordinates of the poses") {
+  const Capture folder;
+  folder.image("a.png", 8, 6, {1, 2, 3});
+  folder.text_file("transforms.json", capture(frame("a.png"), R"("fl_x":10,"w":8,"h":6,"ply_file_path":"points.ply")"));
+  folder.text_file("points.ply",
+                   "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+                   "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+                   "1 2 3 255 0 10\nnan 0 0 1 1 1\n-4 5 6.5 7 8 9\n");
+  const Scene scene = read_scene(folder.path);
+  CHECK(scene.cloud.positions == std::vector<float>{1, 2, 3, -4, 5, 6.5});
+  CHECK(scene.cloud.colours == std::vector<std::uint8_t>{255, 0, 10, 7, 8, 9});
+  REQUIRE(scene.warnings.size() == 1);
+  CHECK(holds(scene.warnings[0], "1 of 3 points of points.ply are left out"));
+  folder.text_file("points.ply", "no ply");
+  CHECK(holds(error_of([&] { read_scene(folder.path); }), "points.ply"));
+  CHECK(holds(read_scene(folder.path, {true, false}).warnings.at(0), "points dropped"));
 }
 
 TEST_CASE("transforms.json cut short at any byte gives an Error, never anything else") {
