@@ -149,7 +149,9 @@ struct Colmap {
     progress.end_line();
     if (!log.flush())
       throw Error(Fault::write, text("cannot write ", layout.log().string(), "; ", space_advice(layout.work())));
-    if (end.code == 0 || stop_signal.load() != 0) return;
+    const bool placed_none =
+        end.said.find("failed to create sparse model") != std::string::npos;  // found_models tells it
+    if (end.code == 0 || placed_none || stop_signal.load() != 0) return;
     const std::string name = "colmap " + stage.words.front();
     if (end.is_of_full_disk())
       throw Error(Fault::write, text(name, " cannot write: ", space_advice(layout.work()), "; it printed:", end.said));

@@ -36,7 +36,9 @@ case $command in
   mapper)
     [ -z "$FAIL" ] || { echo "Check failed: no luck"; exit 3; }
     echo "Registering image #2 (3)"
-    [ -n "$NONE" ] || { model "$out/0" two; model "$out/1" three; } ;;
+    [ -z "$NONE" ] || { echo "ERROR: failed to create sparse model"; exit 1; }
+    model "$out/0" two
+    model "$out/1" three ;;
 esac
 )sh";
 
