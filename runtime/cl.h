@@ -47,7 +47,8 @@ enum class HostUse { read, overwrite };
 /// be overwritten holds anything at first.
 void use_on_host(const Buffer& buffer, size_t offset, size_t bytes, HostUse kind,
                  const std::function<void(std::span<std::byte>)>& use);
-/// The first bytes of a buffer that the host sees in place, as long as the pointer lives; nobody may write them meanwhile.
+/// The first bytes of a buffer that the host sees in place, as long as the pointer lives; nobody may write them
+/// meanwhile.
 std::shared_ptr<const std::byte> mapped_to_read(const std::shared_ptr<Buffer>& buffer, size_t bytes);
 void finish();
 

@@ -33,8 +33,9 @@ void put_at(const Tensor& value, const Tensor& place);
 
 /// Evaluates an f32 tensor and calls `use` with its values, row-major: in place where device and host share memory.
 void read_on_host(const Tensor& tensor, const std::function<void(std::span<const float>)>& use);
-/// Its values in place, as the device stores them, row-major, as long as the pointer lives; the tensor may be gone then.
-/// Null where device and host share no memory, and of what may be written in place: parameters and what lies flat.
+/// Its values in place, as the device stores them, row-major, as long as the pointer lives; the tensor may be gone
+/// then. Null where device and host share no memory, and of what may be written in place: parameters and what lies
+/// flat.
 std::shared_ptr<const std::byte> host_view(const Tensor& tensor);
 /// Of rows [begin, end) of an evaluated and dense tensor, as the device stores them, in place where it can be.
 void read_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,

@@ -240,7 +240,7 @@ TEST_CASE("splat: poses come to where the photos show what the gaussians show") 
   const Scene scene = made_scene(folder, 48), begun = disturbed(scene);
   const std::vector<Eigen::Matrix4d> truth = training_poses(scene);
   const Settings settings = {{"initial", "random"},      {"initial.random", "400"}, {"background", "white"},
-                             {"growth.start", "100000"}, {"poses.refine", "true"},   {"poses.rate", "4e-3"},
+                             {"growth.start", "100000"}, {"poses.refine", "true"},  {"poses.rate", "4e-3"},
                              {"poses.warm_up", "0"}};
   const auto model = configured("splat", settings);
   model->build({scene}, 7);
