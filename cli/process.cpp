@@ -236,7 +236,7 @@ void lay_model(const fs::path& from, const fs::path& to) {
 
 void lay_capture(const fs::path& images, const fs::path& model, const Layout& layout) {
   for (const ColmapImage& image : read_colmap_model(model).images)
-    lay_photo(images / image.name, layout.images() / image.name);
+    commit_link(images / image.name, layout.images() / image.name);
   lay_model(model, layout.model());
 }
 

@@ -66,18 +66,6 @@ ProcessPhotos photos_in(const fs::path& folder) {
   return photos;
 }
 
-void lay_photo(const fs::path& from, const fs::path& to) {
-  std::error_code error;
-  if (fs::equivalent(from, to, error)) return;
-  commit_file(to, [&](const fs::path& temp) {
-    std::error_code failed;
-    fs::remove(temp, failed);
-    const fs::path file = fs::canonical(from);
-    fs::create_hard_link(file, temp, failed);
-    if (failed) fs::copy_file(file, temp, fs::copy_options::overwrite_existing);
-  });
-}
-
 ProcessPhotos upright_copies(const ProcessPhotos& photos, const fs::path& folder,
                              const std::function<void(double share)>& draw) {
   ProcessPhotos copies = photos;
@@ -92,7 +80,7 @@ ProcessPhotos upright_copies(const ProcessPhotos& photos, const fs::path& folder
     const bool is_heic = is_heic_name(from);
     std::error_code error;
     if (!is_heic && read_photo_header(from, false).upright)
-      lay_photo(from, to);
+      commit_link(from, to);
     else if (!fs::exists(to, error))
       write_upright(from, is_heic, to);
     const std::scoped_lock lock(drawing);

@@ -30,7 +30,4 @@ ProcessPhotos photos_in(const std::filesystem::path& folder);
 ProcessPhotos upright_copies(const ProcessPhotos& photos, const std::filesystem::path& folder,
                              const std::function<void(double share)>& draw);
 
-/// A second name for the file where that can be, else a copy. Fault::write.
-void lay_photo(const std::filesystem::path& from, const std::filesystem::path& to);
-
 }  // namespace cloam

@@ -34,18 +34,12 @@ void put_camera(const Camera& camera, Ordered& to) {
   if (camera.p2 != 0) to["p2"] = camera.p2;
 }
 
-/// A copy of a file of the capture, under its own name, or where that leads outside, under a number.
+/// A file of the capture once more, under its own name, or where that leads outside, under a number.
 std::string copied(const fs::path& folder, const fs::path& root, const std::string& name, std::size_t number) {
   const fs::path plain = fs::path(name).lexically_normal();
   const bool outside = plain.is_absolute() || (!plain.empty() && *plain.begin() == "..");
   const fs::path to = outside ? fs::path("outside") / (std::to_string(number) + plain.extension().string()) : plain;
-  commit_file(folder / to, [&](const fs::path& temp) {
-    std::error_code problem;
-    fs::copy_file(root / name, temp, fs::copy_options::overwrite_existing, problem);
-    if (problem)
-      throw Error(Fault::write, text((root / name).string(), ": cannot copy it to ", (folder / to).string(), ": ",
-                                     problem.message()));
-  });
+  commit_link(root / name, folder / to);
   return to.generic_string();
 }
 

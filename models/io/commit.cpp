@@ -208,6 +208,18 @@ void commit_text(const fs::path& path, std::string_view content) {
   commit_bytes(path, std::as_bytes(std::span(content)));
 }
 
+void commit_link(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  if (fs::equivalent(from, to, error)) return;
+  commit_file(to, [&](const fs::path& temp) {
+    std::error_code failed;
+    fs::remove(temp, failed);
+    const fs::path file = fs::canonical(from);
+    fs::create_hard_link(file, temp, failed);
+    if (failed) fs::copy_file(file, temp, fs::copy_options::overwrite_existing);
+  });
+}
+
 fs::path file_in_the_way(const fs::path& folder) {
   std::error_code problem;
   for (fs::path part = folder; !part.empty() && part != part.parent_path(); part = part.parent_path())

@@ -30,6 +30,10 @@ void commit_bytes(const std::filesystem::path& path, std::span<const std::span<c
 void commit_bytes(const std::filesystem::path& path, std::span<const std::byte> bytes);
 void commit_text(const std::filesystem::path& path, std::string_view content);
 
+/// commit_file of the bytes of another file: a hard link where both lie on one disk, else a copy. Nothing where they
+/// are the same file.
+void commit_link(const std::filesystem::path& from, const std::filesystem::path& to);
+
 /// The file that stands where a folder must be, on the way to `folder` or there; empty: none does.
 std::filesystem::path file_in_the_way(const std::filesystem::path& folder);
 

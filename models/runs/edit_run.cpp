@@ -10,14 +10,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-void link_or_copy(const fs::path& from, const fs::path& to) {
-  commit_file(to, [&](const fs::path& temp) {
-    std::error_code error;
-    fs::create_hard_link(from, temp, error);
-    if (error) fs::copy_file(from, temp);
-  });
-}
-
 /// The same folder, from another run folder.
 RunData moved(RunData data, const fs::path& from, const fs::path& to) {
   std::error_code error;
@@ -43,10 +35,10 @@ void write_edited_run(const StoredRun& edited, const fs::path& to, const std::st
     save_checkpoint(paths.checkpoints(), edited.checkpoint.step, edited.checkpoint.file);
   } else {
     const std::string name = edited.checkpoint.path.filename().string();
-    link_or_copy(edited.checkpoint.path, paths.checkpoints() / name);
+    commit_link(edited.checkpoint.path, paths.checkpoints() / name);
     commit_text(paths.checkpoints() / "latest.txt", name + "\n");
   }
-  if (fs::exists(RunPaths{from}.config())) link_or_copy(RunPaths{from}.config(), paths.config());
+  if (fs::exists(RunPaths{from}.config())) commit_link(RunPaths{from}.config(), paths.config());
   if (!edited.generated.assets.empty()) write_new_assets(paths.generated(), edited.generated);
   write_scenes(paths.scene(), edited.scenes);
   for (RunData& data : record.data) data = moved(data, from, to);

@@ -197,20 +197,19 @@ TEST_CASE("what is refused for another reason says nothing of space") {
 
 TEST_CASE("no other code writes files") {
   const std::set<std::string> known = {
-      "benchmarks/command.cpp std::ofstream",       // cannot link models; whole or not at all by itself
-      "cli/process.cpp copy_file",                  // within commit_file
-      "cli/process.cpp create_hard_link",           // likewise
-      "cli/process.cpp std::ofstream",              // COLMAP's log, line by line
-      "cli/progress.cpp fopen(",                    // metrics.jsonl, line by line
-      "cli/tensorboard.cpp fopen(",                 // event files, event by event
-      "models/io/commit.cpp O_CREAT",               // the one way
-      "models/io/commit.cpp O_WRONLY",              // likewise
-      "models/io/gif.cpp ImageOutput",              // to memory
-      "models/io/image.cpp ImageOutput",            // to memory
-      "models/runs/edit_run.cpp copy_file",         // within commit_file
-      "models/runs/edit_run.cpp create_hard_link",  // likewise
-      "runtime/kernel_files.cpp O_CREAT",           // an empty file whose time alone counts
-      "runtime/kernel_files.cpp O_WRONLY"};         // likewise
+      "benchmarks/command.cpp std::ofstream",   // cannot link models; whole or not at all by itself
+      "cli/process.cpp copy_file",              // within commit_file
+      "cli/process.cpp std::ofstream",          // COLMAP's log, line by line
+      "cli/progress.cpp fopen(",                // metrics.jsonl, line by line
+      "cli/tensorboard.cpp fopen(",             // event files, event by event
+      "models/io/commit.cpp copy_file",         // the one way
+      "models/io/commit.cpp create_hard_link",  // likewise
+      "models/io/commit.cpp O_CREAT",           // the one way
+      "models/io/commit.cpp O_WRONLY",          // likewise
+      "models/io/gif.cpp ImageOutput",          // to memory
+      "models/io/image.cpp ImageOutput",        // to memory
+      "runtime/kernel_files.cpp O_CREAT",       // an empty file whose time alone counts
+      "runtime/kernel_files.cpp O_WRONLY"};     // likewise
   for (const std::string& way : other_ways())
     CHECK_MESSAGE(known.contains(way), way, ": files are written through models/io/commit.h");
 }
