@@ -109,11 +109,22 @@ std::vector<std::pair<std::string, std::string>> program_literals() {
 
 /// Options in our literals that are those of other programs.
 const std::map<std::string, std::string> kForeignOptions = {
-    {"--database_path", "colmap"}, {"--image_path", "colmap"},  {"--input_path", "colmap"},
-    {"--output_path", "colmap"},   {"--output_type", "colmap"}, {"--output-dir", "ns-process-data"},
-    {"--gpus", "docker"},          {"--iterations", "3dgs"},    {"--max-num-iterations", "nerfstudio"},
-    {"--total-steps", "brush"},    {"--max-steps", "gsplat"},   {"--output", "COLMAP and others"},
-    {"--model_path", "3dgs"},      {"--data-factor", "gsplat"}, {"--test-every", "gsplat"},
+    {"--database_path", "colmap"},
+    {"--image_path", "colmap"},
+    {"--input_path", "colmap"},
+    {"--output_path", "colmap"},
+    {"--output_type", "colmap"},
+    {"--output-dir", "ns-process-data"},
+    {"--gpus", "docker"},
+    {"--iterations", "3dgs"},
+    {"--max-num-iterations", "nerfstudio"},
+    {"--image_list_path", "colmap"},
+    {"--total-steps", "brush"},
+    {"--max-steps", "gsplat"},
+    {"--output", "COLMAP and others"},
+    {"--model_path", "3dgs"},
+    {"--data-factor", "gsplat"},
+    {"--test-every", "gsplat"},
 };
 
 /// Those that the documents alone name.
