@@ -68,8 +68,8 @@ nlohmann::json probed(const fs::path& file) {
                                 ")\n  fix: copy it again from the phone, or give a folder of photos"));
 }
 
-/// Pictures and texts, which ffmpeg would show as films.
-bool is_film(const nlohmann::json& found) {
+/// Pictures and texts, which ffmpeg would show as videos.
+bool is_video(const nlohmann::json& found) {
   const std::string format = found.value("format", nlohmann::json::object()).value("format_name", "");
   return !found.value("streams", nlohmann::json::array()).empty() && format != "tty" && format != "image2" &&
          !format.ends_with("_pipe");
@@ -83,8 +83,8 @@ bool can_tone_map() {
   return found == 2;
 }
 
-/// From any film to what a JPEG file holds: BT.601's matrix in the full range, square pixels. White paper has 203 nits
-/// in films of high range (ITU-R BT.2408) and becomes 1; what is darker than 0.3 stays as it is, and 1015 nits become
+/// From any video to what a JPEG file holds: BT.601's matrix in the full range, square pixels. White paper has 203 nits
+/// in videos of high range (ITU-R BT.2408) and becomes 1; what is darker than 0.3 stays as it is, and 1015 nits become
 /// white.
 std::string colour_filter(const Video& video) {
   const std::string end = "setsar=1,format=yuvj420p";
@@ -216,7 +216,7 @@ void write_frames(const Video& video, const std::vector<int>& numbers, const fs:
   if (stop_signal.load() == 0 && (end.code != 0 || end.is_of_full_disk())) failed(video, end, folder);
 }
 
-/// Gives each file the name of its place in the film.
+/// Gives each file the name of its place in the video.
 void name_frames(const Video& video, const std::vector<int>& numbers, const fs::path& folder) {
   std::error_code error;
   for (std::size_t i = 0; i < numbers.size(); ++i) {
@@ -236,7 +236,7 @@ std::string Video::high_range() const {
 Video read_video(const fs::path& file) {
   program_of_ffmpeg("ffmpeg");
   const nlohmann::json found = probed(file);
-  if (!is_film(found)) throw Error(Fault::data, file.string() + ": is no video; give a video or a folder of photos");
+  if (!is_video(found)) throw Error(Fault::data, file.string() + ": is no video; give a video or a folder of photos");
   const nlohmann::json& stream = found["streams"][0];
   const double seconds = number_of(stream, "duration");
   Video video{file,

@@ -1,4 +1,4 @@
-// Photos out of a film, by ffmpeg: the sharpest frame of each part of it, upright and in the colours of ordinary
+// Photos out of a video, by ffmpeg: the sharpest frame of each part of it, upright and in the colours of ordinary
 // screens.
 #pragma once
 #include <filesystem>
@@ -17,7 +17,7 @@ struct Video {
   double seconds = 0;                       // 0: the file does not say, as of what a browser recorded
   int turn = 0;                             // degrees clockwise, from 0 to 359, by which a player turns it
   std::string transfer, primaries, matrix;  // in ffmpeg's words; "": the file does not say
-  bool tone_maps = false;  // whether this ffmpeg has the filters that films of a high dynamic range need
+  bool tone_maps = false;  // whether this ffmpeg has the filters that videos of a high dynamic range need
   /// "HLG" or "PQ" where the colours are of the high dynamic range; "" elsewhere.
   std::string high_range() const;
 };
@@ -41,11 +41,11 @@ struct FrameListener {
 /// How often it hears of what begins.
 constexpr int kFrameStages = 2;
 
-/// Files frame_000123.jpg, by the frame's number in the film, in `folder`, which must not exist and appears as a whole.
-/// A part without a frame has none. The sharpest is the one with the largest mean Laplacian of its brightness, at 1280
-/// columns or fewer. Nothing once stop_signal is set. Fault::data for a film that is damaged or too short for three
-/// parts, Fault::usage for more than 5000, Fault::write where the disk is full. Warns where a part of the film is
-/// damaged.
+/// Files frame_000123.jpg, by the frame's number in the video, in `folder`, which must not exist and appears as a
+/// whole. A part without a frame has none. The sharpest is the one with the largest mean Laplacian of its brightness,
+/// at 1280 columns or fewer. Nothing once stop_signal is set. Fault::data for a video that is damaged or too short for
+/// three parts, Fault::usage for more than 5000, Fault::write where the disk is full. Warns where a part of the video
+/// is damaged.
 void take_frames(const Video& video, const FrameWish& wish, const std::filesystem::path& folder,
                  const FrameListener& listener);
 

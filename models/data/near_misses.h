@@ -18,7 +18,7 @@ bool is_heic_name(const std::filesystem::path& path);
 /// What to do about those that stand in the place of photos that a capture lists.
 inline constexpr char kConvertHeic[] = "convert HEIC photos to JPEG first: mogrify -format jpg *.heic (ImageMagick)";
 
-/// By the extension: a film, of which `process` makes a capture. In any letter case.
+/// By the extension: a video, of which `process` makes a capture. In any letter case.
 bool is_video_name(const std::filesystem::path& path);
 /// The command that does.
 std::string process_command(const std::filesystem::path& video);

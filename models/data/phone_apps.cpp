@@ -16,7 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kLongestSide = 1 << 17;
 constexpr double kFarFromMiddle = 0.1;  // of a side
 
 Scene begin_scene(const fs::path& root, const char* format) {
@@ -26,12 +25,6 @@ Scene begin_scene(const fs::path& root, const char* format) {
   scene.up = Eigen::Vector3d::UnitY();
   scene.metric = true;
   return scene;
-}
-
-int pixels_of(const Json& object, const char* key, const std::string& where) {
-  const double value = number(object, key, where);
-  if (value >= 1 && value <= kLongestSide && value == std::floor(value)) return static_cast<int>(value);
-  bad_data(where, ": ", key, " is ", value, ", want a whole number of pixels up to ", kLongestSide);
 }
 
 /// FOLDER/STEM.jpg or the like, as scenes name it; STEM.jpg if there is none.
@@ -76,8 +69,8 @@ PolycamFolders polycam_folders(const fs::path& root) {
 
 Camera polycam_camera(const Json& json, const std::string& where) {
   Camera camera;
-  camera.width = pixels_of(json, "width", where);
-  camera.height = pixels_of(json, "height", where);
+  camera.width = image_side(number(json, "width", where), "width", where);
+  camera.height = image_side(number(json, "height", where), "height", where);
   camera.fx = number(json, "fx", where);
   camera.fy = number(json, "fy", where);
   camera.cx = number(json, "cx", where);
@@ -120,8 +113,8 @@ Eigen::Matrix4d record3d_pose(const Json& json, const std::string& where) {
 /// The intrinsics of photo i: its own, or those of all (K, column by column).
 Camera record3d_camera(const Json& json, std::size_t i, const std::string& where) {
   Camera camera;
-  camera.width = pixels_of(json, "w", where);
-  camera.height = pixels_of(json, "h", where);
+  camera.width = image_side(number(json, "w", where), "w", where);
+  camera.height = image_side(number(json, "h", where), "h", where);
   const auto own = json.find("perFrameIntrinsicCoeffs");
   if (own != json.end() && own->is_array() && i < own->size()) {
     const std::vector<double> value = numbers((*own)[i], 4, text(where, ", perFrameIntrinsicCoeffs ", i));

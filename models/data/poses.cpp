@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kRotationTolerance = 0.01;  // files with 3 digits still pass
 constexpr double kFarthest = 1e7;            // beyond it float32 has no use left
+constexpr int kLongestSide = 1 << 17;        // pixels
 
 }  // namespace
 
@@ -18,6 +19,11 @@ Eigen::Matrix4d opencv_from_opengl_pose(const Eigen::Matrix4d& world_from_camera
   Eigen::Matrix4d pose = world_from_camera;
   pose.block<3, 2>(0, 1) *= -1;
   return pose;
+}
+
+int image_side(double value, const std::string& key, const std::string& where) {
+  if (value >= 1 && value <= kLongestSide && value == std::floor(value)) return static_cast<int>(value);
+  bad_data(where, ": ", key, " is ", value, ", want a whole number of pixels up to ", kLongestSide);
 }
 
 Eigen::Matrix4d rigid(const Eigen::Matrix4d& world_from_camera, const std::string& where) {

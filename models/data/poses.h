@@ -14,6 +14,9 @@ Eigen::Matrix4d opencv_from_opengl_pose(const Eigen::Matrix4d& world_from_camera
 /// `where` at its head, for mirrored, sheared or empty matrices and for positions beyond 1e7.
 Eigen::Matrix4d rigid(const Eigen::Matrix4d& world_from_camera, const std::string& where);
 
+/// A side of an image in pixels, as the file's `key` gives it. Fault::data, with `where` at its head, for what is none.
+int image_side(double value, const std::string& key, const std::string& where);
+
 /// Fault::data, with `where` at its head, for focal lengths and centres that no camera has.
 void require_sound(const Camera& camera, const std::string& where);
 

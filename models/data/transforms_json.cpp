@@ -22,7 +22,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kLongestImageSide = 1 << 17;
 constexpr std::uint64_t kMostPoints = 20'000'000;
 
 // A number of the frame, else of the file.
@@ -41,11 +40,6 @@ struct Settings {
     return own ? own : optional_string(file, key, where);
   }
 };
-
-int side(double value, const char* key, const std::string& where) {
-  if (value >= 1 && value <= kLongestImageSide && value == std::floor(value)) return static_cast<int>(value);
-  bad_data(where, ": ", key, " is ", value, ", want a whole number of pixels up to ", kLongestImageSide);
-}
 
 // From the focal length itself, or the field of view in radians.
 std::optional<double> focal_length(const Settings& settings, const std::string& axis, int size) {
@@ -207,8 +201,8 @@ Camera read_camera_json(const Json& file, const Json& frame, const fs::path& ima
   Camera camera;
   const auto w = settings.number("w"), h = settings.number("h");
   const ImageSize size = w && h ? ImageSize{} : read_image_size(image);
-  camera.width = w ? side(*w, "w", settings.where) : size.width;
-  camera.height = h ? side(*h, "h", settings.where) : size.height;
+  camera.width = w ? image_side(*w, "w", settings.where) : size.width;
+  camera.height = h ? image_side(*h, "h", settings.where) : size.height;
   const auto fx = focal_length(settings, "x", camera.width), fy = focal_length(settings, "y", camera.height);
   if (!fx && !fy)
     bad_data(settings.where,

@@ -36,22 +36,11 @@ SceneFrame frame_of(const NerfConfig& config, const Scene& scene) {
   return frame;
 }
 
-/// unit_points(), differentiable: for rays of poses that are learned.
-Tensor tracked_unit_points(const Tensor& points, bool contract) {
-  if (!contract) return points * 0.5f + 0.5f;
-  const Tensor folded = maximum(max(abs(points), {{1}, true}), 1.f);
-  return points * ((2.f - 1.f / folded) / folded) * 0.25f + 0.5f;
-}
-
-Tensor to_unit(const Tensor& points, bool contract) {
-  return points.tracked() ? tracked_unit_points(points, contract) : unit_points(points, contract);
-}
-
-/// Of samples, in [0,1]^3.
+/// Of samples, in [0,1]^3; differentiable where the rays are, as march() is not.
 Tensor points_of(const RaySamples& samples, const Rays& path, bool contract) {
   if (!path.origins.tracked()) return samples.points;
   const auto of_ray = [&](const Tensor& rows) { return gather_rows(rows, samples.ray); };
-  return tracked_unit_points(of_ray(path.origins) + of_ray(path.directions) * unsqueeze(samples.t, 1), contract);
+  return unit_points(of_ray(path.origins) + of_ray(path.directions) * unsqueeze(samples.t, 1), contract);
 }
 
 }  // namespace
@@ -126,7 +115,7 @@ NerfRenderer::Rendered NerfRenderer::shade_edges(const Field& field, const Rays&
   for (int64_t r = 0; r <= count; r++) first.push_back(static_cast<int32_t>(r * n));
   for (int64_t r = 0; r < count; r++) ray.insert(ray.end(), static_cast<size_t>(n), static_cast<int32_t>(r));
   const Tensor of_ray = from_host(ray, {count * n});
-  const FieldOutput out = field(to_unit(reshape(points, {count * n, 3}), frame_.contract), rays.directions, of_ray);
+  const FieldOutput out = field(unit_points(reshape(points, {count * n, 3}), frame_.contract), rays.directions, of_ray);
   const Medium medium{per_length(out.sigma), from_host(first, {count + 1}), reshape(length, {count * n})};
   const Tensor depth = depths(rays, reshape(t, {count * n}), of_ray, distances);
   const Along along{depth, of_ray, composite_weights(medium)};

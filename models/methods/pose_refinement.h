@@ -39,8 +39,9 @@ class PoseRefinement {
   std::vector<Eigen::Matrix4d> poses() const;
 
  private:
-  PoseSettings settings_;
   Tensor turns() const;
+
+  PoseSettings settings_;
   std::vector<Eigen::Matrix4d> given_;
   double unit_ = 1;  // of shifts, in scene units
   const Params* parameters_ = nullptr;

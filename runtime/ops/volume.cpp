@@ -5,6 +5,7 @@
 
 #include "runtime/cl.h"
 #include "runtime/ops.h"
+#include "runtime/ops/composed.h"
 #include "runtime/ops/scan.h"
 #include "runtime/ops/share.h"
 
@@ -24,6 +25,13 @@ struct ImportanceEdges final : Op {
   Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
 };
 
+/// unit_points() by other ops, for its gradient.
+Tensor composed_unit_points(const Tensor& points, bool contract) {
+  if (!contract) return points * 0.5f + 0.5f;
+  const Tensor folded = maximum(max(abs(points), {{1}, true}), 1.f);
+  return points * ((2.f - 1.f / folded) / folded) * 0.25f + 0.5f;
+}
+
 struct UnitPoints final : Op {
   explicit UnitPoints(bool fold) : contract(fold) {}
   const char* name() const override { return "unit_points"; }
@@ -31,7 +39,9 @@ struct UnitPoints final : Op {
     const auto [range, chunk] = chunks(in[0].dim(0), 4096);
     launch(kernel("volume", name()), name(), range, in[0], out, in[0].dim(0), chunk, contract ? 1 : 0);
   }
-  Tensors vjp(const Tensors&, const Tensor&, const Tensor&) const override { return {}; }
+  Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
+    return vjp_of([fold = contract](const Tensors& x) { return composed_unit_points(x[0], fold); }, in, g);
+  }
   bool contract;
 };
 
@@ -122,7 +132,7 @@ Tensor importance_edges(const Tensor& edges, const Tensor& weights, const Tensor
 
 Tensor unit_points(const Tensor& points, bool contract) {
   match("unit_points", {{"points", points, "S 3"}});
-  return untracked(make(std::make_shared<UnitPoints>(contract), points.shape(), {points}));
+  return make(std::make_shared<UnitPoints>(contract), points.shape(), {points});
 }
 
 Tensor spherical_harmonics(const Tensor& directions) {

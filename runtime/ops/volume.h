@@ -32,7 +32,7 @@ RaySamples visible(const RaySamples& samples, const Tensor& sigma, float least);
 /// NeRF's inverse-CDF sampling: edges [R,n+1], weights [R,n], ascending uniform [R,m] -> merged edges [R,n+1+m]; no
 /// gradient.
 Tensor importance_edges(const Tensor& edges, const Tensor& weights, const Tensor& uniform);
-/// Scene points [S,3] to [0,1]^3, contracted or not (MarchOptions::contract); no gradient.
+/// Scene points [S,3] to [0,1]^3, contracted or not (MarchOptions::contract).
 Tensor unit_points(const Tensor& points, bool contract);
 /// Real spherical harmonics of degree 4 of unit directions [S,3] -> [S,16]; no gradient.
 Tensor spherical_harmonics(const Tensor& directions);

@@ -24,6 +24,13 @@ inline std::unique_ptr<Method> configured(const std::string& name, const Setting
   return method;
 }
 
+/// A hash grid that learns small made scenes in seconds.
+inline Settings small_hash() {
+  return {{"field.levels", "6"},    {"field.log2_rows", "13"},  {"field.finest", "128"},
+          {"field.width", "32"},    {"batch.samples", "16384"}, {"batch.rays", "512"},
+          {"occupancy.side", "48"}, {"march.min_step", "0.03"}, {"occupancy.cells", "16384"}};
+}
+
 /// Of one scene.
 inline void load_data(Method& method, const Scene& scene, Pixels pixels) {
   std::vector<TrainingData> data;

@@ -124,16 +124,9 @@ TEST_CASE("nerf in NDC learns held-out views of a forward-facing capture") {
   const ForwardFacing made;
   Scene scene = read_made(folder.path, made);
   apply_holdout(scene, 8);
-  auto method = configured("nerf", {{"space.kind", "auto"},
-                                    {"field.levels", "6"},
-                                    {"field.log2_rows", "13"},
-                                    {"field.finest", "128"},
-                                    {"field.width", "32"},
-                                    {"batch.samples", "16384"},
-                                    {"batch.rays", "512"},
-                                    {"occupancy.side", "48"},
-                                    {"march.min_step", "0.03"},
-                                    {"occupancy.cells", "16384"}});
+  Settings settings = small_hash();
+  settings.emplace_back("space.kind", "auto");
+  auto method = configured("nerf", settings);
   method->build({scene}, 7);
   load_data(*method, scene, load_images(scene, Split::train));
   TrainOptions options;

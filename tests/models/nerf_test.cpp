@@ -56,9 +56,7 @@ Outcome train_small(const Settings& settings, int64_t steps) {
   return out;
 }
 
-const Settings kSmallHash = {{"field.levels", "6"},    {"field.log2_rows", "13"},  {"field.finest", "128"},
-                             {"field.width", "32"},    {"batch.samples", "16384"}, {"batch.rays", "512"},
-                             {"occupancy.side", "48"}, {"march.min_step", "0.03"}, {"occupancy.cells", "16384"}};
+const Settings kSmallHash = small_hash();
 
 }  // namespace
 

@@ -248,8 +248,7 @@ void add_sampling(OpCases& rows) {
                             if (!contract) return (x + 1) / 2;
                             return ((longest <= 1 ? x : (2 - 1 / longest) * x / longest) + 2) / 4;
                           });
-                        },
-                    .gradient = false});
+                        }});
   rows.push_back({.op = "march",
                   .label = "rays that are full",
                   .inputs = {normal({6, 3}), normal({6, 3}), between({6, 1}, 0, 1), between({6}, 0, 1)},
