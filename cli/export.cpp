@@ -1,15 +1,13 @@
 // cloam export: actors of a trained street as meshes or turntables, and gaussians as files of splats.
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
 #include "cli/commands.h"
+#include "cli/export_capture.h"
 #include "cli/stop_signal.h"
-#include "models/data/write_transforms.h"
 #include "models/eval/pictures.h"
 #include "models/gaussians/exports_actors.h"
 #include "models/gaussians/exports_gaussians.h"
@@ -22,11 +20,9 @@
 #include "models/metrics/psnr.h"
 #include "models/render/undistort.h"
 #include "models/runs/actor_names.h"
-#include "models/runs/captures.h"
 #include "models/runs/pack_prior.h"
 #include "models/splat/draw.h"
 #include "models/street/asset_mesh.h"
-#include "models/train/refines_poses.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -44,6 +40,7 @@ Examples:
   cloam export runs/street --format ply --actor 3f2a -o car.ply --resolution 256
   cloam export runs/assets --format prior -o prior                        a diffusion and its networks, to hand on
   cloam export runs/garden --format capture -o garden-refined             the photos with the poses that it learned
+  cloam export runs/street --format capture -o street-refined             the log with the boxes that it learned
   cloam export runs/garden -o garden.ply                                  Gaussian splats; also .splat, .spz and .glb
 
 An actor is [LOG:]ID, where ID is any unique part of its id and LOG the number or name of its log.)";
@@ -269,48 +266,6 @@ int export_prior(const ExportRequest& request, const Common& common) {
   return 0;
 }
 
-/// The photos of a run that learned their poses, as a capture that has them.
-int export_capture(const RestoredRun& run, const ExportRequest& request, const Common& common) {
-  if (const std::string problem = problem_of(output_folder(), request.out); !problem.empty())
-    throw Error(Fault::usage, "--out: " + problem);
-  const auto* refines = as<RefinesPoses>(*run.method);
-  const std::vector<Eigen::Matrix4d> poses = refines ? refines->refined_poses() : std::vector<Eigen::Matrix4d>();
-  if (poses.empty())
-    throw Error(Fault::usage, text("--format capture: ", request.run, " learned no poses\n  fix: cloam train ",
-                                   run.record.method, " DATA --set poses.refine=true (nerf, splat)"));
-  const Scene& learned = run.scenes.front();
-  Scene scene =
-      read_scene_as_listed(find_data(request.run, run.record.data.front()), reading_for(run.record, false, false));
-  std::map<std::string, Eigen::Matrix4d> by_name;
-  for (const std::size_t frame : frames_of(learned, Split::train))
-    by_name[learned.frames[frame].name] = poses.at(by_name.size());
-  double degrees = 0, shift = 0;
-  for (Frame& frame : scene.frames) {
-    const auto found = by_name.find(frame.name);
-    if (found == by_name.end()) continue;
-    const Eigen::Matrix4d moved = frame.world_from_camera.inverse() * found->second;
-    degrees += Eigen::AngleAxisd(Eigen::Matrix3d(moved.topLeftCorner<3, 3>())).angle() * 180 / std::numbers::pi;
-    shift += moved.topRightCorner<3, 1>().norm();
-    frame.world_from_camera = found->second;
-  }
-  const auto count = static_cast<double>(by_name.size());
-  write_transforms(request.out, scene);
-  if (common.json)
-    put_json({{"schema_version", 1},
-              {"path", request.out},
-              {"photos", scene.frames.size()},
-              {"refined", by_name.size()},
-              {"turned_degrees", degrees / count},
-              {"shifted", shift / count}});
-  say(common,
-      fmt::format("{}: {} photos, {} with poses that were learned, in the mean {:.3f} degrees and {:.4g} {} from "
-                  "those given{}",
-                  request.out, scene.frames.size(), by_name.size(), degrees / count, shift / count,
-                  scene.metric ? "metres" : "scene units",
-                  by_name.size() < scene.frames.size() ? "; photos that were held out have those given" : ""));
-  return 0;
-}
-
 int run_export(const ExportRequest& request, const Common& common) {
   const RunRecord record = read_record(request.run);  // a wrong folder is told before a missing device
   if (request.format == kPrior) return export_prior(request, common);
@@ -318,7 +273,7 @@ int run_export(const ExportRequest& request, const Common& common) {
     throw Error(Fault::usage, text(request.run, " is a run of ", record.method,
                                    ": it has no actors and no Gaussians\n  fix: --format prior packs it for others"));
   const RestoredRun run = restored(request.run, common);
-  if (request.format == kCapture) return export_capture(run, request, common);
+  if (request.format == kCapture) return export_capture(run, {request.run, request.out}, common);
   const auto* exports = as<ExportsGaussians>(*run.method);
   if (!exports) return export_actors(run, request, common);
   if (!request.actor.empty()) throw Error(Fault::usage, "--actor: this run has Gaussians, not actors");
@@ -337,7 +292,7 @@ Command add_export(CLI::App& program) {
         add("-o,--out", r.out, "Output file; a folder for turntables, all actors, a prior and a capture").required();
         add("--format", r.format,
             "Actors: glb or ply (mesh), turntable (PNG and GIF); Gaussians: ply, splat, spz, glb; diffusion: prior; "
-            "learned poses: capture (default: by the file's name)",
+            "learned poses or boxes: capture (default: by the file's name)",
             one_of({"glb", "ply", "turntable", "splat", "spz", kPrior, kCapture}));
         add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
         add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 512));

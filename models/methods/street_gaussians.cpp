@@ -64,6 +64,7 @@ void StreetGaussians::configure(Config& c) {
   c.bind("weight.actors", o.actors,
          "weight of the actors' loss, once growth has ended: entropy of their opacity in boxes, none outside");
   c.bind("weight.outside", o.outside, "weight of the metres by which actors' Gaussians lie outside their boxes");
+  c.bind("weight.smooth", o.smooth, "actors.refine: weight of the square of the boxes' accelerations, in m/s^2");
   c.bind("batch.depth_every", o.depth_every,
          "steps between those that compare depth and actors' opacity, with as many times the weight", kSteps);
   bind_rates(c, o.rates);
@@ -238,6 +239,8 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   Tensor loss = (1.f - config_.ssim) * alike.l1 + config_.ssim * (1.f - alike.ssim);
   loss = loss + config_.sky * sky_term(seen);
   if (model_->has_actors()) loss = loss + config_.outside * outside_term();
+  if (config_.smooth > 0)
+    if (const Tensor jerky = model_->square_accelerations()) loss = loss + config_.smooth * jerky;
   const auto every = static_cast<float>(config_.depth_every);
   if (compares_depth && hints.pixels) loss = loss + every * config_.lidar * lidar_term(seen);
   if (compares_depth && model_->has_actors() && progress.step > background_growth_->until(progress))
@@ -252,6 +255,7 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   observed_.add(seen.drawn, step.gradients.back());
   step.gradients.pop_back();
   step.figures = {psnr_figure(mean(square(picture - truth))), {"gaussians", static_cast<double>(count())}};
+  if (const Tensor shift = model_->mean_shift()) step.figures.push_back({"boxes_shifted", 0, shift});
   step.more = observed_.pending();
   step.sums = observed_.of_view();
   return step;

@@ -8,6 +8,7 @@
 #include "models/splat/observed.h"
 #include "models/splat/parameters.h"
 #include "models/street/photo_hints.h"
+#include "models/street/refines_boxes.h"
 #include "models/street/takes_edits.h"
 #include "models/train/grows.h"
 #include "models/train/learns_from_captures.h"
@@ -23,6 +24,7 @@ class StreetGaussians final : public Method,
                               public TakesEdits,
                               public ExportsActors,
                               public AdoptsActors,
+                              public RefinesBoxes,
                               public Grows {
  public:
   void configure(Config& config) override;
@@ -45,6 +47,7 @@ class StreetGaussians final : public Method,
   Gaussians background_gaussians() const override { return gaussians_in(params_, common_, kBackgroundPart); }
   Gaussians actor_gaussians(const AssetName& asset) const override;
   void adopt(std::size_t place, const Gaussians& looks) override;
+  std::vector<Actor> refined_actors() const override { return model_->refined_actors(); }
   void take_actors(const Scenes& scenes) override { model_->take_actors(scenes.at(0).actors); }
 
  private:

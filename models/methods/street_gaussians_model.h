@@ -27,6 +27,7 @@ struct StreetGaussiansConfig {
   float ssim = 0.2f;                                // weight; 1 - ssim is that of the absolute difference
   float sky = 0.05f, lidar = 0.01f, actors = 0.1f;  // weights
   float outside = 0.1f;                             // weight
+  float smooth = 0;                                 // weight
   int depth_every = 4;                              // steps
   GaussianRates rates;
   float rate_sky = 0.01f, rate_exposure = 1e-3f, rate_positions = 5e-4f, rate_yaws = 1e-5f;
@@ -36,6 +37,13 @@ struct StreetGaussiansConfig {
 constexpr char kBackgroundPart[] = "background.", kActorsPart[] = "actors.", kWavesName[] = "actors.sh_time",
                kSkyName[] = "sky", kExposureName[] = "exposure", kPositionsName[] = "poses.positions",
                kYawsName[] = "poses.yaws";
+
+/// Of N boxes in a row of three of one actor each: accelerations are linear in the boxes' shifts.
+struct BoxMotion {
+  Tensor rows;      // int32 [N*3] of corrections: the box before, the box, the one after
+  Tensor by_shift;  // [N*3,3,3]: (m/s^2) / m, of a shift in the box's axes
+  Tensor given;     // [N,3], of the boxes as given
+};
 
 class StreetGaussiansModel {
  public:
@@ -57,6 +65,13 @@ class StreetGaussiansModel {
   /// Which box each row of the learned corrections is of: by actor, its place and the box's step.
   std::vector<int64_t> corrected_boxes() const;
   void set_corrected_boxes(const std::vector<int64_t>& boxes);
+  /// The actors with their boxes as they were learned; empty where boxes stay.
+  std::vector<Actor> refined_actors() const;
+  /// Mean square of the accelerations of boxes as they are learned, m^2/s^4, of boxes with one before and one behind
+  /// them in the log; an empty handle where there are none or boxes stay.
+  Tensor square_accelerations() const;
+  /// How far boxes are from where they were given, in the mean: metres; an empty handle where boxes stay.
+  Tensor mean_shift() const;
 
   bool has_actors() const { return params_.contains(std::string(kActorsPart) + "opacities"); }
   int64_t count(const char* part) const;
@@ -116,6 +131,7 @@ class StreetGaussiansModel {
   std::map<std::pair<std::size_t, int>, int32_t> corrections_;  // rows by actor and step
   std::vector<int32_t> owners_;
   Tensor owner_rows_, half_sizes_;  // owners_ on the device, and of their boxes
+  BoxMotion motion_;                // of the boxes that are corrected
 };
 
 }  // namespace cloam

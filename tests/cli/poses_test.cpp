@@ -31,7 +31,7 @@ TEST_CASE("a run that left poses as they are has no capture to write") {
   const fs::path out = scratch() / "no-capture";
   const Outcome outcome = cloam_with({"export", small_run().string(), "--format", "capture", "-o", out.string()});
   CHECK(outcome.code == 2);
-  CHECK_MESSAGE(contains(outcome.err, "learned no poses"), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "learned neither poses nor boxes"), outcome.err);
   CHECK_MESSAGE(contains(outcome.err, "poses.refine=true"), outcome.err);
   CHECK(!fs::exists(out));
 }

@@ -209,3 +209,32 @@ TEST_CASE("street-gaussians: looks that it cannot take are refused with what it 
   refused(street, "replace=" + street + ":nobody", "nobody");
   refused(small_street_run(), "replace=" + street + ":" + id, "is a run of genassets");
 }
+
+TEST_CASE("street-gaussians: boxes that were learned are a log that another run learns from") {
+  const fs::path run = scratch() / "boxes", log = scratch() / "boxes-log";
+  const auto training = std::ranges::find_if(
+      small_trainings(), [](const SmallTraining& one) { return one.method == std::string("street-gaussians"); });
+  const Outcome trained =
+      cloam_with(training->words(run, {"--steps", "6", "--set", "actors.refine=true", "--set",
+                                       "train.rate_positions=0.02", "--set", "weight.smooth=1e-4"}));
+  REQUIRE_MESSAGE(trained.code == 0, trained.err);
+  const Outcome written = cloam_with({"export", run.string(), "--format", "capture", "-o", log.string(), "--json"});
+  REQUIRE_MESSAGE(written.code == 0, written.err);
+  const auto json = nlohmann::json::parse(written.out);
+  const Scene given = read_scene(small_street()), refined = read_scene(log);
+  REQUIRE(refined.actors.size() == given.actors.size());
+  std::vector<double> shifts;
+  for (std::size_t a = 0; a < given.actors.size(); ++a)
+    for (std::size_t b = 0; b < given.actors[a].boxes.size(); ++b) {
+      const double shift = (refined.actors[a].boxes.at(b).world_from_box - given.actors[a].boxes[b].world_from_box)
+                               .topRightCorner<3, 1>()
+                               .norm();
+      if (shift > 0) shifts.push_back(shift);
+    }
+  std::ranges::sort(shifts);
+  REQUIRE(!shifts.empty());
+  CHECK(json.at("boxes_refined") == shifts.size());
+  CHECK(json.at("median_shift_m").get<double>() == doctest::Approx(shifts[shifts.size() / 2]).epsilon(1e-6));
+  CHECK(shifts.back() < 0.3);  // six steps of 0.02 m, in each of three directions
+  CHECK(cloam_with({"check", log.string()}).code == 0);
+}

@@ -1,0 +1,104 @@
+// See export_capture.h.
+#include "cli/export_capture.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "cli/commands.h"
+#include "models/data/refined_log.h"
+#include "models/data/write_transforms.h"
+#include "models/methods/registry.h"
+#include "models/runs/captures.h"
+#include "models/street/refines_boxes.h"
+#include "models/train/refines_poses.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+Scene scene_as_listed(const RestoredRun& run, const std::string& folder) {
+  return read_scene_as_listed(find_data(folder, run.record.data.front()), reading_for(run.record, false, false));
+}
+
+/// The photos of a run that learned their poses, as a capture that has them.
+int export_photos(const RestoredRun& run, const std::vector<Eigen::Matrix4d>& poses, const CaptureExport& request,
+                  const Common& common) {
+  const Scene& learned = run.scenes.front();
+  Scene scene = scene_as_listed(run, request.run);
+  std::map<std::string, Eigen::Matrix4d> by_name;
+  for (const std::size_t frame : frames_of(learned, Split::train))
+    by_name[learned.frames[frame].name] = poses.at(by_name.size());
+  double degrees = 0, shift = 0;
+  for (Frame& frame : scene.frames) {
+    const auto found = by_name.find(frame.name);
+    if (found == by_name.end()) continue;
+    const Eigen::Matrix4d moved = frame.world_from_camera.inverse() * found->second;
+    degrees += Eigen::AngleAxisd(Eigen::Matrix3d(moved.topLeftCorner<3, 3>())).angle() * 180 / std::numbers::pi;
+    shift += moved.topRightCorner<3, 1>().norm();
+    frame.world_from_camera = found->second;
+  }
+  const auto count = static_cast<double>(by_name.size());
+  write_transforms(request.out, scene);
+  if (common.json)
+    put_json({{"schema_version", 1},
+              {"path", request.out},
+              {"photos", scene.frames.size()},
+              {"refined", by_name.size()},
+              {"turned_degrees", degrees / count},
+              {"shifted", shift / count}});
+  say(common,
+      fmt::format("{}: {} photos, {} with poses that were learned, in the mean {:.3f} degrees and {:.4g} {} from "
+                  "those given{}",
+                  request.out, scene.frames.size(), by_name.size(), degrees / count, shift / count,
+                  scene.metric ? "metres" : "scene units",
+                  by_name.size() < scene.frames.size() ? "; photos that were held out have those given" : ""));
+  return 0;
+}
+
+/// Metres that the learned boxes are from those given, of the boxes that moved.
+std::vector<double> shifts_of(const std::vector<Actor>& learned, const std::vector<Actor>& given) {
+  std::vector<double> out;
+  for (std::size_t a = 0; a < learned.size(); ++a)
+    for (std::size_t b = 0; b < learned[a].boxes.size(); ++b) {
+      const Eigen::Matrix4d moved = learned[a].boxes[b].world_from_box - given.at(a).boxes.at(b).world_from_box;
+      if (!moved.isZero(0)) out.push_back(moved.topRightCorner<3, 1>().norm());
+    }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+/// The log of a run that learned where its boxes are, with those boxes.
+int export_log(const RestoredRun& run, const std::vector<Actor>& actors, const CaptureExport& request,
+               const Common& common) {
+  const std::vector<double> shifts = shifts_of(actors, run.scenes.front().actors);
+  const double median = shifts.empty() ? 0 : shifts[shifts.size() / 2];
+  write_refined_log(request.out, scene_as_listed(run, request.run), actors);
+  if (common.json)
+    put_json(
+        {{"schema_version", 1}, {"path", request.out}, {"boxes_refined", shifts.size()}, {"median_shift_m", median}});
+  say(common, fmt::format("{}: the log, with {} boxes where they were learned, in the median {:.3f} m from those given",
+                          request.out, shifts.size(), median));
+  return 0;
+}
+
+}  // namespace
+
+int export_capture(const RestoredRun& run, const CaptureExport& request, const Common& common) {
+  if (const std::string problem = problem_of(output_folder(), request.out); !problem.empty())
+    throw Error(Fault::usage, "--out: " + problem);
+  if (const auto* refines = as<RefinesPoses>(*run.method))
+    if (const auto poses = refines->refined_poses(); !poses.empty()) return export_photos(run, poses, request, common);
+  if (const auto* refines = as<RefinesBoxes>(*run.method))
+    if (const auto actors = refines->refined_actors(); !actors.empty()) return export_log(run, actors, request, common);
+  throw Error(Fault::usage,
+              text("--format capture: ", request.run, " learned neither poses nor boxes\n  fix: cloam train ",
+                   run.record.method, " DATA --set poses.refine=true (nerf, splat) or actors.refine=true ",
+                   "(street-gaussians)"));
+}
+
+}  // namespace cloam

@@ -1,0 +1,79 @@
+// See refined_log.h.
+#include "models/data/refined_log.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <map>
+
+#include "models/data/data_frame.h"
+#include "models/data/pandaset.h"
+#include "models/io/commit.h"
+#include "runtime/error.h"
+
+namespace cloam {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// By step, then by the actor's id.
+using BoxesOfSteps = std::map<int, std::map<std::string, Eigen::Matrix4d>>;
+
+BoxesOfSteps boxes_of_steps(const std::vector<Actor>& actors) {
+  BoxesOfSteps out;
+  for (const Actor& actor : actors)
+    for (const ActorBox& box : actor.boxes) out[box.step][actor.id] = box.world_from_box;
+  return out;
+}
+
+/// Rows that the reader leaves out (what the second LiDAR saw, too) stay where they are.
+DataFrame moved(const DataFrame& cuboids, const std::map<std::string, Eigen::Matrix4d>& boxes) {
+  const std::vector<std::string>& ids = cuboids.texts("uuid");
+  std::map<std::string, std::vector<double>> columns;
+  for (const char* name : {"position.x", "position.y", "position.z", "yaw"}) columns[name] = cuboids.numbers(name);
+  for (std::size_t row = 0; row < ids.size(); ++row) {
+    const auto found = boxes.find(ids[row]);
+    if (found == boxes.end()) continue;
+    const Eigen::Matrix4d& pose = found->second;
+    for (int axis = 0; axis < 3; ++axis) columns[std::string("position.") + "xyz"[axis]][row] = pose(axis, 3);
+    columns["yaw"][row] = std::atan2(pose(1, 0), pose(0, 0));
+  }
+  DataFrame out;
+  for (const Column& column : cuboids.columns()) {
+    if (std::holds_alternative<std::monostate>(column.values)) continue;
+    const auto changed = columns.find(column.name);
+    out.add({column.name, changed == columns.end() ? column.values : ColumnValues(changed->second)});
+  }
+  return out;
+}
+
+/// Of "annotations/cuboids/07.pkl.gz"; -1 for any other file.
+int step_of_cuboids(const fs::path& name) {
+  const std::string stem = name.stem().stem().string();
+  const bool is_number = !stem.empty() && stem.size() < 9 &&
+                         std::all_of(stem.begin(), stem.end(), [](unsigned char c) { return std::isdigit(c); });
+  return name.parent_path() == fs::path("annotations") / "cuboids" && is_number ? std::stoi(stem) : -1;
+}
+
+}  // namespace
+
+void write_refined_log(const fs::path& folder, const Scene& log, const std::vector<Actor>& actors) {
+  if (log.format != "PandaSet")
+    throw Error(Fault::usage, text("the boxes of a log in the layout of ", log.format,
+                                   " cannot be written, only those of PandaSet's layout"));
+  const BoxesOfSteps boxes = boxes_of_steps(actors);
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(log.root)) {
+    if (!entry.is_regular_file()) continue;
+    const fs::path name = fs::relative(entry.path(), log.root);
+    const auto found = boxes.find(step_of_cuboids(name));
+    if (found == boxes.end()) {
+      commit_link(entry.path(), folder / name);
+      continue;
+    }
+    fs::path packed = folder / name;
+    if (packed.extension() != ".gz") packed += ".gz";
+    write_data_frame(packed, moved(read_data_frame(entry.path()), found->second));
+  }
+}
+
+}  // namespace cloam

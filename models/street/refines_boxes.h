@@ -1,0 +1,17 @@
+// Capability: the boxes of actors move while it learns.
+#pragma once
+#include <vector>
+
+#include "models/scene/scene.h"
+
+namespace cloam {
+
+class RefinesBoxes {
+ public:
+  virtual ~RefinesBoxes() = default;
+  /// The log's actors with their boxes as they were learned, in the log's axes; empty where the settings leave boxes as
+  /// they are.
+  virtual std::vector<Actor> refined_actors() const = 0;
+};
+
+}  // namespace cloam
