@@ -34,7 +34,7 @@ std::vector<std::string> check_images(const Scene& scene, const Reading& how) {
   int odd = 0;  // in size or orientation
   for (const Frame& frame : scene.frames) {
     single.frames = {frame};
-    const Pixels pixels = load_images(single, frame.split, {how.downscale, how.skip_bad, how.masks});
+    const Pixels pixels = load_images(single, frame.split, {how.downscale, how.skip_bad, how.masks, true});
     if (pixels.frames.empty())
       warnings.insert(warnings.end(), pixels.warnings.begin(), pixels.warnings.end());
     else if (!pixels.warnings.empty() && odd++ == 0)

@@ -10,6 +10,8 @@
 namespace cloam {
 namespace {
 
+constexpr float kLeastAhead = 1e-3f;  // of a unit direction: beyond it a depth says nothing of the distance
+
 /// [C,H,W] of [H,W,C] bytes.
 Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int width) {
   const size_t plane = static_cast<size_t>(height) * static_cast<size_t>(width);
@@ -34,7 +36,8 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
     widths.insert(widths.end(), w.begin(), w.end());
   }
   std::vector<uint8_t> rgba, mask;
-  const bool masked = photos.masked();
+  std::vector<float> depths;
+  const auto [masked, has_depths] = photos.planes();
   for (size_t place = 0; place < photos.size(); ++place) {
     const std::shared_ptr<const FramePixels> photo = photos[place];
     const FramePixels& f = *photo;
@@ -45,6 +48,8 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
     rgba.insert(rgba.end(), f.rgba.begin(), f.rgba.end());
     if (masked && f.mask.empty()) mask.insert(mask.end(), count, 255);
     mask.insert(mask.end(), f.mask.begin(), f.mask.end());
+    if (has_depths && f.depth.empty()) depths.insert(depths.end(), count, 0.f);
+    for (const float depth : f.depth) depths.push_back(depth * static_cast<float>(frame.scale));
   }
   if (frames.empty()) throw Error(Fault::data, "no training image is left");
   const auto frame_count = static_cast<int64_t>(photos.size()), pixel_count = static_cast<int64_t>(rgba.size() / 4);
@@ -52,6 +57,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
     throw Error(Fault::memory, text(pixel_count, " training pixels are more than fit: use a larger --downscale"));
   rgba_ = from_host(rgba, {pixel_count, 4});
   if (masked) mask_ = from_host(mask, {pixel_count});
+  if (has_depths) depth_ = from_host(depths, {pixel_count});
   directions_ = from_host(directions, {static_cast<int64_t>(directions.size() / 3), 3});
   widths_ = from_host(widths, {static_cast<int64_t>(widths.size())});
   poses_ = from_host(poses, {frame_count, 12});
@@ -67,10 +73,15 @@ PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& s
   const Tensor pixel = column(0) + inside;
   PixelBatch out;
   const Tensor direction = column(2) + inside;
-  out.rays = world_rays(gather_rows(directions_, direction), gather_rows(poses, frame), frame_, range_);
+  const Tensor towards = gather_rows(directions_, direction);
+  out.rays = world_rays(towards, gather_rows(poses, frame), frame_, range_);
   out.widths = gather_rows(widths_, direction);
   out.rgba = cast(gather_rows(rgba_, pixel), DType::f32) * (1.f / 255.f);
   if (mask_) out.used = cast(gather_rows(mask_, pixel) > 0, DType::f32);
+  if (depth_) {
+    const Tensor ahead = reshape(slice(towards, 1, 2, 3), {share.size(count)});
+    out.depths = where(ahead > kLeastAhead, gather_rows(depth_, pixel) / maximum(ahead, kLeastAhead), 0.f);
+  }
   return out;
 }
 
@@ -78,6 +89,7 @@ PhotoSource::PhotoSource(const Scene& scene, const Pixels& pixels) {
   for (const FramePixels& f : pixels.frames)
     photographs_.push_back({planar(f.rgba, 4, f.height, f.width),
                             f.mask.empty() ? Tensor() : from_host(f.mask, {f.height, f.width}),
+                            f.depth.empty() ? Tensor() : from_host(f.depth, {f.height, f.width}),
                             pixels.cameras[static_cast<size_t>(f.camera)], scene.frames[f.frame].world_from_camera});
   if (photographs_.empty()) throw Error(Fault::data, "no training image is left");
 }

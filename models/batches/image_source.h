@@ -12,6 +12,7 @@ struct PixelBatch {
   Tensor widths;  // [R] of pixels, at distance 1
   Tensor rgba;    // [R,4] in [0,1], straight alpha
   Tensor used;    // [R] 1, or 0 where a mask says ignore; empty when there are no masks
+  Tensor depths;  // [R] how far along the ray, as its span; 0 where it is not known; empty when there are no depth maps
 };
 
 /// All training pixels on the device.
@@ -31,6 +32,7 @@ class PixelSource {
   SceneFrame frame_;
   RayRange range_;
   Tensor rgba_, mask_;  // [P,4], [P] uint8
+  Tensor depth_;        // [P] along the optical axis, normalised
   Tensor directions_;   // [D,3] of length 1, camera axes
   Tensor widths_;       // [D] of pixels, at distance 1
   Tensor poses_;        // [N,12] rotation by rows, position (normalised)
@@ -39,6 +41,7 @@ class PixelSource {
 
 struct Photograph {
   Tensor rgba, mask;  // u8 [4,H,W], [H,W] (empty: all used)
+  Tensor depth;       // [H,W] along the optical axis, scene units, 0 where it is not known; empty: nowhere
   Camera camera;
   Eigen::Matrix4d world_from_camera;
 };

@@ -312,7 +312,7 @@ std::vector<LogSource::Drawn> LogSource::draw_patches(const Scene& scene, HostRa
 Photographed LogSource::add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side,
                                     const Share& share) const {
   const std::shared_ptr<const Scene> scene = scene_.get();
-  HostPixels pixels(share.size(count), side * scale_, side * scale_, photos_.masked());
+  HostPixels pixels(share.size(count), side * scale_, side * scale_, photos_.planes().masks);
   rays.actors.assign(scene->actors.size(), false);
   const std::vector<Drawn> parts = draw_patches(*scene, random, count, side);
   for (const Drawn& part : parts) mark_actors(*scene, rays, part);
@@ -348,7 +348,7 @@ Photographed LogSource::add_object(RayList& rays, HostRandom& random, const Obje
     if (part) mark_actors(*scene, rays, *part);
   const std::optional<Drawn>& own = parts[static_cast<size_t>(share.rank)];
   if (!own) return {};
-  HostPixels pixels(1, own->region.rows * scale_, own->region.columns * scale_, photos_.masked());
+  HostPixels pixels(1, own->region.rows * scale_, own->region.columns * scale_, photos_.planes().masks);
   add_region(*scene, rays, *own, pixels, 0);
   return pixels.tensors();
 }
@@ -372,7 +372,7 @@ Photographed LogSource::add_image(RayList& rays, HostRandom& random, const Objec
   const size_t place = draw_image(random, share);
   const FramePixels& photo = listed(place);
   const Drawn all = {place, {0, 0, photo.width / scale_, photo.height / scale_}};
-  HostPixels pixels(1, all.region.rows * scale_, all.region.columns * scale_, photos_.masked());
+  HostPixels pixels(1, all.region.rows * scale_, all.region.columns * scale_, photos_.planes().masks);
   rays.actors.assign(scene->actors.size(), false);
   mark_actors(*scene, rays, all);
   add_region(*scene, rays, all, pixels, 0);

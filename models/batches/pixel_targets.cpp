@@ -4,6 +4,11 @@
 #include "models/batches/own_rows.h"
 
 namespace cloam {
+namespace {
+
+constexpr float kLeastDepth = 1e-6f;  // in units of any kind: no sum of two lengths is less
+
+}  // namespace
 
 Tensor background_of(const BackgroundKind& which, int64_t rays, const RandomKey& key, const Share& share) {
   const bool random = which.kind == "random" || (which.kind == "auto" && which.is_random_auto);
@@ -20,6 +25,16 @@ Tensor pixel_loss(const std::string& kind, const Tensor& rendered, const Tensor&
   Tensor error = square(rendered - truth);
   if (kind == "charbonnier") error = sqrt(error + 1e-6f);
   return used ? mean(error * unsqueeze(used, 1)) : mean(error);
+}
+
+Tensor depth_errors(const Tensor& lengths, const Tensor& depths) {
+  return where(depths > 0.f, abs(lengths - depths) / maximum(lengths + depths, kLeastDepth), 0.f);
+}
+
+Tensor depth_loss(const DepthSamples& samples, const Tensor& depths) {
+  const auto known = [](const Tensor& of) { return cast(of > 0.f, DType::f32); };
+  const Tensor near = known(samples.depths) - depth_errors(samples.lengths, samples.depths);
+  return (sum(known(depths)) - sum(samples.weights * near)) * (1.f / static_cast<float>(depths.numel()));
 }
 
 }  // namespace cloam

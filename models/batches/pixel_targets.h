@@ -18,4 +18,19 @@ Tensor truth_over(const Tensor& background, const PixelBatch& batch, bool has_al
 /// The mean of the squared error, or of Charbonnier's (kind: charbonnier). used [R] 0 or 1, or an empty handle.
 Tensor pixel_loss(const std::string& kind, const Tensor& rendered, const Tensor& truth, const Tensor& used);
 
+/// How far lengths are from what depth maps say: |t - d| / (t + d), from 0 to 1; 0 where d is not known (0). Shapes as
+/// they broadcast.
+Tensor depth_errors(const Tensor& lengths, const Tensor& depths);
+
+/// Samples along rays, of shapes that broadcast with each other.
+struct DepthSamples {
+  Tensor lengths, weights;  // along the ray; of what is seen, as composite_weights
+  Tensor depths;            // of their rays, as PixelBatch has them
+};
+/// The mean over rays of how far light must be moved to come from the depth that a sensor saw, by depth_errors (the
+/// earth mover's distance); light that comes from nowhere is as far as can be. Like DS-NeRF's loss (Deng et al. 2022)
+/// and that of URF (Rematas et al. 2022) on lines of sight, it leaves nothing before a surface. Rays without a depth
+/// add nothing. depths: of each ray, once.
+Tensor depth_loss(const DepthSamples& samples, const Tensor& depths);
+
 }  // namespace cloam

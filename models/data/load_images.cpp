@@ -6,6 +6,7 @@
 #include <exception>
 #include <functional>
 
+#include "models/data/depth_map.h"
 #include "models/data/reader.h"
 #include "models/io/image.h"
 #include "models/io/in_parallel.h"
@@ -109,7 +110,7 @@ class Lister {
   PhotoFile file(std::size_t place) const { return {scene_, listed.frames[place]}; }
 
   Pixels listed;
-  bool masked = false;
+  PhotoPlanes planes;
 
  private:
   /// header: an image without pixels.
@@ -125,7 +126,8 @@ class Lister {
     if (options_.downscale > std::min(width, height)) (void)downscale({width, height, 1, {}}, options_.downscale);
     const Camera small = scaled(full, options_.downscale);
     listed.frames.push_back({index, find_or_add(listed.cameras, small), small.width, small.height, {}, {}});
-    masked = masked || frame.ego_rows > 0 || (frame.mask && options_.masks == MaskMeaning::ignore);
+    planes.masks |= frame.ego_rows > 0 || (frame.mask && options_.masks == MaskMeaning::ignore);
+    planes.depths |= options_.depths && frame.depth;
   }
 
   void warn(const Remark& remark, const char* what, const char* why) {
@@ -158,6 +160,12 @@ Image read_mask(const PhotoFile& file, const Image& image, int turn) {
            file.frame.image, " has ", image.width, "x", image.height);
 }
 
+/// Nothing is known of pixels that do not count.
+void forget_unused(FramePixels& photo) {
+  for (std::size_t i = 0; i < photo.depth.size(); ++i)
+    if (photo.rgba[4 * i + 3] < kMaskThreshold || (!photo.mask.empty() && photo.mask[i] == 0)) photo.depth[i] = 0;
+}
+
 /// The photo that was listed as `outline`.
 FramePixels load(const PhotoFile& file, const FramePixels& outline, const LoadOptions& options) {
   FramePixels result = outline;
@@ -169,13 +177,19 @@ FramePixels load(const PhotoFile& file, const FramePixels& outline, const LoadOp
     if (options.masks == MaskMeaning::ignore) result.mask = as_mask(mask, options.downscale);
     if (options.masks == MaskMeaning::transparent) full = without_background(full, mask);
   }
-  const int full_height = full.height;
+  const int full_width = full.width, full_height = full.height;
   Image image = options.downscale == 1 ? std::move(full) : downscale(full, options.downscale);
   if (image.width != outline.width || image.height != outline.height)
     bad_data(file.frame.image, ": ", image.width, "x", image.height, " pixels as loaded, ", outline.width, "x",
              outline.height, " when it was listed; restore the file");
   if (file.frame.ego_rows > 0) ignore_ego(result, file.frame.ego_rows, full_height, options.downscale);
   result.rgba = image.channels == 4 ? std::move(image.pixels) : as_rgba(image);
+  if (options.depths && file.frame.depth) {
+    const DepthPhoto photo{full_width, full_height, turn, options.downscale,
+                           scaled(resized(file.camera, full_width, full_height), options.downscale)};
+    result.depth = depth_of(file.root, *file.frame.depth, photo);
+    forget_unused(result);
+  }
   return result;
 }
 
@@ -243,7 +257,7 @@ PhotoStore store_images(const RestingScene& scene, Split split, const LoadOption
     const std::shared_ptr<const Scene> then = scene.get();
     return load({*then, outline}, outline, options);
   };
-  return {std::move(list.listed), list.masked, load_one, store};
+  return {std::move(list.listed), list.planes, load_one, store};
 }
 
 }  // namespace cloam

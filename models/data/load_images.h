@@ -9,6 +9,7 @@ struct LoadOptions {
   int downscale = 1;
   bool skip_bad = false;  // drop damaged images with a warning instead of stopping
   MaskMeaning masks = MaskMeaning::ignore;
+  bool depths = false;  // read depth maps, too
 };
 
 /// Where an image's size is not that of its camera, the intrinsics are scaled, with a warning, if the aspect ratio
@@ -16,6 +17,7 @@ struct LoadOptions {
 /// factor that leaves no pixel. A mask's pixel is ignored if any of the pixels that it stands for is black; where masks
 /// mean transparent, FramePixels::mask is empty and alpha is 0 there. Images that EXIF says are turned by a right angle
 /// are turned if their camera has the turned size and not the stored one; else they are used as stored, with a warning.
+/// Depths are as depth_of (depth_map.h) has them, and 0 where a mask or alpha leaves the pixel out.
 Pixels load_images(const Scene& scene, Split split, const LoadOptions& options = {});
 
 /// The same images, decoded when they are asked for and kept as far as the store has room. Only their headers are read

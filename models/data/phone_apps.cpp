@@ -5,6 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "models/data/depth_map.h"
 #include "models/data/photos.h"
 #include "models/data/poses.h"
 #include "models/io/json.h"
@@ -34,22 +35,27 @@ std::string image_beside(const fs::path& root, const fs::path& folder, const std
   return (folder / (stem + ".jpg")).generic_string();
 }
 
-void warn_of_depth(Scene& scene, const fs::path& folder) {
-  std::error_code error;
-  if (fs::is_directory(scene.root / folder, error))
-    scene.warnings.push_back(folder.generic_string() + " is ignored: depth maps are not used in training");
+/// FOLDER/NAME as scenes name it, if it is there.
+std::optional<std::string> file_in(const fs::path& root, const fs::path& folder, const std::string& name) {
+  if (!has_file(root / folder / name)) return std::nullopt;
+  return (folder / name).generic_string();
 }
 
-/// Adds the frame, or its name to those that are missing.
-void add_frame(Scene& scene, const std::string& image, const Camera& camera, const Eigen::Matrix4d& pose,
+std::optional<DepthMap> depth_in(const fs::path& root, const fs::path& folder, const std::string& name) {
+  const auto file = file_in(root, folder, name);
+  if (!file) return std::nullopt;
+  return DepthMap{*file, std::nullopt, usual_depth_unit(*file)};
+}
+
+/// Adds the frame, or its name to those that are missing. pose: as ARKit has it.
+void add_frame(Scene& scene, Frame frame, const Camera& camera, const Eigen::Matrix4d& pose,
                std::vector<std::string>& missing) {
   ++scene.frames_listed;
-  if (!is_file(scene.root / image)) {
-    missing.push_back(image);
+  if (!is_file(scene.root / frame.image)) {
+    missing.push_back(frame.image);
     return;
   }
-  Frame frame;
-  frame.name = frame.image = image;
+  frame.name = frame.image;
   frame.camera = find_or_add(scene.cameras, camera);
   frame.world_from_camera = opencv_from_opengl_pose(pose);
   scene.frames.push_back(std::move(frame));
@@ -150,11 +156,14 @@ Scene read_polycam(const fs::path& root, const ReadOptions& options) {
     const std::string where = (folders.cameras / file.filename()).generic_string();
     guarded(options.skip_bad, scene.warnings, "frame dropped", [&] {
       const Json json = parse_json_file(file);
-      add_frame(scene, image_beside(root, folders.images, file.stem().string()), polycam_camera(json, where),
-                polycam_pose(json, where), missing);
+      const std::string stem = file.stem().string();
+      Frame frame;
+      frame.image = image_beside(root, folders.images, stem);
+      frame.depth = depth_in(root, "keyframes/depth", stem + ".png");
+      if (frame.depth) frame.depth->confidence = file_in(root, "keyframes/confidence", stem + ".png");
+      add_frame(scene, std::move(frame), polycam_camera(json, where), polycam_pose(json, where), missing);
     });
   }
-  warn_of_depth(scene, "keyframes/depth");
   finish_photos(scene, missing, options);
   return scene;
 }
@@ -174,10 +183,13 @@ Scene read_record3d(const fs::path& root, const ReadOptions& options) {
   std::vector<std::string> missing;
   for (std::size_t i = 0; i < poses.size(); ++i)
     guarded(options.skip_bad, scene.warnings, "frame dropped", [&] {
-      add_frame(scene, image_beside(root, folder / "rgb", std::to_string(i)), record3d_camera(json, i, name),
+      const std::string stem = std::to_string(i);
+      Frame frame;
+      frame.image = image_beside(root, folder / "rgb", stem);
+      frame.depth = depth_in(root, folder / "depth", stem + ".exr");
+      add_frame(scene, std::move(frame), record3d_camera(json, i, name),
                 record3d_pose(poses[i], text(name, ", pose ", i)), missing);
     });
-  warn_of_depth(scene, folder / "depth");
   finish_photos(scene, missing, options);
   scene.up = mean_up(scene);
   return scene;

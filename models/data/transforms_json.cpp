@@ -9,6 +9,7 @@
 #include <numbers>
 #include <set>
 
+#include "models/data/depth_map.h"
 #include "models/data/photos.h"
 #include "models/data/poses.h"
 #include "models/io/image.h"
@@ -119,7 +120,6 @@ class TransformsReader {
   }
 
   Scene finish() {
-    warn_of_unused();
     finish_photos(scene_, missing_, options_);
     return std::move(scene_);
   }
@@ -134,7 +134,6 @@ class TransformsReader {
                                   options_.allow_outside);  // before the name is shown: it checks the characters
     where += " (" + frame.name + ")";
     const Eigen::Matrix4d pose = matrix4(json, "transform_matrix", where);
-    if (json.contains("depth_file_path")) ++depth_maps_;
     frame.world_from_camera = opencv_from_opengl_pose(rigid(pose, where));
     if (!image) {
       missing_.push_back(frame.name);
@@ -143,9 +142,9 @@ class TransformsReader {
     frame.image = *image;
     frame.split = source.split_of(frame.name);
     frame.timestamp = optional_number(json, "time", where);
-    frame.mask = optional_string(json, "mask_path", where);
-    if (frame.mask) frame.mask = path_named(scene_.root, *frame.mask, options_.allow_outside);
-    if (frame.mask && !has_file(scene_.root / *frame.mask)) bad_data(where, ": the mask ", *frame.mask, " is missing");
+    const Settings settings{source.file, json, where};
+    frame.mask = named(settings, "mask_path", "mask");
+    frame.depth = depth_map(settings);
     frame.camera = index_of(read_camera_json(source.file, json, scene_.root / frame.image, where));
     scene_.frames.push_back(std::move(frame));
   }
@@ -181,17 +180,32 @@ class TransformsReader {
                                      " are left out: their positions are not finite"));
   }
 
-  void warn_of_unused() {
-    if (depth_maps_ == 0) return;
-    const std::string times = depth_maps_ > 1 ? text(" (", depth_maps_, " times)") : "";
-    scene_.warnings.push_back("depth_file_path is ignored" + times + ": depth maps are not used in training");
+  /// A file that the frame names, if it does.
+  std::optional<std::string> named(const Settings& settings, const std::string& key, const char* what) {
+    const auto listed = optional_string(settings.frame, key, settings.where);
+    if (!listed) return std::nullopt;
+    const std::string file = path_named(scene_.root, *listed, options_.allow_outside);
+    if (!has_file(scene_.root / file))
+      bad_data(settings.where, ": the ", what, " ", file, " is missing; copy it to there, or remove ", key,
+               " from the list");
+    return file;
+  }
+
+  /// As nerfstudio names it, with the factor that it takes as a setting of its reader.
+  std::optional<DepthMap> depth_map(const Settings& settings) {
+    const auto file = named(settings, "depth_file_path", "depth map");
+    if (!file) return std::nullopt;
+    DepthMap depth{*file, named(settings, "confidence_file_path", "map of confidence")};
+    depth.unit = settings.number("depth_unit_scale_factor", usual_depth_unit(depth.file));
+    if (!(depth.unit > 0)) bad_data(settings.where, ": depth_unit_scale_factor is ", depth.unit, ", want more than 0");
+    depth.along_ray = flag(settings.file, "is_euclidean_depth", false, settings.where);
+    return depth;
   }
 
   ReadOptions options_;
   Scene scene_;
   std::vector<std::string> missing_;
   std::map<Camera, int> cameras_;  // places in the scene's
-  std::size_t depth_maps_ = 0;     // how many frames name one
 };
 
 }  // namespace

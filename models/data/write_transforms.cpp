@@ -1,6 +1,7 @@
 // See write_transforms.h.
 #include "models/data/write_transforms.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "models/data/poses.h"
@@ -34,11 +35,11 @@ void put_camera(const Camera& camera, Ordered& to) {
   if (camera.p2 != 0) to["p2"] = camera.p2;
 }
 
-/// A file of the capture once more, under its own name, or where that leads outside, under a number.
-std::string copied(const fs::path& folder, const fs::path& root, const std::string& name, std::size_t number) {
+/// A file of the capture once more, under its own name, or where that leads outside, under `inside`.
+std::string copied(const fs::path& folder, const fs::path& root, const std::string& name, const std::string& inside) {
   const fs::path plain = fs::path(name).lexically_normal();
   const bool outside = plain.is_absolute() || (!plain.empty() && *plain.begin() == "..");
-  const fs::path to = outside ? fs::path("outside") / (std::to_string(number) + plain.extension().string()) : plain;
+  const fs::path to = outside ? fs::path("outside") / (inside + plain.extension().string()) : plain;
   commit_link(root / name, folder / to);
   return to.generic_string();
 }
@@ -51,8 +52,16 @@ Ordered rows_of(const Eigen::Matrix4d& matrix) {
 
 Ordered frame_of(const fs::path& folder, const Scene& scene, std::size_t index) {
   const Frame& frame = scene.frames[index];
-  Ordered out = {{"file_path", copied(folder, scene.root, frame.image, index)}};
-  if (frame.mask) out["mask_path"] = copied(folder, scene.root, *frame.mask, index);
+  const auto put = [&](const std::string& file, const std::string& kind) {
+    return copied(folder, scene.root, file, std::to_string(index) + kind);
+  };
+  Ordered out = {{"file_path", put(frame.image, "")}};
+  if (frame.mask) out["mask_path"] = put(*frame.mask, "_mask");
+  if (frame.depth) {
+    out["depth_file_path"] = put(frame.depth->file, "_depth");
+    out["depth_unit_scale_factor"] = frame.depth->unit;
+    if (frame.depth->confidence) out["confidence_file_path"] = put(*frame.depth->confidence, "_confidence");
+  }
   if (frame.timestamp) out["time"] = *frame.timestamp;
   // Two axes change their signs, which is its own inverse.
   out["transform_matrix"] = rows_of(opencv_from_opengl_pose(frame.world_from_camera));
@@ -67,6 +76,8 @@ void write_transforms(const fs::path& folder, const Scene& scene) {
   if (scene.cameras.size() == 1) put_camera(scene.cameras.front(), train);
   for (const Camera& camera : scene.cameras) model_name(camera);  // before anything is written
   if (scene.hints.aabb_scale) train["aabb_scale"] = *scene.hints.aabb_scale;
+  const auto along_ray = [](const Frame& frame) { return frame.depth && frame.depth->along_ray; };
+  if (std::any_of(scene.frames.begin(), scene.frames.end(), along_ray)) train["is_euclidean_depth"] = true;
   test = train;
   train["frames"] = test["frames"] = Ordered::array();
   const bool apart = scene.hints.synthetic_bounds;

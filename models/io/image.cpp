@@ -433,19 +433,25 @@ Labels read_labels(const std::filesystem::path& path) {
   return labels;
 }
 
-std::vector<float> read_exr_layer(const std::filesystem::path& path, const std::string& name) {
+FloatPlane read_exr_layer(const std::filesystem::path& path, const std::vector<std::string>& names) {
   Decoder decoder = open(path, 64);
-  const auto& names = decoder.spec.channelnames;
-  const auto found = std::find(names.begin(), names.end(), name);
+  const auto& all = decoder.spec.channelnames;
+  const auto found = std::find_first_of(names.begin(), names.end(), all.begin(), all.end());
   if (found == names.end())
-    bad_data(path.string(), ": no layer ", name, ", it has: ", OIIO::Strutil::join(names, ", "));
-  const std::size_t channel = found - names.begin(), channels = names.size(), width = decoder.spec.width;
-  std::vector<float> layer(decoder.spec.image_pixels());
+    bad_data(path.string(), ": no layer ", OIIO::Strutil::join(names, " or "),
+             ", it has: ", OIIO::Strutil::join(all, ", "));
+  const std::size_t channel = std::find(all.begin(), all.end(), *found) - all.begin(), channels = all.size();
+  FloatPlane layer{decoder.spec.width, decoder.spec.height, std::vector<float>(decoder.spec.image_pixels())};
   decode_blocks(decoder, [&](const Block& block, const std::vector<float>& values) {
     for (std::size_t i = 0; i * channels < values.size(); ++i)
-      layer[(block.y + i / block.width) * width + block.x + i % block.width] = values[i * channels + channel];
+      layer.values[(block.y + i / block.width) * layer.width + block.x + i % block.width] =
+          values[i * channels + channel];
   });
   return layer;
+}
+
+std::vector<float> read_exr_layer(const std::filesystem::path& path, const std::string& name) {
+  return read_exr_layer(path, std::vector<std::string>{name}).values;
 }
 
 void write_png(const std::filesystem::path& path, const Image& image, const std::string& description) {

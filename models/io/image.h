@@ -42,6 +42,9 @@ ImageSize peek_image_size(const std::filesystem::path& path);
 /// by part, so that no more than 64 MB of floats are held at once.
 Image read_image(const std::filesystem::path& path);
 
+/// The places of the upright image's pixels, row by row, in an image of that size as stored.
+std::vector<std::size_t> upright_places(int width, int height, int orientation);
+
 /// The image as it is to be looked at if its EXIF orientation is this one (1 to 8): mirrored, turned, or both.
 Image upright(const Image& image, int orientation);
 
@@ -93,6 +96,16 @@ struct Layer {
 
 /// All layers in one file as float32. By the convention of EXR, R G B are multiplied by A. Replaces `path` in one step.
 void write_exr(const std::filesystem::path& path, int width, int height, const std::vector<Layer>& layers);
+
+/// Numbers [height, width].
+struct FloatPlane {
+  int width = 0;
+  int height = 0;
+  std::vector<float> values;
+};
+
+/// The first of these layers that an EXR has. Fault::data if it has none of them.
+FloatPlane read_exr_layer(const std::filesystem::path& path, const std::vector<std::string>& names);
 
 /// One layer of an EXR, [height, width]. Fault::data if the file has no such layer (the error lists those it has).
 std::vector<float> read_exr_layer(const std::filesystem::path& path, const std::string& name);

@@ -129,21 +129,30 @@ Image downscale(const Image& image, int factor) {
 }
 
 // Where the pixel (row, column) of the result lies: JEITA CP-3451, tag 274. 5 to 8 change rows and columns.
-Image upright(const Image& image, int orientation) {
-  if (orientation <= 1) return image;
+std::vector<std::size_t> upright_places(int width, int height, int orientation) {
   const bool swap = orientation >= 5;
   const bool from_bottom = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
   const bool from_right = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+  std::vector<std::size_t> places;
+  places.reserve(std::size_t(width) * height);
+  for (int row = 0; row < (swap ? width : height); ++row) {
+    for (int column = 0; column < (swap ? height : width); ++column) {
+      const int down = swap ? column : row, across = swap ? row : column;
+      const std::size_t from_row = from_bottom ? height - 1 - down : down;
+      places.push_back(from_row * width + (from_right ? width - 1 - across : across));
+    }
+  }
+  return places;
+}
+
+Image upright(const Image& image, int orientation) {
+  if (orientation <= 1) return image;
+  const bool swap = orientation >= 5;
   Image result{swap ? image.height : image.width, swap ? image.width : image.height, image.channels, {}};
   result.pixels.reserve(image.pixels.size());
-  for (int row = 0; row < result.height; ++row) {
-    for (int column = 0; column < result.width; ++column) {
-      const int down = swap ? column : row, across = swap ? row : column;
-      const std::size_t from_row = from_bottom ? image.height - 1 - down : down;
-      const std::size_t from_column = from_right ? image.width - 1 - across : across;
-      const auto pixel = image.pixels.begin() + (from_row * image.width + from_column) * image.channels;
-      result.pixels.insert(result.pixels.end(), pixel, pixel + image.channels);
-    }
+  for (const std::size_t place : upright_places(image.width, image.height, orientation)) {
+    const auto pixel = image.pixels.begin() + static_cast<std::ptrdiff_t>(place * image.channels);
+    result.pixels.insert(result.pixels.end(), pixel, pixel + image.channels);
   }
   return result;
 }

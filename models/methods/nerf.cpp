@@ -60,6 +60,7 @@ void Nerf::configure(Config& c) {
   c.bind("train.decay_steps", o.decay_steps, "steps until the final learning rate; 0: the length of the training",
          kStepsOrNone);
   c.bind("weight.distortion", o.distortion, "weight of the distortion loss");
+  c.bind("weight.depth", o.depth, "weight of the difference from depth maps, where there are any");
   c.bind("train.loss", o.loss, "pixel loss: square or charbonnier");
   poses_.configure(c);
 }
@@ -121,6 +122,10 @@ Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   const auto loss_of = [&](const Tensor& rendered) { return pixel_loss(config_.loss, rendered, truth, batch.used); };
   Tensor loss = loss_of(fine) + spread;
   if (seen.coarse) loss = loss + loss_of(colour(seen.coarse));
+  if (batch.depths) {
+    const auto& [distance, ray, weight] = seen.along;
+    loss = loss + config_.depth * depth_loss({distance, weight, gather_rows(batch.depths, ray)}, batch.depths);
+  }
   Step step = step_of(loss, wanted);
   step.weight = static_cast<double>(progress.share.size(rays_)) / static_cast<double>(rays_);
   step.counts = {&samples_, &marched_};

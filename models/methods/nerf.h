@@ -24,6 +24,7 @@ class Nerf final : public Method,
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
+  bool uses_depths() const override { return config_.depth > 0; }
   void load_data(std::vector<TrainingData> data) override;
   MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }

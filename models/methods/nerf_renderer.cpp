@@ -99,7 +99,7 @@ NerfRenderer::Rendered NerfRenderer::shade_marched(const Rays& rays, const Rays&
   const FieldOutput out = (*field_)(points_of(s, path, frame_.contract), rays.directions, s.ray);
   const Tensor depth = depths(rays, s.t, s.ray, how.distances);
   const Medium medium{per_length(out.sigma), s.offsets, s.dt};
-  const Along along{depth, s.ray, composite_weights(medium)};
+  const Along along{depths(rays, s.t, s.ray, true), s.ray, composite_weights(medium)};
   return {composite(medium, {out.rgb, depth}), Tensor(), along, s.t.dim(0), all.t.dim(0)};
 }
 
@@ -118,7 +118,7 @@ NerfRenderer::Rendered NerfRenderer::shade_edges(const Field& field, const Rays&
   const FieldOutput out = field(unit_points(reshape(points, {count * n, 3}), frame_.contract), rays.directions, of_ray);
   const Medium medium{per_length(out.sigma), from_host(first, {count + 1}), reshape(length, {count * n})};
   const Tensor depth = depths(rays, reshape(t, {count * n}), of_ray, distances);
-  const Along along{depth, of_ray, composite_weights(medium)};
+  const Along along{depths(rays, reshape(t, {count * n}), of_ray, true), of_ray, composite_weights(medium)};
   return {composite(medium, {out.rgb, depth}), Tensor(), along, count * n, count * n};
 }
 

@@ -26,6 +26,7 @@ struct NerfConfig {
   float decay_start = 0.3f;                         // share of the horizon before the rate falls
   int decay_steps = 0;          // not 0: the rate reaches final_rate after so many steps, whatever the horizon
   float distortion = 0.005f;    // mip-NeRF 360: draws each ray's weights together
+  float depth = 0.03f;          // of what depth maps say
   std::string loss = "square";  // square | charbonnier
   int occupancy_every = 16, occupancy_start = 64;
 };
@@ -36,7 +37,7 @@ class NerfRenderer {
   /// fit together.
   NerfRenderer(const NerfConfig& config, const Scene& scene, const Scope& root);
   struct Along {
-    Tensor distance, ray, weight;  // [S] of the samples; distances as Sampling has them
+    Tensor distance, ray, weight;  // [S] of the samples
   };
   struct Rendered {
     Tensor fine, coarse;               // [R,6] of composite(); coarse only with importance sampling

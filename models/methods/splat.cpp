@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "models/gaussians/initialise.h"
 #include "models/render/undistort.h"
 #include "models/splat/initial_gaussians.h"
 #include "runtime/device.h"
@@ -18,13 +19,14 @@ constexpr float kFinalExposure = 0.1f;  // factor on the rate
 
 void Splat::configure(Config& c) {
   SplatConfig& o = config_;
-  c.bind("initial", o.initial, "initial Gaussians: auto, points, lidar, random, or a file of points or splats");
+  c.bind("initial", o.initial, "initial Gaussians: auto, points, lidar, depths, random, or a file of points or splats");
   c.bind("initial.random", o.initial_random, "number of random initial Gaussians", {1, 1 << 28});
   c.bind("background", o.background, "background colour: auto, black, white or random");
   c.bind("antialiased", o.antialiased, "reduce opacities to make up for the pixel filter (Mip-Splatting)");
   c.bind("near", o.near, "near plane, relative to the cameras' radius");
   bind_harmonics(c, o.harmonics);
   c.bind("weight.ssim", o.ssim, "weight of 1 - SSIM; the rest is the weight of L1", {0, 1});
+  c.bind("weight.depth", o.depth, "weight of the difference from depth maps, where there are any");
   bind_rates(c, o.rates);
   c.bind("exposure", o.exposure, "learn a gain and an offset per image and channel, with means 1 and 0");
   c.bind("train.rate_exposure", o.rate_exposure, "learning rate of the exposures; it falls to a tenth");
@@ -42,10 +44,11 @@ void Splat::build(const Scenes& scenes, uint64_t seed) {
   growth_ = make_growth(config_.growth, cameras_);
   // A capture that comes from a run folder has no files: the gaussians come with the checkpoint.
   const bool restored = scene.root.empty();
-  InitialGaussians first = {{{0, 0, 0}, {0, 0, 0}, {1, 0, 0, 0}, {0}, {0, 0, 0}, std::vector<float>(45)}};
-  if (!restored) first = initial_gaussians(scene, {config_.initial, config_.initial_random, seed});
+  InitialGaussians first = {one_gaussian()};
+  if (!restored) first = initial_gaussians(scene, {config_.initial, config_.initial_random, seed, uses_depths()});
   put(first.gaussians);
   grey_ = first.grey;
+  from_depths_ = first.from_depths;
   const auto frames = static_cast<int64_t>(frames_of(scene, Split::train).size());
   if (config_.exposure)
     params_["exposure"] = parameter(std::vector<float>(static_cast<size_t>(6 * frames), 0), {frames, 6});
@@ -53,7 +56,7 @@ void Splat::build(const Scenes& scenes, uint64_t seed) {
 }
 
 std::vector<std::string> Splat::warnings(const Scene& scene) const {
-  if (config_.initial != "auto" || scene.cloud.count() > 0 || !scene.sweeps.empty()) return {};
+  if (config_.initial != "auto" || scene.cloud.count() > 0 || !scene.sweeps.empty() || from_depths_) return {};
   return {
       "no points: Gaussians start at random positions in the region that the cameras see; a COLMAP model with points "
       "gives a better start (cloam process PHOTOS -o DATA makes one)"};
@@ -74,15 +77,16 @@ void Splat::fit_to(const TensorMap& parameters) {
 void Splat::load_data(std::vector<TrainingData> data) {
   const Pixels pixels = undistorted(data.front().photos.all());
   photos_ = std::make_unique<PhotoSource>(*data.front().scene.get(), pixels);
-  if (!grey_) return;
+  if (!grey_ && !from_depths_) return;
   std::vector<PosedPhoto> photos;
   for (const FramePixels& photo : pixels.frames) {
     const Photograph& taken = photos_->photographs()[photos.size()];
     photos.push_back({photo, taken.camera, taken.world_from_camera});
   }
-  Gaussians coloured = gaussians();
-  colour_from(photos, coloured);
-  put(coloured);
+  Gaussians begun =
+      from_depths_ ? gaussians_from_points(points_from_depths(photos, config_.initial_random)) : gaussians();
+  if (grey_) colour_from(photos, begun);
+  put(begun);
 }
 
 MemoryPlan Splat::memory(const PhotoSizes& photos) const {
@@ -112,10 +116,11 @@ Step Splat::step(const Progress& progress, const Tensors& wanted) {
   const int64_t count = gaussian_count(params_);
   const Tensor probe =
       config_.growth.absolute ? parameter(std::vector<float>(static_cast<size_t>(2 * count)), {count, 2}) : Tensor();
-  const auto [picture, truth, drawn] =
+  const auto [picture, truth, drawn, depth_error] =
       renderer_->compare(photos_->photographs()[which], {which, poses_, progress, probe});
   const Likeness alike = likeness(picture, truth);
   Tensor loss = (1.f - config_.ssim) * alike.l1 + config_.ssim * (1.f - alike.ssim);
+  if (depth_error) loss = loss + config_.depth * depth_error;
   if (const Tensor penalty = growth_->penalty(splat_model(params_, 0).cloud)) loss = loss + penalty;
   Tensors all = wanted;
   all.push_back(probe ? probe : drawn.seen);

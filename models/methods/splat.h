@@ -25,6 +25,7 @@ class Splat final : public Method,
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
+  bool uses_depths() const override { return config_.depth > 0 || config_.initial == "depths"; }
   void load_data(std::vector<TrainingData> data) override;
   MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }
@@ -47,8 +48,9 @@ class Splat final : public Method,
 
   SplatConfig config_;
   CameraRegion cameras_;
-  bool grey_ = false;  // begun without colours: the photos have them
-  Gaussians common_;   // none: up and metric of all
+  bool grey_ = false;         // begun without colours: the photos have them
+  bool from_depths_ = false;  // begun with one gaussian: the photos' depth maps have the others
+  Gaussians common_;          // none: up and metric of all
   Params params_;
   std::unique_ptr<SplatRenderer> renderer_;
   std::unique_ptr<Growth> growth_;

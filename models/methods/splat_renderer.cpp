@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/batches/pixel_targets.h"
 #include "models/render/undistort.h"
 #include "models/splat/parameters.h"
 
@@ -11,6 +12,13 @@ namespace cloam {
 namespace {
 
 constexpr uint32_t kBackgroundStream = 1;  // stream of random numbers within a step
+constexpr float kLeastOpacity = 1e-2f;     // of a pixel whose depth is asked for
+
+/// The mean over all pixels. Where gaussians cover a pixel in part, what they are behind is that of what covers it.
+Tensor mean_depth_error(const Drawn& drawn, const Tensor& depths) {
+  const Tensor opacity = maximum(1.f - drawn.transmittance, kLeastOpacity);
+  return mean(depth_errors(reshape(slice(drawn.planes, 0, 3, 4), depths.shape()) / opacity, depths));
+}
 
 }  // namespace
 
@@ -39,10 +47,13 @@ SplatRenderer::Compared SplatRenderer::compare(const Photograph& photograph, con
   Compared out;
   Tensor view = view_matrix(photograph.world_from_camera);
   if (how.poses.on()) view = how.poses.moved_view(view, how.place);
+  const bool has_depth = photograph.depth && config_.depth > 0;
   out.drawn = draw(splat_model(params_, degree_at(config_.harmonics, how.progress)), photograph.camera, view,
-                   {near_, config_.antialiased, false, how.probe});
+                   {near_, config_.antialiased, has_depth, how.probe});
+  if (has_depth) out.depth_error = mean_depth_error(out.drawn, photograph.depth);
   const Tensor background = background_for(how.progress);
-  out.picture = exposed(out.drawn.planes + unsqueeze(out.drawn.transmittance, 0) * background, how.place);
+  const Tensor colours = has_depth ? slice(out.drawn.planes, 0, 0, 3) : out.drawn.planes;
+  out.picture = exposed(colours + unsqueeze(out.drawn.transmittance, 0) * background, how.place);
   const Tensor rgba = cast(photograph.rgba, DType::f32) / 255.f;
   out.truth = slice(rgba, 0, 0, 3);
   if (has_alpha_) {

@@ -11,13 +11,14 @@
 namespace cloam {
 
 struct SplatConfig {
-  std::string initial = "auto";     // auto | points | lidar | random
+  std::string initial = "auto";     // as InitialOptions::kind
   int initial_random = 20000;       // gaussians
   std::string background = "auto";  // auto | black | white | random
   bool antialiased = false;
   float near = 0.01f;  // of the scene's extent
   HarmonicSteps harmonics;
-  float ssim = 0.2f;  // weight; 1 - ssim is that of the absolute difference
+  float ssim = 0.2f;   // weight; 1 - ssim is that of the absolute difference
+  float depth = 0.1f;  // weight of what depth maps say
   GaussianRates rates;
   bool exposure = false;        // a gain and an offset for each channel of each training image, their means 1 and 0
   float rate_exposure = 0.01f;  // falls to a tenth
@@ -31,6 +32,7 @@ class SplatRenderer {
   struct Compared {
     Tensor picture, truth;  // [3,H,W] on one background, black where a mask says ignore
     Drawn drawn;
+    Tensor depth_error;  // [1]: the mean of depth_errors over all pixels; empty: there is no depth map, or no weight
   };
   struct Comparison {
     size_t place;  // of the photograph, and of its exposure and its pose

@@ -42,6 +42,7 @@ void ZipNerf::configure(Config& c) {
   c.bind("weight.interlevel", o.interlevel, "weight of the anti-aliased interlevel loss");
   c.bind("weight.distortion", o.distortion, "weight of the distortion loss");
   c.bind("weight.decay", o.decay, "weight of the grids' mean squares");
+  c.bind("weight.depth", o.depth, "weight of the difference from depth maps, where there are any");
   c.bind("train.rate", o.learning_rate, "learning rate of Adam");
   c.bind("train.final_rate", o.final_rate, "learning rate at the last step, as a fraction of train.rate");
   c.bind("train.warm_up", o.warm_up, "steps until the learning rate is reached", kStepsOrNone);
@@ -88,8 +89,11 @@ Step ZipNerf::step(const Progress& progress, const Tensors& wanted) {
   const Tensor colour = slice(seen.rays, 1, 0, 3) + background * (1.f - slice(seen.rays, 1, 3, 4));
   const Tensor truth = truth_over(background, batch, has_alpha_);
   const Tensor interlevel = renderer_->interlevel(seen);
-  const Tensor loss = pixel_loss("charbonnier", colour, truth, batch.used) + interlevel * config_.interlevel +
-                      distortion_loss(seen.histograms.back()) * config_.distortion + renderer_->decay() * config_.decay;
+  Tensor loss = pixel_loss("charbonnier", colour, truth, batch.used) + interlevel * config_.interlevel +
+                distortion_loss(seen.histograms.back()) * config_.distortion + renderer_->decay() * config_.decay;
+  if (batch.depths)
+    loss = loss + config_.depth * depth_loss({seen.middles, seen.histograms.back().weights, unsqueeze(batch.depths, 1)},
+                                             batch.depths);
   Step step = step_of(loss, wanted);
   step.weight = static_cast<double>(progress.share.size(rays)) / static_cast<double>(rays);
   step.figures = {psnr_figure(mean(square(stop_gradient(colour) - truth))),

@@ -15,6 +15,7 @@ class ZipNerf final : public Method, public LearnsFromCaptures, public RendersVi
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
+  bool uses_depths() const override { return config_.depth > 0; }
   void load_data(std::vector<TrainingData> data) override;
   MemoryPlan memory(const PhotoSizes& photos) const override;
   Params& parameters() override { return params_; }

@@ -107,6 +107,7 @@ ZipNerfRenderer::Rendered ZipNerfRenderer::shade(const Cones& cones, const Sampl
     out.rays = concat({sum(by_sample * reshape(seen.rgb, {count, pieces, 3}), {{1}}), sum(last.weights, {{1}, true}),
                        sum(last.weights * middle, {{1}, true})},
                       1);
+    out.middles = middle;
   }
   return out;
 }

@@ -25,7 +25,7 @@ struct ZipNerfConfig {
   int batch_rays = 65536;
   float learning_rate = 1e-2f, final_rate = 0.1f;
   int warm_up = 5000;
-  float interlevel = 0.01f, distortion = 0.005f, decay = 0.1f;
+  float interlevel = 0.01f, distortion = 0.005f, decay = 0.1f, depth = 0.1f;
 };
 
 class ZipNerfRenderer {
@@ -42,6 +42,7 @@ class ZipNerfRenderer {
   struct Rendered {
     Tensor rays;                           // [R,5]: colour times opacity, opacity, depth times opacity
     std::vector<RayHistogram> histograms;  // of the proposals and, last, of the field
+    Tensor middles;                        // [R,N] of the field's samples: distances
   };
   Rendered shade(const Cones& cones, const Sampling& how) const;
   /// Block by block; `back`: how bright it is where nothing is.

@@ -104,6 +104,11 @@ Taps taps_at(float x, float y, int width, int height) {
   return taps;
 }
 
+std::size_t nearest(const Taps& taps) {
+  const auto most = std::max_element(taps.weight.begin(), taps.weight.end()) - taps.weight.begin();
+  return taps.pixel[static_cast<std::size_t>(most)];
+}
+
 std::size_t pixels_of(const PixelMap& map) { return std::size_t(map.width) * map.height; }
 bool is_seen(const PixelMap& map, std::size_t pixel) { return !std::isnan(map.points[2 * pixel]); }
 
@@ -158,10 +163,8 @@ std::vector<float> blend_depth(const Picture& picture, const PixelMap& map) {
 std::vector<int> nearest_actors(const Picture& picture, const PixelMap& map) {
   if (picture.actors.empty()) return {};
   std::vector<int> result(pixels_of(map), 0);
-  for_each_seen(map, picture, [&](std::size_t pixel, const Taps& taps) {
-    const auto most = std::max_element(taps.weight.begin(), taps.weight.end()) - taps.weight.begin();
-    result[pixel] = picture.actors[taps.pixel[static_cast<std::size_t>(most)]];
-  });
+  for_each_seen(map, picture,
+                [&](std::size_t pixel, const Taps& taps) { result[pixel] = picture.actors[nearest(taps)]; });
   return result;
 }
 
@@ -219,9 +222,11 @@ FramePixels resample(const FramePixels& photo, const PixelMap& map) {
   if (map.same) return photo;
   FramePixels result{photo.frame, photo.camera, map.width, map.height, {}, seen(map)};
   if (!photo.mask.empty()) result.mask.resize(pixels_of(map), 255);
+  if (!photo.depth.empty()) result.depth.resize(pixels_of(map));
   result.rgba.resize(4 * pixels_of(map));
   for_each_seen(map, photo, [&](std::size_t pixel, const Taps& taps) {
     blend_rgba(photo.rgba, taps, &result.rgba[4 * pixel]);
+    if (!photo.depth.empty()) result.depth[pixel] = photo.depth[nearest(taps)];
     for (std::size_t i = 0; i < 4 && !photo.mask.empty(); ++i)
       if (taps.weight[i] > 0 && photo.mask[taps.pixel[i]] == 0) result.mask[pixel] = 0;
   });

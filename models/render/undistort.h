@@ -27,7 +27,8 @@ PixelMap pixel_map(const Camera& to, const Camera& from);
 std::vector<std::uint8_t> seen(const PixelMap& map);
 
 /// The photo as `to` would have taken it, between pixels bilinearly, colours weighted by alpha. What `from` did not see
-/// is masked out, as is what lies beside a pixel that is masked out. Its indices are kept.
+/// is masked out, as is what lies beside a pixel that is masked out; depths are the nearest pixel's. Its indices are
+/// kept.
 FramePixels resample(const FramePixels& photo, const PixelMap& map);
 
 /// All photos as pinholes would have taken them: pinhole_around each camera, at the same index.

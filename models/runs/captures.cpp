@@ -71,9 +71,10 @@ void check_memory(const Captures& captures, const Reading& how, uint64_t budget)
 }
 
 /// Test images are looked at once at most: none are held.
-void list_images(Capture& capture, const Reading& how, const std::shared_ptr<HostStore>& store) {
-  const LoadOptions options{how.downscale, how.skip_bad, how.masks};
-  capture.train = store_images(capture.resting, Split::train, options, store);
+void list_images(Capture& capture, const Reading& how, const ImageMemory& memory) {
+  LoadOptions options{how.downscale, how.skip_bad, how.masks, memory.depths};
+  capture.train = store_images(capture.resting, Split::train, options, memory.store);
+  options.depths = false;
   capture.test = store_images(capture.resting, Split::test, options, std::make_shared<HostStore>(0, 0));
   if (capture.train.size() == 0)
     throw Error(Fault::data, capture.scene.root.string() + ": no images are left to train on");
@@ -122,6 +123,16 @@ std::vector<std::string> log_warnings(const Scene& scene, const std::string& nam
   if (scene.sweeps.empty())
     warnings.push_back(text("without LiDAR sweeps, ", name, " learns depth from images alone, which is less accurate"));
   return warnings;
+}
+
+std::size_t depth_maps_in(const Scene& scene) {
+  return static_cast<std::size_t>(std::count_if(scene.frames.begin(), scene.frames.end(),
+                                                [](const Frame& frame) { return frame.depth.has_value(); }));
+}
+
+std::vector<std::string> depth_warnings(const Scene& scene, const std::string& name, const LearnsFromCaptures& learns) {
+  if (learns.uses_depths() || depth_maps_in(scene) == 0) return {};
+  return {text("the depth maps of ", depth_maps_in(scene), " photos are not used by ", name)};
 }
 
 // Their black pixels become clear, so that methods learn an empty background.
@@ -178,7 +189,7 @@ Captures read_captures(const std::vector<std::filesystem::path>& data, const Rea
   });
   check_memory(captures, how, memory.device_budget);
   for (std::size_t i = 0; i < captures.size(); ++i) {  // the images of one are read by all cores
-    list_images(captures[i], how, memory.store);
+    list_images(captures[i], how, memory);
     told("read", i + 1, captures.size());
   }
   decode_what_fits(captures, *memory.store, told);
@@ -194,7 +205,8 @@ Scenes scenes_of(const Captures& captures) {
 void add_warnings(Captures& captures, const std::string& name, Method& method) {
   const auto* learns = as<LearnsFromCaptures>(method);
   for (Capture& capture : captures) {
-    for (const auto& more : {learns->warnings(capture.scene), log_warnings(capture.scene, name, method)})
+    for (const auto& more : {learns->warnings(capture.scene), log_warnings(capture.scene, name, method),
+                             depth_warnings(capture.scene, name, *learns)})
       capture.warnings.insert(capture.warnings.end(), more.begin(), more.end());
   }
 }
@@ -210,6 +222,7 @@ std::vector<std::string> describe(const Scene& scene, const Reading& how) {
   if (masks > 0)
     images +=
         text(", ", masks, " masks ", how.masks == MaskMeaning::ignore ? "(black is ignored)" : "(black is empty)");
+  if (depth_maps_in(scene) > 0) images += text(", ", depth_maps_in(scene), " depth maps");
   std::string format = text("format ", scene.format);
   if (scene.other_actors > 0)
     format += text(", ", scene.actors.size(), " actors; ", scene.other_actors,

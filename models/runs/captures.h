@@ -38,6 +38,7 @@ using CapturesTold = std::function<void(const std::string& what, std::size_t don
 struct ImageMemory {
   std::shared_ptr<HostStore> store;
   uint64_t device_budget = 0;
+  bool depths = false;  // depth maps of photos that train, too
 };
 
 /// Lists every image that trains or is measured. Where the store has room for all that train, every image is decoded

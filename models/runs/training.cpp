@@ -38,8 +38,9 @@ uint64_t default_host_budget() { return host_free_bytes() / 100 * (device().is_c
 TrainingInput read_input(TrainJob& job, const TrainRequest& request, uint64_t host_bytes, const CapturesTold& told) {
   TrainingInput input;
   if (!job.source) {
-    const bool on_device = as<LearnsFromCaptures>(*job.method)->images_on_device();
-    const ImageMemory memory = {std::make_shared<HostStore>(host_bytes), on_device ? memory_budget() : 0};
+    const auto* learns = as<LearnsFromCaptures>(*job.method);
+    const ImageMemory memory = {std::make_shared<HostStore>(host_bytes),
+                                learns->images_on_device() ? memory_budget() : 0, learns->uses_depths()};
     input.captures = read_captures(job.data, job.record.reading, memory, told);
   }
   for (const Capture& capture : input.captures)

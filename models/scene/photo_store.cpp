@@ -15,33 +15,40 @@ Pixels outlines_of(const Pixels& pixels) {
   return listed;
 }
 
-uint64_t bytes_of(const FramePixels& outline, bool masked) {
-  return (masked ? 5 : 4) * static_cast<uint64_t>(outline.width) * static_cast<uint64_t>(outline.height);
+uint64_t bytes_of(const FramePixels& outline, const PhotoPlanes& planes) {
+  const uint64_t pixel = 4 + (planes.masks ? 1 : 0) + (planes.depths ? sizeof(float) : 0);
+  return pixel * static_cast<uint64_t>(outline.width) * static_cast<uint64_t>(outline.height);
 }
 
-bool any_mask(const Pixels& pixels) {
-  return std::any_of(pixels.frames.begin(), pixels.frames.end(), [](const auto& photo) { return !photo.mask.empty(); });
+PhotoPlanes planes_of(const Pixels& pixels) {
+  PhotoPlanes planes;
+  for (const FramePixels& photo : pixels.frames) {
+    planes.masks |= !photo.mask.empty();
+    planes.depths |= !photo.depth.empty();
+  }
+  return planes;
 }
 
 }  // namespace
 
 PhotoStore::PhotoStore(Pixels pixels)
     : listed_(std::make_shared<const Pixels>(outlines_of(pixels))),
-      masked_(any_mask(pixels)),
+      planes_(planes_of(pixels)),
       photos_(std::move(pixels.frames)) {}
 
-PhotoStore::PhotoStore(Pixels listed, bool masked, const std::function<FramePixels(const FramePixels& outline)>& load,
+PhotoStore::PhotoStore(Pixels listed, const PhotoPlanes& planes,
+                       const std::function<FramePixels(const FramePixels& outline)>& load,
                        std::shared_ptr<HostStore> store)
     : listed_(std::make_shared<const Pixels>(std::move(listed))),
-      masked_(masked),
+      planes_(planes),
       photos_(
           std::move(store), listed_->frames.size(),
           [load, all = listed_](std::size_t place) { return load(all->frames[place]); },
-          [masked, all = listed_](std::size_t place) { return bytes_of(all->frames[place], masked); }) {}
+          [planes, all = listed_](std::size_t place) { return bytes_of(all->frames[place], planes); }) {}
 
 uint64_t PhotoStore::bytes() const {
   uint64_t sum = 0;
-  for (const FramePixels& photo : listed_->frames) sum += bytes_of(photo, masked_);
+  for (const FramePixels& photo : listed_->frames) sum += bytes_of(photo, planes_);
   return sum;
 }
 

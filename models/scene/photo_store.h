@@ -8,20 +8,25 @@
 
 namespace cloam {
 
+/// What some of the photos have beside colours.
+struct PhotoPlanes {
+  bool masks = false, depths = false;
+};
+
 class PhotoStore {
  public:
   /// All in memory.
   PhotoStore(Pixels pixels);  // NOLINT: pixels in memory are photos
   PhotoStore() : PhotoStore(Pixels{}) {}
-  /// listed: the photos without pixels, at the size they are loaded at. masked: some have a mask. load(outline): one of
-  /// them with its pixels; called by several threads at once.
-  PhotoStore(Pixels listed, bool masked, const std::function<FramePixels(const FramePixels& outline)>& load,
-             std::shared_ptr<HostStore> store);
+  /// listed: the photos without pixels, at the size they are loaded at. load(outline): one of them with its pixels;
+  /// called by several threads at once.
+  PhotoStore(Pixels listed, const PhotoPlanes& planes,
+             const std::function<FramePixels(const FramePixels& outline)>& load, std::shared_ptr<HostStore> store);
 
-  /// Cameras, frames and sizes; rgba and mask are empty.
+  /// Cameras, frames and sizes; without pixels.
   const Pixels& listed() const { return *listed_; }
   std::size_t size() const { return listed_->frames.size(); }
-  bool masked() const { return masked_; }
+  const PhotoPlanes& planes() const { return planes_; }
   /// As many bytes as all of them have in memory.
   uint64_t bytes() const;
   /// The photo with its pixels. Fault::data for a file that is damaged.
@@ -36,7 +41,7 @@ class PhotoStore {
 
  private:
   std::shared_ptr<const Pixels> listed_;  // photos_ needs it, too
-  bool masked_;
+  PhotoPlanes planes_;
   Stored<FramePixels> photos_;
 };
 

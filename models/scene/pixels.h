@@ -1,4 +1,4 @@
-// The pixels of one split in memory: RGBA, masks beside them, intrinsics that fit.
+// The pixels of one split in memory: RGBA, masks and depths beside them, intrinsics that fit.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -15,6 +15,7 @@ struct FramePixels {
   int height = 0;
   std::vector<std::uint8_t> rgba;  // [height, width, 4], straight alpha, 255 where the image has none
   std::vector<std::uint8_t> mask;  // [height, width], 255 used, 0 ignored; empty: all used
+  std::vector<float> depth = {};   // [height, width] along the optical axis, scene units, 0 not known; empty: none is
 };
 
 struct Pixels {

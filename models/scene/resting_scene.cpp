@@ -24,10 +24,16 @@ void each_field(Each& each, T& camera) {
   each(width, height, fx, fy, cx, cy, model, k, p1, p2, denominator, prism);
 }
 
+template <class Each, Is<DepthMap> T>
+void each_field(Each& each, T& depth) {
+  auto& [file, confidence, unit, along_ray] = depth;
+  each(file, confidence, unit, along_ray);
+}
+
 template <class Each, Is<Frame> T>
 void each_field(Each& each, T& frame) {
-  auto& [name, image, mask, timestamp, world_from_camera, camera, split, sensor, step, ego_rows] = frame;
-  each(name, image, mask, timestamp, world_from_camera, camera, split, sensor, step, ego_rows);
+  auto& [name, image, mask, depth, timestamp, world_from_camera, camera, split, sensor, step, ego_rows] = frame;
+  each(name, image, mask, depth, timestamp, world_from_camera, camera, split, sensor, step, ego_rows);
 }
 
 template <class Each, Is<Sweep> T>

@@ -17,12 +17,22 @@ namespace cloam {
 /// What black pixels of masks mean: they take no part in training and figures, or they are empty background.
 enum class MaskMeaning { ignore, transparent };
 
+/// How far away what a photo shows is, pixel by pixel, in a file beside it.
+struct DepthMap {
+  std::string file;                       // relative to the root
+  std::optional<std::string> confidence;  // the same; how sure the sensor was, 0 to 255
+  double unit = 1;                        // scene units that 1 in the file stands for
+  bool along_ray = false;                 // distances from the camera's centre; false: along its optical axis
+  bool operator==(const DepthMap&) const = default;
+};
+
 enum class Split { train, test, unused };  // unused: a protocol leaves it out
 
 struct Frame {
   std::string name;                 // the image path as listed; unique in a sound capture
   std::string image;                // an existing file, relative to the root
   std::optional<std::string> mask;  // relative to the root; what black means is MaskMeaning
+  std::optional<DepthMap> depth;
   std::optional<double> timestamp;  // seconds
   // Right-handed; camera axes x right, y down, z forward; a rotation and a position in scene units.
   Eigen::Matrix4d world_from_camera = Eigen::Matrix4d::Identity();

@@ -138,6 +138,8 @@ PointCloud lidar_points(const Scene& scene, const InitialOptions& options) {
 
 }  // namespace
 
+Gaussians one_gaussian() { return {{0, 0, 0}, {0, 0, 0}, {1, 0, 0, 0}, {0}, {0, 0, 0}, std::vector<float>(45)}; }
+
 CameraRegion camera_region(const Scene& scene) {
   CameraRegion out;
   const std::vector<std::size_t> frames = frames_of(scene, Split::train);
@@ -178,14 +180,49 @@ void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians) {
   }
 }
 
+PointCloud points_from_depths(const std::vector<PosedPhoto>& photos, int most) {
+  const auto for_each_known = [&](const auto& use) {
+    for (const PosedPhoto& photo : photos)
+      for (std::size_t at = 0; at < photo.pixels.depth.size(); ++at)
+        if (photo.pixels.depth[at] > 0) use(photo, at);
+  };
+  std::size_t all = 0, number = 0;
+  for_each_known([&](const PosedPhoto&, std::size_t) { ++all; });
+  if (all == 0)
+    bad_data("no pixel of the depth maps has a depth; are they of this capture?\n  fix: --set initial=random");
+  const std::size_t kept = std::min(all, static_cast<std::size_t>(most));
+  PointCloud out;
+  for_each_known([&](const PosedPhoto& photo, std::size_t at) {
+    const std::size_t place = number++;
+    if (place * kept / all == (place + 1) * kept / all) return;
+    const auto width = static_cast<std::size_t>(photo.pixels.width);
+    const Eigen::Vector2d middle(static_cast<double>(at % width) + 0.5, static_cast<double>(at / width) + 0.5);
+    const Vector3d towards = direction(photo.camera, middle);
+    const Vector3d point =
+        (photo.world_from_camera * (towards * (double{photo.pixels.depth[at]} / towards.z())).homogeneous()).head<3>();
+    for (int k = 0; k < 3; k++) {
+      out.positions.push_back(static_cast<float>(point[k]));
+      out.colours.push_back(photo.pixels.rgba[4 * at + static_cast<std::size_t>(k)]);
+    }
+  });
+  return out;
+}
+
 InitialGaussians initial_gaussians(const Scene& scene, const InitialOptions& options) {
   if (std::filesystem::path(options.kind).has_extension()) return {read_gaussians(options.kind).gaussians, false};
   const bool automatic = options.kind == "auto";
   const bool points = options.kind == "points" || (automatic && scene.cloud.count() > 0);
   const bool lidar = options.kind == "lidar" || (automatic && !points && !scene.sweeps.empty());
-  if (!automatic && !points && !lidar && options.kind != "random")
+  const bool has_depths = options.depths && std::any_of(scene.frames.begin(), scene.frames.end(), [](const Frame& f) {
+                            return f.depth && f.split == Split::train;
+                          });
+  const bool depths = options.kind == "depths" || (automatic && !points && !lidar && has_depths);
+  if (!automatic && !points && !lidar && !depths && options.kind != "random")
     throw Error(Fault::usage,
-                text("setting initial: \"", options.kind, "\", want auto, points, lidar, random or a file"));
+                text("setting initial: \"", options.kind, "\", want auto, points, lidar, depths, random or a file"));
+  if (depths && !has_depths)
+    throw Error(Fault::data, "initial=depths: the capture has no depth maps\n  fix: --set initial=random");
+  if (depths) return {one_gaussian(), false, true};
   const PointCloud cloud = points ? scene.cloud : lidar ? lidar_points(scene, options) : random_points(scene, options);
   if (cloud.count() == 0)
     throw Error(Fault::data, text("initial=", options.kind, ": the capture has no ", points ? "points" : "LiDAR sweeps",

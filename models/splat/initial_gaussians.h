@@ -10,20 +10,25 @@
 namespace cloam {
 
 struct InitialOptions {
-  std::string kind = "auto";  // auto | points | lidar | random | the path of a file, in the capture's world
-  int random = 20000;         // how many points are drawn, or kept of LiDAR's
+  std::string kind = "auto";  // auto | points | lidar | depths | random | the path of a file, in the capture's world
+  int random = 20000;         // how many points are drawn, or kept of LiDAR's and of depth maps
   uint64_t seed = 0;
+  bool depths = false;  // photos come with their depth maps
 };
 
 struct InitialGaussians {
   Gaussians gaussians;
-  bool grey = false;  // nobody knows their colours yet: ask the photos
+  bool grey = false;         // nobody knows their colours yet: ask the photos
+  bool from_depths = false;  // none yet but one to stand for them: ask the photos (points_from_depths)
 };
 
+/// At the origin: what stands for those that are yet to come.
+Gaussians one_gaussian();
+
 /// points: those that came with the capture; lidar: of the sweeps that train, without those in the boxes of actors that
-/// move, and a tenth more on a dome for the sky, grey; random: in the region that the cameras see in common, grey;
-/// auto: the first of these that there is; a file's as they are. Fault::usage for an unknown kind, Fault::data for
-/// points or sweeps that the capture does not have.
+/// move, and a tenth more on a dome for the sky, grey; depths: of the photos' depth maps; random: in the region that
+/// the cameras see in common, grey; auto: the first of these that there is; a file's as they are. Fault::usage for an
+/// unknown kind, Fault::data for points, sweeps or depth maps that the capture does not have.
 InitialGaussians initial_gaussians(const Scene& scene, const InitialOptions& options);
 
 /// A photo that trains, through a pinhole.
@@ -50,6 +55,10 @@ bool sees(const Scene& scene, const Frame& frame, const Eigen::Vector3d& point);
 
 /// Each gaussian takes the colour of its pixel in the nearest photo that shows its mean; grey where none does.
 void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians);
+
+/// What the pixels of depth maps show, evenly picked, `most` of them at the most, with their colours. Fault::data where
+/// none has a depth.
+PointCloud points_from_depths(const std::vector<PosedPhoto>& photos, int most);
 
 /// Of the photos that train; a radius of 1 for cameras in one place.
 CameraRegion camera_region(const Scene& scene);

@@ -18,6 +18,8 @@ class LearnsFromCaptures {
   virtual ~LearnsFromCaptures() = default;
   /// Whether load_data puts all images on the device; false: a step's alone.
   virtual bool images_on_device() const { return true; }
+  /// Whether depth maps beside photos are of use as it is configured.
+  virtual bool uses_depths() const { return false; }
   /// After build; one entry a scene, in the same order.
   virtual void load_data(std::vector<TrainingData> data) = 0;
   /// Is told how many scenes load_data has done of all, where that may take minutes.

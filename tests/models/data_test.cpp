@@ -472,15 +472,13 @@ TEST_CASE("images that are missing by their names alone are named with the names
   CHECK(holds(error_of([&] { read_scene(folder.path); }), "images/C.PNG is there instead"));
 }
 
-TEST_CASE("what a list gives beside images and poses and is not used is named") {
+TEST_CASE("points that a list names and that are missing are told") {
   const Capture folder;
   folder.image("a.png", 8, 6, {1, 2, 3});
-  folder.text_file("transforms.json", capture(frame("a.png", kPose, R"(,"depth_file_path":"a_depth.png")"),
-                                              R"("fl_x":10,"w":8,"h":6,"ply_file_path":"points.ply")"));
+  folder.text_file("transforms.json", capture(frame("a.png"), R"("fl_x":10,"w":8,"h":6,"ply_file_path":"points.ply")"));
   const Scene scene = read_scene(folder.path);
-  REQUIRE(scene.warnings.size() == 2);
+  REQUIRE(scene.warnings.size() == 1);
   CHECK(holds(scene.warnings[0], "ply_file_path names points.ply, which is missing"));
-  CHECK(holds(scene.warnings[1], "depth_file_path is ignored"));
 }
 
 TEST_CASE("nerfstudio: the points that a list names are the scene's, in the coordinates of the poses") {

@@ -2,7 +2,9 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Dense>
+#include <cstdlib>
 
+#include "models/data/load_images.h"
 #include "models/data/read_scene.h"
 #include "models/io/image.h"
 #include "tests/models/errors.h"
@@ -38,7 +40,6 @@ TEST_CASE("Polycam: cameras by name, in metres with y up; corrected ones first")
   write_text(keyframes / "cameras/71.json", kPolycamCamera);
   write_text(keyframes / "cameras/72.json", kPolycamCamera);
   write_image(keyframes / "images/71.jpg", 8, 6);
-  fs::create_directories(keyframes / "depth");
   const Scene scene = read_scene(folder.path);
   CHECK(scene.format == "Polycam");
   CHECK(scene.metric);
@@ -48,9 +49,9 @@ TEST_CASE("Polycam: cameras by name, in metres with y up; corrected ones first")
   CHECK(scene.frames[0].image == "keyframes/images/71.jpg");
   CHECK(scene.cameras == std::vector<Camera>{{8, 6, 10, 11, 4.5, 2.5}});
   check_quarter_turn(scene.frames[0]);
-  REQUIRE(scene.warnings.size() == 2);
-  CHECK(holds(scene.warnings[0], "keyframes/depth is ignored"));
-  CHECK(holds(scene.warnings[1], "1 of 2 listed images are missing and skipped: keyframes/images/72.jpg"));
+  CHECK_FALSE(scene.frames[0].depth);
+  REQUIRE(scene.warnings.size() == 1);
+  CHECK(holds(scene.warnings[0], "1 of 2 listed images are missing and skipped: keyframes/images/72.jpg"));
 
   write_text(keyframes / "corrected_cameras/71.json", kPolycamCamera);
   write_image(keyframes / "corrected_images/71.jpg", 8, 6);
@@ -86,4 +87,69 @@ TEST_CASE("Record3D: quaternions with the real part last, K by columns, intrinsi
   CHECK(holds(error_of([&] { read_scene(folder.path); }), "EXR_RGBD/metadata.json, K: want 9 finite numbers"));
   write_text(root / "metadata.json", R"({"w":8,"h":6,"K":[10,0,0,0,11,0,4,3,1],"poses":[[0,0,0,2,0,0,0]]})");
   CHECK(holds(error_of([&] { read_scene(folder.path); }), "pose 0: the quaternion has the length 2"));
+}
+
+// Written by Python with nothing but its own library: PNG chunks, and an EXR of one uncompressed float channel as
+// Record3D's.
+TEST_CASE("Polycam and Record3D: depth maps in metres, without what the phone only guessed") {
+  if (std::system("/usr/bin/python3 -c 'import zlib' >/dev/null 2>&1") != 0) {
+    MESSAGE("skipped: no python3");
+    return;
+  }
+  const Folder folder;
+  write_text(folder.path / "write.py", R"py(
+import os, struct, zlib
+
+def png(path, rows, bits):
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    lines = b"".join(b"\0" + struct.pack(">%d%s" % (len(row), "H" if bits == 16 else "B"), *row) for row in rows)
+    header = struct.pack(">IIBBBBB", len(rows[0]), len(rows), bits, 0, 0, 0, 0)
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "wb") as file:
+        file.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(lines)) + chunk(b"IEND", b""))
+
+def exr(path, rows):
+    width, height = len(rows[0]), len(rows)
+    def attribute(name, kind, value):
+        return name + b"\0" + kind + b"\0" + struct.pack("<i", len(value)) + value
+    window = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    header = struct.pack("<2i", 20000630, 2)
+    header += attribute(b"channels", b"chlist", b"R\0" + struct.pack("<iB3x2i", 2, 0, 1, 1) + b"\0")
+    header += attribute(b"compression", b"compression", b"\0")
+    header += attribute(b"dataWindow", b"box2i", window) + attribute(b"displayWindow", b"box2i", window)
+    header += attribute(b"lineOrder", b"lineOrder", b"\0") + attribute(b"pixelAspectRatio", b"float", struct.pack("<f", 1))
+    header += attribute(b"screenWindowCenter", b"v2f", struct.pack("<2f", 0, 0))
+    header += attribute(b"screenWindowWidth", b"float", struct.pack("<f", 1)) + b"\0"
+    size, begin = 8 + 4 * width, len(header) + 8 * height
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "wb") as file:
+        file.write(header + b"".join(struct.pack("<Q", begin + size * y) for y in range(height)))
+        for y, row in enumerate(rows):
+            file.write(struct.pack("<2i%df" % width, y, 4 * width, *row))
+
+png("polycam/keyframes/depth/71.png", [[1000, 2000, 3000, 0], [1500, 65535, 7, 800], [1, 2, 3, 4]], 16)
+png("polycam/keyframes/confidence/71.png", [[255, 54, 53, 255], [0, 255, 254, 255], [255] * 4], 8)
+exr("record3d/EXR_RGBD/depth/0.exr", [[1, 2, 3, float("nan")], [1.5, 0, 0.25, 0.8], [1, 2, 3, 4]])
+)py");
+  REQUIRE(std::system(("cd '" + folder.path.string() + "' && /usr/bin/python3 write.py").c_str()) == 0);
+  const fs::path polycam = folder.path / "polycam", record3d = folder.path / "record3d";
+  write_text(polycam / "keyframes/cameras/71.json", kPolycamCamera);
+  write_image(polycam / "keyframes/images/71.jpg", 8, 6);
+  write_text(record3d / "EXR_RGBD/metadata.json",
+             R"({"w":8,"h":6,"K":[10,0,0,0,11,0,4,3,1],"poses":[[0,0,0,1,0,0,0]]})");
+  write_image(record3d / "EXR_RGBD/rgb/0.jpg", 8, 6);
+  const auto depths = [](const fs::path& root) {
+    const Scene scene = read_scene(root);
+    CHECK(scene.warnings.empty());
+    return load_images(scene, Split::train, {2, false, MaskMeaning::ignore, true}).frames.at(0).depth;
+  };
+  CHECK(depths(polycam) == std::vector<float>{1, 2, 0, 0, 0, 65.535f, 0.007f, 0.8f, 0.001f, 0.002f, 0.003f, 0.004f});
+  CHECK(depths(record3d) == std::vector<float>{1, 2, 3, 0, 1.5f, 0, 0.25f, 0.8f, 1, 2, 3, 4});
+  fs::remove(polycam / "keyframes/confidence/71.png");
+  CHECK(depths(polycam)[2] == 3);
+  write_text(polycam / "keyframes/confidence/71.png", "no image");
+  CHECK(holds(error_of([&] { depths(polycam); }), "keyframes/confidence/71.png"));
+  write_text(record3d / "EXR_RGBD/depth/0.exr", content_of(record3d / "EXR_RGBD/depth/0.exr").substr(0, 300));
+  CHECK(holds(error_of([&] { depths(record3d); }), "EXR_RGBD/depth/0.exr"));
 }
