@@ -109,9 +109,9 @@ class HelpFormat : public CLI::Formatter {
   }
 };
 
-const char* const kFileExtensions[] = {".avi",         ".csv",  ".exr",   ".gif",  ".glb", ".html", ".jpeg",
-                                       ".jpg",         ".json", ".mov",   ".mp4",  ".npz", ".ply",  ".png",
-                                       ".safetensors", ".spz",  ".splat", ".webm", ".zip"};
+const char* const kFileExtensions[] = {".avi", ".csv",         ".exr", ".gif",   ".glb",  ".html", ".jpeg",
+                                       ".jpg", ".json",        ".mov", ".obj",   ".mp4",  ".npz",  ".ply",
+                                       ".png", ".safetensors", ".spz", ".splat", ".webm", ".zip"};
 
 bool is_file_name(const fs::path& path) {
   const std::string extension = lower_case(path.extension().string());
@@ -275,7 +275,7 @@ std::string problem_of(const Check& check, std::string word) { return check->val
 
 fs::path with_format(const fs::path& path, const std::string& format) {
   const std::string extension = "." + format;
-  if (format.empty() || lower_case(path.extension().string()) == extension) return path;
+  if (format.empty() || lower_case(path.filename().string()).ends_with(extension)) return path;
   if (!is_file_name(path)) return path.string() + extension;
   throw Error(Fault::usage,
               text("--format ", format, " contradicts -o ", path.string(), ": leave out --format, or name the file ",

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "models/gaussians/compressed_ply.h"
 #include "models/gaussians/dot_splat.h"
 #include "models/gaussians/gaussian_glb.h"
 #include "models/gaussians/gaussian_ply.h"
@@ -24,6 +25,7 @@ namespace fs = std::filesystem;
 void write_newest_spz(const fs::path& path, const Gaussians& gaussians) { write_spz(path, gaussians); }
 
 constexpr SplatFormat kFormats[] = {
+    {"PlayCanvas's compressed .ply", ".compressed.ply", read_gaussian_ply, write_compressed_ply, compressed_order},
     {"3D Gaussian Splatting's .ply", ".ply", read_gaussian_ply, write_gaussian_ply},
     {"the web viewers' .splat", ".splat", read_dot_splat, write_dot_splat},
     {"Niantic's .spz", ".spz", read_spz, write_newest_spz},
@@ -70,15 +72,24 @@ SplatErrors compare(const Gaussians& given, const Gaussians& found) {
   return errors;
 }
 
+Gaussians ordered(const Gaussians& gaussians, const std::vector<std::size_t>& places) {
+  Gaussians out = gaussians;
+  for (const GaussianArray& array : kGaussianArrays)
+    for (std::size_t i = 0; i < places.size(); ++i)
+      std::copy_n(&(gaussians.*array.values)[array.width * places[i]], array.width,
+                  &(out.*array.values)[array.width * i]);
+  return out;
+}
+
 }  // namespace
 
 std::span<const SplatFormat> splat_formats() { return kFormats; }
 
 const SplatFormat& splat_format(const fs::path& path, bool write) {
-  const std::string extension = lower_case(path.extension().string());
+  const std::string extension = lower_case(path.extension().string()), name = lower_case(path.filename().string());
   std::vector<std::string> names;
   for (const SplatFormat& format : kFormats) {
-    if (extension == format.extension) return format;
+    if (!extension.empty() && name.ends_with(format.extension)) return format;
     names.push_back(format.extension);
   }
   throw Error(Fault::usage, text(path.string(), ": cannot ", write ? "write " : "read ",
@@ -117,7 +128,9 @@ SplatErrors reread_errors(const fs::path& path, const Gaussians& gaussians) {
                 text(path.string(), ": ", gaussians.count(), " Gaussians were written, ", found.count(),
                      " are read back: some have values that the format cannot hold"));
   }
-  return compare(turned(gaussians, found.up), found);
+  const Gaussians given = turned(gaussians, found.up);
+  const auto order = splat_format(path).order;
+  return compare(order ? ordered(given, order(gaussians)) : given, found);
 }
 
 }  // namespace cloam

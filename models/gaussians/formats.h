@@ -15,10 +15,11 @@ struct SplatFile {
 };
 
 struct SplatFormat {
-  const char* name;  // for people
-  const char* extension;
-  SplatFile (*read)(const std::filesystem::path& path);                          // null: known, but not read
+  const char* name;                                      // for people
+  const char* extension;                                 // may have two parts; the first in the table that fits
+  SplatFile (*read)(const std::filesystem::path& path);  // null: known, but not read
   void (*write)(const std::filesystem::path& path, const Gaussians& gaussians);  // null: not written
+  std::vector<std::size_t> (*order)(const Gaussians& gaussians) = nullptr;       // that are written; null: as given
 };
 
 std::span<const SplatFormat> splat_formats();

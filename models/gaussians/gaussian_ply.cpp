@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 
+#include "models/gaussians/compressed_ply.h"
 #include "models/gaussians/initialise.h"
 #include "models/gaussians/values.h"
 #include "models/io/ply.h"
@@ -27,14 +28,6 @@ std::optional<Eigen::Vector3d> up_of(const std::string& comment) {
   for (double& value : up) value = number_in<double>(next_word(rest)).value_or(NAN);
   const bool sound = rest.empty() && up.allFinite() && up.norm() > 0;
   return sound ? std::optional(up) : std::nullopt;
-}
-
-void read_comments(const PlyHeader& header, Gaussians& gaussians) {
-  gaussians.up = -Eigen::Vector3d::UnitY();
-  for (const std::string& comment : header.comments) {
-    if (const auto up = up_of(comment)) gaussians.up = *up;
-    if (comment == kMetric) gaussians.metric = true;
-  }
 }
 
 using Places = std::vector<std::size_t>;  // of properties in a row
@@ -85,9 +78,7 @@ PlyRow gaussian_rows(const PlyHeader& header, Gaussians& gaussians) {
 PlyHeader header_of(const Gaussians& gaussians, std::size_t coefficients) {
   PlyHeader header;
   header.count = gaussians.count();
-  const Eigen::Vector3d up = gaussians.up.array() + 0.0;  // no negative zeros
-  header.comments = {fmt::format("{}{} {} {}", kUp, up.x(), up.y(), up.z())};
-  if (gaussians.metric) header.comments.push_back(kMetric);
+  header.comments = comments_of(gaussians);
   const auto add = [&](const char* prefix, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) header.properties.push_back({text(prefix, i)});
   };
@@ -102,7 +93,23 @@ PlyHeader header_of(const Gaussians& gaussians, std::size_t coefficients) {
 
 }  // namespace
 
+void take_comments(const std::vector<std::string>& comments, Gaussians& gaussians) {
+  gaussians.up = -Eigen::Vector3d::UnitY();
+  for (const std::string& comment : comments) {
+    if (const auto up = up_of(comment)) gaussians.up = *up;
+    if (comment == kMetric) gaussians.metric = true;
+  }
+}
+
+std::vector<std::string> comments_of(const Gaussians& gaussians) {
+  const Eigen::Vector3d up = gaussians.up.array() + 0.0;  // no negative zeros
+  std::vector<std::string> comments = {fmt::format("{}{} {} {}", kUp, up.x(), up.y(), up.z())};
+  if (gaussians.metric) comments.push_back(kMetric);
+  return comments;
+}
+
 SplatFile read_gaussian_ply(const std::filesystem::path& path) {
+  if (is_compressed_ply(path)) return read_compressed_ply(path);
   SplatFile file;
   PlyHeader header;
   PointCloud cloud;
@@ -121,7 +128,7 @@ SplatFile read_gaussian_ply(const std::filesystem::path& path) {
                                    " points left out: their positions are not finite"));
     }
   }
-  read_comments(header, file.gaussians);
+  take_comments(header.comments, file.gaussians);
   return file;
 }
 

@@ -10,8 +10,13 @@
 
 namespace cloam {
 
-/// Properties in any order, others beside them. Vertices without f_dc_0 are points (x y z, with or without red green
-/// blue): they become gaussians as training begins with. Without our comment, -y is up.
+/// What our comments say of the way up and the unit; without them, -y is up.
+void take_comments(const std::vector<std::string>& comments, Gaussians& gaussians);
+std::vector<std::string> comments_of(const Gaussians& gaussians);
+
+/// A compressed .ply too (compressed_ply.h). Properties in any order, others beside them. Vertices without f_dc_0 are
+/// points (x y z, with or without red green blue): they become gaussians as training begins with. Without our comment,
+/// -y is up.
 SplatFile read_gaussian_ply(const std::filesystem::path& path);
 
 /// In the world's own axes, every value with all its bits; the degree is the least that holds all coefficients.

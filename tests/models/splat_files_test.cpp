@@ -104,7 +104,7 @@ std::string floats(const std::vector<std::string>& names) {
   return lines;
 }
 
-const char* const kEverything[] = {"ply", "splat", "spz", "glb"};
+const char* const kEverything[] = {"ply", "splat", "spz", "glb", "compressed.ply"};
 
 }  // namespace
 
@@ -255,10 +255,12 @@ TEST_CASE("splat files: what each format keeps") {
     SplatErrors most;
   };
   // Half a step of each quantity. Opacities: 1/510. Colours: .splat 1/510 within 0 and 1, .spz C0 / (2 * 0.15 * 255).
+  // Compressed .ply: of a chunk as wide as all of them, 40 units, 8 logarithms, 0.96 of a colour.
   const Bounds all[] = {
       {"a.ply", {}},
       {"a.glb", {2e-6, 2e-6, 1e-3, 1e-6, 1e-6, 1e-5}},
       {"a.spz", {1.0 / 131072 + 1e-6, std::exp(1.0 / 32) - 1 + 1e-6, 0.25, 1.0 / 510 + 1e-6, 0.0037, 0.0626}},
+      {"a.compressed.ply", {20.0 / 1023, std::expm1(4.0 / 1023), 0.3, 1.0 / 510 + 1e-6, 0.48 / 255, 1.0 / 64 + 1e-6}},
       {"a.splat", {2e-6, 2e-6, 1.1, 1.0 / 510 + 1e-6, 1.0 / 510 + 1e-6, 10}},
   };
   const Folder folder;
