@@ -88,7 +88,7 @@ void render_view(const RestoredRun& run, const NamedView& view, const RenderRequ
   const Picture picture =
       request.draw == kEllipsoids ? ellipsoids_seen(run, view.view) : as<RendersViews>(*run.method)->render(view.view);
   write_png(folder / (view.name + ".png"), drawn(picture, view.view, request.draw));
-  if (request.exr) write_picture_exr(folder / (view.name + ".exr"), picture);
+  if (request.exr) write_picture_exr(folder / (view.name + ".exr"), picture, view.view);
   if (request.masks) write_mask(folder / (view.name + "_actor.png"), picture);
 }
 

@@ -51,10 +51,10 @@ Image depth_picture(const Picture& picture) {
   return to_image(rgb, picture.width, picture.height);
 }
 
-Image normal_picture(const Picture& picture, const Camera& camera) {
+std::vector<float> surface_normals(const Picture& picture, const Camera& camera) {
   const std::vector<float> directions = pixel_directions(camera);
   const auto width = static_cast<std::size_t>(picture.width), height = static_cast<std::size_t>(picture.height);
-  std::vector<float> rgb(3 * width * height, 0.f);
+  std::vector<float> normals(3 * width * height, 0.f);
   const auto point = [&](std::size_t pixel) -> Eigen::Vector3d {
     const Eigen::Vector3d way = Eigen::Map<const Eigen::Vector3f>(directions.data() + 3 * pixel).cast<double>();
     return way.normalized() * static_cast<double>(picture.depth[pixel]);
@@ -71,9 +71,18 @@ Image normal_picture(const Picture& picture, const Camera& camera) {
       // x is right and y down, so this looks away from the camera on a wall before it.
       Eigen::Vector3d normal = (point(i + 1) - point(i - 1)).cross(point(i + width) - point(i - width)).normalized();
       if (normal.dot(point(i)) > 0) normal = -normal;
-      const double shown[] = {normal.x(), -normal.y(), -normal.z()};
-      for (std::size_t c = 0; c < 3; ++c) rgb[3 * i + c] = static_cast<float>(0.5 + 0.5 * shown[c]);
+      for (std::size_t c = 0; c < 3; ++c) normals[3 * i + c] = static_cast<float>(normal[static_cast<Eigen::Index>(c)]);
     }
+  return normals;
+}
+
+Image normal_picture(const Picture& picture, const Camera& camera) {
+  std::vector<float> rgb = surface_normals(picture, camera);
+  for (std::size_t i = 0; i < rgb.size(); i += 3) {
+    if (rgb[i] == 0 && rgb[i + 1] == 0 && rgb[i + 2] == 0) continue;
+    const float shown[] = {rgb[i], -rgb[i + 1], -rgb[i + 2]};
+    for (std::size_t c = 0; c < 3; ++c) rgb[i + c] = 0.5f + 0.5f * shown[c];
+  }
   return to_image(rgb, picture.width, picture.height);
 }
 

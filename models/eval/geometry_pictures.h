@@ -9,7 +9,11 @@ namespace cloam {
 /// of the picture's pixels are nearer and farther than. Black where more than half of the light passes through.
 Image depth_picture(const Picture& picture);
 
-/// Normals of the surface that the depths make, in the camera's axes: red is how much it looks to the right, green up,
+/// Normals [H,W,3] of the surface that the depths make, towards the camera and in its axes (x right, y down, z
+/// forward), of length 1; zeros where more than half of the light passes through, and at edges.
+std::vector<float> surface_normals(const Picture& picture, const Camera& camera);
+
+/// Those normals: red is how much it looks to the right, green up,
 /// blue towards the camera, from -1 (0) to 1 (255). Black where there is no surface, or an edge of one.
 Image normal_picture(const Picture& picture, const Camera& camera);
 

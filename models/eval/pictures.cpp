@@ -5,6 +5,7 @@
 #include <cmath>
 #include <set>
 
+#include "models/eval/geometry_pictures.h"
 #include "models/io/draw_text.h"
 #include "models/scene/orbit.h"
 #include "runtime/error.h"
@@ -128,18 +129,32 @@ std::vector<std::string> file_names(const Scene& scene, const std::vector<std::s
   return names;
 }
 
-void write_picture_exr(const std::filesystem::path& path, const Picture& picture) {
+void write_picture_exr(const std::filesystem::path& path, const Picture& picture, const View& view) {
   const std::size_t count = std::size_t(picture.width) * picture.height;
-  std::vector<float> planes(3 * count);
+  const std::vector<float> directions = pixel_directions(view.camera), normals = surface_normals(picture, view.camera);
+  const Eigen::Matrix3d world_from_camera = view.world_from_camera.topLeftCorner<3, 3>();
+  std::vector<float> planes(7 * count);  // R G B, N, Z
   for (std::size_t i = 0; i < count; ++i) {
-    for (std::size_t c = 0; c < 3; ++c) planes[c * count + i] = picture.rgb[3 * i + c];
+    const Eigen::Vector3d normal =
+        world_from_camera * Eigen::Map<const Eigen::Vector3f>(&normals[3 * i]).cast<double>();
+    const Eigen::Vector3d way = Eigen::Map<const Eigen::Vector3f>(&directions[3 * i]).cast<double>();
+    for (std::size_t c = 0; c < 3; ++c) {
+      planes[c * count + i] = picture.rgb[3 * i + c];
+      planes[(3 + c) * count + i] = static_cast<float>(normal[static_cast<Eigen::Index>(c)]);
+    }
+    planes[6 * count + i] = picture.depth[i] * static_cast<float>(way.z() / way.norm());
   }
   const std::vector<float> opaque(count, 1.f);
+  const auto plane = [&](std::size_t index) { return planes.data() + index * count; };
   write_exr(path, picture.width, picture.height,
-            {{"R", planes.data()},
-             {"G", planes.data() + count},
-             {"B", planes.data() + 2 * count},
+            {{"R", plane(0)},
+             {"G", plane(1)},
+             {"B", plane(2)},
              {"A", opaque.data()},
+             {"Z", plane(6)},
+             {"N.X", plane(3)},
+             {"N.Y", plane(4)},
+             {"N.Z", plane(5)},
              {"depth.Z", picture.depth.data()},
              {"opacity.A", picture.opacity.data()}});
 }

@@ -38,7 +38,9 @@ std::vector<Image> turntable(Street& street, const AssetName& appearance, const 
 /// A file name (no extension) for each frame, from its image path with "/" as "_"; all different.
 std::vector<std::string> file_names(const Scene& scene, const std::vector<std::size_t>& frames);
 
-/// Colour (composited, hence A = 1), depth along the ray in scene units (0: nothing) and opacity as layers of one EXR.
-void write_picture_exr(const std::filesystem::path& path, const Picture& picture);
+/// What a picture of the view knows as float layers of one EXR: R G B (composited, hence A = 1), depth.Z along the ray
+/// and Z along the optical axis in scene units (0: nothing), opacity.A, and N.X N.Y N.Z, the normal of the surface that
+/// the depths make in the world's axes, towards the camera (0: none).
+void write_picture_exr(const std::filesystem::path& path, const Picture& picture, const View& view);
 
 }  // namespace cloam
