@@ -1,11 +1,12 @@
-// cloam export: actors of a trained street as meshes or turntables, and gaussians as files of splats.
+// cloam export: surfaces as meshes, actors of a trained street also as turntables, and gaussians as files of splats.
+#include "cli/export.h"
+
 #include <fmt/format.h>
 
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "cli/commands.h"
 #include "cli/export_capture.h"
 #include "cli/stop_signal.h"
 #include "models/eval/pictures.h"
@@ -15,7 +16,6 @@
 #include "models/gaussians/turn.h"
 #include "models/io/gif.h"
 #include "models/io/paths.h"
-#include "models/mesh/write_mesh.h"
 #include "models/methods/registry.h"
 #include "models/metrics/psnr.h"
 #include "models/render/undistort.h"
@@ -29,26 +29,24 @@ namespace cloam {
 namespace {
 
 constexpr int kFramesPerSecond = 12;
-constexpr char kPrior[] = "prior", kCapture[] = "capture";
+constexpr char kPrior[] = "prior", kCapture[] = "capture", kPoints[] = "points";
 constexpr char kExportExamples[] =
-    R"(Write the actors of a street, or Gaussian splats, as files for other programs.
+    R"(Write surfaces, the actors of a street, or Gaussian splats, as files for other programs.
 
 Examples:
+  cloam export runs/lego -o lego.glb --resolution 256                     a NeRF's surface with colours; also .obj, .ply
   cloam export runs/street --format glb --actor 3f2a -o car.glb           a coloured mesh, in glTF's axes
   cloam export runs/street --format glb -o cars                           all actors, one file each
   cloam export runs/street --format turntable --actor 1:3f2a -o turn      pictures all around, and a GIF
   cloam export runs/street --format ply --actor 3f2a -o car.ply --resolution 256
+  cloam export runs/street --background --log 003 -o street.glb --resolution 512    the street without its actors
+  cloam export runs/lego --format points -o points.ply                    what the photos see, as coloured points
   cloam export runs/assets --format prior -o prior                        a diffusion and its networks, to hand on
   cloam export runs/garden --format capture -o garden-refined             the photos with the poses that it learned
   cloam export runs/street --format capture -o street-refined             the log with the boxes that it learned
   cloam export runs/garden -o garden.ply                                  Gaussian splats; also .splat, .spz and .glb
 
 An actor is [LOG:]ID, where ID is any unique part of its id and LOG the number or name of its log.)";
-
-struct ExportRequest {
-  std::string run, format, actor, out;
-  int resolution = 128, frames = 36, size = 256;
-};
 
 struct Exported {
   AssetName actor;
@@ -58,17 +56,11 @@ struct Exported {
 
 MeshLabel label_of(const RestoredRun& run, const AssetName& name, int resolution) {
   const Actor& actor = actor_of(run.scenes, name);
-  MeshLabel label{text(actor.label, " ", actor.id), {}};
-  label.extras = {{"actor", actor.id},
-                  {"label", actor.label},
-                  {"size_m", {actor.size.x(), actor.size.y(), actor.size.z()}},
-                  {"method", run.record.method},
-                  {"preset", run.record.preset},
-                  {"seed", run.record.seed},
-                  {"step", run.progress.step},
-                  {"settings", run.record.settings},
-                  {"resolution", resolution},
-                  {"version", kVersion}};
+  MeshLabel label = run_label(run, text(actor.label, " ", actor.id));
+  label.extras.update({{"actor", actor.id},
+                       {"label", actor.label},
+                       {"size_m", {actor.size.x(), actor.size.y(), actor.size.z()}},
+                       {"resolution", resolution}});
   return label;
 }
 
@@ -80,8 +72,7 @@ Exported export_mesh(const RestoredRun& run, const ExportRequest& request, const
     throw Error(Fault::data, text("the actor ", spelled(run.scenes, name),
                                   " has no surface in its box; was it visible, and trained for long enough?"));
   }
-  const MeshLabel label = label_of(run, name, request.resolution);
-  request.format == "ply" ? write_ply(path, mesh, label) : write_glb(path, mesh, label);
+  write_mesh(path, mesh, label_of(run, name, request.resolution));
   return {name, path.string(), mesh.vertex_count(), mesh.triangle_count(), 0};
 }
 
@@ -138,7 +129,7 @@ std::vector<Exported> export_all(const RestoredRun& run, const ExportRequest& re
 }
 
 /// Of a street of Gaussians, beside its actors.
-Exported export_background(const ExportsActors& exports, const ExportRequest& request) {
+Exported background_file(const ExportsActors& exports, const ExportRequest& request) {
   const fs::path path = fs::path(request.out) / ("background." + request.format);
   const Gaussians gaussians = exports.background_gaussians();
   write_gaussians(path, gaussians);
@@ -166,22 +157,6 @@ void tell(const Scenes& scenes, const std::vector<Exported>& done, const Common&
   if (common.json) put_json(json);
 }
 
-void check_file(const ExportRequest& request) {
-  if (const std::string problem = problem_of(output_file(), request.out); !problem.empty())
-    throw Error(Fault::usage, "--out: " + problem);
-}
-
-/// One mesh: its name may say the format.
-void take_file(ExportRequest& request) {
-  check_file(request);
-  const std::string extension = lower_case(fs::path(request.out).extension().string());
-  if (request.format.empty() && (extension.empty() || extension == ".glb")) request.format = "glb";
-  if (request.format.empty() && extension == ".ply") request.format = "ply";
-  if (request.format.empty())
-    throw Error(Fault::usage, text("-o ", request.out, ": cannot write ", extension, "; meshes are .glb or .ply"));
-  request.out = with_format(request.out, request.format).string();
-}
-
 void check_export_folder(ExportRequest& request) {
   if (request.format.empty()) request.format = "glb";
   if (const std::string problem = problem_of(output_folder(), request.out); !problem.empty())
@@ -196,14 +171,14 @@ int export_actors(const RestoredRun& run, ExportRequest request, const Common& c
                          ? "ply"
                          : std::string(splat_format(request.out).extension).substr(1);
   if (!exports && (request.format == "splat" || request.format == "spz"))
-    throw Error(Fault::usage,
-                text("--format ", request.format, ": this run has actors, not Gaussians; want glb, ply or turntable"));
+    throw Error(Fault::usage, text("--format ", request.format,
+                                   ": this run has actors, not Gaussians; want glb, obj, ply or turntable"));
   const bool is_file = !request.actor.empty() && request.format != "turntable";
-  is_file ? take_file(request) : check_export_folder(request);
+  is_file ? take_mesh_file(request) : check_export_folder(request);
   if (request.actor.empty()) {
     const std::vector<Exported> done = export_all(run, request, common);
     std::optional<Exported> background;
-    if (exports && request.format != "turntable") background = export_background(*exports, request);
+    if (exports && request.format != "turntable") background = background_file(*exports, request);
     tell(run.scenes, done, common, background);
     return 0;
   }
@@ -274,7 +249,10 @@ int run_export(const ExportRequest& request, const Common& common) {
                                    ": it has no actors and no Gaussians\n  fix: --format prior packs it for others"));
   const RestoredRun run = restored(request.run, common);
   if (request.format == kCapture) return export_capture(run, {request.run, request.out}, common);
+  if (request.format == kPoints) return export_points(run, request, common);
+  if (request.background) return export_background(run, request, common);
   const auto* exports = as<ExportsGaussians>(*run.method);
+  if (const auto* density = as<HasDensity>(*run.method)) return export_density(run, *density, request, common);
   if (!exports) return export_actors(run, request, common);
   if (!request.actor.empty()) throw Error(Fault::usage, "--actor: this run has Gaussians, not actors");
   if (request.format == "turntable")
@@ -285,20 +263,56 @@ int run_export(const ExportRequest& request, const Common& common) {
 
 }  // namespace
 
+void check_file(const ExportRequest& request) {
+  if (const std::string problem = problem_of(output_file(), request.out); !problem.empty())
+    throw Error(Fault::usage, "--out: " + problem);
+}
+
+void take_mesh_file(ExportRequest& request) {
+  check_file(request);
+  const std::string extension = lower_case(fs::path(request.out).extension().string());
+  if (request.format.empty() && extension.empty()) request.format = "glb";
+  for (const char* known : kMeshExtensions)
+    if (request.format.empty() && extension == known) request.format = extension.substr(1);
+  if (request.format.empty())
+    throw Error(Fault::usage,
+                text("-o ", request.out, ": cannot write ", extension, "; meshes are .glb, .obj or .ply"));
+  request.out = with_format(request.out, request.format).string();
+}
+
+MeshLabel run_label(const RestoredRun& run, const std::string& name) {
+  MeshLabel label{name};
+  label.extras = {{"method", run.record.method}, {"preset", run.record.preset},     {"seed", run.record.seed},
+                  {"step", run.progress.step},   {"settings", run.record.settings}, {"version", kVersion}};
+  return label;
+}
+
 Command add_export(CLI::App& program) {
-  return command<ExportRequest>(
-      program, "export", kExportExamples, run_export, [](const Options& add, ExportRequest& r) {
-        add("RUN", r.run, "Run folder").required();
-        add("-o,--out", r.out, "Output file; a folder for turntables, all actors, a prior and a capture").required();
-        add("--format", r.format,
-            "Actors: glb or ply (mesh), turntable (PNG and GIF); Gaussians: ply, splat, spz, glb; diffusion: prior; "
-            "learned poses or boxes: capture (default: by the file's name)",
-            one_of({"glb", "ply", "turntable", "splat", "spz", kPrior, kCapture}));
-        add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
-        add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 512));
-        add("--frames", r.frames, "Number of pictures of a turntable (36)", whole_number(1, 10000));
-        add("--size", r.size, "Width and height of a turntable's pictures (256)", whole_number(16, 4096));
-      });
+  return command<
+      ExportRequest>(program, "export", kExportExamples, run_export, [](const Options& add, ExportRequest& r) {
+    add("RUN", r.run, "Run folder").required();
+    add("-o,--out", r.out, "Output file; a folder for turntables, all actors, a prior and a capture").required();
+    add("--format", r.format,
+        "Surfaces and actors: glb, obj or ply (mesh); actors: turntable (PNG and GIF); Gaussians: ply, splat, spz, "
+        "glb; anything: points (.ply); diffusion: prior; learned poses or boxes: capture (default: by the file's name)",
+        one_of({"glb", "obj", "ply", "turntable", "splat", "spz", kPoints, kPrior, kCapture}));
+    add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
+    add("--background", r.background, "A street without its actors");
+    add("--log", r.log, "Log that --background and points are of, by name or number (the only one)");
+    add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 1024));
+    add("--level", r.level,
+        "Density of a radiance field's surface, per scene unit (that which takes half of the light over a 256th of "
+        "the box)",
+        number_from(1e-6, 1e9));
+    add("--least-part", r.least_part,
+        "Leave out loose parts of a scene's surface with less than this share of its area (0)", number_from(0, 1));
+    add("--points", r.points, "Rays of the training photos that points are made of, at most (1000000)",
+        whole_number(1, 100000000));
+    add("--farthest", r.farthest, "Distance of a point from its camera, at most (streets: 80 m)",
+        number_from(1e-6, 1e9));
+    add("--frames", r.frames, "Number of pictures of a turntable (36)", whole_number(1, 10000));
+    add("--size", r.size, "Width and height of a turntable's pictures (256)", whole_number(16, 4096));
+  });
 }
 
 }  // namespace cloam

@@ -57,6 +57,8 @@ class ZipField {
   ZipField(const Scope& scope, const ZipFieldOptions& options);
   /// directions [R,3] of length 1; ray [S] int32, the direction of each sample.
   FieldOutput operator()(const WideSamples& at, const Tensor& directions, const Tensor& ray) const;
+  /// [S]
+  Tensor density(const WideSamples& at) const { return ZipDensity::density(geometry_.features(at)); }
   const DownweightedGrid& grid() const { return geometry_.grid(); }
   /// Bytes of activations a sample of `places` costs in training, for the memory plan.
   int64_t bytes_per_sample(int64_t places) const;

@@ -4,9 +4,9 @@
 // Doi & Koide, An efficient method of triangulating equi-valued surfaces by using tetrahedral cells, 1991.
 #include "models/mesh/isosurface.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <unordered_map>
 
 #include "runtime/error.h"
@@ -23,56 +23,116 @@ using Tetrahedron = std::array<int, 4>;
 constexpr Tetrahedron kTetrahedra[] = {{0, 1, 3, 7}, {0, 2, 6, 7}, {0, 4, 5, 7},
                                        {0, 3, 2, 7}, {0, 6, 4, 7}, {0, 5, 1, 7}};
 
-class Marcher {
+constexpr int kBlock = 16;                      // nodes along the sides of what is_empty() is asked of
+constexpr std::size_t kPointsAtOnce = 1 << 16;  // so that the memory of whoever answers does not grow with the mesh
+
+/// The values of a few layers of nodes.
+class Slab {
  public:
-  explicit Marcher(const DistanceGrid& grid) : grid_(grid) {
-    const std::size_t row = std::size_t(grid.counts[0]);
-    for (std::size_t c = 0; c < 8; ++c) offset_[c] = (c & 1) + row * ((c >> 1 & 1) + (c >> 2) * grid.counts[1]);
+  Slab(const NodeGrid& grid, const Implicit& surface)
+      : grid_(grid),
+        surface_(surface),
+        layer_(std::size_t(grid.counts[0]) * grid.counts[1]),
+        values_((kBlock + 1) * layer_) {}
+
+  /// Layers first to first + kBlock. The last ones of the slab before are kept where they are the first of this one.
+  void move_to(int first) {
+    const bool follows = first > 0 && first == first_ + kBlock;
+    if (follows) std::copy_n(values_.begin() + kBlock * layer_, layer_, values_.begin());
+    first_ = first;
+    const int from = follows ? 1 : 0, until = std::min(kBlock + 1, grid_.counts[2] - first);
+    std::fill(values_.begin() + from * layer_, values_.end(), std::numeric_limits<float>::infinity());
+    for (int j = 0; j < grid_.counts[1]; j += kBlock)
+      for (int i = 0; i < grid_.counts[0]; i += kBlock) list_block({i, j, from}, until);
+    ask();
   }
 
-  Mesh run() {
-    std::size_t node = 0;
-    for (int k = 0; k < grid_.counts[2]; ++k) {
-      for (int j = 0; j < grid_.counts[1]; ++j) {
-        for (int i = 0; i < grid_.counts[0]; ++i, ++node) {
-          if (is_last(i, 0) || is_last(j, 1) || is_last(k, 2)) continue;
-          march_cell({i, j, k}, node);
+  float at(int i, int j, int k) const { return values_[place(i, j, k - first_)]; }
+
+ private:
+  std::size_t place(int i, int j, int k) const { return (std::size_t(k) * grid_.counts[1] + j) * grid_.counts[0] + i; }
+
+  void list_block(const std::array<int, 3>& begin, int until) {
+    const int last_i = std::min(begin[0] + kBlock, grid_.counts[0]) - 1,
+              last_j = std::min(begin[1] + kBlock, grid_.counts[1]) - 1;
+    const auto at = [&](int i, int j, int k) { return grid_.position(i, j, first_ + k); };
+    if (surface_.is_empty({at(begin[0], begin[1], begin[2]), at(last_i, last_j, until - 1)})) return;
+    for (int k = begin[2]; k < until; ++k)
+      for (int j = begin[1]; j <= last_j; ++j)
+        for (int i = begin[0]; i <= last_i; ++i) {
+          const Eigen::Vector3f point = at(i, j, k).cast<float>();
+          points_.insert(points_.end(), point.data(), point.data() + 3);
+          places_.push_back(place(i, j, k));
         }
-      }
+    if (places_.size() >= kPointsAtOnce) ask();
+  }
+
+  void ask() {
+    if (places_.empty()) return;
+    const std::vector<float> values = surface_.values(points_);
+    if (values.size() != places_.size())
+      throw Error(Fault::internal, text(places_.size(), " points of a surface have ", values.size(), " values"));
+    for (std::size_t n = 0; n < values.size(); ++n) values_[places_[n]] = values[n];
+    places_.clear();
+    points_.clear();
+  }
+
+  const NodeGrid& grid_;
+  const Implicit& surface_;
+  std::size_t layer_;
+  int first_ = 0;
+  std::vector<float> values_, points_;
+  std::vector<std::size_t> places_;  // of the points, among the values
+};
+
+class Marcher {
+ public:
+  Marcher(const NodeGrid& grid, const Implicit& surface) : grid_(grid), slab_(grid, surface) {}
+
+  Mesh run() {
+    for (int k = 0; k + 1 < grid_.counts[2]; ++k) {
+      if (k % kBlock == 0) slab_.move_to(k);
+      for (int j = 0; j + 1 < grid_.counts[1]; ++j)
+        for (int i = 0; i + 1 < grid_.counts[0]; ++i) march_cell({i, j, k});
+      vertices_[0] = std::move(vertices_[1]);
+      vertices_[1].clear();
     }
     return std::move(mesh_);
   }
 
  private:
-  bool is_last(int index, int axis) const { return index + 1 >= grid_.counts[std::size_t(axis)]; }
+  using Cell = std::array<int, 3>;  // its first node
 
-  bool is_rim(const std::array<int, 3>& cell, int corner) const {
-    for (int axis = 0; axis < 3; ++axis) {
-      const int index = cell[std::size_t(axis)] + (corner >> axis & 1);
-      if (index == 0 || is_last(index, axis)) return true;
-    }
+  bool is_rim(const Cell& node) const {
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      if (node[axis] == 0 || node[axis] + 1 >= grid_.counts[axis]) return true;
     return false;
   }
 
-  void march_cell(const std::array<int, 3>& cell, std::size_t node) {
+  static Cell corner(const Cell& cell, int c) {
+    return {cell[0] + (c & 1), cell[1] + (c >> 1 & 1), cell[2] + (c >> 2)};
+  }
+
+  void march_cell(const Cell& cell) {
     std::array<double, 8> value;
     for (int c = 0; c < 8; ++c) {
-      const double distance = grid_.distances[node + offset_[std::size_t(c)]];
-      const double outside = std::isfinite(distance) ? std::abs(distance) : grid_.spacing;
-      value[std::size_t(c)] = distance < 0 && std::isfinite(distance) && !is_rim(cell, c) ? distance : outside;
+      const Cell node = corner(cell, c);
+      const double given = slab_.at(node[0], node[1], node[2]);
+      const double outside = std::isfinite(given) ? std::abs(given) : grid_.spacing;
+      value[std::size_t(c)] = given < 0 && std::isfinite(given) && !is_rim(node) ? given : outside;
     }
     const auto [least, most] = std::minmax_element(value.begin(), value.end());
     if (*least >= 0 || *most < 0) return;
-    for (const Tetrahedron& tetrahedron : kTetrahedra) march_tetrahedron(tetrahedron, node, value);
+    for (const Tetrahedron& tetrahedron : kTetrahedra) march_tetrahedron(tetrahedron, cell, value);
   }
 
-  void march_tetrahedron(const Tetrahedron& corners, std::size_t node, const std::array<double, 8>& value) {
+  void march_tetrahedron(const Tetrahedron& corners, const Cell& cell, const std::array<double, 8>& value) {
     std::array<int, 4> inside{}, outside{};
     std::size_t ins = 0, outs = 0;
     for (int i = 0; i < 4; ++i) (value[std::size_t(corners[std::size_t(i)])] < 0 ? inside[ins++] : outside[outs++]) = i;
     if (ins == 0 || outs == 0) return;
     const auto point = [&](int p, int q) {
-      return vertex(node, corners[std::size_t(p)], corners[std::size_t(q)], value);
+      return vertex(cell, corners[std::size_t(p)], corners[std::size_t(q)], value);
     };
     if (ins == 2) {
       // (a, b, c, d) is to be an even permutation, which keeps the tetrahedron right-handed.
@@ -97,25 +157,28 @@ class Marcher {
     mesh_.triangles.insert(mesh_.triangles.end(), {a, b, c});
   }
 
-  // The vertex on the edge between two corners of the cell at `node`, made when it is asked for first. Edges are named
-  // by their lower node and their direction: the corner numbers of a tetrahedron's edge contain each other as bits.
-  std::uint32_t vertex(std::size_t node, int p, int q, const std::array<double, 8>& value) {
+  // The vertex on the edge between two corners of a cell, made when it is asked for first. Edges are named by their
+  // lower node and their direction: the corner numbers of a tetrahedron's edge contain each other as bits.
+  std::uint32_t vertex(const Cell& cell, int p, int q, const std::array<double, 8>& value) {
     const int low = p & q, high = p | q;
-    const std::uint64_t edge = 8 * (node + offset_[std::size_t(low)]) + std::uint64_t(high ^ low);
-    const auto [place, is_new] = vertices_.try_emplace(edge, static_cast<std::uint32_t>(mesh_.vertex_count()));
+    const Cell from = corner(cell, low), to = corner(cell, high);
+    const std::uint64_t node = std::uint64_t(from[1]) * std::uint64_t(grid_.counts[0]) + std::uint64_t(from[0]);
+    auto& known = vertices_[std::size_t(from[2] - cell[2])];
+    const auto [place, is_new] =
+        known.try_emplace(8 * node + std::uint64_t(high ^ low), static_cast<std::uint32_t>(mesh_.vertex_count()));
     if (!is_new) return place->second;
-    const double from = value[std::size_t(low)], to = value[std::size_t(high)];
-    const double share = std::clamp(from / (from - to), kFromEnd, 1 - kFromEnd);
-    const Eigen::Vector3d a = grid_.position(node + offset_[std::size_t(low)]),
-                          b = grid_.position(node + offset_[std::size_t(high)]);
+    const double below = value[std::size_t(low)], above = value[std::size_t(high)];
+    const double share = std::clamp(below / (below - above), kFromEnd, 1 - kFromEnd);
+    const Eigen::Vector3d a = grid_.position(from[0], from[1], from[2]), b = grid_.position(to[0], to[1], to[2]);
     const Eigen::Vector3d at = a + share * (b - a);
     for (int axis = 0; axis < 3; ++axis) mesh_.positions.push_back(static_cast<float>(at[axis]));
     return place->second;
   }
 
-  const DistanceGrid& grid_;
-  std::array<std::size_t, 8> offset_;  // of a cell's corners from its first, in nodes
-  std::unordered_map<std::uint64_t, std::uint32_t> vertices_;
+  const NodeGrid& grid_;
+  Slab slab_;
+  // By edge, of those whose lower node lies in the layer at hand, and in the next.
+  std::array<std::unordered_map<std::uint64_t, std::uint32_t>, 2> vertices_;
   Mesh mesh_;
 };
 
@@ -140,32 +203,34 @@ void add_normals(Mesh& mesh) {
 
 }  // namespace
 
-Eigen::Vector3d DistanceGrid::position(std::size_t node) const {
-  const std::size_t row = std::size_t(counts[0]), slice = row * std::size_t(counts[1]);
-  const Eigen::Vector3d index(double(node % row), double(node / row % std::size_t(counts[1])), double(node / slice));
-  return origin + spacing * index;
-}
-
-DistanceGrid grid_over(const Eigen::Vector3d& size, int resolution) {
-  constexpr double kMargin = 1.1;
-  DistanceGrid grid;
-  grid.spacing = kMargin * size.maxCoeff() / resolution;
+NodeGrid grid_over(const Eigen::AlignedBox3d& box, int resolution) {
+  NodeGrid grid;
+  const Eigen::Vector3d size = box.sizes();
+  grid.spacing = size.maxCoeff() / resolution;
   for (int axis = 0; axis < 3; ++axis) {
-    const int cells = std::max(1, static_cast<int>(std::ceil(kMargin * size[axis] / grid.spacing - 1e-9)));
+    const int cells = std::max(1, static_cast<int>(std::ceil(size[axis] / grid.spacing - 1e-9)));
     grid.counts[std::size_t(axis)] = cells + 1;
-    grid.origin[axis] = -0.5 * grid.spacing * cells;
+    grid.origin[axis] = box.center()[axis] - 0.5 * grid.spacing * cells;
   }
   return grid;
 }
 
-Mesh isosurface(const DistanceGrid& grid) {
-  if (grid.distances.size() != grid.node_count()) {
-    throw Error(Fault::internal,
-                text("a grid of ", grid.node_count(), " nodes has ", grid.distances.size(), " distances"));
-  }
-  Mesh mesh = Marcher(grid).run();
+Mesh isosurface(const NodeGrid& grid, const Implicit& surface) {
+  Mesh mesh = Marcher(grid, surface).run();
   add_normals(mesh);
   return mesh;
+}
+
+void add_colours(Mesh& mesh, const SeenColours& colours) {
+  const std::size_t values = mesh.positions.size();
+  for (std::size_t first = 0; first < values; first += 3 * kPointsAtOnce) {
+    const std::size_t end = std::min(values, first + 3 * kPointsAtOnce);
+    const auto part = [&](const std::vector<float>& all) {
+      return std::vector<float>(all.data() + first, all.data() + end);
+    };
+    const std::vector<float> more = colours(part(mesh.positions), part(mesh.normals));
+    mesh.colours.insert(mesh.colours.end(), more.begin(), more.end());
+  }
 }
 
 }  // namespace cloam

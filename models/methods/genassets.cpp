@@ -215,6 +215,10 @@ AssetSamples GenAssets::sample_asset(const AssetName& asset, const std::vector<f
   return model_->sample_asset(model_->assets().place_of(asset), points);
 }
 
+Mesh GenAssets::surroundings(int log, int resolution) {
+  return model_->surroundings(model_->logs().at(static_cast<size_t>(log)), resolution);
+}
+
 void GenAssets::take_actors(const Scenes& scenes) {
   for (size_t i = 0; i < scenes.size(); ++i) {
     StreetLog& log = model_->logs().at(i);

@@ -412,9 +412,31 @@ AssetSamples StreetModel::sample_asset(const AssetPlace& place, const std::vecto
   const Tensor planes = stop_gradient(assets_->decode(hit_assets({place}, {true}), {}).planes),
                owners = cast(zeros({count}), DType::i32);
   const float scale = cube_scale(assets_->size_of(place));
-  const auto geometry = [&](const Tensor& at) {
-    return field_->geometry(sample_planes(planes, in_cube(at * scale + 0.5f, options_.symmetric), owners));
+  return sample_surface(points, [&](const Tensor& at) {
+    return sample_planes(planes, in_cube(at * scale + 0.5f, options_.symmetric), owners);
+  });
+}
+
+Mesh StreetModel::surroundings(const StreetLog& log, int resolution) const {
+  const std::vector<float> numbers = log.space->grid().numbers.to_host();
+  const Tensor centre = from_host(std::vector<float>(&numbers[7], &numbers[10]), {1, 3}),
+               half = from_host(std::vector<float>(&numbers[10], &numbers[13]), {1, 3});
+  StreetSamples samples;
+  samples.owners = cast(zeros({0}), DType::i32);
+  const auto sample = [&](const std::vector<float>& points) {
+    return sample_surface(points, [&](const Tensor& at) {
+      samples.points = (at - centre) / half * 0.25f + 0.5f;  // kernels/street.cl: contracted() of what is not
+      return stop_gradient(texels_of(log, samples, {}));
+    });
   };
+  return static_mesh(*log.space, sample, resolution);
+}
+
+/// Points [N,3] of a surface that texels at points [N,3] say.
+AssetSamples StreetModel::sample_surface(const std::vector<float>& points,
+                                         const std::function<Tensor(const Tensor& at)>& texels) const {
+  const auto count = static_cast<int64_t>(points.size() / 3);
+  const auto geometry = [&](const Tensor& at) { return field_->geometry(texels(at)); };
   const Tensor at = from_host(points, {count, 3});
   const Tensor normal = outward_normals(at, [&](const Tensor& p) { return geometry(p).distance; });
   const StreetField::Geometry here = geometry(at);

@@ -12,7 +12,7 @@
 #include "models/latents/code_prior.h"
 #include "models/latents/new_assets.h"
 #include "models/nn/image_decoder.h"
-#include "models/street/has_surfaces.h"
+#include "models/street/static_surface.h"
 #include "models/street/street_boxes.h"
 #include "models/street/street_views.h"
 
@@ -154,6 +154,7 @@ class StreetModel {
   Tensor image_of(const Tensor& features, const Tensor& shadow) const;
   StreetPainter painter(const std::function<RayScene(const RayList&)>& scene, bool shadows) const;
   AssetSamples sample_asset(const AssetPlace& place, const std::vector<float>& points) const;
+  Mesh surroundings(const StreetLog& log, int resolution) const;
 
   StreetAssets& assets() { return *assets_; }
   const StreetModelOptions& options() const { return options_; }
@@ -164,6 +165,8 @@ class StreetModel {
   StreetLog make_log(const Scene& scene, const Scope& scope) const;
   Tensor texels_of(const StreetLog& log, const StreetSamples& samples, const DecodedAssets& assets) const;
   Tensor shadow_of(const StreetLog& log, const RenderedRays& rendered) const;
+  AssetSamples sample_surface(const std::vector<float>& points,
+                              const std::function<Tensor(const Tensor& at)>& texels) const;
 
   StreetModelOptions options_;
   std::unique_ptr<StreetField> field_;

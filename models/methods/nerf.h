@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "models/batches/image_source.h"
+#include "models/mesh/has_density.h"
 #include "models/methods/nerf_renderer.h"
 #include "models/methods/pose_refinement.h"
 #include "models/train/learns_from_captures.h"
@@ -20,6 +21,7 @@ class Nerf final : public Method,
                    public LearnsFromCaptures,
                    public RendersViews,
                    public ShowsSamples,
+                   public HasDensity,
                    public RefinesPoses {
  public:
   void configure(Config& config) override;
@@ -34,6 +36,7 @@ class Nerf final : public Method,
   void after_step(const Progress& progress) override;
   Picture render(const View& view) override;
   std::vector<RaySample> samples(const View& view, int row) override;
+  DensityField density_field() const override { return renderer_->density_field(); }
   std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
   TensorMap state() const override;
   void restore(const TensorMap& state) override;

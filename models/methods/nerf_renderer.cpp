@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "models/batches/own_rows.h"
 #include "models/render/picture_pixels.h"
@@ -169,6 +170,40 @@ Tensor NerfRenderer::thickness(const Tensor& points) const {
   const Tensor folded = max(abs(points * 4.f - 2.f), {{1}});
   const Tensor distance = 1.f / maximum(2.f - maximum(folded, 1.f), 1e-2f);
   return sigma * maximum(distance * (m.cone / m.min_step), 1.f);
+}
+
+DensityField NerfRenderer::density_field() const {
+  if (frame_.ndc)
+    throw Error(Fault::usage,
+                "a run in NDC has no mesh: its space ends at no distance\n  fix: train with --set space.kind=contract");
+  const auto cells = std::make_shared<OccupiedCells>(marching() ? occupancy_->occupied() : OccupiedCells());
+  const auto places = [this](const std::vector<float>& world) {
+    return unit_points(from_host(normalised(world, frame_), {static_cast<int64_t>(world.size() / 3), 3}),
+                       frame_.contract);
+  };
+  DensityField out;
+  out.subject = box_of(frame_);
+  out.densities = [this, cells, places](const std::vector<float>& points) {
+    const Tensor unit = places(points), sigma = field_->density(unit) * static_cast<float>(frame_.scale);
+    eval({unit, sigma});
+    std::vector<float> densities = sigma.to_host();
+    cells->clear_empty(unit.to_host(), densities);
+    return densities;
+  };
+  out.colours = [this, places](const std::vector<float>& points, const std::vector<float>& directions) {
+    const auto count = static_cast<int64_t>(points.size() / 3);
+    std::vector<int32_t> own(points.size() / 3);
+    std::iota(own.begin(), own.end(), 0);
+    return (*field_)(places(points), from_host(directions, {count, 3}), from_host(own, {count})).rgb.to_host();
+  };
+  out.is_empty = [this, cells](const Eigen::AlignedBox3d& box) {
+    const double side = frame_.contract ? 4 : 2;  // of what [0,1]^3 is
+    const auto unit = [&](const Eigen::Vector3d& at) -> Eigen::Vector3d {
+      return ((at - frame_.centre) * frame_.scale / side).array() + 0.5;
+    };
+    return box_of(frame_).contains(box) && cells->none_in({unit(box.min()), unit(box.max())});
+  };
+  return out;
 }
 
 void NerfRenderer::follow(int64_t step, uint64_t seed) {

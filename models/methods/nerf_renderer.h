@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "models/fields/field.h"
+#include "models/mesh/has_density.h"
 #include "models/render/occupancy.h"
 #include "models/render/rays.h"
 #include "models/train/shows_samples.h"
@@ -56,6 +57,8 @@ class NerfRenderer {
   Picture picture(const View& view, float back) const;
   /// What a picture of the view shades along the rays of one row of pixels.
   std::vector<RaySample> samples(const View& view, int row) const;
+  /// What pictures show, as a function of the place: of the one field, or the fine one. Fault::usage in NDC.
+  DensityField density_field() const;
   /// After a step: the occupancy grid follows the field.
   void follow(int64_t step, uint64_t seed);
   bool marching() const { return config_.sampling == "occupancy"; }

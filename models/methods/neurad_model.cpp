@@ -14,6 +14,7 @@ namespace {
 
 constexpr float kLeastThrough = 1e-3f;
 constexpr float kEmbeddingStart = 0.1f;
+constexpr float kSurfaceWidth = 0.05f;  // metres that a vertex of a mesh stands for
 constexpr int64_t kMostMoments = 1000;  // embeddings a sensor
 
 // Streams of random numbers within a step.
@@ -238,12 +239,32 @@ StreetPainter NeuradModel::painter(const std::function<NeuradScene(const RayList
 
 AssetSamples NeuradModel::sample_asset(std::size_t actor, const std::vector<float>& points) const {
   const auto count = static_cast<int64_t>(points.size() / 3);
-  const StreetField& network = field_->network();
   const float scale = cube_scale(scene_.get()->actors.at(actor).size);
   const Tensor owners = cast(full({count}, static_cast<float>(actor)), DType::i32), widths = zeros({count});
-  const auto geometry = [&](const Tensor& at) {
-    return network.geometry(field_->encoded({zeros({0, 3}), {}, {}}, {at * scale + 0.5f, widths, owners}));
+  return sample_surface(points, [&](const Tensor& at) {
+    return field_->encoded({zeros({0, 3}), {}, {}}, {at * scale + 0.5f, widths, owners});
+  });
+}
+
+Mesh NeuradModel::surroundings(int resolution) const {
+  const std::vector<float> numbers = grid().numbers.to_host();
+  const Tensor centre = from_host(std::vector<float>(&numbers[7], &numbers[10]), {1, 3});
+  const float scale = 0.25f / numbers[10];  // kernels/street.cl: contracted() of what is not
+  const auto sample = [&](const std::vector<float>& points) {
+    const Tensor widths = full({static_cast<int64_t>(points.size() / 3)}, kSurfaceWidth * scale);
+    return sample_surface(points, [&](const Tensor& at) {
+      return field_->encoded({(at - centre) * scale + 0.5f, widths, {}}, {zeros({0, 3}), {}, {}});
+    });
   };
+  return static_mesh(*space_, sample, resolution);
+}
+
+/// Points [N,3] of a surface that the grids say at points [N,3].
+AssetSamples NeuradModel::sample_surface(const std::vector<float>& points,
+                                         const std::function<Tensor(const Tensor& at)>& encoded) const {
+  const auto count = static_cast<int64_t>(points.size() / 3);
+  const StreetField& network = field_->network();
+  const auto geometry = [&](const Tensor& at) { return network.geometry(encoded(at)); };
   const Tensor at = from_host(points, {count, 3});
   const Tensor normal = outward_normals(at, [&](const Tensor& p) { return geometry(p).distance; });
   const StreetField::Geometry here = geometry(at);

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "models/batches/image_source.h"
+#include "models/mesh/has_density.h"
 #include "models/methods/zipnerf_renderer.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
@@ -11,7 +12,7 @@
 
 namespace cloam {
 
-class ZipNerf final : public Method, public LearnsFromCaptures, public RendersViews {
+class ZipNerf final : public Method, public LearnsFromCaptures, public RendersViews, public HasDensity {
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
@@ -23,6 +24,7 @@ class ZipNerf final : public Method, public LearnsFromCaptures, public RendersVi
   Step step(const Progress& progress, const Tensors& wanted) override;
   int64_t most_shares() const override { return std::min<int64_t>(kMostShares, config_.batch_rays); }
   Picture render(const View& view) override;
+  DensityField density_field() const override { return renderer_->density_field(); }
 
  private:
   ZipNerfConfig config_;

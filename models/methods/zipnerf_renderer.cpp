@@ -17,6 +17,7 @@ enum ZipStream : uint32_t { kRanks = 8, kSpins = 9, kFlips = 10, kStreamsOfLevel
 
 constexpr int64_t kNumbers = 5;             // of a ray
 constexpr int64_t kPlacesAtOnce = 1 << 18;  // in pictures: places where grids are read
+constexpr float kPixelWidth = 1e-3f;        // normalised, where a mesh asks: of 1000 pixels a radian
 
 /// Which ray each of its samples belongs to, and where rays begin: the form of ops on rays of any length.
 struct EvenRays {
@@ -109,6 +110,28 @@ ZipNerfRenderer::Rendered ZipNerfRenderer::shade(const Cones& cones, const Sampl
                       1);
     out.middles = middle;
   }
+  return out;
+}
+
+WideSamples ZipNerfRenderer::places_of(const std::vector<float>& world) const {
+  const std::vector<float> at = normalised(world, frame_);
+  const auto count = static_cast<int64_t>(at.size() / 3);
+  const ConeSamples samples{from_host(at, {1, count, 1, 3}), full({1, count, 1}, kPixelWidth)};
+  const ConeSamples unit = in_unit_cube(frame_.contract ? contracted(samples) : samples, frame_.contract);
+  return {reshape(unit.points, {count, 1, 3}), config_.downweight ? reshape(unit.widths, {count, 1}) : Tensor()};
+}
+
+DensityField ZipNerfRenderer::density_field() const {
+  DensityField out;
+  out.subject = box_of(frame_);
+  out.densities = [this](const std::vector<float>& points) {
+    return (field_->density(places_of(points)) * static_cast<float>(frame_.scale)).to_host();
+  };
+  out.colours = [this](const std::vector<float>& points, const std::vector<float>& directions) {
+    const auto count = static_cast<int64_t>(points.size() / 3);
+    return (*field_)(places_of(points), from_host(directions, {count, 3}), even_rays(count, 1).ray).rgb.to_host();
+  };
+  out.is_empty = [](const Eigen::AlignedBox3d&) { return false; };
   return out;
 }
 

@@ -3,6 +3,7 @@
 #include <array>
 
 #include "models/fields/zip_field.h"
+#include "models/mesh/has_density.h"
 #include "models/render/cones.h"
 #include "models/render/proposals.h"
 #include "models/render/scene_frame.h"
@@ -47,6 +48,8 @@ class ZipNerfRenderer {
   Rendered shade(const Cones& cones, const Sampling& how) const;
   /// Block by block; `back`: how bright it is where nothing is.
   Picture picture(const View& view, float back) const;
+  /// The last field as a function of the place, read as wide as a pixel at the cameras' mean distance.
+  DensityField density_field() const;
   /// The interlevel loss of both proposals.
   Tensor interlevel(const Rendered& seen) const;
   /// Of all grids.
@@ -58,6 +61,7 @@ class ZipNerfRenderer {
   static RayRange range() { return {0.05f, 1000.f}; }
 
  private:
+  WideSamples places_of(const std::vector<float>& world) const;
   WideSamples samples_of(const Cones& cones, const Tensor& edges, const Sampling& how, uint32_t level) const;
   Picture picture_of_rays(const View& view, float back) const;
 

@@ -17,6 +17,39 @@ constexpr float kAllOccupied = -1;  // a threshold below any density
 
 }  // namespace
 
+OccupiedCells::OccupiedCells(const std::vector<float>& values, int side, float threshold) : side_(side), cells_() {
+  cells_.reserve(values.size());
+  for (const float value : values) cells_.push_back(value > threshold);
+}
+
+Eigen::Vector3i OccupiedCells::cell_at(const Eigen::Vector3d& point) const {
+  return (point * side_).cwiseMax(0.0).cwiseMin(side_ - 1.0).cast<int>();
+}
+
+bool OccupiedCells::at(int x, int y, int z) const {
+  const auto side = static_cast<std::size_t>(side_);
+  return cells_[(static_cast<std::size_t>(z) * side + static_cast<std::size_t>(y)) * side +
+                static_cast<std::size_t>(x)];
+}
+
+void OccupiedCells::clear_empty(const std::vector<float>& points, std::vector<float>& densities) const {
+  for (std::size_t i = 0; i < densities.size(); ++i) {
+    const Eigen::Vector3i cell = cell_at({points[3 * i], points[3 * i + 1], points[3 * i + 2]});
+    if (!at(cell.x(), cell.y(), cell.z())) densities[i] = 0;
+  }
+}
+
+bool OccupiedCells::none_in(const Eigen::AlignedBox3d& box) const {
+  const Eigen::Vector3i low = cell_at(box.min()), high = cell_at(box.max());
+  for (int z = low.z(); z <= high.z(); ++z)
+    for (int y = low.y(); y <= high.y(); ++y)
+      for (int x = low.x(); x <= high.x(); ++x)
+        if (at(x, y, z)) return false;
+  return true;
+}
+
+OccupiedCells OccupancyGrid::occupied() const { return {values_.to_host(), options_.side, threshold_}; }
+
 OccupancyGrid::OccupancyGrid(const OccupancyOptions& options) : options_(options) {
   const int64_t cells = int64_t{options.side} * options.side * options.side;
   values_ = from_host(std::vector<float>(static_cast<size_t>(cells), 0.f), {cells});

@@ -54,6 +54,17 @@ std::vector<float> pixel_widths(const std::vector<float>& directions, int width,
   return widths;
 }
 
+std::vector<float> normalised(const std::vector<float>& world, const SceneFrame& frame) {
+  std::vector<float> points;
+  points.reserve(world.size());
+  for (size_t i = 0; i < world.size(); i += 3) {
+    const Eigen::Vector3d at(world[i], world[i + 1], world[i + 2]);
+    const Eigen::Vector3f moved = ((at - frame.centre) * frame.scale).cast<float>();
+    points.insert(points.end(), moved.data(), moved.data() + 3);
+  }
+  return points;
+}
+
 void append_pose(std::vector<float>& poses, const Eigen::Matrix4d& world_from_camera, const SceneFrame& frame) {
   const Eigen::Matrix3d turn = frame.turn * world_from_camera.block<3, 3>(0, 0);
   for (int row = 0; row < 3; row++)

@@ -15,6 +15,9 @@ struct RayRange {
 /// Every pixel of a view, row-major [H*W]. Lengths along rays are in normalised units.
 Rays view_rays(const View& view, const SceneFrame& frame, const RayRange& range);
 
+/// Points [N,3] of the world in the coordinates of a frame without ndc.
+std::vector<float> normalised(const std::vector<float>& world, const SceneFrame& frame);
+
 /// The parts of it. directions: [H*W,3] of length 1, in camera axes.
 std::vector<float> unit_directions(const Camera& camera);
 /// How wide a pixel is at distance 1, [H*W], of its unit directions: the root of the solid angle between it and its

@@ -100,6 +100,11 @@ SceneFrame fit_ndc(const Scene& scene, double nearest) {
   return frame;
 }
 
+Eigen::AlignedBox3d box_of(const SceneFrame& frame) {
+  const Eigen::Vector3d half = Eigen::Vector3d::Constant(1 / frame.scale);
+  return {frame.centre - half, frame.centre + half};
+}
+
 SceneFrame fit_scene(const Scene& scene) {
   SceneFrame frame;
   if (scene.hints.synthetic_bounds) {

@@ -1,5 +1,7 @@
 // Normalised scene coordinates: where the subject lies, in [-1,1]^3.
 #pragma once
+#include <Eigen/Geometry>
+
 #include "models/scene/scene.h"
 
 namespace cloam {
@@ -18,6 +20,9 @@ struct SceneFrame {
 /// Object scenes keep their box [-1.5,1.5]^3. Others: centre = the point nearest to all optical axes, scale = 1 over
 /// the cameras' mean distance from it, contracted.
 SceneFrame fit_scene(const Scene& scene);
+
+/// [-1,1]^3 of a frame without ndc, in the world.
+Eigen::AlignedBox3d box_of(const SceneFrame& frame);
 
 /// The cameras' mean distance from the point nearest to all optical axes, in scene units; 1 where they are all there.
 double viewing_distance(const Scene& scene);

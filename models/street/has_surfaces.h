@@ -1,7 +1,8 @@
-// Capability: assets that have a surface.
+// Capability: assets and surroundings that have a surface.
 #pragma once
 #include <vector>
 
+#include "models/mesh/mesh.h"
 #include "models/scene/scene.h"
 
 namespace cloam {
@@ -17,6 +18,8 @@ class HasSurfaces {
   virtual ~HasSurfaces() = default;
   /// points [N,3] in the axes of the actor's box.
   virtual AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) = 0;
+  /// The surface of a log without its actors, in its world's axes (static_mesh).
+  virtual Mesh surroundings(int log, int resolution) = 0;
 };
 
 }  // namespace cloam

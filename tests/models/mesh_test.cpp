@@ -15,7 +15,9 @@
 #include <random>
 #include <sstream>
 
+#include "models/mesh/density_mesh.h"
 #include "models/mesh/isosurface.h"
+#include "models/mesh/parts.h"
 #include "models/mesh/write_mesh.h"
 #include "models/street/asset_mesh.h"
 #include "runtime/error.h"
@@ -32,12 +34,20 @@ constexpr double kPi = std::numbers::pi;
 
 using Distance = std::function<double(const Vector3d&)>;
 
-DistanceGrid sampled(const Vector3d& size, int resolution, const Distance& distance) {
-  DistanceGrid grid = grid_over(size, resolution);
-  for (std::size_t n = 0; n < grid.node_count(); ++n) {
-    grid.distances.push_back(static_cast<float>(distance(grid.position(n))));
-  }
-  return grid;
+/// A box about the origin, and a tenth more.
+Eigen::AlignedBox3d box_of(const Vector3d& size) { return {-0.55 * size, 0.55 * size}; }
+
+Implicit implicit(const Distance& distance) {
+  return {[=](const std::vector<float>& points) {
+    std::vector<float> values;
+    for (std::size_t i = 0; i < points.size(); i += 3)
+      values.push_back(static_cast<float>(distance({points[i], points[i + 1], points[i + 2]})));
+    return values;
+  }};
+}
+
+Mesh meshed(const Vector3d& size, int resolution, const Distance& distance) {
+  return isosurface(grid_over(box_of(size), resolution), implicit(distance));
 }
 
 Vector3d row(const std::vector<float>& values, std::size_t index) {
@@ -94,8 +104,7 @@ std::vector<Value> values_at(const std::string& bytes, std::size_t offset, std::
 
 /// A sphere that is red where x > 0, half-bright green elsewhere.
 Mesh coloured_sphere() {
-  Mesh mesh =
-      isosurface(sampled({2, 4, 2}, 24, [](const Vector3d& p) { return (p - Vector3d(0, 1, 0)).norm() - 0.8; }));
+  Mesh mesh = meshed({2, 4, 2}, 24, [](const Vector3d& p) { return (p - Vector3d(0, 1, 0)).norm() - 0.8; });
   for (std::size_t v = 0; v < mesh.vertex_count(); ++v) {
     const bool right = mesh.positions[3 * v] > 0;
     mesh.colours.insert(mesh.colours.end(), {right ? 1.f : 0.f, right ? 0.f : 0.5f, 0.f});
@@ -105,19 +114,21 @@ Mesh coloured_sphere() {
 
 }  // namespace
 
-TEST_CASE("a grid covers the box and a tenth more with cubes") {
-  const DistanceGrid grid = grid_over({2, 5, 1.5}, 50);
-  CHECK(grid.spacing == doctest::Approx(0.11));
+TEST_CASE("a grid covers the box with cubes, about its middle") {
+  const Vector3d low(9, -2, 4), high(11, 3, 5.55);
+  const NodeGrid grid = grid_over({low, high}, 50);
+  CHECK(grid.spacing == doctest::Approx(0.1));
   CHECK(grid.counts[1] == 51);
-  const Vector3d first = grid.position(0), last = grid.position(grid.node_count() - 1);
-  CHECK((first + last).norm() < 1e-12);
-  CHECK(last.y() == doctest::Approx(2.75));
-  CHECK(last.x() >= 1.1);
-  CHECK(last.z() < 0.825 + 0.11);
+  const Vector3d first = grid.position(0, 0, 0),
+                 last = grid.position(grid.counts[0] - 1, grid.counts[1] - 1, grid.counts[2] - 1);
+  CHECK((first + last - low - high).norm() < 1e-12);
+  CHECK(last.y() == doctest::Approx(3));
+  CHECK(last.z() >= 5.55);
+  CHECK(last.z() < 5.55 + 0.1);
 }
 
 TEST_CASE("a sphere's surface: area, volume and normals of the closed form, closed and of genus 0") {
-  const Mesh mesh = isosurface(sampled({2, 2, 2}, 40, sphere(0.9)));
+  const Mesh mesh = meshed({2, 2, 2}, 40, sphere(0.9));
   const Measures m = measure(mesh);
   CHECK(m.closed);
   CHECK(m.euler(mesh.vertex_count(), mesh.triangle_count()) == 2);
@@ -137,8 +148,8 @@ TEST_CASE("a sphere's surface: area, volume and normals of the closed form, clos
 }
 
 TEST_CASE("a torus has a hole: Euler characteristic 0") {
-  const Mesh mesh = isosurface(sampled(
-      {2, 2, 1}, 40, [](const Vector3d& p) { return std::hypot(std::hypot(p.x(), p.y()) - 0.65, p.z()) - 0.25; }));
+  const Mesh mesh = meshed({2, 2, 1}, 40,
+                           [](const Vector3d& p) { return std::hypot(std::hypot(p.x(), p.y()) - 0.65, p.z()) - 0.25; });
   const Measures m = measure(mesh);
   CHECK(m.closed);
   CHECK(m.euler(mesh.vertex_count(), mesh.triangle_count()) == 0);
@@ -147,22 +158,91 @@ TEST_CASE("a torus has a hole: Euler characteristic 0") {
 
 TEST_CASE("noise, exact zeros, NaN and a surface that leaves the grid: closed, no triangle without an area") {
   std::mt19937 random(7);
-  DistanceGrid grid = grid_over({1, 1.2, 0.8}, 9);
-  for (std::size_t n = 0; n < grid.node_count(); ++n) {
+  const Vector3d size(1, 1.2, 0.8);  // more than two blocks of nodes along each axis
+  const Measures noise = measure(meshed(4 * size, 36, [&](const Vector3d&) {
     const float values[] = {-1, -1e-7f, 0, 1e-7f, 1, std::numeric_limits<float>::quiet_NaN(), -0.5f};
-    grid.distances.push_back(values[random() % 7]);
-  }
-  const Measures noise = measure(isosurface(grid));
-  CHECK(noise.edges > 1000);
+    return values[random() % 7];
+  }));
+  CHECK(noise.edges > 50000);
   CHECK(noise.closed);
   CHECK(noise.least_area > 1e-9);
 
-  std::fill(grid.distances.begin(), grid.distances.end(), -1.f);  // solid throughout: the grid's rim closes it
-  const Measures solid = measure(isosurface(grid));
-  CHECK(solid.closed);
+  const Measures solid = measure(meshed(size, 9, [](const Vector3d&) { return -1; }));
+  CHECK(solid.closed);  // by the grid's rim
   CHECK(solid.volume > 0.5);
-  std::fill(grid.distances.begin(), grid.distances.end(), 1.f);
-  CHECK(isosurface(grid).triangle_count() == 0);
+  CHECK(meshed(size, 9, [](const Vector3d&) { return 1; }).triangle_count() == 0);
+}
+
+TEST_CASE("blocks that are known to be empty are not asked for, and the mesh is the same") {
+  const NodeGrid grid = grid_over(box_of({2, 2, 2}), 100);
+  const Implicit all = implicit(sphere(0.9));
+  std::size_t asked = 0, most = 0;
+  Implicit counted{[&](const std::vector<float>& points) {
+    asked += points.size() / 3, most = std::max(most, points.size() / 3);
+    return all.values(points);
+  }};
+  const Mesh whole = isosurface(grid, counted);
+  CHECK(asked == grid.node_count());  // each node once
+  CHECK(most < 80000);
+  asked = 0;
+  counted.is_empty = [](const Eigen::AlignedBox3d& box) { return box.exteriorDistance(Vector3d::Zero()) > 0.95; };
+  const Mesh parts = isosurface(grid, counted);
+  CHECK(asked < grid.node_count() * 9 / 10);
+  CHECK(parts.positions == whole.positions);
+  CHECK(parts.triangles == whole.triangles);
+}
+
+TEST_CASE("the mesh of a radiance field: where its density has the level, closed, coloured as seen from outside") {
+  const Vector3d centre(3, -1, 2);
+  constexpr double kRadius = 0.7, kLevel = 40, kSteep = 12;
+  DensityField ball;
+  ball.densities =
+      implicit([&](const Vector3d& p) { return kLevel * std::exp(kSteep * (kRadius - (p - centre).norm())); }).values;
+  ball.colours = [](const std::vector<float>&, const std::vector<float>& directions) {
+    std::vector<float> colours;
+    for (const float value : directions) colours.push_back(0.5f - 0.5f * value);
+    return colours;
+  };
+  ball.is_empty = [](const Eigen::AlignedBox3d&) { return false; };
+  const Eigen::AlignedBox3d bounds(centre - Vector3d::Ones(), centre + Vector3d::Ones());
+  for (const double level : {kLevel, 2 * kLevel}) {
+    const double radius = kRadius - std::log(level / kLevel) / kSteep;
+    const Mesh mesh = density_mesh(ball, {bounds, 32, level});
+    const Measures m = measure(mesh);
+    CHECK(m.closed);
+    CHECK(m.volume == doctest::Approx(4.0 / 3 * kPi * std::pow(radius, 3)).epsilon(0.01));  // positive: outwards
+    REQUIRE(mesh.colours.size() == mesh.positions.size());
+    double worst = 0;
+    for (std::size_t v = 0; v < mesh.vertex_count(); ++v) {
+      const Vector3d from = row(mesh.positions, v) - centre;
+      worst = std::max(worst, std::abs(from.norm() - radius));
+      CHECK((row(mesh.colours, v) - (0.5 * from.normalized() + Vector3d::Constant(0.5))).norm() < 0.15);
+    }
+    CHECK(worst < 0.05 * 2.0 / 32);  // of a cell
+  }
+  CHECK(usual_level(bounds) == doctest::Approx(std::log(2) * 128));  // a 128th of a unit takes half of the light
+}
+
+TEST_CASE("loose parts of a mesh: the small ones go, whole, and the rest keeps its values") {
+  const auto two = [](const Vector3d& p) {
+    return std::min((p - Vector3d(0.4, 0, 0)).norm() - 0.5, (p + Vector3d(0.7, 0, 0)).norm() - 0.15);
+  };
+  Mesh mesh = meshed({2, 2, 2}, 40, two);
+  mesh.colours = mesh.positions;
+  Mesh same = mesh;
+  CHECK(drop_small_parts(same, 0) == 0);
+  CHECK(drop_small_parts(same, 0.05) == 0);  // the small ball has 0.15^2 / (0.5^2 + 0.15^2) = 8 % of the area
+  CHECK(same.triangles == mesh.triangles);
+  CHECK(drop_small_parts(mesh, 0.1) == 1);
+  CHECK(mesh.vertex_count() < same.vertex_count());
+  CHECK(mesh.colours == mesh.positions);
+  CHECK(mesh.normals.size() == mesh.positions.size());
+  const Measures m = measure(mesh);
+  CHECK(m.closed);
+  CHECK(m.volume == doctest::Approx(4.0 / 3 * kPi * 0.125).epsilon(0.01));
+  for (std::size_t v = 0; v < mesh.vertex_count(); ++v) CHECK(row(mesh.positions, v).x() > -0.2);
+  Mesh last = same;
+  CHECK(drop_small_parts(last, 1) == 1);  // the largest stays
 }
 
 TEST_CASE("a GLB file by the specification: chunks, extents, axes, linear colours") {
