@@ -7,7 +7,6 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "cli/export_capture.h"
 #include "cli/stop_signal.h"
 #include "models/eval/pictures.h"
 #include "models/gaussians/exports_actors.h"
@@ -248,7 +247,7 @@ int run_export(const ExportRequest& request, const Common& common) {
     throw Error(Fault::usage, text(request.run, " is a run of ", record.method,
                                    ": it has no actors and no Gaussians\n  fix: --format prior packs it for others"));
   const RestoredRun run = restored(request.run, common);
-  if (request.format == kCapture) return export_capture(run, {request.run, request.out}, common);
+  if (request.format == kCapture) return export_capture(run, request, common);
   if (request.format == kPoints) return export_points(run, request, common);
   if (request.background) return export_background(run, request, common);
   const auto* exports = as<ExportsGaussians>(*run.method);

@@ -1,6 +1,4 @@
-// See export_capture.h.
-#include "cli/export_capture.h"
-
+// `export --format capture`: photos with the poses, or a log with the boxes that a run learned.
 #include <fmt/format.h>
 
 #include <Eigen/Geometry>
@@ -9,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "cli/commands.h"
+#include "cli/export.h"
 #include "models/data/refined_log.h"
 #include "models/data/write_transforms.h"
 #include "models/methods/registry.h"
@@ -26,7 +24,7 @@ Scene scene_as_listed(const RestoredRun& run, const std::string& folder) {
 }
 
 /// The photos of a run that learned their poses, as a capture that has them.
-int export_photos(const RestoredRun& run, const std::vector<Eigen::Matrix4d>& poses, const CaptureExport& request,
+int export_photos(const RestoredRun& run, const std::vector<Eigen::Matrix4d>& poses, const ExportRequest& request,
                   const Common& common) {
   const Scene& learned = run.scenes.front();
   Scene scene = scene_as_listed(run, request.run);
@@ -73,7 +71,7 @@ std::vector<double> shifts_of(const std::vector<Actor>& learned, const std::vect
 }
 
 /// The log of a run that learned where its boxes are, with those boxes.
-int export_log(const RestoredRun& run, const std::vector<Actor>& actors, const CaptureExport& request,
+int export_log(const RestoredRun& run, const std::vector<Actor>& actors, const ExportRequest& request,
                const Common& common) {
   const std::vector<double> shifts = shifts_of(actors, run.scenes.front().actors);
   const double median = shifts.empty() ? 0 : shifts[shifts.size() / 2];
@@ -88,7 +86,7 @@ int export_log(const RestoredRun& run, const std::vector<Actor>& actors, const C
 
 }  // namespace
 
-int export_capture(const RestoredRun& run, const CaptureExport& request, const Common& common) {
+int export_capture(const RestoredRun& run, const ExportRequest& request, const Common& common) {
   if (const std::string problem = problem_of(output_folder(), request.out); !problem.empty())
     throw Error(Fault::usage, "--out: " + problem);
   if (const auto* refines = as<RefinesPoses>(*run.method))

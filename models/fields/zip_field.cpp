@@ -10,6 +10,7 @@ namespace cloam {
 namespace {
 
 constexpr float kZipTableStart = 1e-4f;
+constexpr float kLargestExponent = 15;    // where float32 and the gradient stay finite
 constexpr float kColourPadding = 0.001f;  // beyond [0,1] that sigmoids reach
 constexpr int64_t kHarmonics = 16;
 
@@ -59,20 +60,23 @@ Tensor DownweightedGrid::decay() const {
   return sum(sum(square(reshape(table_, {levels, -1})), {{1}, true}) * used_rows_);
 }
 
-ZipDensity::ZipDensity(const Scope& scope, const HashGrid& grid, int width, int outputs)
+ZipDensity::ZipDensity(const Scope& scope, const HashGrid& grid, const Options& o)
     : grid_(scope / "grid", grid),
-      hidden_(scope / "hidden", grid_.numbers(), width),
-      out_(scope / "density", width, outputs) {}
+      hidden_(scope / "hidden", grid_.numbers(), o.width),
+      out_(scope / "density", o.width, o.outputs),
+      exponential_(o.exponential) {}
 
 Tensor ZipDensity::features(const WideSamples& at) const { return out_(hidden_(grid_(at), Activation::relu)); }
 
-Tensor ZipDensity::density(const Tensor& features) {
-  return softplus(reshape(slice(features, 1, 0, 1), {features.dim(0)}) - 1.f);
+Tensor ZipDensity::density(const Tensor& features) const {
+  const Tensor x = reshape(slice(features, 1, 0, 1), {features.dim(0)}) - 1.f;
+  if (!exponential_) return softplus(x);
+  return exp(clamp(x, -kLargestExponent, kLargestExponent));
 }
 
 ZipField::ZipField(const Scope& scope, const ZipFieldOptions& o)
     : options_(o),
-      geometry_(scope, o.grid, o.width, o.bottleneck),
+      geometry_(scope, o.grid, {o.width, o.bottleneck, o.density == "exp"}),
       first_(scope / "colour0", o.bottleneck + kHarmonics, o.colour_width),
       second_(scope / "colour1", o.colour_width + o.bottleneck + kHarmonics, o.colour_width),
       colour_(scope / "colour2", o.colour_width, 3) {}
@@ -81,7 +85,7 @@ FieldOutput ZipField::operator()(const WideSamples& at, const Tensor& directions
   const Tensor features = geometry_.features(at);
   const Tensor seen = concat({features, gather_rows(spherical_harmonics(directions), ray)}, 1);
   const Tensor inner = second_(concat({first_(seen, Activation::relu), seen}, 1), Activation::relu);
-  return {ZipDensity::density(features), sigmoid(colour_(inner)) * (1 + 2 * kColourPadding) - kColourPadding};
+  return {geometry_.density(features), sigmoid(colour_(inner)) * (1 + 2 * kColourPadding) - kColourPadding};
 }
 
 int64_t ZipField::bytes_per_sample(int64_t places) const {

@@ -22,6 +22,7 @@ void ZipNerf::configure(Config& c) {
   c.bind("grid.coarsest", o.field.grid.coarsest, "cells per axis at the coarsest level of all grids", {1, 1 << 16});
   c.bind("grid.finest", o.field.grid.finest, "cells per axis at the finest level", {1, 1 << 20});
   c.bind("field.width", o.field.width, "width of the density network", {1, 4096});
+  c.bind("field.density", o.field.density, "activation of the density: softplus or exp");
   c.bind("field.bottleneck", o.field.bottleneck, "features that it gives to the colour network", {1, 4096});
   c.bind("field.colour_width", o.field.colour_width, "width of the colour network", {1, 4096});
   for (size_t i = 0; i < o.proposals.size(); i++) {

@@ -46,6 +46,8 @@ Tensor ranks_of(int64_t samples, const ZipNerfRenderer::Sampling& how, uint32_t 
 void check(const ZipNerfConfig& c) {
   if (c.multisamples != 6 && c.multisamples != 1)
     throw Error(Fault::usage, text("setting sampling.multisamples: ", c.multisamples, ", want 6 or 1"));
+  if (c.field.density != "softplus" && c.field.density != "exp")
+    throw Error(Fault::usage, text("setting field.density: ", c.field.density, ", want softplus or exp"));
   if (c.pixel_rays != 4 && c.pixel_rays != 1)
     throw Error(Fault::usage, text("setting sampling.pixel_rays: ", c.pixel_rays, ", want 1 or 4"));
 }
@@ -58,8 +60,8 @@ ZipNerfRenderer::ZipNerfRenderer(const ZipNerfConfig& config, const Scene& scene
   for (size_t i = 0; i < config.proposals.size(); i++) {
     const ZipNerfConfig::Proposal& p = config.proposals[i];
     const HashGrid grid{p.levels, 1, config.proposal_log2_rows, config.field.grid.coarsest, p.finest};
-    proposals_.push_back(
-        std::make_unique<ZipDensity>(root / ("proposal" + std::to_string(i + 1)), grid, config.proposal_width));
+    const ZipDensity::Options network{config.proposal_width, 1, config.field.density == "exp"};
+    proposals_.push_back(std::make_unique<ZipDensity>(root / ("proposal" + std::to_string(i + 1)), grid, network));
   }
   field_ = std::make_unique<ZipField>(root / "field", config.field);
 }
@@ -98,7 +100,7 @@ ZipNerfRenderer::Rendered ZipNerfRenderer::shade(const Cones& cones, const Sampl
     const WideSamples at = samples_of(cones, t, how, level);
     const EvenRays even = even_rays(count, pieces);
     const FieldOutput seen = is_field ? (*field_)(at, cones.rays.directions, even.ray)
-                                      : FieldOutput{ZipDensity::density(proposals_[level]->features(at)), {}};
+                                      : FieldOutput{proposals_[level]->density(proposals_[level]->features(at)), {}};
     const Tensor length = slice(t, 1, 1, pieces + 1) - slice(t, 1, 0, pieces);
     last = {edges,
             reshape(composite_weights({seen.sigma, even.offsets, reshape(length, {count * pieces})}), {count, pieces})};

@@ -320,6 +320,22 @@ TEST_CASE("zipnerf: the decay is the sum of the levels' mean squares") {
   CHECK(1e8 * double(encode.decay().item()) == doctest::Approx(1e8 * (first / 125 + second / 512)).epsilon(1e-4));
 }
 
+TEST_CASE("zipnerf: densities are the softplus or the exponential of the network's first output less one") {
+  Params params;
+  const HashGrid grid{1, 1, 4, 2, 2};
+  const ZipDensity paper(Scope{params, "", 5} / "paper", grid, {4, 2}),
+      steep(Scope{params, "", 5} / "steep", grid, {4, 2, true});
+  const Numbers x = {-30, -2, 0.5, 1, 4};
+  Numbers features;
+  for (const double number : x) features.insert(features.end(), {number, 7});
+  const Tensor both = tensor_of(features, {5, 2});
+  const std::vector<float> soft = paper.density(both).to_host(), fast = steep.density(both).to_host();
+  for (size_t i = 0; i < x.size(); i++) {
+    CHECK(double(soft[i]) == doctest::Approx(std::log1p(std::exp(x[i] - 1))).epsilon(1e-5));
+    CHECK(double(fast[i]) == doctest::Approx(std::exp(std::max(x[i] - 1, -15.0))).epsilon(1e-5));
+  }
+}
+
 TEST_CASE("zipnerf: pixels' widths squared are the image's solid angle") {
   Camera camera;
   camera.width = 60, camera.height = 40;
@@ -371,7 +387,8 @@ TEST_CASE("zipnerf learns held-out views of a small scene") {
 }
 
 TEST_CASE("zipnerf: settings that it cannot have are named") {
-  for (const auto& [key, value] : Settings{{"sampling.multisamples", "3"}, {"sampling.pixel_rays", "2"}}) {
+  for (const auto& [key, value] :
+       Settings{{"sampling.multisamples", "3"}, {"sampling.pixel_rays", "2"}, {"field.density", "relu"}}) {
     auto method = configured("zipnerf", {{key, value}});
     CHECK_THROWS_WITH_AS(method->build({Scene()}, 1), doctest::Contains(key.c_str()), Error);
   }
