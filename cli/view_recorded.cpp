@@ -45,7 +45,7 @@ Answer Recorded::photo(std::size_t frame) {
   const auto found =
       std::find_if(scene.frames.begin(), scene.frames.end(), [&](const Frame& f) { return f.name == names_[frame]; });
   if (found == scene.frames.end()) bad_data(scene.root.string(), ": the image ", names_[frame], " is missing");
-  Image image = opaque(read_image(scene.root / found->image));
+  Image image = opaque(photo_of(scene, *found));
   const double shrink = std::max(1.0, std::max(image.width, image.height) / static_cast<double>(kLargestPhotoSide));
   if (shrink > 1)
     image = resized(image, static_cast<int>(std::lround(image.width / shrink)),

@@ -10,6 +10,7 @@
 #include "models/data/reader.h"
 #include "models/io/image.h"
 #include "models/io/in_parallel.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -152,6 +153,11 @@ class Lister {
   Remark resized_, turned_, left_;
 };
 
+Image photo_in(const std::filesystem::path& root, const Frame& frame) {
+  const bool is_exr = lower_case(std::filesystem::path(frame.image).extension().string()) == ".exr";
+  return read_photo(root / frame.image, {frame.linear.value_or(is_exr), frame.exposure});
+}
+
 Image read_mask(const PhotoFile& file, const Image& image, int turn) {
   Image mask = read_image(file.root / *file.frame.mask);
   if (mask.width != image.width || mask.height != image.height) mask = upright(mask, turn);  // drawn as stored
@@ -169,7 +175,7 @@ void forget_unused(FramePixels& photo) {
 /// The photo that was listed as `outline`.
 FramePixels load(const PhotoFile& file, const FramePixels& outline, const LoadOptions& options) {
   FramePixels result = outline;
-  Image full = read_image(file.root / file.frame.image);
+  Image full = photo_in(file.root, file.frame);
   const int turn = turn_of(file.camera, full);
   full = upright(full, turn);
   if (file.frame.mask) {
@@ -236,6 +242,8 @@ Lister listed(const Scene& scene, Split split, const LoadOptions& options) {
 }
 
 }  // namespace
+
+Image photo_of(const Scene& scene, const Frame& frame) { return photo_in(scene.root, frame); }
 
 Pixels load_images(const Scene& scene, Split split, const LoadOptions& options) {
   const Lister list = listed(scene, split, options);

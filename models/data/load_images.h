@@ -1,5 +1,6 @@
 // The images of one split, read into memory at once or when they are asked for.
 #pragma once
+#include "models/io/image.h"
 #include "models/scene/photo_store.h"
 #include "models/scene/resting_scene.h"
 
@@ -11,6 +12,9 @@ struct LoadOptions {
   MaskMeaning masks = MaskMeaning::ignore;
   bool depths = false;  // read depth maps, too
 };
+
+/// The photo of a frame as stored on the disk, its light as docs/formats.md has it: sRGB, at the capture's exposure.
+Image photo_of(const Scene& scene, const Frame& frame);
 
 /// Where an image's size is not that of its camera, the intrinsics are scaled, with a warning, if the aspect ratio
 /// agrees within 1 %. Fault::data for other sizes and for damaged images, naming the file. Fault::usage for a

@@ -120,6 +120,7 @@ class TransformsReader {
   }
 
   Scene finish() {
+    compare_exposures();
     finish_photos(scene_, missing_, options_);
     return std::move(scene_);
   }
@@ -145,6 +146,10 @@ class TransformsReader {
     const Settings settings{source.file, json, where};
     frame.mask = named(settings, "mask_path", "mask");
     frame.depth = depth_map(settings);
+    frame.linear = optional_flag(settings, "linear");
+    const auto exposure = settings.number("exposure");
+    if (exposure && !(*exposure > 0)) bad_data(where, ": exposure is ", *exposure, ", want more than 0");
+    frame.exposure = exposure.value_or(0);
     frame.camera = index_of(read_camera_json(source.file, json, scene_.root / frame.image, where));
     scene_.frames.push_back(std::move(frame));
   }
@@ -178,6 +183,22 @@ class TransformsReader {
     if (scene_.cloud.count() < given)
       scene_.warnings.push_back(text(given - scene_.cloud.count(), " of ", given, " points of ", listed,
                                      " are left out: their positions are not finite"));
+  }
+
+  static std::optional<bool> optional_flag(const Settings& settings, const std::string& key) {
+    if (settings.frame.contains(key)) return flag(settings.frame, key, false, settings.where);
+    if (settings.file.contains(key)) return flag(settings.file, key, false, settings.where);
+    return std::nullopt;
+  }
+
+  /// As multiples of the middle one; photos that say nothing are as bright as that.
+  void compare_exposures() {
+    std::vector<double> known;
+    for (const Frame& frame : scene_.frames)
+      if (frame.exposure > 0) known.push_back(frame.exposure);
+    const auto middle = known.begin() + std::ptrdiff_t(known.size() / 2);
+    if (!known.empty()) std::nth_element(known.begin(), middle, known.end());
+    for (Frame& frame : scene_.frames) frame.exposure = frame.exposure > 0 ? frame.exposure / *middle : 1;
   }
 
   /// A file that the frame names, if it does.

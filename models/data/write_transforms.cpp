@@ -62,6 +62,10 @@ Ordered frame_of(const fs::path& folder, const Scene& scene, std::size_t index) 
     out["depth_unit_scale_factor"] = frame.depth->unit;
     if (frame.depth->confidence) out["confidence_file_path"] = put(*frame.depth->confidence, "_confidence");
   }
+  const bool differs =
+      std::any_of(scene.frames.begin(), scene.frames.end(), [](const Frame& other) { return other.exposure != 1; });
+  if (frame.linear) out["linear"] = *frame.linear;
+  if (differs) out["exposure"] = frame.exposure;
   if (frame.timestamp) out["time"] = *frame.timestamp;
   // Two axes change their signs, which is its own inverse.
   out["transform_matrix"] = rows_of(opencv_from_opengl_pose(frame.world_from_camera));

@@ -12,6 +12,7 @@
 #include "models/io/bytes.h"
 #include "models/io/glb.h"
 #include "models/io/json.h"
+#include "models/io/srgb.h"
 #include "runtime/error.h"
 
 namespace cloam {

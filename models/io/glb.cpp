@@ -90,11 +90,6 @@ void GlbBuffer::write(const std::filesystem::path& path, Document document) cons
   commit_bytes(path, parts);
 }
 
-float linear_colour(float srgb) {
-  const float value = std::clamp(srgb, 0.f, 1.f);
-  return value <= 0.04045f ? value / 12.92f : std::pow((value + 0.055f) / 1.055f, 2.4f);
-}
-
 GlbChunks read_glb_chunks(const std::filesystem::path& path) {
   const auto bytes = read_file(path, kMaxBytes);
   const auto fail = [&](const std::string& why) { bad_data(path.string() + ": " + why); };

@@ -39,9 +39,6 @@ class GlbBuffer {
   nlohmann::ordered_json views_ = nlohmann::ordered_json::array(), accessors_ = nlohmann::ordered_json::array();
 };
 
-/// From sRGB (IEC 61966-2-1), as in images, to the linear values of COLOR_0; clamped to 0 and 1.
-float linear_colour(float srgb);
-
 struct GlbChunks {
   std::string json;                   // not yet parsed
   std::vector<std::uint8_t> content;  // of the buffer; may have up to 3 bytes more than the buffer

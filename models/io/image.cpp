@@ -14,6 +14,7 @@
 
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
+#include "models/io/srgb.h"
 #include "models/io/words.h"
 #include "runtime/error.h"
 
@@ -305,10 +306,16 @@ std::uint8_t rounded(float value) {
   return static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.0f, 1.0f)));
 }
 
+/// A colour of a file, as it is kept.
+float developed(float colour, const PhotoLight& light) {
+  if (!light.linear && light.exposure == 1) return colour;
+  return srgb_colour((light.linear ? colour : linear_colour(colour)) / static_cast<float>(light.exposure));
+}
+
 // EXR stores colours times alpha; Image wants them straight.
-Bytes straight_8_bit(Decoder& decoder) {
+Bytes straight_8_bit(Decoder& decoder, const PhotoLight& light) {
   const std::size_t channels = static_cast<std::size_t>(decoder.spec.nchannels), width = decoder.spec.width;
-  const bool has_alpha = channels == 2 || channels == 4;
+  const bool has_alpha = channels == 2 || channels == 4, is_exr = decoder.format == "openexr";
   Bytes pixels(decoder.spec.image_pixels() * channels);
   decode_blocks(decoder, [&](const Block& block, const std::vector<float>& values) {
     for (std::size_t i = 0; i < values.size(); i += channels) {
@@ -317,8 +324,9 @@ Bytes straight_8_bit(Decoder& decoder) {
       const float alpha = has_alpha ? values[i + channels - 1] : 0;
       for (std::size_t c = 0; c < channels; ++c) {
         if (!std::isfinite(values[i + c])) damaged(decoder.path, text("pixel ", column, ", ", row, " is not finite"));
-        const bool divide = alpha > 0 && c + 1 < channels;
-        pixels[(row * width + column) * channels + c] = rounded(divide ? values[i + c] / alpha : values[i + c]);
+        const bool is_alpha = has_alpha && c + 1 == channels, divide = is_exr && alpha > 0 && !is_alpha;
+        const float value = divide ? values[i + c] / alpha : values[i + c];
+        pixels[(row * width + column) * channels + c] = rounded(is_alpha ? value : developed(value, light));
       }
     }
   });
@@ -406,12 +414,14 @@ ImageSize peek_image_size(const std::filesystem::path& path) {
   return size_of(decoder);
 }
 
-Image read_image(const std::filesystem::path& path) {
+Image read_image(const std::filesystem::path& path) { return read_photo(path, {}); }
+
+Image read_photo(const std::filesystem::path& path, const PhotoLight& light) {
   Decoder decoder = open(path, 4);
   Image image{decoder.spec.width, decoder.spec.height, decoder.spec.nchannels, {}};
   image.orientation = orientation_of(decoder);
-  if (decoder.format == "openexr") {
-    image.pixels = straight_8_bit(decoder);
+  if (decoder.format == "openexr" || light.linear || light.exposure != 1) {
+    image.pixels = straight_8_bit(decoder, light);
   } else {
     image.pixels = decode<std::uint8_t>(decoder, OIIO::TypeDesc::UINT8);
   }

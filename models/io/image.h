@@ -1,6 +1,6 @@
 // Images in and out. Input is PNG, JPEG or EXR as the file's CONTENT says, always 8 bit in memory; output is PNG, JPEG
-// or an EXR with named float layers. No colour transform is applied anywhere. Pixels are as stored; whether to follow
-// EXIF's orientation is for whoever knows what the poses belong to.
+// or an EXR with named float layers. No colour transform is applied but by read_photo. Pixels are as stored;
+// whether to follow EXIF's orientation is for whoever knows what the poses belong to.
 #pragma once
 #include <cstdint>
 #include <filesystem>
@@ -41,6 +41,16 @@ ImageSize peek_image_size(const std::filesystem::path& path);
 /// which is told from the header. Deeper pixels are rounded to 8 bit after clamping to [0, 1]; an EXR is decoded part
 /// by part, so that no more than 64 MB of floats are held at once.
 Image read_image(const std::filesystem::path& path);
+
+/// What a photo's numbers stand for.
+struct PhotoLight {
+  bool linear = false;  // proportional to light; false: sRGB
+  double exposure = 1;  // how much light they took in
+};
+
+/// The photo as sRGB, at an exposure of 1: what is brighter than white is clamped. From the file's own precision,
+/// rounded to 8 bit last. Fault::data as read_image.
+Image read_photo(const std::filesystem::path& path, const PhotoLight& light);
 
 /// The places of the upright image's pixels, row by row, in an image of that size as stored.
 std::vector<std::size_t> upright_places(int width, int height, int orientation);

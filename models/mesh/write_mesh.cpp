@@ -10,6 +10,7 @@
 
 #include "models/io/commit.h"
 #include "models/io/glb.h"
+#include "models/io/srgb.h"
 #include "models/io/words.h"
 #include "runtime/error.h"
 

@@ -32,8 +32,9 @@ void each_field(Each& each, T& depth) {
 
 template <class Each, Is<Frame> T>
 void each_field(Each& each, T& frame) {
-  auto& [name, image, mask, depth, timestamp, world_from_camera, camera, split, sensor, step, ego_rows] = frame;
-  each(name, image, mask, depth, timestamp, world_from_camera, camera, split, sensor, step, ego_rows);
+  auto& [name, image, mask, depth, linear, exposure, timestamp, world_from_camera, camera, split, sensor, step,
+         ego_rows] = frame;
+  each(name, image, mask, depth, linear, exposure, timestamp, world_from_camera, camera, split, sensor, step, ego_rows);
 }
 
 template <class Each, Is<Sweep> T>
@@ -88,9 +89,9 @@ void each_field(Each& each, T& recording) {
 
 template <class Each, Is<Scene> T>
 void each_field(Each& each, T& scene) {
-  auto& [root, format, up, metric, has_alpha, has_test_split, hints, cameras, frames, frames_listed, sweeps, actors,
-         other_actors, cloud, is_log, night, recording, warnings] = scene;
-  each(root, format, up, metric, has_alpha, has_test_split, hints, cameras, frames, frames_listed, sweeps, actors,
+  auto& [root, part, format, up, metric, has_alpha, has_test_split, hints, cameras, frames, frames_listed, sweeps,
+         actors, other_actors, cloud, is_log, night, recording, warnings] = scene;
+  each(root, part, format, up, metric, has_alpha, has_test_split, hints, cameras, frames, frames_listed, sweeps, actors,
        other_actors, cloud, is_log, night, recording, warnings);
 }
 

@@ -33,6 +33,8 @@ struct Frame {
   std::string image;                // an existing file, relative to the root
   std::optional<std::string> mask;  // relative to the root; what black means is MaskMeaning
   std::optional<DepthMap> depth;
+  std::optional<bool> linear;       // the image's numbers are proportional to light; none: they are in an EXR
+  double exposure = 1;              // how much light the image took in, relative to others of the capture
   std::optional<double> timestamp;  // seconds
   // Right-handed; camera axes x right, y down, z forward; a rotation and a position in scene units.
   Eigen::Matrix4d world_from_camera = Eigen::Matrix4d::Identity();
@@ -102,6 +104,7 @@ struct SceneHints {
 
 struct Scene {
   std::filesystem::path root;
+  std::string part;                               // of a root that holds several logs, this one's name
   std::string format;                             // the reader's name
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // in the world frame
   bool metric = false;                            // true: one unit is one metre; false: the scale is unknown
@@ -119,6 +122,9 @@ struct Scene {
   bool night = false;                 // of a log
   Recording recording;                // of a log
   std::vector<std::string> warnings;  // one line each, for the user
+
+  /// What read_scene was given, made absolute.
+  std::filesystem::path place() const { return part.empty() ? root : root / part; }
 };
 
 /// What a run is trained on: one capture, or several logs.
