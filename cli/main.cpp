@@ -52,7 +52,8 @@ Measure:
   cloam completion bash                           completes words in a shell; also zsh, fish, and a man page
 
 DATA is a folder that process made, one with a COLMAP model, transforms.json (instant-ngp, nerfstudio) or
-transforms_train.json (NeRF-synthetic), poses_bounds.npy (LLFF), or a driving log (PandaSet, KITTI raw, rig.json).
+transforms_train.json (NeRF-synthetic), poses_bounds.npy (LLFF), or a driving log (PandaSet, KITTI raw,
+nuScenes, rig.json).
 "cloam help COMMAND" shows examples and options.
 )";
 

@@ -44,20 +44,30 @@ Columns read_data_frame_points(const fs::path& path, const Sweep& sweep) {
   return columns;
 }
 
-// KITTI: x y z and reflectance from 0 to 1, as float32 one after another.
-Columns read_kitti_points(const fs::path& path, const Sweep&) {
+// Rows of float32 one after another; their columns by name.
+Columns read_rows(const fs::path& path, std::size_t numbers, const char* names) {
   const auto bytes = read_file(path, kMaxSweepBytes);
-  constexpr std::size_t size = 4 * sizeof(float);
+  const std::size_t size = numbers * sizeof(float);
   if (bytes.size() % size != 0)
-    bad_data(path.string(), ": holds ", bytes.size(), " bytes, want a multiple of ", size,
-             " (x y z reflectance as float32); the file is damaged or truncated");
+    bad_data(path.string(), ": holds ", bytes.size(), " bytes, want a multiple of ", size, " (", names,
+             " as float32); the file is damaged or truncated");
   ByteReader reader(bytes, path.string());
   Columns columns;
   while (reader.remaining() > 0) {
-    for (auto* column : {&columns.x, &columns.y, &columns.z, &columns.intensity}) {
+    for (auto* column : {&columns.x, &columns.y, &columns.z, &columns.intensity})
       column->push_back(double(reader.little<float>("a point")));
-    }
+    reader.skip(size - 4 * sizeof(float), "a point");
   }
+  return columns;
+}
+
+// KITTI: reflectance from 0 to 1.
+Columns read_kitti_points(const fs::path& path, const Sweep&) { return read_rows(path, 4, "x y z reflectance"); }
+
+// nuScenes: intensity from 0 to 255, and the number of the beam.
+Columns read_nuscenes_points(const fs::path& path, const Sweep&) {
+  Columns columns = read_rows(path, 5, "x y z intensity ring");
+  for (double& value : columns.intensity) value /= kBrightestReturn;
   return columns;
 }
 
@@ -106,18 +116,19 @@ bool is_of_ego(const Eigen::Vector3d& from_lidar, const std::optional<CarBox>& c
 }
 
 struct PointReader {
-  const char* extension;
+  const char* ending;  // of the file's name
   Columns (*read)(const fs::path& path, const Sweep& sweep);
 };
 
 constexpr PointReader kPointReaders[] = {
-    {".gz", read_data_frame_points}, {".pkl", read_data_frame_points}, {".bin", read_kitti_points},
-    {".npy", read_npy_points},       {".ply", read_ply_points},
+    {".gz", read_data_frame_points}, {".pkl", read_data_frame_points}, {".pcd.bin", read_nuscenes_points},
+    {".bin", read_kitti_points},     {".npy", read_npy_points},        {".ply", read_ply_points},
 };
 
 Columns read_columns(const fs::path& path, const Sweep& sweep) {
-  const auto reader = std::find_if(std::begin(kPointReaders), std::end(kPointReaders),
-                                   [&](const PointReader& known) { return path.extension() == known.extension; });
+  const auto reader = std::find_if(std::begin(kPointReaders), std::end(kPointReaders), [&](const PointReader& known) {
+    return path.filename().string().ends_with(known.ending);
+  });
   if (reader != std::end(kPointReaders)) return reader->read(path, sweep);
   bad_data(path.string(),
            ": cannot read LiDAR points from this kind of file; supported: .pkl.gz, .pkl, .bin, .npy, .ply");

@@ -11,6 +11,7 @@
 #include "models/data/kitti.h"
 #include "models/data/llff.h"
 #include "models/data/near_misses.h"
+#include "models/data/nuscenes.h"
 #include "models/data/pandaset.h"
 #include "models/data/phone_apps.h"
 #include "models/data/rig.h"
@@ -35,6 +36,7 @@ constexpr SceneReader kReaders[] = {
     {"Record3D", "EXR_RGBD/metadata.json beside EXR_RGBD/rgb/ (Record3D)", is_record3d, read_record3d},
     {"PandaSet", "camera/*_camera/poses.json, lidar/poses.json (PandaSet)", is_pandaset, read_pandaset},
     {"rig", "rig.json (your own recordings: docs/formats.md)", is_rig, read_rig},
+    {"nuScenes", "v1.0-*/sample_data.json beside samples/ (nuScenes)", is_nuscenes, read_nuscenes},
     {"KITTI", "image_02/data, velodyne_points/data, oxts/data in a drive's folder (KITTI raw)", is_kitti, read_kitti},
 };
 
@@ -150,10 +152,12 @@ std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
                     "\n  found:      ", summary(content), "\n  fix:        ", advice(path, content)));
 }
 
+fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : fs::path("."); }
+
 // DATA is a file.
 [[noreturn]] void not_a_folder(const fs::path& path) {
   const std::string kind = lower_case(path.extension().string());
-  const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  const fs::path folder = folder_of(path);
   if (kind == ".json") refuse(path, "is a file; give its folder: " + folder.string());
   for (const char* archive : {".zip", ".tar", ".gz", ".tgz", ".xz", ".bz2", ".zst", ".7z", ".rar", ".r3d"})
     if (kind == archive) refuse(path, "is an archive; unpack it and give the folder");
@@ -163,7 +167,7 @@ std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
 
 [[noreturn]] void no_folder(const fs::path& path) {
   const fs::path clean = path.has_filename() ? path : path.parent_path();  // "data/fox/" ends in an empty name
-  const fs::path parent = clean.has_parent_path() ? clean.parent_path() : fs::path(".");
+  const fs::path parent = folder_of(clean);
   std::error_code error;
   if (!fs::is_directory(parent, error))
     bad_data("no such folder: ", path.string(), " (", parent.string(), " does not exist either)");
@@ -172,11 +176,18 @@ std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
 
 }  // namespace
 
+bool is_place_of_data(const fs::path& path) {
+  std::error_code error;
+  return fs::is_directory(path, error) || (!fs::exists(path, error) && is_nuscenes(folder_of(path)));
+}
+
 Scene read_scene(const fs::path& path, const ReadOptions& options) {
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
   if (!fs::status_known(status))
     refuse(path, error == std::errc::permission_denied ? "permission denied" : error.message());
+  if (!fs::exists(status) && is_nuscenes(folder_of(path)))
+    return read_nuscenes_scene(fs::canonical(folder_of(path)), path.filename().string(), options);
   if (!fs::exists(status)) no_folder(path);
   if (!fs::is_directory(status)) not_a_folder(path);
   const fs::path root = fs::canonical(path, error);

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "models/data/log_builder.h"
+#include "models/data/moments.h"
 #include "models/data/poses.h"
 #include "models/data/transforms_json.h"
 #include "models/io/json.h"
@@ -58,39 +59,6 @@ Eigen::Matrix4d read_box_pose(const Json& box, const std::string& where) {
   const Eigen::Matrix3d turn = turn_about_z(number(box, "yaw", where));
   return checked_pose(pose_from(turn, vector3(box, "position", where)), text(where, ": position"));
 }
-
-/// The moments that steps are counted by.
-class Moments {
- public:
-  Moments() = default;
-  explicit Moments(std::vector<double> times) : times_(std::move(times)) {
-    std::sort(times_.begin(), times_.end());
-    times_.erase(std::unique(times_.begin(), times_.end()), times_.end());
-    std::vector<double> gaps;
-    for (std::size_t i = 1; i < times_.size(); ++i) gaps.push_back(times_[i] - times_[i - 1]);
-    if (gaps.empty()) return;
-    std::nth_element(gaps.begin(), gaps.begin() + std::ptrdiff_t(gaps.size() / 2), gaps.end());
-    usual_gap_ = gaps[gaps.size() / 2];
-  }
-
-  bool empty() const { return times_.empty(); }
-
-  int nearest(double time) const {
-    const auto after = std::lower_bound(times_.begin(), times_.end(), time);
-    if (after == times_.begin()) return 0;
-    const bool earlier = after == times_.end() || time - *std::prev(after) <= *after - time;
-    return int(after - times_.begin()) - earlier;
-  }
-
-  double distance(double time) const { return std::abs(times_[std::size_t(nearest(time))] - time); }
-  bool near(double time) const { return distance(time) <= usual_gap_; }
-
-  std::string range() const { return text("from ", times_.front(), " to ", times_.back(), " s"); }
-
- private:
-  std::vector<double> times_;
-  double usual_gap_ = INFINITY;
-};
 
 class RigReader {
  public:
@@ -155,28 +123,11 @@ class RigReader {
       log_.guarded("frame", [&] { read_frame(frames[i], text(kFile, ": frames[", i, "]"), read); });
     }
     if (moments_.empty()) moments_ = moments_of_images(read);
-    keep_nearest(read);
+    scene_.frames = nearest_frames(read, moments_);
+    extra_images_ = read.size() - scene_.frames.size();
     if (!read.empty() && scene_.frames.empty())
       bad_data(kFile, ": no timestamp in frames is near one in sweeps, which run ", moments_.range(),
                ": do both come from the same clock?");
-  }
-
-  // Of each camera the image nearest to each step.
-  void keep_nearest(const std::vector<Frame>& read) {
-    std::map<std::pair<std::string, int>, std::size_t> nearest;
-    for (std::size_t i = 0; i < read.size(); ++i) {
-      const double time = *read[i].timestamp;
-      if (!moments_.near(time)) continue;
-      const auto [found, first] = nearest.emplace(std::pair(read[i].sensor, moments_.nearest(time)), i);
-      if (moments_.distance(time) < moments_.distance(*read[found->second].timestamp)) found->second = i;
-    }
-    std::map<std::size_t, int> kept;  // in the order listed
-    for (const auto& [place, index] : nearest) kept.emplace(index, place.second);
-    for (const auto& [index, step] : kept) {
-      scene_.frames.push_back(read[index]);
-      scene_.frames.back().step = step;
-    }
-    extra_images_ = read.size() - kept.size();
   }
 
   static Moments moments_of_images(const std::vector<Frame>& frames) {

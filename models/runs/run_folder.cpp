@@ -5,6 +5,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "models/data/read_scene.h"
 #include "models/data/recording_file.h"
 #include "models/io/commit.h"
 #include "models/io/json.h"
@@ -220,8 +221,8 @@ void write_config(const fs::path& folder, const Config& config, const std::strin
 fs::path find_data(const fs::path& folder, const RunData& data) {
   std::error_code error;
   const fs::path beside = fs::weakly_canonical(folder, error) / data.relative;
-  if (fs::is_directory(beside, error)) return beside.lexically_normal();
-  if (fs::is_directory(data.given, error)) return data.given;
+  if (is_place_of_data(beside)) return beside.lexically_normal();
+  if (is_place_of_data(data.given)) return data.given;
   throw Error(Fault::data, text("the data of the run ", folder.string(),
                                 " is gone.\n  looked for: ", beside.lexically_normal().string(), "; ", data.given,
                                 "\n  fix:        name its new place with --data; cloam train --resume ",

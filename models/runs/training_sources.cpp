@@ -51,7 +51,7 @@ fs::path find_prior(const TrainJob& job, const TrainRequest& request) {
 std::vector<DataNow> data_now(const TrainJob& job, const Captures& captures) {
   if (job.source) return {{job.source->folder, fingerprint(*job.source)}};
   std::vector<DataNow> all;
-  for (const Capture& capture : captures) all.push_back({capture.scene.root, fingerprint(capture.scene)});
+  for (const Capture& capture : captures) all.push_back({capture.scene.place(), fingerprint(capture.scene)});
   return all;
 }
 

@@ -29,6 +29,14 @@ const std::pair<const char*, int> kBeginnings[] = {
     {"motorized scooter", 6},
     {"pedestrian", 7},
     {"person", 7},
+    {"vehicle.car", 0},  // nuScenes
+    {"vehicle.truck", 1},
+    {"vehicle.bus", 2},
+    {"vehicle.construction", 3},
+    {"vehicle.emergency", 4},
+    {"vehicle.bicycle", 5},
+    {"vehicle.motorcycle", 6},
+    {"human.pedestrian", 7},
 };
 
 /// Does a label begin with these words? Whole ones: "Personal Mobility Device" is no person.

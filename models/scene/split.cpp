@@ -110,7 +110,7 @@ void apply_image(Scene& scene, const std::string& image) {
 }
 
 std::string front_sensor(const Scene& scene) {
-  for (const char* name : {"front_camera", "image_02"}) {
+  for (const char* name : {"front_camera", "image_02", "CAM_FRONT"}) {
     const auto is_it = [&](const Frame& frame) { return frame.sensor == name; };
     if (std::any_of(scene.frames.begin(), scene.frames.end(), is_it)) return name;
   }
