@@ -15,13 +15,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uint64_t kLargestNpy = std::uint64_t{1} << 30;  // bytes
+constexpr std::uint64_t kLargestArray = std::uint64_t{1} << 30;  // bytes
 constexpr double kMillimetre = 0.001;
 
 bool is_kind(const fs::path& path, const char* extension) { return lower_case(path.extension().string()) == extension; }
 
 FloatPlane read_npy_plane(const fs::path& path) {
-  const std::vector<std::uint8_t> bytes = read_file(path, kLargestNpy);
+  const std::vector<std::uint8_t> bytes = read_file(path, kLargestArray);
   NpyArray array = parse_npy(bytes, path.string());
   std::vector<std::uint64_t> shape = array.shape;
   if (shape.size() == 3 && shape.back() == 1) shape.pop_back();
@@ -36,11 +36,36 @@ FloatPlane read_png_plane(const fs::path& path) {
   return {labels.width, labels.height, {labels.values.begin(), labels.values.end()}};
 }
 
+/// COLMAP's: "WIDTH&HEIGHT&1&", then float32 by rows. colmap.github.io/format.html, "Depth and normal maps"
+FloatPlane read_colmap_plane(const fs::path& path) {
+  const std::vector<std::uint8_t> bytes = read_file(path, kLargestArray);
+  ByteReader reader(bytes, path.string());
+  int sizes[3] = {};
+  for (int& size : sizes) {
+    std::string digits;
+    for (char next = 0; next != '&' && digits.size() < 8; digits += next)
+      next = static_cast<char>(reader.little<std::uint8_t>("the header"));
+    if (digits.back() == '&') size = number_in<int>(digits.substr(0, digits.size() - 1)).value_or(0);
+  }
+  const auto [width, height, channels] = sizes;
+  if (width < 1 || height < 1 || channels != 1)
+    bad_data(path.string(), ": is no depth map of COLMAP's: it does not begin with WIDTH&HEIGHT&1&");
+  const std::uint64_t count = std::uint64_t(width) * std::uint64_t(height);
+  if (reader.remaining() != count * sizeof(float))
+    bad_data(path.string(), ": ", width, "x", height, " depths take ", count * sizeof(float), " bytes, found ",
+             reader.remaining(), "; the file is damaged or truncated");
+  FloatPlane plane{width, height, {}};
+  plane.values.reserve(count);
+  for (std::uint64_t i = 0; i < count; ++i) plane.values.push_back(reader.little<float>("a depth"));
+  return plane;
+}
+
 FloatPlane read_plane(const fs::path& path) {
+  if (is_kind(path, ".bin")) return read_colmap_plane(path);
   if (is_kind(path, ".npy")) return read_npy_plane(path);
-  if (is_kind(path, ".exr")) return read_exr_layer(path, std::vector<std::string>{"Z", "depth.Z", "Y", "R"});
+  if (is_kind(path, ".exr")) return read_exr_layer(path, std::vector<std::string>{"Z", "Y", "R"});
   if (is_kind(path, ".png")) return read_png_plane(path);
-  bad_data(path.string(), ": want a depth map as .png, .exr or .npy");
+  bad_data(path.string(), ": want a depth map as .png, .exr, .npy or COLMAP's .bin");
 }
 
 /// What the sensor was not sure of becomes 0.

@@ -23,8 +23,8 @@ struct DepthPhoto {
 
 /// [camera.height, camera.width] along the optical axis, in scene units; 0: not known (0, less or no number in the
 /// file, too little confidence, or behind the camera). A map of another size gives its nearest pixel. Fault::data, with
-/// the file's name, for a map that is missing, damaged, no PNG, EXR or .npy of one plane, or of another shape than the
-/// photo.
+/// the file's name, for a map that is missing, damaged, no PNG, EXR, .npy or COLMAP's .bin of one plane, or of another
+/// shape than the photo.
 std::vector<float> depth_of(const std::filesystem::path& root, const DepthMap& map, const DepthPhoto& photo);
 
 }  // namespace cloam

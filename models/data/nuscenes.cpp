@@ -75,9 +75,9 @@ class Tables {
     const std::string file = name_of(table);
     if (!has_file(folder_ / (table + ".json")))
       bad_data((folder_ / (table + ".json")).string(), " is missing; unpack all of the metadata's archive");
-    const Json rows = parse_json_file(folder_ / (table + ".json"));
-    if (!rows.is_array()) bad_data(file, ": want a list of rows, found ", rows.type_name());
-    for (std::size_t i = 0; i < rows.size(); ++i) use(Row{rows[i], text(file, ", row ", i)});
+    for_each_in_json_file(folder_ / (table + ".json"), [&](const Json& json, std::size_t number) {
+      use(Row{json, text(file, ", row ", number)});
+    });
   }
 
   std::string name_of(const std::string& table) const { return folder_.filename().string() + "/" + table + ".json"; }

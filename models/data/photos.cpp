@@ -44,13 +44,28 @@ void add_masks(Scene& scene) {
                                 ".png or masks/", fs::path(name).replace_extension(".png").string()));
 }
 
+/// Of images/NAME.jpg the name by which other folders have a file for it.
+fs::path name_beside(const std::string& image) {
+  fs::path name = image;
+  if (*name.begin() == "images") name = name.lexically_relative("images");
+  return name.is_absolute() || *name.begin() == ".." ? name.filename() : name;  // an image outside of the folder
+}
+
+/// What COLMAP's stereo writes, made consistent over photos.
+void add_stereo_depths(Scene& scene) {
+  const fs::path folder = "stereo/depth_maps";
+  std::error_code error;
+  if (!fs::is_directory(scene.root / folder, error)) return;
+  for (Frame& frame : scene.frames) {
+    const fs::path file = folder / (name_beside(frame.image).string() + ".geometric.bin");
+    if (!frame.depth && is_file(scene.root / file)) frame.depth = DepthMap{file.generic_string(), {}};
+  }
+}
+
 }  // namespace
 
 std::optional<std::string> find_mask(const fs::path& root, const std::string& image) {
-  fs::path name = image;
-  if (*name.begin() == "images") name = name.lexically_relative("images");
-  if (name.is_absolute() || *name.begin() == "..") name = name.filename();  // an image outside of the folder
-  const fs::path mask = "masks" / name;
+  const fs::path mask = "masks" / name_beside(image);
   for (const fs::path& candidate : {fs::path(mask.string() + ".png"), fs::path(mask).replace_extension(".png"), mask}) {
     if (is_file(root / candidate.generic_string())) return candidate.generic_string();
   }
@@ -67,6 +82,7 @@ void finish_photos(Scene& scene, const std::vector<std::string>& missing, const 
              "\n  fix: copy the images to where the list has them, or correct the list"));
   }
   add_masks(scene);
+  add_stereo_depths(scene);
   scene.has_alpha = first_image_has_alpha(scene, options);
 }
 

@@ -9,7 +9,8 @@
 namespace cloam {
 
 /// Once all frames are read: one warning for listed images that are missing and where they may be instead, masks by
-/// their names (find_mask) for frames without one, with a warning if some have none, and has_alpha by the first image.
+/// their names (find_mask) for frames without one, with a warning if some have none, depth maps of COLMAP's stereo
+/// (stereo/depth_maps/NAME.geometric.bin) likewise, and has_alpha by the first image.
 /// Fault::data if no frame is left.
 void finish_photos(Scene& scene, const std::vector<std::string>& missing, const ReadOptions& options);
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -69,8 +70,11 @@ std::string place(std::string_view content, std::size_t offset) {
 // with a callback looks at all earlier values of a list whenever an object in it ends.
 class Builder : public nlohmann::json_sax<Json> {
  public:
+  using Use = std::function<void(const Json& value, std::size_t number)>;
   Builder(std::string_view content, const std::string& name, Json& root)
       : content_(content), name_(name), root_(root) {}
+  /// Of a list that is not kept: each of its values goes to `use`.
+  Builder(const std::string& name, Json& root, Use use) : name_(name), root_(root), use_(std::move(use)) {}
 
   bool null() override { return add(nullptr); }
   bool boolean(bool value) override { return add(value); }
@@ -105,7 +109,7 @@ class Builder : public nlohmann::json_sax<Json> {
 
   bool add(Json value) {
     place_for(std::move(value));
-    return true;
+    return pass_on();
   }
 
   bool open(Json container) {
@@ -116,6 +120,18 @@ class Builder : public nlohmann::json_sax<Json> {
 
   bool close() {
     open_.pop_back();
+    return pass_on();
+  }
+
+  /// A value of the outermost list that is complete, if that list is not kept.
+  bool pass_on() {
+    if (!use_ || open_.size() > 1) return true;
+    auto* list = root_.get_ptr<Json::array_t*>();
+    if (!list) fail(text("want a list, found ", root_.type_name()));
+    if (list->empty()) return true;  // the list itself ends
+    use_(list->back(), used_++);
+    list->clear();
+    bytes_ = 0;
     return true;
   }
 
@@ -139,6 +155,8 @@ class Builder : public nlohmann::json_sax<Json> {
   std::vector<Json*> open_;  // containers that are not closed yet, the innermost last
   std::string key_;
   std::uint64_t bytes_ = 0;
+  Use use_;               // empty: all is kept
+  std::size_t used_ = 0;  // values of the outermost list
 };
 
 double finite(const Json& value, const std::string& key, const std::string& where) {
@@ -165,6 +183,17 @@ Json parse_json(std::string_view given, const std::string& name) {
   Builder builder(content, name, root);
   Json::sax_parse(content.begin(), content.end(), &builder);
   return root;
+}
+
+void for_each_in_json_file(const std::filesystem::path& path, const Builder::Use& use) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) bad_data(path.string(), ": cannot be opened");
+  without_quotes(path, [&] {
+    const std::string name = path.string();
+    Json root;
+    Builder builder(name, root, use);
+    Json::sax_parse(file, &builder);
+  });
 }
 
 const Json& member(const Json& object, const std::string& key, const std::string& where) {

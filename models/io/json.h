@@ -3,6 +3,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
@@ -20,6 +21,12 @@ Json parse_json_file(const std::filesystem::path& path);
 
 /// The same for text in memory; `name` stands at the head of errors.
 Json parse_json(std::string_view given, const std::string& name);
+
+/// use(value, number) for each value of a file that is a list, one in memory at a time: for tables of gigabytes. Errors
+/// as parse_json_file, but of size; values that are not JSON, as Python's NaN, are one. Fault::data for a file that is
+/// no list.
+void for_each_in_json_file(const std::filesystem::path& path,
+                           const std::function<void(const Json& value, std::size_t number)>& use);
 
 /// The value of a key that must be there.
 const Json& member(const Json& object, const std::string& key, const std::string& where);

@@ -120,6 +120,9 @@ TEST_CASE("nerfstudio's depth maps: millimetres, units of the poses, distances, 
   CHECK(mean_error(loaded("depth0.png", R"(,"depth_unit_scale_factor":0.002)", 2), z) ==
         doctest::Approx(1).epsilon(1e-3));
   CHECK(mean_error(loaded("z.npy", R"(,"depth_unit_scale_factor":0.5)", 2), z) == doctest::Approx(0.5));
+  write_text(folder.path / "stereo/depth_maps/0.png.geometric.bin", "24&18&1&" + bytes_of_numbers<float>(z));
+  room.write(folder.path, [](std::size_t) { return std::string(); });
+  CHECK(load_images(read_scene(folder.path), Split::train, with_depths(2)).frames.at(0).depth == same);
   // Two pixels of the photo a pixel of the map each way.
   const std::vector<float> twice = loaded("z.npy", "", 1);
   REQUIRE(twice.size() == 48 * 36);
@@ -235,10 +238,17 @@ TEST_CASE("depth maps: what is damaged or does not fit is named") {
   CHECK(
       holds(error("high.npy"), "high.npy: a depth map of 18x24 pixels for a photo of 48x36: the aspect ratio differs"));
   write_text(folder.path / "depth.tif", "II*");
-  CHECK(holds(error("depth.tif"), "depth.tif: want a depth map as .png, .exr or .npy"));
+  CHECK(holds(error("depth.tif"), "depth.tif: want a depth map as .png, .exr, .npy or COLMAP's .bin"));
+  const std::string floats = bytes_of_numbers<float>(std::vector<double>(431, 1));
+  write_text(folder.path / "cut.bin", "24&18&1&" + floats);
+  CHECK(holds(error("cut.bin"), "cut.bin: 24x18 depths take 1728 bytes, found 1724"));
+  for (const char* head : {"24&18&3&", "24&18", "0&18&1&", "&18&1&", "123456789&1&1&"}) {
+    write_text(folder.path / "head.bin", head + floats);
+    CHECK(holds(error("head.bin"), "head.bin: is no depth map of COLMAP's"));
+  }
   const std::vector<float> red(24 * 18, 1.f);
   write_exr(folder.path / "other.exr", 24, 18, {{"normal.X", red.data()}});
-  CHECK(holds(error("other.exr"), "other.exr: no layer Z or depth.Z or Y or R, it has: normal.X"));
+  CHECK(holds(error("other.exr"), "other.exr: no layer Z or Y or R, it has: normal.X"));
 }
 
 TEST_CASE("depth maps are read for photos that train, if the method uses them; one that does not is told") {

@@ -8,6 +8,9 @@
 
 #include <nlohmann/json.hpp>
 
+#include "tests/models/errors.h"
+#include "tests/models/folder.h"
+
 using namespace cloam;
 
 namespace {
@@ -47,4 +50,26 @@ TEST_CASE("Python's words for numbers that JSON has not become null, but not in 
   CHECK(
       parse_json(R"({"a":"NaN -Infinity \" NaN","b":[-Infinity,-1.5,true,{"c":18446744073709551615}]})", "x").dump() ==
       R"({"a":"NaN -Infinity \" NaN","b":[null,-1.5,true,{"c":18446744073709551615}]})");
+}
+
+TEST_CASE("values of a list in a file come one at a time, as they are when all are read at once") {
+  const Folder folder;
+  const auto file = folder.path / "rows.json";
+  const auto values_of = [&](const std::string& content) {
+    write_text(file, content);
+    std::vector<Json> all;
+    for_each_in_json_file(file, [&](const Json& value, std::size_t number) {
+      CHECK(number == all.size());
+      all.push_back(value);
+    });
+    return all;
+  };
+  const std::string rows = R"([{"a":[[1,2],{"b":[]}]}, 7, "x", [], null, {"a":{"a":1}}])";
+  CHECK(Json(values_of(rows)) == parse_json(rows, "rows"));
+  CHECK(values_of("[]").empty());
+  for (const auto& [content, said] :
+       {std::pair{R"({"a":[1]})", "want a list, found object"}, std::pair{"7", "want a list, found number"},
+        std::pair{R"([{"a":1,"a":2}])", "the key \"a\" appears twice"}, std::pair{R"([{"a":1})", "not valid JSON"},
+        std::pair{"", "not valid JSON"}})
+    CHECK_MESSAGE(holds(error_of([&, text = std::string(content)] { values_of(text); }), said), content);
 }

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
+#include "models/data/check_log.h"
 #include "models/data/load_images.h"
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
@@ -161,6 +162,7 @@ TEST_CASE("nuScenes: images, points and boxes lie where the tables put them") {
   REQUIRE(scene.sweeps.size() == 21);
   CHECK(scene.frames.size() == 2 * 13);  // 12 a second: each is nearest to a sweep
   CHECK(front_sensor(scene) == "CAM_FRONT");
+  for (const std::string& warning : check_log(scene, false).warnings) CHECK_FALSE(holds(warning, "usually"));
   // Points that the LiDAR saw, in the world, and where images show them.
   for (const Sweep& sweep : scene.sweeps) {
     const LidarPoints points = load_sweep(scene, sweep);
