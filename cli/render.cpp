@@ -33,9 +33,9 @@ constexpr char kRenderExamples[] = R"(Render views of a trained scene.
 
 Examples:
   cloam render runs/fox -o pictures                          the held-out views
-  cloam render runs/fox -o orbit --path orbit --frames 60    a turntable, with a GIF and an MP4
+  cloam render runs/fox -o orbit --path orbit --frames 60    a turntable, with a GIF and an MP4 (H.264)
   cloam render runs/fox -o walk --path interpolated --frames 200    through the cameras, likewise
-  cloam render runs/fox -o all --split all --exr             colour, depth and opacity as EXR layers
+  cloam render runs/fox -o all --split all --exr             colour, depth, normals, opacity as EXR layers
   cloam render runs/fox -o depths --draw depth               or normals, opacity, ellipsoids, samples
   cloam render runs/fox -o one --camera cam.json
   cloam render runs/street -o wide --log 003 --time +0.75 --camera-name left_camera --size 1280x720
@@ -187,8 +187,8 @@ std::string without_places(const std::string& path) {
 void encode(const fs::path& ffmpeg, const std::vector<std::string>& input, const fs::path& film) {
   std::vector<std::string> words = {"-nostdin", "-hide_banner", "-loglevel", "error", "-xerror", "-y"};
   words.insert(words.end(), input.begin(), input.end());
-  for (const char* word : {"-vf", kFilter, "-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc",
-                           "iec61966-2-1", "-movflags", "+faststart"})
+  for (const char* word : {"-c:v", "libx264", "-vf", kFilter, "-colorspace", "bt709", "-color_primaries", "bt709",
+                           "-color_trc", "iec61966-2-1", "-movflags", "+faststart"})
     words.push_back(word);
   words.push_back(film.string());
   const ChildEnd end = run_child({ffmpeg, words});
@@ -300,7 +300,9 @@ Command add_render(CLI::App& program) {
             one_of({"colour", "depth", "normals", "opacity", kEllipsoids, kSamples}));
         add("--masks", r.masks, "Also write which actor each pixel shows (NAME_actor.png, actors.json)");
         add("--lidar", r.lidar, "Render LiDAR sweeps along the recorded rays, as PLY, instead of pictures");
-        add("--exr", r.exr, "Also write EXR: R G B A, depth.Z (along the ray), opacity.A");
+        add("--exr", r.exr,
+            "Also write EXR: R G B A, Z (depth along the optical axis), N.X N.Y N.Z (normal), depth.Z (along the ray), "
+            "opacity.A");
         add("--data", r.data, "Render the views of another capture in the same coordinates");
         add_allow_outside(add, r.allow_outside);
         add_show(add, r.show);

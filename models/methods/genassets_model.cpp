@@ -418,14 +418,11 @@ AssetSamples StreetModel::sample_asset(const AssetPlace& place, const std::vecto
 }
 
 Mesh StreetModel::surroundings(const StreetLog& log, int resolution) const {
-  const std::vector<float> numbers = log.space->grid().numbers.to_host();
-  const Tensor centre = from_host(std::vector<float>(&numbers[7], &numbers[10]), {1, 3}),
-               half = from_host(std::vector<float>(&numbers[10], &numbers[13]), {1, 3});
   StreetSamples samples;
   samples.owners = cast(zeros({0}), DType::i32);
   const auto sample = [&](const std::vector<float>& points) {
     return sample_surface(points, [&](const Tensor& at) {
-      samples.points = (at - centre) / half * 0.25f + 0.5f;  // kernels/street.cl: contracted() of what is not
+      samples.points = contracted(at, log.space->grid());
       return stop_gradient(texels_of(log, samples, {}));
     });
   };

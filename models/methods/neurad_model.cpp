@@ -247,13 +247,13 @@ AssetSamples NeuradModel::sample_asset(std::size_t actor, const std::vector<floa
 }
 
 Mesh NeuradModel::surroundings(int resolution) const {
-  const std::vector<float> numbers = grid().numbers.to_host();
-  const Tensor centre = from_host(std::vector<float>(&numbers[7], &numbers[10]), {1, 3});
-  const float scale = 0.25f / numbers[10];  // kernels/street.cl: contracted() of what is not
+  const StreetGrid cubes = grid();
   const auto sample = [&](const std::vector<float>& points) {
-    const Tensor widths = full({static_cast<int64_t>(points.size() / 3)}, kSurfaceWidth * scale);
+    StreetSamples samples;
+    const Tensor metres = full({static_cast<int64_t>(points.size() / 3)}, kSurfaceWidth);
     return sample_surface(points, [&](const Tensor& at) {
-      return field_->encoded({(at - centre) * scale + 0.5f, widths, {}}, {zeros({0, 3}), {}, {}});
+      samples.points = contracted(at, cubes);
+      return field_->encoded(background_points(samples, metres), {zeros({0, 3}), {}, {}});
     });
   };
   return static_mesh(*space_, sample, resolution);

@@ -10,15 +10,17 @@
 namespace cloam {
 namespace {
 
+constexpr double kAround = 2;  // metres
+
 /// Which voxels of a street are occupied; points in its axes.
 class OccupiedVoxels {
  public:
   explicit OccupiedVoxels(const StreetSpace& space)
       : numbers_(space.grid().numbers.to_host()), cells_(space.unpacked()) {}
 
-  /// What is not contracted.
+  /// What is not contracted, and a little more, for ground and walls lie at its edge.
   Eigen::AlignedBox3d middle() const {
-    const Eigen::Vector3d centre = vector(7), half = vector(10);
+    const Eigen::Vector3d centre = vector(7), half = vector(10).array() + kAround;
     return {centre - half, centre + half};
   }
 

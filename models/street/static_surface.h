@@ -12,8 +12,8 @@ namespace cloam {
 /// Distances and colours at points [N,3] in the street's axes.
 using SurfaceSamples = std::function<AssetSamples(const std::vector<float>& points)>;
 
-/// The surface of a log's surroundings within the box that holds nearly all of the static returns of its LiDARs, which
-/// is the space that is not contracted. Matter is where `samples` has it and a voxel is occupied: rays look nowhere
+/// The surface of a log's surroundings within 2 m of the box that holds nearly all of the static returns of its LiDARs,
+/// the space that is not contracted. Matter is where `samples` has it and a voxel is occupied: rays look nowhere
 /// else. In the world's axes, `resolution` cells along the longest side of the box. No triangles where nothing is.
 Mesh static_mesh(const StreetSpace& space, const SurfaceSamples& samples, int resolution);
 

@@ -85,6 +85,14 @@ void add_sweep(const Scene& scene, const SeenSweep& seen, const Eigen::Matrix4d&
 
 }  // namespace
 
+Tensor contracted(const Tensor& points, const StreetGrid& grid) {
+  const auto numbers = [&](int64_t begin, int64_t count) {
+    return reshape(slice(grid.numbers, 0, begin, begin + count), {1, count});
+  };
+  const Tensor x = (points - numbers(7, 3)) / numbers(10, 3), norm = maximum(max(abs(x), {{1}, true}), 1.f);
+  return x * ((2.f - 1.f / norm) / norm) * 0.25f + 0.5f;
+}
+
 StreetSpace::StreetSpace(const Scene& scene, const StreetSpaceOptions& options) : options_(options) {
   const Eigen::Matrix3d axes = axes_of(scene);
   Bounds track{Eigen::Vector3d::Constant(1e30), Eigen::Vector3d::Constant(-1e30)};

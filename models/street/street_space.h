@@ -24,6 +24,10 @@ struct StreetCells {
   std::vector<uint8_t> cells, blocks;       // [D,H,W]
 };
 
+/// Points [N,3] in a grid's axes in the coordinates of a background, [N,3] in [0,1]^3: contracted() of
+/// kernels/street.cl.
+Tensor contracted(const Tensor& points, const StreetGrid& grid);
+
 /// Takes a sweep of a log.
 using SweepVisitor = std::function<void(const Sweep& sweep, const LidarPoints& points)>;
 

@@ -43,6 +43,7 @@ const Rule kRules[] = {
     {"^cloam render (.*) --time", "cloam render $1 --size 48x27 --time"},
     {"^cloam generate", "cloam generate --frames 2 --size 16 --resolution 8 --steps 2"},
     {"^cloam export (.*) --actor", "cloam export $1 --resolution 8 --actor"},
+    {"^cloam export runs/my -o (\\S+) --resolution \\d+", "cloam export runs/my -o $1 --resolution 16 --level 0.0001"},
     {"^cloam simulate (.*) --augment", "cloam simulate $1 --size 24x16 --augment"},
     {"^cloam bench (.*) --json", "cloam bench $1 --rounds 1 --json"},
     {"^cloam selftest --quick", "cloam selftest --only negate"},  // selftest_test.cpp runs the rows
@@ -91,6 +92,7 @@ const Exception kExceptions[] = {
     {"script/test", "runs this test"},
     {"cloam view", "serves until it is ended; view_test.cpp runs it"},
     {"ssh -L", "needs another computer"},
+    {"cloam export runs/my --format points", "two steps learn no surface; geometry_pictures_test.cpp makes points"},
     {"cloam process photos -o DATA", "needs COLMAP and photos of one thing; colmap_test.cpp runs it"},
     {"cloam process walk.mp4 -o DATA", "needs ffmpeg, COLMAP and a video; video_test.cpp runs it"},
 };

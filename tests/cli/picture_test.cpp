@@ -209,6 +209,14 @@ TEST_CASE("a film by ffmpeg itself") {
               {"render", trained().string(), "-o", out.string(), "--path", "orbit", "--frames", "3", "--size", "25x31"})
               .code == 0);
   CHECK(content_of(out / "orbit.mp4").substr(4, 4) == "ftyp");
+  const fs::path stated = scratch() / "film-stated";
+  REQUIRE(std::system(("ffprobe -v error -count_frames -show_entries stream=codec_name,width,height,pix_fmt,"
+                       "color_space,r_frame_rate,nb_read_frames -of default=noprint_wrappers=1 '" +
+                       (out / "orbit.mp4").string() + "' > " + stated.string())
+                          .c_str()) == 0);
+  for (const char* line : {"codec_name=h264\n", "width=24\n", "height=30\n", "pix_fmt=yuv420p\n", "color_space=bt709\n",
+                           "r_frame_rate=20/1\n", "nb_read_frames=3\n"})
+    CHECK_MESSAGE(contains(content_of(stated), line), line, content_of(stated));
 }
 
 TEST_CASE("a camera file gives the view, and a damaged one is exit 3") {

@@ -7,9 +7,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
+#include <cstring>
 
+#include "models/eval/pictures.h"
 #include "models/eval/sample_pictures.h"
+#include "models/eval/seen_points.h"
 #include "models/gaussians/ellipsoids.h"
+#include "tests/models/folder.h"
 
 namespace cloam {
 namespace {
@@ -154,6 +159,115 @@ TEST_CASE("normals are those of the plane that the depths lie on, and edges have
     CHECK(at(10, 12, c) == 0);
     CHECK(at(11, 12, c) == 0);  // beside a hole
     CHECK(at(0, 20, c) == 0);   // the picture's rim
+  }
+}
+
+namespace {
+
+/// What a camera sees of a ball about the origin, of a colour that follows the place.
+Picture ball_seen(const View& view, double radius) {
+  Picture picture{view.camera.width, view.camera.height, {}, {}, {}, {}};
+  const std::vector<float> directions = pixel_directions(view.camera);
+  const Eigen::Vector3d eye = view.world_from_camera.topRightCorner<3, 1>();
+  for (size_t i = 0; i < directions.size(); i += 3) {
+    const Eigen::Vector3d way = (view.world_from_camera.topLeftCorner<3, 3>() *
+                                 Eigen::Map<const Eigen::Vector3f>(&directions[i]).cast<double>())
+                                    .normalized();
+    const double along = -way.dot(eye), rest = along * along - eye.squaredNorm() + radius * radius;
+    const double depth = rest > 0 ? along - std::sqrt(rest) : 0;
+    picture.depth.push_back(static_cast<float>(depth));
+    picture.opacity.push_back(rest > 0);
+    for (const double value : Eigen::Vector3d(0.5 * (eye + depth * way) / radius))
+      picture.rgb.push_back(static_cast<float>(std::clamp(value + 0.5, 0.0, 1.0)));
+  }
+  return picture;
+}
+
+/// Shows a ball.
+struct BallShown : RendersViews {
+  Picture render(const View& view) override { return ball_seen(view, 1); }
+};
+
+}  // namespace
+
+TEST_CASE("an EXR has the depth along the optical axis as Z, and normals of the world as N") {
+  const Folder folder;
+  View view = view_from({0, 0, 0}, small_camera());
+  view.world_from_camera.block<3, 1>(0, 3) = -3 * view.world_from_camera.block<3, 1>(0, 2);
+  const Picture picture = ball_seen(view, 1);
+  const std::filesystem::path file = folder.path / "a.exr";
+  write_picture_exr(file, picture, view);
+  const std::vector<float> z = read_exr_layer(file, "Z"), x = read_exr_layer(file, "N.X"),
+                           y = read_exr_layer(file, "N.Y"), n = read_exr_layer(file, "N.Z");
+  const std::vector<float> directions = pixel_directions(view.camera);
+  CHECK(read_exr_layer(file, "depth.Z") == picture.depth);
+  double worst = 0;
+  int surface = 0;
+  for (size_t i = 0; i < z.size(); ++i) {
+    const Eigen::Vector3d at = Eigen::Map<const Eigen::Vector3f>(&directions[3 * i]).cast<double>() *
+                               static_cast<double>(z[i]);  // a pinhole's directions have z = 1
+    CHECK((z[i] > 0) == (picture.opacity[i] > 0));
+    const Eigen::Vector3d normal(static_cast<double>(x[i]), static_cast<double>(y[i]), static_cast<double>(n[i]));
+    if (normal.isZero()) continue;
+    ++surface;
+    worst = std::max(worst, (normal - (view.world_from_camera * at.homogeneous()).head<3>()).norm());
+  }
+  CHECK(surface > 100);
+  CHECK(worst < 0.15);  // pixels are 0.07 wide on the ball; its points are its normals
+
+  if (std::system("command -v ffmpeg >/dev/null 2>&1") != 0) {
+    MESSAGE("skipped: no ffmpeg");
+    return;
+  }
+  // FFmpeg has a reader of its own.
+  const std::filesystem::path raw = folder.path / "n.raw";
+  REQUIRE(
+      std::system(("ffmpeg -v error -layer N -i " + file.string() + " -f rawvideo -pix_fmt gbrpf32le " + raw.string())
+                      .c_str()) == 0);
+  const std::string bytes = content_of(raw);
+  REQUIRE(bytes.size() == 3 * 4 * z.size());
+  const auto plane = [&](size_t which) {
+    std::vector<float> values(z.size());
+    std::memcpy(values.data(), bytes.data() + 4 * which * z.size(), 4 * z.size());
+    return values;
+  };
+  CHECK(plane(0) == y);
+  CHECK(plane(1) == n);
+  CHECK(plane(2) == x);
+}
+
+TEST_CASE("points that the photos see lie on the surface, with its normals and colours") {
+  Scene scene;
+  scene.cameras = {small_camera()};
+  for (int i = 0; i < 4; ++i) {
+    Frame frame;
+    const Eigen::Matrix3d turn = Eigen::AngleAxisd(1.5 * i, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+    frame.world_from_camera.block<3, 3>(0, 0) = turn;
+    frame.world_from_camera.block<3, 1>(0, 3) = -3 * turn.col(2);
+    frame.split = i == 3 ? Split::test : Split::train;
+    scene.frames.push_back(frame);
+  }
+  BallShown ball;
+  const Listener listener{[](const std::string&) {}, [](const std::string&) {}, [](const auto&) {}};
+  const Mesh all = seen_points(ball, scene, 0, {}, listener), few = seen_points(ball, scene, 0, {900}, listener);
+  CHECK(all.vertex_count() > 500);
+  CHECK(few.vertex_count() < 900);
+  CHECK(few.vertex_count() > 100);
+  CHECK(seen_points(ball, scene, 0, {1000, 1.5}, listener).vertex_count() == 0);  // the ball begins at 2
+  for (const Mesh* points : {&all, &few}) {
+    REQUIRE(points->normals.size() == points->positions.size());
+    REQUIRE(points->colours.size() == points->positions.size());
+    CHECK(points->triangles.empty());
+    double worst = 0;
+    for (size_t i = 0; i < points->positions.size(); i += 3) {
+      const auto at = [&](const std::vector<float>& values) {
+        return Eigen::Vector3d(Eigen::Map<const Eigen::Vector3f>(&values[i]).cast<double>());
+      };
+      CHECK(at(points->positions).norm() == doctest::Approx(1));
+      CHECK((at(points->colours) - Eigen::Vector3d::Constant(0.5) - 0.5 * at(points->positions)).norm() < 1e-5);
+      worst = std::max(worst, (at(points->normals) - at(points->positions)).norm());
+    }
+    CHECK(worst < (points == &all ? 0.15 : 0.3));
   }
 }
 

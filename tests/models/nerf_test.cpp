@@ -7,6 +7,7 @@
 
 #include "models/data/load_images.h"
 #include "models/data/read_scene.h"
+#include "models/mesh/density_mesh.h"
 #include "models/metrics/psnr.h"
 #include "models/render/rays.h"
 #include "models/synth/synthetic_scene.h"
@@ -36,7 +37,8 @@ struct Outcome {
 };
 
 /// Trains on 20 views of 48x48, tests on 4: mean PSNR of the renders and of the training views' mean colour.
-Outcome train_small(const Settings& settings, int64_t steps) {
+Outcome train_small(
+    const Settings& settings, int64_t steps, const std::function<void(Method&)>& look = [](Method&) {}) {
   const Folder folder;
   write_synthetic_scene(folder.path / "data", {20, 4, 48, 3});
   const Scene scene = read_scene(folder.path / "data");
@@ -53,15 +55,44 @@ Outcome train_small(const Settings& settings, int64_t steps) {
     out.psnr += psnr(picture.rgb, on_white(frame)) / static_cast<double>(test.frames.size());
   }
   out.baseline = mean_colour_figure(scene);
+  look(*method);
   return out;
 }
 
 const Settings kSmallHash = small_hash();
 
+/// The mean distance from the upper halves of the scene's balls, which cameras see, to the nearest vertex of the mesh.
+double mesh_to_balls(Method& method) {
+  const DensityField field = as<HasDensity>(method)->density_field();
+  const Mesh mesh = density_mesh(field, {field.subject, 96, 10});
+  double sum = 0;
+  int count = 0;
+  MESSAGE("mesh ", mesh.vertex_count());
+  for (const SyntheticBall& ball : synthetic_balls(0)) {
+    MESSAGE("ball ", ball.radius, " ", ball.centre.x(), " ", ball.centre.y(), " ", ball.centre.z(), " ", sum / count);
+    for (double height = 0.1; height < 1; height += 0.2)
+      for (double angle = 0; angle < 6; angle += 1) {
+        const double across = std::sqrt(1 - height * height);
+        const Eigen::Vector3d at =
+            ball.centre + ball.radius * Eigen::Vector3d(across * std::cos(angle), across * std::sin(angle), height);
+        double least = 3;
+        for (size_t i = 0; i < mesh.positions.size(); i += 3)
+          least = std::min(least, (Eigen::Map<const Eigen::Vector3f>(&mesh.positions[i]).cast<double>() - at).norm());
+        sum += least;
+        ++count;
+      }
+  }
+  return sum / count;
+}
+
 }  // namespace
 
 TEST_CASE("nerf with the hash grid learns held-out views of a small scene") {
-  const Outcome outcome = train_small(kSmallHash, 250);
+  const Outcome outcome = train_small(kSmallHash, 250, [](Method& method) {
+    const double metres = mesh_to_balls(method);
+    MESSAGE("from the balls to the mesh ", metres);
+    CHECK(metres < 0.05);  // the box is 3 wide
+  });
   MESSAGE("psnr ", outcome.psnr, ", mean colour ", outcome.baseline);
   CHECK(outcome.psnr > outcome.baseline + 7);
 }

@@ -9,6 +9,7 @@
 
 #include "models/scene/asset_class.h"
 #include "models/scene/assets.h"
+#include "models/street/static_surface.h"
 #include "runtime/error.h"
 #include "runtime/ops/composite.h"
 #include "runtime/ops/street.h"
@@ -230,6 +231,51 @@ TEST_CASE("a wall seen up to the edge of the LiDAR's sight goes on as far as cam
   CHECK(at(3));
   CHECK(at(12));
   CHECK_FALSE(at(15));
+}
+
+TEST_CASE(
+    "the mesh of a street: ground and wall where the LiDAR saw them, in the world's axes, and nothing elsewhere") {
+  Seen seen;
+  for (Frame& frame : seen.scene.frames) frame.world_from_camera(1, 3) += 3;  // street and world lie apart
+  const StreetSpace space = seen.space({});
+  const Eigen::Matrix4d world_from_street = space.street_from_world().inverse();
+  CHECK(world_from_street.topRightCorner<3, 1>().norm() > 3);
+  // Ground below 0 and wall behind x = 30 as far as one can think; colours by the world's x.
+  const Mesh mesh = static_mesh(
+      space,
+      [&](const std::vector<float>& points) {
+        AssetSamples samples;
+        for (std::size_t i = 0; i < points.size(); i += 3) {
+          const Vector3d at =
+              (world_from_street * Eigen::Vector4d(points[i], points[i + 1], points[i + 2], 1)).head<3>();
+          samples.distances.push_back(static_cast<float>(std::min(at.z(), kToyWall - at.x())));
+          for (int k = 0; k < 3; ++k) samples.colours.push_back(static_cast<float>(at.x() / 40));
+        }
+        return samples;
+      },
+      100);
+  std::vector<Vector3d> vertices;
+  for (std::size_t i = 0; i < mesh.positions.size(); i += 3) {
+    const Vector3d at(mesh.positions[i], mesh.positions[i + 1], mesh.positions[i + 2]);
+    CHECK(mesh.colours[i] == doctest::Approx(at.x() / 40).epsilon(1e-4));
+    CHECK(std::min(at.z(), kToyWall - at.x()) < 1e-3);  // nothing before the wall and above the ground
+    if (at.z() > 1 && at.z() < 5 && std::abs(at.y()) < 15 && std::abs(at.x() - kToyWall) < 1e-3)
+      CHECK(mesh.normals[i] < -0.7f);
+    vertices.push_back(at);
+  }
+  std::size_t looked_for = 0;
+  double worst = 0;
+  for (std::size_t i = 0; i < seen.still.size(); i += 30) {
+    const Vector3d at(seen.still[i], seen.still[i + 1], seen.still[i + 2]);
+    if (at.x() < 4 || std::abs(at.y()) > 18 || at.z() > 5)
+      continue;  // the box holds 96 % of the points along each axis
+    double least = 1e9;
+    for (const Vector3d& vertex : vertices) least = std::min(least, (vertex - at).norm());
+    worst = std::max(worst, least);
+    ++looked_for;
+  }
+  CHECK(looked_for > 100);
+  CHECK(worst < 0.6);  // cells of 0.4 m
 }
 
 TEST_CASE("the grid survives its checkpoint, and a damaged one is an error") {
