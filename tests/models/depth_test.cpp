@@ -301,6 +301,8 @@ TEST_CASE("splat: depth maps show where walls of one colour are, and where to be
   CHECK(maps.error < 0.6 * without.error);
   CHECK(maps.error < 0.25 * constant);
   CHECK(maps.psnr > without.psnr - 0.3);
+  // Along rays depths would be 8 % more on average.
+  CHECK(learned("splat", with(few, "weight.depth", "1"), 300).error < 0.04);
   CHECK(holds(error_of([&] {
                 const DepthRoom room;
                 const Folder folder;
