@@ -24,6 +24,8 @@ using namespace cloam;
 
 namespace {
 
+constexpr uint64_t kSeed = 3;  // of the scene
+
 /// Built for the scene, with its training photos.
 std::unique_ptr<Method> loaded(const Scene& scene, const Settings& settings) {
   auto method = configured("nerf", settings);
@@ -40,7 +42,7 @@ struct Outcome {
 Outcome train_small(
     const Settings& settings, int64_t steps, const std::function<void(Method&)>& look = [](Method&) {}) {
   const Folder folder;
-  write_synthetic_scene(folder.path / "data", {20, 4, 48, 3});
+  write_synthetic_scene(folder.path / "data", {20, 4, 48, kSeed});
   const Scene scene = read_scene(folder.path / "data");
   const auto method = loaded(scene, settings);
   TrainOptions options;
@@ -67,9 +69,7 @@ double mesh_to_balls(Method& method) {
   const Mesh mesh = density_mesh(field, {field.subject, 96, 10});
   double sum = 0;
   int count = 0;
-  MESSAGE("mesh ", mesh.vertex_count());
-  for (const SyntheticBall& ball : synthetic_balls(0)) {
-    MESSAGE("ball ", ball.radius, " ", ball.centre.x(), " ", ball.centre.y(), " ", ball.centre.z(), " ", sum / count);
+  for (const SyntheticBall& ball : synthetic_balls(kSeed))
     for (double height = 0.1; height < 1; height += 0.2)
       for (double angle = 0; angle < 6; angle += 1) {
         const double across = std::sqrt(1 - height * height);
@@ -81,7 +81,6 @@ double mesh_to_balls(Method& method) {
         sum += least;
         ++count;
       }
-  }
   return sum / count;
 }
 
