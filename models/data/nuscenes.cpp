@@ -255,6 +255,8 @@ class NuscenesReader {
         log_.missing(file.name);
         continue;
       }
+      if (!times.empty() && times.back() == file.time)
+        bad_data(file.where, ": another sweep of ", kLidar, " has its timestamp; unpack the metadata's archive again");
       const int step = static_cast<int>(times.size());
       scene_.sweeps.push_back({file.name, file.time, file.world_from_sensor, step, Split::train, false});
       times.push_back(file.time);

@@ -4,7 +4,6 @@
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <cmath>
@@ -14,8 +13,8 @@
 
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
+#include "models/io/image_bytes.h"
 #include "models/io/srgb.h"
-#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -25,7 +24,6 @@ using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::uint64_t kMaxImageValues = std::uint64_t{1} << 29;
 constexpr std::uint64_t kMaxImageBytes = std::uint64_t{1} << 31;
-constexpr int kLongestSide = 1 << 17;
 // What a header may promise, measured by the bytes that follow. Deflate shrinks to 1/1032 at best, JPEG to about that;
 // of EXR's other compressions some write a block of equal pixels in a few bytes.
 constexpr std::uint64_t kMaxShrunk = 1100, kMaxShrunkExr = 10000;
@@ -35,147 +33,6 @@ constexpr std::uint64_t kMinShareOfMuch = 200;     // of these bytes to one of t
 constexpr std::uint64_t kLargestBlock = 64 << 20;  // bytes of one tile, or of the lines that are compressed together
 constexpr std::size_t kPeeked = 64 << 10;          // bytes in which a header usually ends
 constexpr std::uint64_t kAtOnce = 8 << 20;         // bytes of lines that are decoded in one call, if blocks are small
-
-[[noreturn]] void damaged(const std::filesystem::path& path, const std::string& why) {
-  bad_data(path.string(), ": damaged image: ", why, "; copy it again, or use --skip-bad");
-}
-
-bool starts_with(const Bytes& bytes, std::string_view magic, std::size_t at = 0) {
-  return bytes.size() >= at + magic.size() &&
-         std::equal(magic.begin(), magic.end(), bytes.begin() + at,
-                    [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
-}
-
-// TGA has no magic number: plausible fields of its header must do.
-bool looks_like_tga(const Bytes& bytes) {
-  if (bytes.size() < 18 || bytes[1] > 1) return false;
-  const int kind = bytes[2] & ~8, depth = bytes[16];
-  return kind >= 1 && kind <= 3 && (depth == 8 || depth == 15 || depth == 16 || depth == 24 || depth == 32);
-}
-
-// "png", "jpeg" and "openexr" are the formats that are read; all others are named for the error alone.
-std::string format_of(const Bytes& bytes) {
-  using namespace std::string_view_literals;
-  if (starts_with(bytes, "\x89PNG\r\n\x1a\n"sv)) return "png";
-  if (starts_with(bytes, "\xff\xd8\xff"sv)) return "jpeg";
-  if (starts_with(bytes, "\x76\x2f\x31\x01"sv)) return "openexr";
-  if (starts_with(bytes, "GIF8"sv)) return "GIF";
-  if (starts_with(bytes, "BM"sv)) return "BMP";
-  if (starts_with(bytes, "II*\0"sv) || starts_with(bytes, "MM\0*"sv)) return "TIFF";
-  if (starts_with(bytes, "WEBP"sv, 8)) return "WebP";
-  if (starts_with(bytes, "ftyp"sv, 4)) return "HEIC, AVIF or video";
-  if (starts_with(bytes, "#?"sv)) return "Radiance HDR";
-  if (looks_like_tga(bytes)) return "TGA";
-  return "unknown";
-}
-
-std::string format_of_name(const std::filesystem::path& path) {
-  const std::string extension = lower_case(path.extension().string());
-  if (extension == ".png") return "png";
-  if (extension == ".jpg" || extension == ".jpeg") return "jpeg";
-  if (extension == ".exr") return "openexr";
-  return extension;
-}
-
-void require_format(const std::filesystem::path& path, const std::string& format) {
-  if (format != "png" && format != "jpeg" && format != "openexr")
-    bad_data(path.string(), ": want a PNG, JPEG or EXR image, the content is ", format,
-             "; convert it (magick IN OUT.png)");
-  const std::string named = format_of_name(path);
-  if (!named.empty() && named != format)
-    bad_data(path.string(), ": named as ", named, " but the content is ", format, "; rename it");
-}
-
-// Chunks of length, name, data, CRC up to IEND. www.w3.org/TR/png, section 5
-// libpng would find wrong CRCs too, but prints on its own besides.
-void require_sound_png(const std::filesystem::path& path, const Bytes& bytes) {
-  ByteReader reader(bytes, path.string());
-  reader.skip(8, "the PNG signature");
-  for (std::uint64_t kind = 0; kind != 0x49454e44;) {  // "IEND"
-    const auto length = reader.big(4, "a PNG chunk");
-    const std::size_t start = reader.offset();
-    kind = reader.big(4, "a PNG chunk");
-    reader.skip(length, "a PNG chunk");
-    const auto crc = crc32(0, bytes.data() + start, static_cast<unsigned>(length + 4));
-    if (reader.big(4, "a PNG chunk") != crc)
-      damaged(path, text("the checksum at byte ", reader.offset() - 4, " is wrong"));
-  }
-}
-
-// Marker segments up to EOI. After a scan header come coded bytes, where ff is followed by 0 or a restart marker.
-// ITU-T T.81, annex B
-void require_complete_jpeg(const std::filesystem::path& path, const Bytes& bytes) {
-  ByteReader reader(bytes, path.string());
-  reader.skip(2, "the JPEG signature");
-  for (;;) {
-    while (reader.big(1, "the JPEG picture data") != 0xff) {}
-    int marker = 0xff;
-    while (marker == 0xff) marker = static_cast<int>(reader.big(1, "a JPEG marker"));
-    if (marker == 0xd9) return;
-    const bool alone = marker == 0 || marker == 1 || (marker >= 0xd0 && marker <= 0xd8);
-    if (alone) continue;
-    const auto length = reader.big(2, "a JPEG segment");
-    if (length < 2) damaged(path, text("a JPEG segment of length ", length, " at byte ", reader.offset()));
-    reader.skip(length - 2, "a JPEG segment");
-  }
-}
-
-/// What decides how many parts an EXR is stored in.
-struct ExrHeader {
-  std::int64_t width = 0, height = 0, tile_width = 0, tile_height = 0;
-  int compression = 0;
-
-  /// The least number: without the smaller copies that it may hold.
-  std::int64_t parts() const {
-    constexpr int lines[] = {1, 1, 1, 16, 32, 16, 32, 32, 32, 256};
-    if (tile_width > 0 && tile_height > 0)
-      return ((width + tile_width - 1) / tile_width) * ((height + tile_height - 1) / tile_height);
-    const int together = compression < static_cast<int>(std::size(lines)) ? lines[compression] : 1;
-    return (height + together - 1) / together;
-  }
-};
-
-/// Attributes (name, kind, size, value) up to an empty name. False where there is no further header.
-bool read_exr_header(ByteReader& reader, ExrHeader& header) {
-  constexpr std::size_t longest = 255;
-  std::string name = reader.zero_ended(longest, "an EXR attribute");
-  if (name.empty()) return false;
-  for (; !name.empty(); name = reader.zero_ended(longest, "an EXR attribute")) {
-    reader.zero_ended(longest, "an EXR attribute");
-    ByteReader value(reader.take(reader.little<std::uint32_t>("an EXR attribute"), "an EXR attribute"), "");
-    if (name == "compression" && value.remaining() == 1) header.compression = value.little<std::uint8_t>("");
-    if (name == "tiles" && value.remaining() == 9) {
-      header.tile_width = value.little<std::uint32_t>("");
-      header.tile_height = value.little<std::uint32_t>("");
-    }
-    if (name == "dataWindow" && value.remaining() == 16) {
-      std::int64_t corners[4];
-      for (std::int64_t& corner : corners) corner = value.little<std::int32_t>("");
-      header.width = corners[2] - corners[0] + 1;
-      header.height = corners[3] - corners[1] + 1;
-    }
-  }
-  return true;
-}
-
-// The library makes room for a table of all parts before it can be asked for the size; the file must hold that table.
-// openexr.com/en/latest/OpenEXRFileLayout.html
-void require_sound_exr(const std::filesystem::path& path, const Bytes& bytes) {
-  constexpr std::uint32_t deep = 0x800, several = 0x1000;
-  ByteReader reader(bytes, path.string());
-  reader.skip(4, "the EXR signature");
-  const auto version = reader.little<std::uint32_t>("the EXR version");
-  if (version & deep) damaged(path, "deep EXR images, with several samples per pixel, are not supported");
-  std::int64_t parts = 0;
-  for (ExrHeader header; read_exr_header(reader, header); header = {}) {
-    if (header.width < 1 || header.height < 1 || header.width > kLongestSide || header.height > kLongestSide)
-      damaged(path, text("the header says ", header.width, "x", header.height, " pixels"));
-    parts += header.parts();
-    if (!(version & several)) break;
-  }
-  if (parts > static_cast<std::int64_t>(reader.remaining() / 8))
-    damaged(path, text("the header declares ", parts, " parts, only ", reader.remaining(), " bytes follow"));
-}
 
 // An opened decoder and the memory that it reads from.
 struct Decoder {
@@ -228,8 +85,8 @@ void require_exr_layout(const Decoder& decoder) {
 }
 
 void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec, int max_channels) {
-  const bool sides =
-      spec.width > 0 && spec.height > 0 && spec.depth <= 1 && spec.width <= kLongestSide && spec.height <= kLongestSide;
+  const bool sides = spec.width > 0 && spec.height > 0 && spec.depth <= 1 && spec.width <= kLongestImageSide &&
+                     spec.height <= kLongestImageSide;
   const bool channels = spec.nchannels >= 1 && spec.nchannels <= max_channels;
   const int deep = spec.format.is_floating_point() ? 4 : 1;  // such pixels pass through floats
   if (sides && channels && spec.image_pixels() * spec.nchannels * deep <= kMaxImageValues) return;
@@ -242,11 +99,11 @@ void start(Decoder& decoder, const std::filesystem::path& path) {
   OIIO::attribute("try_all_readers", 0);
   decoder.memory = std::make_unique<OIIO::Filesystem::IOMemReader>(decoder.bytes.data(), decoder.bytes.size());
   decoder.input = OIIO::ImageInput::create(decoder.format);
-  if (!decoder.input) damaged(path, text("OpenImageIO has no ", decoder.format, " reader: ", OIIO::geterror()));
+  if (!decoder.input) damaged_image(path, text("OpenImageIO has no ", decoder.format, " reader: ", OIIO::geterror()));
   OIIO::ImageSpec options;
   options.attribute("oiio:UnassociatedAlpha", 1);  // straight alpha, as stored in PNG
   decoder.input->set_ioproxy(decoder.memory.get());
-  if (!decoder.input->open(path.string(), decoder.spec, options)) damaged(path, decoder.input->geterror());
+  if (!decoder.input->open(path.string(), decoder.spec, options)) damaged_image(path, decoder.input->geterror());
 }
 
 Decoder open(const std::filesystem::path& path, int max_channels) {
@@ -255,9 +112,7 @@ Decoder open(const std::filesystem::path& path, int max_channels) {
   decoder.bytes = read_file(path, kMaxImageBytes);
   decoder.format = format_of(decoder.bytes);
   require_format(path, decoder.format);
-  if (decoder.format == "png") require_sound_png(path, decoder.bytes);
-  if (decoder.format == "jpeg") require_complete_jpeg(path, decoder.bytes);
-  if (decoder.format == "openexr") require_sound_exr(path, decoder.bytes);
+  require_sound_bytes(path, decoder.format, decoder.bytes);
   start(decoder, path);
   require_spec(path, decoder.spec, max_channels);
   require_proportion(decoder);
@@ -269,7 +124,7 @@ template <class Value>
 std::vector<Value> decode(Decoder& decoder, OIIO::TypeDesc type) {
   std::vector<Value> values(decoder.spec.image_pixels() * decoder.spec.nchannels);
   const bool read = decoder.input->read_image(0, 0, 0, decoder.spec.nchannels, type, values.data());
-  if (!read || decoder.input->has_error()) damaged(decoder.path, decoder.input->geterror());
+  if (!read || decoder.input->has_error()) damaged_image(decoder.path, decoder.input->geterror());
   return values;
 }
 
@@ -296,7 +151,7 @@ void decode_blocks(Decoder& decoder, Take take) {
                                                           OIIO::TypeDesc::FLOAT, values.data())
                               : decoder.input->read_scanlines(0, 0, top, bottom, 0, 0, spec.nchannels,
                                                               OIIO::TypeDesc::FLOAT, values.data());
-      if (!read || decoder.input->has_error()) damaged(decoder.path, decoder.input->geterror());
+      if (!read || decoder.input->has_error()) damaged_image(decoder.path, decoder.input->geterror());
       take(block, values);
     }
   }
@@ -323,7 +178,8 @@ Bytes straight_8_bit(Decoder& decoder, const PhotoLight& light) {
                         column = block.x + place % block.width;
       const float alpha = has_alpha ? values[i + channels - 1] : 0;
       for (std::size_t c = 0; c < channels; ++c) {
-        if (!std::isfinite(values[i + c])) damaged(decoder.path, text("pixel ", column, ", ", row, " is not finite"));
+        if (!std::isfinite(values[i + c]))
+          damaged_image(decoder.path, text("pixel ", column, ", ", row, " is not finite"));
         const bool is_alpha = has_alpha && c + 1 == channels, divide = is_exr && alpha > 0 && !is_alpha;
         const float value = divide ? values[i + c] / alpha : values[i + c];
         pixels[(row * width + column) * channels + c] = rounded(is_alpha ? value : developed(value, light));
