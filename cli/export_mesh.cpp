@@ -1,6 +1,7 @@
 // cloam export: whole scenes as meshes and points.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "cli/export.h"
@@ -62,18 +63,21 @@ int write_scene_mesh(Mesh& mesh, const ExportRequest& request, MeshLabel label, 
   return 0;
 }
 
-void check_format(const ExportRequest& request) {
-  if (!request.actor.empty()) throw Error(Fault::usage, "--actor: this run has one scene, and no actors");
-  if (request.format.empty() || request.format == "glb" || request.format == "obj" || request.format == "ply") return;
-  throw Error(Fault::usage, text("--format ", request.format, ": this run has a surface, which is written as glb, obj ",
-                                 "or ply\n  fix: for pictures all around, cloam render RUN --path orbit"));
+/// --out as the file of a surface. Fault::usage for a format of something else.
+void take_surface_file(ExportRequest& request) {
+  const auto is_wanted = [&](const char* extension) { return "." + request.format == extension; };
+  if (!request.format.empty() && std::none_of(std::begin(kMeshExtensions), std::end(kMeshExtensions), is_wanted))
+    throw Error(Fault::usage,
+                text("--format ", request.format, ": a surface is written as glb, obj or ply\n  fix: for ",
+                     "pictures all around, cloam render RUN --path orbit"));
+  take_mesh_file(request);
 }
 
 }  // namespace
 
 int export_density(const RestoredRun& run, const HasDensity& method, ExportRequest request, const Common& common) {
-  check_format(request);
-  take_mesh_file(request);
+  if (!request.actor.empty()) throw Error(Fault::usage, "--actor: this run has one scene, and no actors");
+  take_surface_file(request);
   const DensityField field = method.density_field();
   DensitySurface surface{field.subject, request.resolution, request.level};
   if (surface.level == 0) surface.level = usual_level(surface.bounds);
@@ -100,7 +104,7 @@ int export_background(const RestoredRun& run, ExportRequest request, const Commo
     return 0;
   }
   auto& street = require<HasSurfaces>(*run.method, run.record.method, "--background");
-  take_mesh_file(request);
+  take_surface_file(request);
   Mesh mesh = street.surroundings(scene, request.resolution);
   if (mesh.triangle_count() == 0)
     throw Error(Fault::data,
@@ -112,8 +116,9 @@ int export_background(const RestoredRun& run, ExportRequest request, const Commo
 int export_points(const RestoredRun& run, const ExportRequest& request, const Common& common) {
   if (!request.actor.empty()) throw Error(Fault::usage, "--format points is of a whole scene: leave out --actor");
   check_file(request);
-  const fs::path path =
-      fs::path(request.out).extension() == ".ply" ? fs::path(request.out) : with_format(request.out, "ply");
+  const fs::path path = fs::path(request.out).has_extension() ? request.out : request.out + ".ply";
+  if (lower_case(path.extension().string()) != ".ply")
+    throw Error(Fault::usage, text("-o ", request.out, ": points are written as .ply"));
   const int index = scene_asked_for(run, request);
   const Scene& scene = run.scenes[static_cast<std::size_t>(index)];
   SeenPointsWish wish{static_cast<std::size_t>(request.points)};

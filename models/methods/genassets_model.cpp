@@ -412,7 +412,7 @@ AssetSamples StreetModel::sample_asset(const AssetPlace& place, const std::vecto
   const Tensor planes = stop_gradient(assets_->decode(hit_assets({place}, {true}), {}).planes),
                owners = cast(zeros({count}), DType::i32);
   const float scale = cube_scale(assets_->size_of(place));
-  return sample_surface(points, [&](const Tensor& at) {
+  return sample_surface(points, true, [&](const Tensor& at) {
     return sample_planes(planes, in_cube(at * scale + 0.5f, options_.symmetric), owners);
   });
 }
@@ -420,8 +420,8 @@ AssetSamples StreetModel::sample_asset(const AssetPlace& place, const std::vecto
 Mesh StreetModel::surroundings(const StreetLog& log, int resolution) const {
   StreetSamples samples;
   samples.owners = cast(zeros({0}), DType::i32);
-  const auto sample = [&](const std::vector<float>& points) {
-    return sample_surface(points, [&](const Tensor& at) {
+  const auto sample = [&](const std::vector<float>& points, bool coloured) {
+    return sample_surface(points, coloured, [&](const Tensor& at) {
       samples.points = contracted(at, log.space->grid());
       return stop_gradient(texels_of(log, samples, {}));
     });
@@ -429,12 +429,13 @@ Mesh StreetModel::surroundings(const StreetLog& log, int resolution) const {
   return static_mesh(*log.space, sample, resolution);
 }
 
-/// Points [N,3] of a surface that texels at points [N,3] say.
-AssetSamples StreetModel::sample_surface(const std::vector<float>& points,
+/// Points [N,3], without colours where they are not wanted, of a surface that texels at points [N,3] say.
+AssetSamples StreetModel::sample_surface(const std::vector<float>& points, bool coloured,
                                          const std::function<Tensor(const Tensor& at)>& texels) const {
   const auto count = static_cast<int64_t>(points.size() / 3);
   const auto geometry = [&](const Tensor& at) { return field_->geometry(texels(at)); };
   const Tensor at = from_host(points, {count, 3});
+  if (!coloured) return {geometry(at).distance.to_host(), {}};
   const Tensor normal = outward_normals(at, [&](const Tensor& p) { return geometry(p).distance; });
   const StreetField::Geometry here = geometry(at);
   const Tensor feature = field_->features(here.inner, spherical_harmonics(-normal));

@@ -165,7 +165,7 @@ class StreetModel {
   StreetLog make_log(const Scene& scene, const Scope& scope) const;
   Tensor texels_of(const StreetLog& log, const StreetSamples& samples, const DecodedAssets& assets) const;
   Tensor shadow_of(const StreetLog& log, const RenderedRays& rendered) const;
-  AssetSamples sample_surface(const std::vector<float>& points,
+  AssetSamples sample_surface(const std::vector<float>& points, bool coloured,
                               const std::function<Tensor(const Tensor& at)>& texels) const;
 
   StreetModelOptions options_;

@@ -95,7 +95,7 @@ class NeuradModel {
   Tensor widths_of(const StreetSamples& s, const Tensor& angles) const;
   FieldPoints actor_points(const NeuradScene& scene, const StreetSamples& s, const Tensor& metres) const;
   Tensor encoded(const NeuradScene& scene, const StreetSamples& s, const Tensor& angles) const;
-  AssetSamples sample_surface(const std::vector<float>& points,
+  AssetSamples sample_surface(const std::vector<float>& points, bool coloured,
                               const std::function<Tensor(const Tensor& at)>& encoded) const;
   void mirror(StreetSamples& samples, const NeuradScene& scene, const RandomKey& key) const;
 

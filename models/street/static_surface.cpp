@@ -76,14 +76,14 @@ Mesh static_mesh(const StreetSpace& space, const SurfaceSamples& samples, int re
   const OccupiedVoxels voxels(space);
   Implicit surface;
   surface.values = [&](const std::vector<float>& points) {
-    std::vector<float> distances = samples(points).distances;
+    std::vector<float> distances = samples(points, false).distances;
     voxels.clear_empty(points, distances);
     return distances;
   };
   surface.is_empty = [&](const Eigen::AlignedBox3d& box) { return voxels.none_in(box); };
   Mesh mesh = isosurface(grid_over(voxels.middle(), resolution), surface);
-  add_colours(mesh,
-              [&](const std::vector<float>& points, const std::vector<float>&) { return samples(points).colours; });
+  add_colours(
+      mesh, [&](const std::vector<float>& points, const std::vector<float>&) { return samples(points, true).colours; });
   const Eigen::Matrix4d world_from_street = space.street_from_world().inverse();
   move(mesh.positions, world_from_street.topLeftCorner<3, 3>(), world_from_street.topRightCorner<3, 1>());
   move(mesh.normals, world_from_street.topLeftCorner<3, 3>(), Eigen::Vector3d::Zero());

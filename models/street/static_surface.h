@@ -9,8 +9,8 @@
 
 namespace cloam {
 
-/// Distances and colours at points [N,3] in the street's axes.
-using SurfaceSamples = std::function<AssetSamples(const std::vector<float>& points)>;
+/// Distances at points [N,3] in the street's axes, and colours if they are wanted, which cost far more.
+using SurfaceSamples = std::function<AssetSamples(const std::vector<float>& points, bool coloured)>;
 
 /// The surface of a log's surroundings within 2 m of the box that holds nearly all of the static returns of its LiDARs,
 /// the space that is not contracted. Matter is where `samples` has it and a voxel is occupied: rays look nowhere

@@ -43,5 +43,9 @@ TEST_CASE("export: a field without a surface says so, and what a field has not i
   CHECK(!fs::exists(file));
   CHECK(exported(file, {"--actor", "a"}).code == 2);
   CHECK(exported(file, {"--format", "turntable"}).code == 2);
-  CHECK(exported(file, {"--format", "obj"}).code == 2);  // contradicts the name
+  CHECK(exported(file, {"--format", "obj"}).code == 2);     // contradicts the name
+  CHECK(exported(file, {"--format", "points"}).code == 2);  // likewise
+  const Outcome background = exported(file, {"--background"});
+  CHECK(background.code == 2);
+  CHECK_MESSAGE(contains(background.err, "genassets"), background.err);
 }

@@ -143,6 +143,11 @@ TEST_CASE("street-gaussians: export writes the background and every actor in its
       cloam_with({"export", gaussian_street().string(), "--actor", one, "-o", file.string(), "--json"});
   REQUIRE_MESSAGE(single.code == 0, single.err);
   CHECK(read_gaussians(file).gaussians.count() == json.at("actors").at(0).at("gaussians").get<std::size_t>());
+  const fs::path packed = scratch() / "background.compressed.ply";
+  const Outcome alone = cloam_with({"export", gaussian_street().string(), "--background", "-o", packed.string()});
+  REQUIRE_MESSAGE(alone.code == 0, alone.err);
+  CHECK(content_of(packed).find("element chunk ") < 200);
+  CHECK(read_gaussians(packed).gaussians.count() == static_cast<std::size_t>(learned("background")));
 }
 
 TEST_CASE("street-gaussians: an actor takes the looks of an actor of another run, which may be gone afterwards") {

@@ -139,6 +139,11 @@ TEST_CASE("export writes a mesh that glTF readers take, or tells that there is n
   CHECK_FALSE(fs::exists(turntable / "turn_0003.png"));
   CHECK(content_of(turntable / "turntable.gif").substr(0, 3) == "GIF");
   const std::string never = (scratch() / "never").string();
+  const Outcome around = cloam_with({"export", run, "--background", "-o", never + ".obj", "--resolution", "32"});
+  CHECK_MESSAGE((around.code == 0 ? content_of(never + ".obj").find("\nf ") != std::string::npos
+                                  : around.err.find("has no surface") != std::string::npos),
+                around.err);
+  CHECK(cloam_with({"export", run, "--background", "--actor", actor, "-o", never}).code == 2);
   CHECK(cloam_with({"export", run, "--format", "gbl", "-o", never}).err.find("did you mean glb?") != std::string::npos);
   CHECK(cloam_with({"export", run, "--actor", "nobody", "-o", never}).code == 2);
   CHECK(cloam_with({"export", small_street().string(), "-o", never}).code == 3);  // a log is no run

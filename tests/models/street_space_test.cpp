@@ -243,13 +243,13 @@ TEST_CASE(
   // Ground below 0 and wall behind x = 30 as far as one can think; colours by the world's x.
   const Mesh mesh = static_mesh(
       space,
-      [&](const std::vector<float>& points) {
+      [&](const std::vector<float>& points, bool coloured) {
         AssetSamples samples;
         for (std::size_t i = 0; i < points.size(); i += 3) {
           const Vector3d at =
               (world_from_street * Eigen::Vector4d(points[i], points[i + 1], points[i + 2], 1)).head<3>();
           samples.distances.push_back(static_cast<float>(std::min(at.z(), kToyWall - at.x())));
-          for (int k = 0; k < 3; ++k) samples.colours.push_back(static_cast<float>(at.x() / 40));
+          for (int k = 0; coloured && k < 3; ++k) samples.colours.push_back(static_cast<float>(at.x() / 40));
         }
         return samples;
       },
