@@ -408,9 +408,8 @@ StreetPainter StreetModel::painter(const std::function<RayScene(const RayList&)>
 }
 
 AssetSamples StreetModel::sample_asset(const AssetPlace& place, const std::vector<float>& points) const {
-  const auto count = static_cast<int64_t>(points.size() / 3);
   const Tensor planes = stop_gradient(assets_->decode(hit_assets({place}, {true}), {}).planes),
-               owners = cast(zeros({count}), DType::i32);
+               owners = cast(zeros({static_cast<int64_t>(points.size() / 3)}), DType::i32);
   const float scale = cube_scale(assets_->size_of(place));
   return sample_surface(points, true, [&](const Tensor& at) {
     return sample_planes(planes, in_cube(at * scale + 0.5f, options_.symmetric), owners);
