@@ -103,7 +103,7 @@ int export_background(const RestoredRun& run, ExportRequest request, const Commo
     say(common, text(path.string(), ": ", gaussians.count(), " Gaussians"));
     return 0;
   }
-  auto& street = require<HasSurfaces>(*run.method, run.record.method, "--background");
+  auto& street = require<HasSurroundings>(*run.method, run.record.method, "--background");
   take_surface_file(request);
   Mesh mesh = street.surroundings(scene, request.resolution);
   if (mesh.triangle_count() == 0)

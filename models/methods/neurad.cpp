@@ -305,8 +305,6 @@ AssetSamples Neurad::sample_asset(const AssetName& asset, const std::vector<floa
   return model_->sample_asset(model_->place_of(asset), points);
 }
 
-Mesh Neurad::surroundings(int, int resolution) { return model_->surroundings(resolution); }
-
 void Neurad::take_actors(const Scenes& scenes) {
   Scene edited = *model_->scene();
   edited.actors = scenes.at(0).actors;

@@ -51,7 +51,6 @@ class Neurad final : public Method,
   LidarReturns measure(const WorldRays& rays) override;
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
-  Mesh surroundings(int log, int resolution) override;
   void take_actors(const Scenes& scenes) override;
 
  private:

@@ -14,7 +14,6 @@ namespace {
 
 constexpr float kLeastThrough = 1e-3f;
 constexpr float kEmbeddingStart = 0.1f;
-constexpr float kSurfaceWidth = 0.05f;  // metres that a vertex of a mesh stands for
 constexpr int64_t kMostMoments = 1000;  // embeddings a sensor
 
 // Streams of random numbers within a step.
@@ -239,34 +238,13 @@ StreetPainter NeuradModel::painter(const std::function<NeuradScene(const RayList
 
 AssetSamples NeuradModel::sample_asset(std::size_t actor, const std::vector<float>& points) const {
   const auto count = static_cast<int64_t>(points.size() / 3);
+  const StreetField& network = field_->network();
   const float scale = cube_scale(scene_.get()->actors.at(actor).size);
   const Tensor owners = cast(full({count}, static_cast<float>(actor)), DType::i32), widths = zeros({count});
-  return sample_surface(points, true, [&](const Tensor& at) {
-    return field_->encoded({zeros({0, 3}), {}, {}}, {at * scale + 0.5f, widths, owners});
-  });
-}
-
-Mesh NeuradModel::surroundings(int resolution) const {
-  const StreetGrid cubes = grid();
-  const auto sample = [&](const std::vector<float>& points, bool coloured) {
-    StreetSamples samples;
-    const Tensor metres = full({static_cast<int64_t>(points.size() / 3)}, kSurfaceWidth);
-    return sample_surface(points, coloured, [&](const Tensor& at) {
-      samples.points = contracted(at, cubes);
-      return field_->encoded(background_points(samples, metres), {zeros({0, 3}), {}, {}});
-    });
+  const auto geometry = [&](const Tensor& at) {
+    return network.geometry(field_->encoded({zeros({0, 3}), {}, {}}, {at * scale + 0.5f, widths, owners}));
   };
-  return static_mesh(*space_, sample, resolution);
-}
-
-/// Points [N,3], without colours where they are not wanted, of a surface that the grids say at points [N,3].
-AssetSamples NeuradModel::sample_surface(const std::vector<float>& points, bool coloured,
-                                         const std::function<Tensor(const Tensor& at)>& encoded) const {
-  const auto count = static_cast<int64_t>(points.size() / 3);
-  const StreetField& network = field_->network();
-  const auto geometry = [&](const Tensor& at) { return network.geometry(encoded(at)); };
   const Tensor at = from_host(points, {count, 3});
-  if (!coloured) return {geometry(at).distance.to_host(), {}};
   const Tensor normal = outward_normals(at, [&](const Tensor& p) { return geometry(p).distance; });
   const StreetField::Geometry here = geometry(at);
   const Tensor feature = network.features(here.inner, spherical_harmonics(-normal));

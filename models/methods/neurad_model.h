@@ -6,7 +6,7 @@
 #include "models/batches/log_source.h"
 #include "models/fields/neurad_field.h"
 #include "models/nn/image_decoder.h"
-#include "models/street/static_surface.h"
+#include "models/street/has_surfaces.h"
 #include "models/street/street_boxes.h"
 #include "models/street/street_views.h"
 
@@ -85,7 +85,6 @@ class NeuradModel {
   };
   StreetPainter painter(const std::function<NeuradScene(const RayList&)>& scene, const Seer& seer) const;
   AssetSamples sample_asset(std::size_t actor, const std::vector<float>& points) const;
-  Mesh surroundings(int resolution) const;
   /// Fault::data for a name that is no actor's of the run.
   std::size_t place_of(const AssetName& asset) const;
 
@@ -95,8 +94,6 @@ class NeuradModel {
   Tensor widths_of(const StreetSamples& s, const Tensor& angles) const;
   FieldPoints actor_points(const NeuradScene& scene, const StreetSamples& s, const Tensor& metres) const;
   Tensor encoded(const NeuradScene& scene, const StreetSamples& s, const Tensor& angles) const;
-  AssetSamples sample_surface(const std::vector<float>& points, bool coloured,
-                              const std::function<Tensor(const Tensor& at)>& encoded) const;
   void mirror(StreetSamples& samples, const NeuradScene& scene, const RandomKey& key) const;
 
   NeuradOptions options_;

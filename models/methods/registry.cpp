@@ -30,8 +30,8 @@ struct MethodRow {
 template <class... Capabilities>
 struct List {};
 using All =
-    List<LearnsFromCaptures, LearnsFromRun, RendersViews, Street, HasSurfaces, Grows, SharesNetworks, TakesPrior,
-         GeneratesAssets, ShowsAssets, ExportsGaussians, ExportsActors, AdoptsActors, MixedPrecision>;
+    List<LearnsFromCaptures, LearnsFromRun, RendersViews, Street, HasSurfaces, HasSurroundings, Grows, SharesNetworks,
+         TakesPrior, GeneratesAssets, ShowsAssets, ExportsGaussians, ExportsActors, AdoptsActors, MixedPrecision>;
 
 template <class M, class... Capabilities>
 std::set<std::type_index> capabilities_of(List<Capabilities...>) {

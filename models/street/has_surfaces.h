@@ -1,4 +1,4 @@
-// Capability: assets and surroundings that have a surface.
+// Capabilities: assets, and streets around them, that have a surface.
 #pragma once
 #include <vector>
 
@@ -18,6 +18,11 @@ class HasSurfaces {
   virtual ~HasSurfaces() = default;
   /// points [N,3] in the axes of the actor's box.
   virtual AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) = 0;
+};
+
+class HasSurroundings {
+ public:
+  virtual ~HasSurroundings() = default;
   /// The surface of a log without its actors, in its world's axes (static_mesh).
   virtual Mesh surroundings(int log, int resolution) = 0;
 };

@@ -83,7 +83,6 @@ class AnalyticStreet : public Street, public HasSurfaces {
     return samples;
   }
 
-  Mesh surroundings(int, int) override { return {}; }
 
  private:
   static constexpr double kMissed = std::numeric_limits<double>::infinity();

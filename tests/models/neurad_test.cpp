@@ -186,17 +186,6 @@ TEST_CASE("neurad: learns a street's photos and where its wall is") {
   CHECK(figure(after, "psnr") > psnr + 3);
   CHECK(metres > 0.35);
   CHECK(figure(after, "lidar_m") < 0.2);
-
-  const Mesh mesh = as<HasSurfaces>(*method)->surroundings(0, 64);
-  double metres_off = 0, count = 0;
-  for (size_t i = 0; i < mesh.positions.size(); i += 3) {
-    const float* at = &mesh.positions[i];
-    if (std::abs(at[1]) > 4 || at[2] < 1 || at[2] > 8 || mesh.normals[i] > -0.7f) continue;  // what the camera sees
-    metres_off += std::abs(at[0] - kToyWall);
-    ++count;
-  }
-  CHECK(count > 20);
-  CHECK(metres_off / count < 0.4);
 }
 
 namespace {
