@@ -79,7 +79,7 @@ int export_log(const RestoredRun& run, const std::vector<Actor>& actors, const E
   if (common.json)
     put_json(
         {{"schema_version", 1}, {"path", request.out}, {"boxes_refined", shifts.size()}, {"median_shift_m", median}});
-  say(common, fmt::format("{}: the log, with {} boxes where they were learned, in the median {:.3f} m from those given",
+  say(common, fmt::format("{}: the log with {} refined boxes, {:.3f} m (median) from where they were given",
                           request.out, shifts.size(), median));
   return 0;
 }

@@ -55,6 +55,14 @@ int step_of_cuboids(const fs::path& name) {
   return name.parent_path() == fs::path("annotations") / "cuboids" && is_number ? std::stoi(stem) : -1;
 }
 
+/// Relative to the root, also behind links to folders; listed before any is written, for `folder` may lie in the root.
+std::vector<fs::path> files_below(const fs::path& root) {
+  std::vector<fs::path> names;
+  for (const auto& entry : fs::recursive_directory_iterator(root, fs::directory_options::follow_directory_symlink))
+    if (entry.is_regular_file()) names.push_back(entry.path().lexically_relative(root));
+  return names;
+}
+
 }  // namespace
 
 void write_refined_log(const fs::path& folder, const Scene& log, const std::vector<Actor>& actors) {
@@ -62,17 +70,15 @@ void write_refined_log(const fs::path& folder, const Scene& log, const std::vect
     throw Error(Fault::usage, text("the boxes of a log in the layout of ", log.format,
                                    " cannot be written, only those of PandaSet's layout"));
   const BoxesOfSteps boxes = boxes_of_steps(actors);
-  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(log.root)) {
-    if (!entry.is_regular_file()) continue;
-    const fs::path name = fs::relative(entry.path(), log.root);
+  for (const fs::path& name : files_below(log.root)) {
     const auto found = boxes.find(step_of_cuboids(name));
     if (found == boxes.end()) {
-      commit_link(entry.path(), folder / name);
+      commit_link(log.root / name, folder / name);
       continue;
     }
     fs::path packed = folder / name;
     if (packed.extension() != ".gz") packed += ".gz";
-    write_data_frame(packed, moved(read_data_frame(entry.path()), found->second));
+    write_data_frame(packed, moved(read_data_frame(log.root / name), found->second));
   }
 }
 

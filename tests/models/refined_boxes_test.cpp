@@ -84,7 +84,9 @@ TEST_CASE("a log is written with learned boxes: what was not learned stays, byte
   Scene log;
   log.root = folder.path / "given";
   log.format = "PandaSet";
-  write_text(log.root / "camera/front_camera/00.jpg", "not looked at");
+  write_text(folder.path / "elsewhere/00.jpg", "not looked at");
+  std::filesystem::create_directories(log.root / "camera");
+  std::filesystem::create_directory_symlink(folder.path / "elsewhere", log.root / "camera/front_camera");
   const auto cuboids = [&](const char* name) {
     DataFrame frame;
     frame.add({"uuid", std::vector<std::string>{"a", "b"}});
