@@ -19,6 +19,7 @@
 #include "runtime/error.h"
 #include "tests/models/errors.h"
 #include "tests/models/folder.h"
+#include "tests/models/invented_gaussians.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -41,26 +42,6 @@ std::string bytes_of(Values... values) {
 std::string gzipped(const std::string& content) {
   const auto bytes = gzip({reinterpret_cast<const std::uint8_t*>(content.data()), content.size()});
   return {bytes.begin(), bytes.end()};
-}
-
-// Values such as trained gaussians have, with harmonics up to a degree.
-Gaussians invented(std::size_t count, int degree, unsigned seed = 1) {
-  std::mt19937 random(seed);
-  std::normal_distribution<float> normal;
-  Gaussians g;
-  const auto fill = [&](std::vector<float>& values, std::size_t size, float middle, float spread) {
-    for (std::size_t i = 0; i < size; ++i) values.push_back(middle + spread * normal(random));
-  };
-  fill(g.means, 3 * count, 0, 5);
-  fill(g.scales, 3 * count, -4, 1);
-  fill(g.rotations, 4 * count, 0, 1);
-  fill(g.opacities, count, 0, 2);
-  fill(g.sh_first, 3 * count, 0, 1);
-  fill(g.sh_rest, 3 * kSphericalRest * count, 0, 0.2f);
-  for (std::size_t i = 0; i < g.sh_rest.size(); ++i) {
-    if (int(i / 3 % kSphericalRest) >= (degree + 1) * (degree + 1) - 1) g.sh_rest[i] = 0;
-  }
-  return g;
 }
 
 Matrix3d covariance(const Gaussians& g, std::size_t i) {
