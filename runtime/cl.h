@@ -42,7 +42,7 @@ std::shared_ptr<Buffer> allocate(size_t bytes);
 std::shared_ptr<Buffer> allocate_to_stay(size_t bytes);
 void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to);
 void write_buffer(const Buffer& buffer, const void* from, size_t bytes);
-enum class HostUse { read, overwrite };
+enum class HostUse { read, change, overwrite };
 /// Calls `use` with bytes of a buffer, in place where the device shares the host's memory, else with a copy. What is to
 /// be overwritten holds anything at first.
 void use_on_host(const Buffer& buffer, size_t offset, size_t bytes, HostUse kind,

@@ -147,6 +147,11 @@ void read_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,
   use_rows(tensor, begin, end, HostUse::read, use);
 }
 
+void change_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,
+                         const std::function<void(std::span<std::byte>)>& use) {
+  use_rows(tensor, begin, end, HostUse::change, use);
+}
+
 void overwrite_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,
                             const std::function<void(std::span<std::byte>)>& fill) {
   use_rows(tensor, begin, end, HostUse::overwrite, fill);

@@ -40,6 +40,9 @@ std::shared_ptr<const std::byte> host_view(const Tensor& tensor);
 /// Of rows [begin, end) of an evaluated and dense tensor, as the device stores them, in place where it can be.
 void read_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,
                        const std::function<void(std::span<const std::byte>)>& use);
+/// The same for rows that `use` reads and writes.
+void change_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,
+                         const std::function<void(std::span<std::byte>)>& use);
 /// The same for rows that `fill` overwrites, all of them.
 void overwrite_rows_on_host(const Tensor& tensor, int64_t begin, int64_t end,
                             const std::function<void(std::span<std::byte>)>& fill);

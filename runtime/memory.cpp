@@ -262,7 +262,9 @@ class Mapped {
  public:
   Mapped(const Buffer& buffer, size_t offset, size_t bytes, HostUse kind) : mem_(buffer.mem) {
     const WaitTimer timer;
-    const cl_map_flags flags = kind == HostUse::read ? CL_MAP_READ : CL_MAP_WRITE_INVALIDATE_REGION;
+    const cl_map_flags flags = kind == HostUse::read     ? CL_MAP_READ
+                               : kind == HostUse::change ? CL_MAP_READ | CL_MAP_WRITE
+                                                         : CL_MAP_WRITE_INVALIDATE_REGION;
     called([&] { return text("map ", bytes, " bytes of a buffer", after_launches()); },
            [&] { at_ = cl_device().queue.enqueueMapBuffer(mem_, CL_TRUE, flags, offset, bytes); });
   }
@@ -297,9 +299,9 @@ void use_on_host(const Buffer& buffer, size_t offset, size_t bytes, HostUse kind
     return mapped.end();
   }
   std::vector<std::byte> copy(bytes);
-  if (kind == HostUse::read) read_buffer(buffer, offset, bytes, copy.data());
+  if (kind != HostUse::overwrite) read_buffer(buffer, offset, bytes, copy.data());
   use(copy);
-  if (kind == HostUse::overwrite)
+  if (kind != HostUse::read)
     called_again_with_room(
         [&] { return text("write ", bytes, " bytes into a buffer"); },
         [&] { cl_device().queue.enqueueWriteBuffer(buffer.mem, CL_TRUE, offset, bytes, copy.data()); });

@@ -89,7 +89,7 @@ Tensors Optimiser::buffers_of(const Tensors& gradients) {
     out.push_back(flats.gradients.all);
   }
   for (size_t i = 0; i < names_.size(); i++)
-    if (steps_.contains(names_[i])) out.push_back(gradients[i]);
+    if (steps_.contains(names_[i])) out.push_back(gradients[i] ? dense(gradients[i]) : gradients[i]);
   return out;
 }
 
@@ -139,22 +139,14 @@ void Optimiser::step(Params& parameters, const Tensors& gradients, const Paramet
 
 namespace {
 
-/// Values in place of rows [begin, end) of a tensor.
-void put_rows(std::span<const float> values, const Tensor& tensor, const AdamStep::Rows& rows) {
-  overwrite_rows_on_host(tensor, rows.begin, rows.end,
-                         [&](std::span<std::byte> place) { std::ranges::copy(std::as_bytes(values), place.begin()); });
-}
-
 AdamStep::Rows rows_of(const Share& share, const Tensor& buffer) {
   return {share.begin(buffer.dim(0)), share.end(buffer.dim(0))};
 }
 
 }  // namespace
 
-/// gradients: of the rows of `flats` that are the share's.
-void Optimiser::step_own(Flats& flats, std::span<const float> gradients, const RowsStep& how) {
+void Optimiser::step_own(Flats& flats, const RowsStep& how) {
   const AdamStep::Rows own = rows_of(how.progress.share, flats.gradients.all);
-  put_rows(gradients, flats.gradients.all, own);
   for (Group& group : flats.groups) {
     const int64_t base = flats.gradients.begins[group.begin], end = flats.gradients.begins[group.end];
     AdamStep with = step_of(group.prefix, how.groups, how.progress);
@@ -163,23 +155,20 @@ void Optimiser::step_own(Flats& flats, std::span<const float> gradients, const R
   }
 }
 
-void Optimiser::step_rows(Params& parameters, const std::vector<std::span<const float>>& gradients,
-                          const RowsStep& how) {
-  size_t next = 0;
+void Optimiser::step_rows(Params& parameters, const Tensors& gradients, const RowsStep& how) {
   const Tensors in_order = wanted(parameters);
   for (Flats& flats : flats_) {
     gather_parameters(flats, in_order);
-    step_own(flats, gradients[next++], how);
+    step_own(flats, how);
   }
+  size_t next = flats_.size();
   for (const std::string& name : names_) {
     if (!steps_.contains(name)) continue;
-    const std::span<const float> values = gradients[next++];
-    if (values.empty()) continue;
+    const Tensor& gradient = gradients[next++];
+    if (!gradient) continue;
     Tensor& parameter = parameters.at(name);
-    const Tensor gradient = empty(parameter.shape());
     AdamStep with = step_of(group_of(name, how.groups), how.progress);
     with.rows = rows_of(how.progress.share, parameter);
-    put_rows(values, gradient, *with.rows);
     adam_step_rows(parameter, m_[name], v_[name], steps_[name], gradient, with);
   }
 }

@@ -27,13 +27,12 @@ class Optimiser {
   std::vector<Shape> buffer_shapes() const;
   /// One step in place, with evaluated gradients.
   void step(Params& parameters, const Tensors& gradients, const ParameterGroups& groups, const Progress& progress);
-  /// The same with gradients by buffer, of the rows that are this share's; empty where a sparse parameter stands still.
-  /// Those rows are stepped.
+  /// The same with gradients as buffers_of() has them. Only the rows that are this share's are read, and stepped.
   struct RowsStep {
     const ParameterGroups& groups;
     Progress progress;  // the share: of each buffer's rows
   };
-  void step_rows(Params& parameters, const std::vector<std::span<const float>>& gradients, const RowsStep& how);
+  void step_rows(Params& parameters, const Tensors& gradients, const RowsStep& how);
   /// What step_rows() changes, in the order of the buffers, and what it keeps of each row.
   Tensors stepped(const Params& parameters) const;
   Tensors moments() const;
@@ -59,7 +58,7 @@ class Optimiser {
   };
   void make(Flats& flats, const Tensors& parameters);
   void gather_parameters(const Flats& flats, const Tensors& parameters) const;
-  void step_own(Flats& flats, std::span<const float> gradients, const RowsStep& how);
+  void step_own(Flats& flats, const RowsStep& how);
 
   std::vector<std::string> names_;  // not frozen, in the order of the map
   std::vector<Flats> flats_;

@@ -2,6 +2,7 @@
 #include "models/train/ranks.h"
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 
 namespace cloam {
@@ -49,15 +50,22 @@ std::span<Value> rows_of(std::span<Value> values, int64_t count, const Share& sh
 
 constexpr size_t kBlock = 4096;  // floats: what is added to stays in the cache
 
-void add_weighted(std::span<float> sum, const std::vector<std::span<const float>>& shares,
+/// to = before (nothing where it is empty) + the shares, one after the other. `to` may be one of them.
+void add_weighted(std::span<float> to, std::span<const float> before, const std::vector<std::span<const float>>& shares,
                   const std::vector<float>& weights) {
-  for (size_t begin = 0; begin < sum.size(); begin += kBlock) {
-    const size_t end = std::min(begin + kBlock, sum.size());
+  std::array<float, kBlock> sum;
+  for (size_t begin = 0; begin < to.size(); begin += kBlock) {
+    const size_t count = std::min(kBlock, to.size() - begin);
+    if (before.empty())
+      sum.fill(0.f);  // of which no share's -0 is left
+    else
+      std::copy_n(&before[begin], count, sum.begin());
     for (size_t share = 0; share < shares.size(); ++share) {
       const float weight = weights[share];
-      const float* const values = shares[share].data();
-      for (size_t i = begin; i < end; ++i) sum[i] += weight * values[i];
+      const float* const values = shares[share].data() + begin;
+      for (size_t i = 0; i < count; ++i) sum[i] += weight * values[i];
     }
+    std::copy_n(sum.begin(), count, &to[begin]);
   }
 }
 
@@ -90,26 +98,46 @@ std::vector<int64_t> from_first(const Ranks& ranks, std::vector<int64_t> mine) {
   return mine;
 }
 
-void OrderedSum::add(std::span<const float> values, int64_t rows, const std::vector<float>& weights) {
-  const size_t own_size = rows_of(values, rows, share_of(*ranks_, ranks_->rank())).size();
-  if (!added_) sum_.assign(own_size, 0.f);  // of which no share's -0 is left
-  rows_ = rows;
-  received_.resize(static_cast<size_t>(ranks_->size() - 1) * own_size);
+std::span<const float> OrderedSum::of_rank(int64_t rank, const Rows& rows) const {
+  const Share own = share_of(*ranks_, ranks_->rank()), share = share_of(*ranks_, rank);
+  if (rank == own.rank) return rows.own;
+  const size_t values = rows.before.size() + rows.own.size() + rows.behind.size();
+  const size_t width = rows_ == 0 ? 0 : values / static_cast<size_t>(rows_);
+  const bool before = rank < own.rank;
+  const int64_t begin = share.begin(rows_) - (before ? 0 : own.end(rows_));
+  return (before ? rows.before : rows.behind)
+      .subspan(static_cast<size_t>(begin) * width, static_cast<size_t>(share.size(rows_)) * width);
+}
+
+void OrderedSum::add_to(std::span<float> sum, const Rows& share, const std::vector<float>& weights) {
+  received_.resize(static_cast<size_t>(ranks_->size() - 1) * sum.size());
   std::vector<std::span<const float>> shares;
   Sent to;
   Received from;
   for (int64_t rank = 0; rank < ranks_->size(); ++rank) {
-    const std::span<const float> of_mine = rows_of(values, rows, share_of(*ranks_, rank));
     const bool own = rank == ranks_->rank();
-    const auto place = static_cast<size_t>(rank - (rank > ranks_->rank() ? 1 : 0)) * own_size;
-    const std::span<float> other = own ? std::span<float>() : std::span(received_).subspan(place, own_size);
-    shares.push_back(own ? of_mine : std::span<const float>(other));
-    to.push_back(std::as_bytes(of_mine));
+    const auto place = static_cast<size_t>(rank - (rank > ranks_->rank() ? 1 : 0)) * sum.size();
+    const std::span<float> other = own ? std::span<float>() : std::span(received_).subspan(place, sum.size());
+    shares.push_back(own ? share.own : std::span<const float>(other));
+    to.push_back(std::as_bytes(of_rank(rank, share)));
     from.push_back(std::as_writable_bytes(other));
   }
   ranks_->trade(to, from);
-  add_weighted(sum_, shares, weights);
+  add_weighted(sum, added_ ? std::span<const float>(sum_) : std::span<const float>(), shares, weights);
   added_ = true;
+}
+
+void OrderedSum::add(std::span<const float> values, int64_t rows, const std::vector<float>& weights) {
+  rows_ = rows;
+  const std::span<const float> own = rows_of(values, rows, share_of(*ranks_, ranks_->rank()));
+  const auto begin = static_cast<size_t>(own.data() - values.data());
+  sum_.resize(own.size());
+  add_to(sum_, {values.first(begin), own, values.subspan(begin + own.size())}, weights);
+}
+
+void OrderedSum::add_last(const Rows& share, std::span<float> sum, int64_t rows, const std::vector<float>& weights) {
+  rows_ = rows;
+  add_to(sum, share, weights);
 }
 
 void OrderedSum::spread(std::span<float> all) const {

@@ -49,15 +49,22 @@ class OrderedSum {
   explicit OrderedSum(const Ranks& ranks) : ranks_(&ranks) {}
   /// A new sum, of nothing.
   void begin() { added_ = false; }
+  /// A share's values, in rows: this rank's, those before and those behind.
+  struct Rows {
+    std::span<const float> before, own, behind;
+  };
   /// Of every rank a share, as many rows on all; weights: of all ranks' shares. The same number of rows until begin().
   void add(std::span<const float> values, int64_t rows, const std::vector<float>& weights);
-  bool has_values() const { return added_; }
-  /// The sum's rows that are this rank's.
-  std::span<const float> own() const { return sum_; }
+  /// The same for the last share of a sum: this rank's rows of all of it go to `sum`, which may be where the share's
+  /// own rows lie. spread() has none of it.
+  void add_last(const Rows& share, std::span<float> sum, int64_t rows, const std::vector<float>& weights);
   /// All rows, on all ranks, into `all`.
   void spread(std::span<float> all) const;
 
  private:
+  std::span<const float> of_rank(int64_t rank, const Rows& rows) const;
+  void add_to(std::span<float> sum, const Rows& share, const std::vector<float>& weights);
+
   const Ranks* ranks_;
   std::vector<float> sum_;
   std::vector<float> received_;  // own rows of the other ranks' shares

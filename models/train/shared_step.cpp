@@ -48,12 +48,11 @@ class SummedStep {
  public:
   SummedStep(const Sharing& sharing, OrderedSums& gradients, OrderedSums& sums)
       : sharing_(sharing), gradients_(gradients), sums_(sums) {}
-  /// An evaluated share of this rank, while every other rank adds one, too.
-  void add(const Step& step, const Tensors& buffers, const std::vector<Shape>& shapes);
+  /// An evaluated share of this rank, while every other rank adds one, too. Of the last, `buffers` (its gradients) then
+  /// hold the sum of all in this rank's rows; an empty handle where no share has a gradient.
+  void add(const Step& step, Tensors& buffers, const std::vector<Shape>& shapes);
   /// In place of a share, where none could be made. Does not return.
   void fail(const Error& error);
-  /// The gradients of this rank's rows, by buffer.
-  std::vector<std::span<const float>> own_gradients() const;
   /// What else a step leaves behind, into the last share's step, on all ranks.
   void take(const Step& step) const;
   TakenStep means() const;
@@ -61,13 +60,16 @@ class SummedStep {
  private:
   Told told_of(const Step& step, const Tensors& buffers) const;
   void hear(const Told& mine, size_t counts);
-  bool has_gradient(size_t buffer) const;
+  void note_gradients(size_t buffers);
   void note(const Told& told, size_t counts);
-  void add_gradients(const Tensors& buffers, const std::vector<Shape>& shapes);
+  void add_gradients(Tensors& buffers, const std::vector<Shape>& shapes);
+  void add_last(const Tensor& buffer, OrderedSum& sum) const;
   void add_sums(const Tensors& sums);
 
   const Sharing& sharing_;
-  OrderedSums &gradients_, &sums_;  // by buffer; of the first nothing where no share has a gradient
+  OrderedSums &gradients_, &sums_;  // by buffer
+  std::vector<bool> has_gradient_;  // of any share, by buffer
+  int64_t added_ = 0;               // shares
   std::vector<Told> round_;         // of the shares that the ranks add at a time, by rank
   std::vector<float> weights_;      // theirs
   std::vector<double> counts_;
@@ -97,9 +99,10 @@ Told SummedStep::told_of(const Step& step, const Tensors& buffers) const {
 
 constexpr size_t kBeforeBuffers = 2;  // numbers
 
-bool SummedStep::has_gradient(size_t buffer) const {
-  return std::any_of(round_.begin(), round_.end(),
-                     [&](const Told& told) { return told.numbers[kBeforeBuffers + buffer] > 0; });
+void SummedStep::note_gradients(size_t buffers) {
+  has_gradient_.resize(buffers);
+  for (const Told& told : round_)
+    for (size_t i = 0; i < buffers; ++i) has_gradient_[i] = has_gradient_[i] || told.numbers[kBeforeBuffers + i] > 0;
 }
 
 void SummedStep::note(const Told& told, size_t counts) {
@@ -128,15 +131,34 @@ void SummedStep::hear(const Told& mine, size_t counts) {
 
 void SummedStep::fail(const Error& error) { hear({{}, {}, error.what()}, 0); }
 
-/// Where only other ranks have a gradient, this one adds zeros.
-void SummedStep::add_gradients(const Tensors& buffers, const std::vector<Shape>& shapes) {
+/// In place: the sum's own rows lie where the share's did, and nothing is copied.
+void SummedStep::add_last(const Tensor& buffer, OrderedSum& sum) const {
+  const auto floats = [](auto bytes) {
+    return std::span(reinterpret_cast<const float*>(bytes.data()), bytes.size() / sizeof(float));
+  };
+  const Share own{sharing_.ranks.rank(), sharing_.ranks.size()};
+  const int64_t count = buffer.dim(0), begin = own.begin(count), end = own.end(count);
+  read_rows_on_host(buffer, 0, begin, [&](std::span<const std::byte> before) {
+    read_rows_on_host(buffer, end, count, [&](std::span<const std::byte> behind) {
+      change_rows_on_host(buffer, begin, end, [&](std::span<std::byte> mine) {
+        const std::span place(reinterpret_cast<float*>(mine.data()), mine.size() / sizeof(float));
+        sum.add_last({floats(before), place, floats(behind)}, place, count, weights_);
+      });
+    });
+  });
+}
+
+/// Where only other shares have a gradient, this one adds zeros.
+void SummedStep::add_gradients(Tensors& buffers, const std::vector<Shape>& shapes) {
+  const bool last = added_ == sharing_.shares;
   for (size_t i = 0; i < buffers.size(); ++i) {
-    if (!has_gradient(i)) continue;
-    const auto add = [&](std::span<const float> values) { gradients_[i].add(values, shapes[i][0], weights_); };
-    if (buffers[i])
-      read_on_host(buffers[i], add);
+    if (!has_gradient_[i]) continue;
+    if (!buffers[i]) buffers[i] = from_host(std::vector<float>(static_cast<size_t>(numel(shapes[i])), 0.f), shapes[i]);
+    if (last)
+      add_last(buffers[i], gradients_[i]);
     else
-      add(std::vector<float>(static_cast<size_t>(numel(shapes[i])), 0.f));
+      read_on_host(buffers[i],
+                   [&](std::span<const float> values) { gradients_[i].add(values, shapes[i][0], weights_); });
   }
 }
 
@@ -154,20 +176,16 @@ void begin_sums(OrderedSums& sums, size_t count, const Ranks& ranks) {
   for (OrderedSum& sum : sums) sum.begin();
 }
 
-void SummedStep::add(const Step& step, const Tensors& buffers, const std::vector<Shape>& shapes) {
+void SummedStep::add(const Step& step, Tensors& buffers, const std::vector<Shape>& shapes) {
   if (weight_ == 0) {
     begin_sums(gradients_, buffers.size(), sharing_.ranks);
     begin_sums(sums_, step.sums.size(), sharing_.ranks);
   }
   hear(told_of(step, buffers), step.counts.size());
+  note_gradients(buffers.size());
+  added_ += sharing_.ranks.size();
   add_gradients(buffers, shapes);
   add_sums(step.sums);
-}
-
-std::vector<std::span<const float>> SummedStep::own_gradients() const {
-  std::vector<std::span<const float>> out;
-  for (const OrderedSum& sum : gradients_) out.push_back(sum.has_values() ? sum.own() : std::span<const float>());
-  return out;
 }
 
 void SummedStep::take(const Step& step) const {
@@ -237,6 +255,7 @@ TakenStep SharedSteps::take(Method& method, Optimiser& optimiser, const Progress
   }
   SummedStep sum(sharing_, gradients_, sums_);
   Step step;
+  Tensors gradients;
   for (int64_t first = 0; first < sharing_.shares; first += sharing_.ranks.size()) {
     Progress part = progress;
     part.share = {first + sharing_.ranks.rank(), sharing_.shares};
@@ -246,15 +265,16 @@ TakenStep SharedSteps::take(Method& method, Optimiser& optimiser, const Progress
       if (error.fault() != Fault::data) throw;
       sum.fail(error);
     }
-    sum.add(step, optimiser.buffers_of(step.gradients), optimiser.buffer_shapes());
+    gradients = optimiser.buffers_of(step.gradients);
+    sum.add(step, gradients, optimiser.buffer_shapes());
   }
   sum.take(step);
   Progress own = progress;
   own.share = {sharing_.ranks.rank(), sharing_.ranks.size()};
-  optimiser.step_rows(method.parameters(), sum.own_gradients(), {method.groups(), own});
+  optimiser.step_rows(method.parameters(), gradients, {method.groups(), own});
   const Tensors stepped = optimiser.stepped(method.parameters());
   for (size_t i = 0; i < stepped.size(); ++i)
-    if (gradients_[i].has_values()) spread_rows_of(stepped[i], sharing_.ranks);
+    if (gradients[i]) spread_rows_of(stepped[i], sharing_.ranks);
   moments_apart_ = sharing_.ranks.size() > 1;
   return sum.means();
 }

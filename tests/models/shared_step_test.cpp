@@ -150,7 +150,6 @@ TEST_CASE("an ordered sum adds one share at a time, in order") {
   OrderedSum sum(alone());
   for (int again = 0; again < 2; ++again) {
     sum.begin();
-    CHECK_FALSE(sum.has_values());
     for (const float value : {1e8f, 1.f, 1.f, -1e8f}) sum.add(std::vector<float>{value, 3.f}, 1, {0.5f});
     // 5e7 + 0.5 is 5e7 in float32, twice; in another order the first would be 1.
     std::vector<float> all(2);
@@ -196,15 +195,24 @@ TEST_CASE("two ranks add up half of the rows each, and end with all of them") {
   std::vector<float> own[2];
   const auto one = [&](int rank) {
     const InThreads ranks(desk, rank);
-    OrderedSum sum(ranks);
-    sum.begin();
-    for (const float scale : {1.f, 100.f}) {
+    const auto share_of = [&](float scale) {
       std::vector<float> values;
       for (int i = 0; i < 10; ++i) values.push_back(i == 9 ? -0.f : scale * static_cast<float>(i + 10 * rank));
-      sum.add(values, 5, {0.25f, 0.5f});
-    }
-    own[rank].assign(sum.own().begin(), sum.own().end());
+      return values;
+    };
+    OrderedSum sum(ranks), in_place(ranks);
+    for (const float scale : {1.f, 100.f}) sum.add(share_of(scale), 5, {0.25f, 0.5f});
     sum.spread(all[rank]);
+    in_place.add(share_of(1), 5, {0.25f, 0.5f});
+    std::vector<float> last = share_of(100);
+    const size_t begin = rank == 0 ? 0 : 4, end = rank == 0 ? 4 : 10;
+    const std::span values(last);
+    const std::span<float> place = values.subspan(begin, end - begin);
+    in_place.add_last({values.first(begin), place, values.subspan(end)}, place, 5, {0.25f, 0.5f});
+    own[rank].assign(place.begin(), place.end());
+    const std::vector<float> given = share_of(100);  // the other rank's rows stay as they were
+    const size_t theirs = rank == 0 ? 4 : 0;
+    CHECK(std::equal(&last[theirs], &last[theirs] + (10 - (end - begin)), &given[theirs]));
   };
   std::thread other(one, 1);
   one(0);
