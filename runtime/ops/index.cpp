@@ -26,10 +26,13 @@ struct GatherRows final : Op {
   }
 };
 
+constexpr int64_t kFewValues = 4096, kSmallTable = 1 << 16;  // numbers: clearing and adding take less than a sort
+
 /// Copies for scatter_add_rows by chunks of its values: a function of sizes and device class alone, so that the order
 /// of summation is fixed. None when the table is too long for it.
 int64_t copies_for(int64_t n, int64_t width, int64_t count) {
   const bool cpu = is_cpu_class();
+  if (cpu && n * width <= kFewValues && count * width <= kSmallTable) return 1;
   const int64_t wanted = cpu ? std::clamp<int64_t>(n * width / 4096, 1, 32) : std::clamp<int64_t>(n / 64, 1, 1024);
   if (!cpu && count > 4096) return 0;  // a lane would clear its column of every copy
   const int64_t fit = (2 * n + 1024) / std::max<int64_t>(1, count), least = cpu ? 4 : 64;

@@ -194,7 +194,7 @@ SplatTiles splat_tiles(const Tensor& seen, int64_t height, int64_t width) {
   match("splat_tiles", {{"seen", seen, "G 7"}});
   const Tensor splats = dense(stop_gradient(seen));
   const int64_t count = splats.dim(0), across = (width + kTile - 1) / kTile, down = (height + kTile - 1) / kTile;
-  const Tensor order = sort(reshape(slice(splats, 1, 6, 7), {count})).order;
+  const Tensor order = dense(sort(reshape(slice(splats, 1, 6, 7), {count})).order);  // read twice
   const auto [range, chunk] = chunks(count, 256);
   const Tensor counts = empty({count}, DType::i32);
   launch(kernel("splat_tiles", "count_tiles"), "count_tiles", range, splats, counts, count, across, down, chunk);
@@ -204,8 +204,8 @@ SplatTiles splat_tiles(const Tensor& seen, int64_t height, int64_t width) {
   const int64_t pairs = value_at(starts, count);
   const Tensor tiles = empty({pairs}, DType::i32), slots = empty({pairs}, DType::i32),
                owner = empty({pairs}, DType::i32);
-  launch(kernel("splat_tiles", "list_tiles"), "list_tiles", range, splats, dense(order), starts, first, tiles, slots,
-         owner, count, across, down, chunk);
+  launch(kernel("splat_tiles", "list_tiles"), "list_tiles", range, splats, order, starts, first, tiles, slots, owner,
+         count, across, down, chunk);
   const int bits = std::max(1, static_cast<int>(std::bit_width(static_cast<uint64_t>(across * down))));
   const Sorted by_tile = sort(tiles, bits, slots);
   return {gather_rows(owner, by_tile.order),
