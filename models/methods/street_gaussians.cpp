@@ -224,9 +224,8 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
       hints, draw(model_->projection(view, degree_at(config_.harmonics, progress)), photo.camera, how), {}, {}, 0};
   seen.through = maximum(seen.drawn.transmittance, kLeastLight);
   seen.pixels = static_cast<float>(photo.camera.width) * static_cast<float>(photo.camera.height);
-  const Tensor sky = permute(reshape(model_->sky(turned_directions(hints.directions, photo.world_from_camera)),
-                                     {photo.camera.height, photo.camera.width, 3}),
-                             {2, 0, 1});
+  const Tensor sky =
+      reshape(model_->sky(hints.directions, photo.world_from_camera), {3, photo.camera.height, photo.camera.width});
   Tensor picture =
       model_->exposed(slice(seen.drawn.planes, 0, 0, 3) + unsqueeze(seen.drawn.transmittance, 0) * sky, hints.sensor);
   Tensor truth = slice(cast(photo.rgba, DType::f32) / 255.f, 0, 0, 3);

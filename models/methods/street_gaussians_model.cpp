@@ -171,9 +171,13 @@ Tensor StreetGaussiansModel::exposed(const Tensor& planes, const std::string& se
   const auto found = std::find(sensors_.begin(), sensors_.end(), sensor);
   if (!config_.exposure || found == sensors_.end()) return planes;
   const Tensor& all = params_.at(kExposureName);
-  const auto row = static_cast<int64_t>(found - sensors_.begin());
-  const Tensor own = slice(all, 0, row, row + 1) - mean(all, {{0}, true});
-  return planes * exp(reshape(slice(own, 1, 0, 3), {3, 1, 1})) + reshape(slice(own, 1, 3, kExposureNumbers), {3, 1, 1});
+  std::vector<float> shares(sensors_.size(), -1 / static_cast<float>(sensors_.size()));  // its own less the mean
+  shares[static_cast<size_t>(found - sensors_.begin())] += 1;
+  const Tensor weights = from_host(shares, {all.dim(0), 1});
+  const auto own = [&](int64_t first) {
+    return reshape(sum(slice(all, 1, first, first + 3) * weights, {{0}}), {3, 1, 1});
+  };
+  return planes * exp(own(0)) + own(3);
 }
 
 std::array<float, 6> StreetGaussiansModel::exposure_of(const std::string& sensor) const {
@@ -240,33 +244,24 @@ Tensor StreetGaussiansModel::of_actors() const {
   return has_actors() ? concat({background, ones({count(kActorsPart), 1})}, 0) : background;
 }
 
-/// Rigid poses as positions and unit quaternions, and cosines of the way in time (Yan et al. 2024, eq. 5).
+/// Poses, what was learned of the boxes before and after, and cosines of the way in time (Yan et al. 2024, eq. 5).
 Placements StreetGaussiansModel::placements(const std::vector<Standing>& standing) const {
-  std::vector<float> positions, turns, waves;
+  std::vector<float> poses, shares, heights;
   std::vector<int32_t> rows;
-  std::vector<float> shares;
   for (const auto& [actor, pose, share, corrections] : standing) {
+    for (int i = 0; i < 12; ++i) poses.push_back(static_cast<float>(pose(i / 4, i % 4)));
     for (const auto& [row, part] : corrections) {
       rows.push_back(row);
       shares.push_back(part);
     }
-    const Eigen::Quaterniond turn(Eigen::Matrix3d(pose.topLeftCorner<3, 3>()));
-    for (int k = 0; k < 3; ++k) positions.push_back(static_cast<float>(pose(k, 3)));
-    for (const double number : {turn.w(), turn.x(), turn.y(), turn.z()}) turns.push_back(static_cast<float>(number));
     for (int wave = 1; wave < config_.waves; ++wave)
-      waves.push_back(static_cast<float>(std::cos(wave * std::numbers::pi * share)));
+      heights.push_back(static_cast<float>(std::cos(wave * std::numbers::pi * share)));
   }
   const auto count = static_cast<int64_t>(standing.size());
-  Placements out = {from_host(positions, {count, 3}), from_host(turns, {count, 4}),
-                    config_.waves > 1 ? from_host(waves, {count, config_.waves - 1}) : Tensor()};
-  if (!params_.contains(kPositionsName)) return out;
-  const Tensor boxes = from_host(rows, {count, 2}), parts = from_host(shares, {count, 2, 1});
-  const Tensor learned =
-      sum(gather_rows(concat({params_.at(kPositionsName), params_.at(kYawsName)}, 1), boxes) * parts, {{1}});
-  const Tensor by = slice(learned, 1, 0, 3), half = slice(learned, 1, 3, 4) * 0.5f;
-  out.positions = out.positions + sum(axes_of(out.turns) * unsqueeze(by, 2), {{1}});
-  out.turns = quaternion_product(out.turns, concat({cos(half), zeros({count, 2}), sin(half)}, 1));
-  return out;
+  const bool learned = params_.contains(kPositionsName);
+  return {{from_host(poses, {count, 3, 4}), learned ? params_.at(kPositionsName) : zeros({1, 3}),
+           learned ? params_.at(kYawsName) : zeros({1, 1}), from_host(rows, {count, 2}), from_host(shares, {count, 2})},
+          config_.waves > 1 ? from_host(heights, {count, config_.waves - 1}) : Tensor()};
 }
 
 ThingsModel StreetGaussiansModel::things(int degree) const {

@@ -89,7 +89,10 @@ class StreetGaussiansModel {
   Tensor exposed(const Tensor& planes, const std::string& sensor) const;
   /// The three gains, then the three offsets.
   std::array<float, 6> exposure_of(const std::string& sensor) const;
-  Tensor sky(const Tensor& directions) const { return sky_colours(params_.at(kSkyName), directions); }
+  /// [3,P] in directions [P,3] of a camera that stands like this.
+  Tensor sky(const Tensor& directions, const Eigen::Matrix4d& world_from_camera) const {
+    return sky_colours(params_.at(kSkyName), directions, world_from_camera);
+  }
 
   /// Some gaussians, and whose they are: 1 + place of the actor, 0: the background.
   struct Shown {

@@ -164,8 +164,7 @@ Picture picture_of(const StreetGaussiansModel& model, const View& view) {
   View straight = view;
   straight.camera = pinhole_around(view.camera);
   const Layers layers = layers_of(model.shown(straight), straight.camera);
-  const std::vector<float> sky =
-      model.sky(turned_directions(directions_of(straight.camera), view.world_from_camera)).to_host();
+  const std::vector<float> sky = transpose(model.sky(directions_of(straight.camera), view.world_from_camera)).to_host();
   return resample(picture_from(layers, straight.camera, sky, model.exposure_of(view.sensor)),
                   pixel_map(view.camera, straight.camera));
 }

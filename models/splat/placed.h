@@ -1,6 +1,7 @@
 // Gaussians in the axes of things that move, seen where the things stand.
 #pragma once
 #include "models/splat/draw.h"
+#include "runtime/ops/placing.h"
 
 namespace cloam {
 
@@ -13,17 +14,15 @@ struct ThingsModel {
 
 /// Where N things are at a time.
 struct Placements {
-  Tensor positions, turns;  // [N,3], [N,4] (w, x, y, z, length 1): world_from_thing
-  Tensor waves;             // [N,W]: how far each wave is out then; empty: none
+  Standings standings;
+  Tensor heights;  // [N,W]: how far each wave is out then; empty: none
 };
 
 /// R v of unit quaternions [N,4], as the three columns of R one after the other: [N,3,3].
 Tensor axes_of(const Tensor& turns);
 
-/// q r of quaternions [N,4].
-Tensor quaternion_product(const Tensor& q, const Tensor& r);
-
-/// As projection_of of a model in the world; differentiable in the model and in the placements.
+/// As projection_of of a model in the world; differentiable in the model and in the shifts and turns of
+/// the placements.
 Projection projection_of(const ThingsModel& things, const Placements& at, const Camera& camera, const Tensor& view,
                          const DrawOptions& options);
 

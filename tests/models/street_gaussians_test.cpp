@@ -81,7 +81,7 @@ TEST_CASE("gaussians of things are seen as if they had been moved to where the t
   const std::vector<std::vector<float>> out = {{0.5f, -1.f}, {-0.25f, 0.75f}};  // of the waves
   Gaussians own, moved;
   std::vector<int32_t> owners;
-  std::vector<float> waves, positions, turns, amplitudes;
+  std::vector<float> waves, stands, amplitudes;
   HostRandom random(9);
   for (size_t t = 0; t < poses.size(); ++t) {
     const Gaussians some = cluster(t + 1, 30);
@@ -96,21 +96,22 @@ TEST_CASE("gaussians of things are seen as if they had been moved to where the t
     transform(there, {poses[t].topLeftCorner<3, 3>(), 1, poses[t].topRightCorner<3, 1>()});
     append(moved, there);
     owners.insert(owners.end(), some.count(), static_cast<int32_t>(t));
-    const Eigen::Quaterniond q(Eigen::Matrix3d(poses[t].topLeftCorner<3, 3>()));
-    for (const double x : {q.w(), q.x(), q.y(), q.z()}) turns.push_back(static_cast<float>(x));
-    for (int k = 0; k < 3; ++k) positions.push_back(static_cast<float>(poses[t](k, 3)));
+    for (int k = 0; k < 12; ++k) stands.push_back(static_cast<float>(poses[t](k / 4, k % 4)));
     waves.insert(waves.end(), out[t].begin(), out[t].end());
   }
   const SplatModel inside = splat_model(own), world = splat_model(moved);
   const ThingsModel things = {inside, parameter(amplitudes, {60, 2, 3}), from_host(owners, {60})};
-  const Placements at = {parameter(positions, {2, 3}), parameter(turns, {2, 4}), from_host(waves, {2, 2})};
+  const Tensor shifts = parameter(std::vector<float>(6, 0), {2, 3});  // a row each
+  const Placements at = {{from_host(stands, {2, 3, 4}), shifts, zeros({2, 1}),
+                          from_host(std::vector<int32_t>{0, 0, 1, 1}, {2, 2}), full({2, 2}, 0.5f)},
+                         from_host(waves, {2, 2})};
   const Projection found = projection_of(things, at, camera, view_matrix(eye), {}),
                    expected = projection_of(world, camera, view_matrix(eye), {});
   CHECK(largest_difference(found.seen, expected.seen) < 2e-3);  // pixels
   CHECK(largest_difference(found.rgb, expected.rgb) < 1e-4);
-  // Both pictures ask the same of a gaussian's mean, but in other axes; of a position, what its gaussians ask together.
+  // Both pictures ask the same of a gaussian's mean, but in other axes; of a shift, what its gaussians ask together.
   const auto picture_loss = [&](const Projection& seen) { return mean(square(draw(seen, camera, {}).planes)); };
-  const Tensors by_own = grad(picture_loss(found), {inside.cloud.means, at.positions});
+  const Tensors by_own = grad(picture_loss(found), {inside.cloud.means, shifts});
   const std::vector<float> a = by_own[0].to_host(), p = by_own[1].to_host(),
                            b = grad(picture_loss(expected), {world.cloud.means})[0].to_host();
   std::vector<Vector3d> sums(2, Vector3d::Zero());
@@ -124,7 +125,8 @@ TEST_CASE("gaussians of things are seen as if they had been moved to where the t
   }
   CHECK(worst < 1e-3 * most);
   for (size_t t = 0; t < 2; ++t)
-    CHECK((sums[t] - Vector3d(p[3 * t], p[3 * t + 1], p[3 * t + 2])).norm() < 5e-3 * sums[t].norm());
+    CHECK((sums[t] - poses[t].topLeftCorner<3, 3>() * Vector3d(p[3 * t], p[3 * t + 1], p[3 * t + 2])).norm() <
+          5e-3 * sums[t].norm());
 }
 
 TEST_CASE("the sky's faces are where directions find them, and meet at their edges") {
@@ -143,16 +145,18 @@ TEST_CASE("the sky's faces are where directions find them, and meet at their edg
         faces.insert(faces.end(), d.begin(), d.end());
       }
   HostRandom random(4);
+  const Eigen::Matrix4d eye = pose_from(turn_about_z(0.3) * Eigen::AngleAxisd(0.2, Vector3d::UnitX()), {0.4, -0.2, -6});
   std::vector<float> directions, expected;
   for (int i = 0; i < 400; ++i) {
     Vector3d d(random.between(-1, 1), random.between(-1, 1), random.between(-1, 1));
     if (i == 0) d = {2, 0, 0};
     for (int k = 0; k < 3; ++k) {
-      directions.push_back(static_cast<float>(d[k]));
+      directions.push_back(static_cast<float>(eye.col(k).head<3>().dot(d)));
       expected.push_back(static_cast<float>(d[k] / d.cwiseAbs().maxCoeff()));
     }
   }
-  const Tensor found = sky_colours(from_host(faces, {6, side, side, 3}), from_host(directions, {400, 3}));
+  const Tensor found =
+      transpose(sky_colours(from_host(faces, {6, side, side, 3}), from_host(directions, {400, 3}), eye));
   CHECK(largest_difference(found, from_host(expected, {400, 3})) < 1.01f / side);  // beside an edge, half a pixel
 }
 

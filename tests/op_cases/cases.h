@@ -17,6 +17,7 @@ void add_conv_cases(OpCases& rows);
 void add_norm_cases(OpCases& rows);
 void add_field_cases(OpCases& rows);
 void add_splat_cases(OpCases& rows);
+void add_placing_cases(OpCases& rows);
 void add_ssim_cases(OpCases& rows);
 void add_composite_cases(OpCases& rows);
 
