@@ -45,7 +45,7 @@ DownweightedGrid::DownweightedGrid(const Scope& scope, const HashGrid& grid)
 Tensor DownweightedGrid::operator()(const WideSamples& at) const {
   const int64_t count = at.points.dim(0), places = at.points.dim(1), levels = encoder_.grid.levels,
                 features = encoder_.grid.features;
-  const Tensor read = encoder_(reshape(stop_gradient(at.points), {count * places, 3}), table_);
+  const Tensor read = encoder_(reshape(at.points, {count * places, 3}), table_);
   if (!at.widths && places == 1) return read;
   Tensor by_place = reshape(read, {count, places, levels, features});
   if (at.widths) {

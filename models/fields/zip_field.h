@@ -7,7 +7,7 @@
 
 namespace cloam {
 
-/// What samples stand for: K isotropic Gaussians each. No gradient goes to them.
+/// What samples stand for: K isotropic Gaussians each. No gradient goes to their widths.
 struct WideSamples {
   Tensor points;  // [S,K,3] in [0,1]^3
   Tensor widths;  // [S,K] standard deviations in units of that cube; an empty handle: points without width

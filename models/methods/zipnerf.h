@@ -5,14 +5,20 @@
 
 #include "models/batches/image_source.h"
 #include "models/mesh/has_density.h"
+#include "models/methods/pose_refinement.h"
 #include "models/methods/zipnerf_renderer.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
+#include "models/train/refines_poses.h"
 #include "models/train/renders_views.h"
 
 namespace cloam {
 
-class ZipNerf final : public Method, public LearnsFromCaptures, public RendersViews, public HasDensity {
+class ZipNerf final : public Method,
+                      public LearnsFromCaptures,
+                      public RendersViews,
+                      public HasDensity,
+                      public RefinesPoses {
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
@@ -25,6 +31,7 @@ class ZipNerf final : public Method, public LearnsFromCaptures, public RendersVi
   int64_t most_shares() const override { return std::min<int64_t>(kMostShares, config_.batch_rays); }
   Picture render(const View& view) override;
   DensityField density_field() const override { return renderer_->density_field(); }
+  std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
 
  private:
   ZipNerfConfig config_;
@@ -33,6 +40,7 @@ class ZipNerf final : public Method, public LearnsFromCaptures, public RendersVi
   Params params_;
   std::unique_ptr<ZipNerfRenderer> renderer_;
   std::unique_ptr<PixelSource> pixels_;
+  PoseRefinement poses_;
 };
 
 }  // namespace cloam

@@ -86,7 +86,7 @@ WideSamples ZipNerfRenderer::samples_of(const Cones& cones, const Tensor& edges,
 
 ZipNerfRenderer::Rendered ZipNerfRenderer::shade(const Cones& cones, const Sampling& how) const {
   const int64_t count = cones.rays.origins.dim(0);
-  const RayWarp warp(cones.rays.span, frame_.contract);
+  const RayWarp warp(stop_gradient(cones.rays.span), frame_.contract);  // samples stay where they are along a ray
   const Tensor zero = zeros({count, 1});
   RayHistogram last{concat({zero, zero + 1.f}, 1), zero + 1.f};
   Rendered out;
@@ -97,7 +97,8 @@ ZipNerfRenderer::Rendered ZipNerfRenderer::shade(const Cones& cones, const Sampl
     const Tensor edges = resampled_edges({last.edges, pow(maximum(weights, 0.f), how.sharpness)},
                                          ranks_of(pieces, how, level)),
                  t = warp.distances(edges);
-    const WideSamples at = samples_of(cones, t, how, level);
+    WideSamples at = samples_of(cones, t, how, level);
+    if (!is_field) at.points = stop_gradient(at.points);  // poses follow photos, not proposals
     const EvenRays even = even_rays(count, pieces);
     const FieldOutput seen = is_field ? (*field_)(at, cones.rays.directions, even.ray)
                                       : FieldOutput{proposals_[level]->density(proposals_[level]->features(at)), {}};

@@ -38,8 +38,9 @@ Across across(const Tensor& directions) {
 /// [R,1,1,3] of [R,3].
 Tensor by_ray(const Tensor& vectors) { return unsqueeze(unsqueeze(vectors, 1), 1); }
 
-Tensor norms(const Tensor& points) {
-  return sqrt(square(part(points, 0)) + square(part(points, 1)) + square(part(points, 2)));
+/// At least 1, within the unit ball: smooth at its middle.
+Tensor norms_from_one(const Tensor& points) {
+  return sqrt(maximum(square(part(points, 0)) + square(part(points, 1)) + square(part(points, 2)), 1.f));
 }
 
 }  // namespace
@@ -82,13 +83,13 @@ ConeSamples one_sample(const Cones& cones, const Tensor& edges) {
 }
 
 ConeSamples contracted(const ConeSamples& samples) {
-  const Tensor far = maximum(norms(samples.points), 1.f), flat = reshape(far, samples.widths.shape());
+  const Tensor far = norms_from_one(samples.points), flat = reshape(far, samples.widths.shape());
   // |dx'/dx| along the ray from the middle is 1 / r^2, across it (2 - 1/r) / r, twice.
   return {samples.points * ((2.f - 1.f / far) / far), samples.widths * pow(2.f * flat - 1.f, 2.f / 3.f) / square(flat)};
 }
 
 Tensor uncontracted(const Tensor& points) {
-  const Tensor norm = maximum(norms(points), 1.f);
+  const Tensor norm = norms_from_one(points);
   return points / maximum((2.f - norm) * norm, 1e-6f);
 }
 

@@ -26,7 +26,7 @@ struct ConeTurn {
 };
 
 /// Edges [R,N+1] ascending: six samples a piece, whose mean and variance along the ray are the frustum's, as is their
-/// mean square distance from it. Nothing is differentiable.
+/// mean square distance from it. Differentiable in the rays.
 ConeSamples six_samples(const Cones& cones, const Tensor& edges, const ConeTurn& turn);
 /// The turn of pictures: every other piece by a twelfth, and the other way round.
 ConeTurn still_turn(int64_t pieces);

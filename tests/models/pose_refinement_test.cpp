@@ -132,21 +132,22 @@ TEST_CASE("poses: a turn and a shift in the camera's axes are the same for rays,
   for (size_t i = 0; i < moved.size(); ++i) CHECK(moved[i] == doctest::Approx(wanted[i]).epsilon(1e-4));
 }
 
-TEST_CASE("nerf: the loss falls as the gradient in a photo's pose says") {
+namespace {
+
+/// The gradient of a step's loss in the parameters of the poses, against differences along it.
+void check_pose_gradients(const std::string& which, const Settings& settings) {
   const Folder folder;
-  const Scene scene = made_scene(folder, 16);
-  const auto method = configured("nerf", {{"poses.refine", "true"},
-                                          {"field.kind", "frequency"},
-                                          {"field.width", "16"},
-                                          {"field.depth", "2"},
-                                          {"field.point_frequencies", "2"},
-                                          {"field.direction_frequencies", "1"},
-                                          {"sampling", "uniform"},
-                                          {"samples.coarse", "8"},
-                                          {"batch.rays", "64"},
-                                          {"background", "white"}});
+  Scene scene = made_scene(folder, 16);
+  scene.hints.synthetic_bounds = false;  // rays that end at a box would move their samples with it
+  const auto method = configured(which, settings);
   method->build({scene}, 7);
   load_data(*method, scene, load_images(scene, Split::train));
+  // Hash grids begin so small that places say nothing.
+  if (const auto grid = method->parameters().find("field.grid.table"); grid != method->parameters().end()) {
+    std::vector<float> rows(static_cast<size_t>(grid->second.numel()));
+    for (size_t i = 0; i < rows.size(); ++i) rows[i] = 2 * std::sin(static_cast<float>(i));
+    put(*method, grid->first, rows);
+  }
   const Progress progress{1, 10, 7, {}};
   for (const char* name : {"poses.turns", "poses.shifts"}) {
     CAPTURE(name);
@@ -166,8 +167,35 @@ TEST_CASE("nerf: the loss falls as the gradient in a photo's pose says") {
     };
     const double found = (loss_at(1) - loss_at(-1)) / (2 * double{by});
     put(*method, name, std::vector<float>(gradient.size(), 0.f));
-    CHECK(found == doctest::Approx(told).epsilon(0.03));
+    CHECK(std::abs(found / told - 1) < 0.05);
   }
+}
+
+}  // namespace
+
+TEST_CASE("nerf: the loss falls as the gradient in a photo's pose says") {
+  check_pose_gradients("nerf", {{"poses.refine", "true"},
+                                {"field.kind", "frequency"},
+                                {"field.width", "16"},
+                                {"field.depth", "2"},
+                                {"field.point_frequencies", "2"},
+                                {"field.direction_frequencies", "1"},
+                                {"sampling", "uniform"},
+                                {"samples.coarse", "8"},
+                                {"batch.rays", "64"},
+                                {"background", "white"}});
+}
+
+TEST_CASE("zipnerf: the loss falls as the gradient in a photo's pose says") {
+  check_pose_gradients("zipnerf", {{"poses.refine", "true"},
+                                   {"grid.levels", "1"},
+                                   {"grid.log2_rows", "8"},
+                                   {"weight.decay", "0"},
+                                   {"grid.coarsest", "4"},
+                                   {"grid.finest", "4"},
+                                   {"field.width", "16"},
+                                   {"batch.rays", "64"},
+                                   {"background", "white"}});
 }
 
 namespace {
@@ -196,19 +224,54 @@ std::unique_ptr<Method> trained(const Scene& scene, const std::string& name, con
 
 }  // namespace
 
-TEST_CASE("nerf: disturbed poses come back while the scene is learned") {
+namespace {
+
+/// Of the shares of turns and shifts that are left of what the poses were disturbed by, the most that there may be.
+struct Left {
+  double turns, shifts;
+};
+
+void check_poses_come_back(const std::string& name, Settings settings, int64_t steps, const Left& most) {
   const Folder folder;
   const Scene scene = made_scene(folder, 64);
   const std::vector<Eigen::Matrix4d> truth = training_poses(scene);
-  Settings settings = small_hash();
   settings.emplace_back("poses.refine", "true");
-  const auto method = trained(disturbed(scene), "nerf", settings, 600);
+  const auto method = trained(disturbed(scene), name, settings, steps);
   const Errors before = errors_of(aligned(training_poses(disturbed(scene)), truth), truth);
   const Errors after = errors_of(aligned(as<RefinesPoses>(*method)->refined_poses(), truth), truth);
   MESSAGE(before.degrees, " degrees and ", before.distance, " before, ", after.degrees, " and ", after.distance,
           " after");
-  CHECK(after.degrees < 0.5 * before.degrees);
-  CHECK(after.distance < 0.7 * before.distance);
+  CHECK(after.degrees < most.turns * before.degrees);
+  CHECK(after.distance < most.shifts * before.distance);
+}
+
+}  // namespace
+
+TEST_CASE("nerf: disturbed poses come back while the scene is learned") {
+  check_poses_come_back("nerf", small_hash(), 600, {0.5, 0.7});
+}
+
+TEST_CASE("zipnerf: disturbed poses come back while the scene is learned") {
+  check_poses_come_back("zipnerf",
+                        {{"grid.levels", "6"},
+                         {"grid.log2_rows", "13"},
+                         {"grid.finest", "128"},
+                         {"field.width", "32"},
+                         {"field.bottleneck", "8"},
+                         {"field.colour_width", "16"},
+                         {"field.density", "exp"},
+                         {"proposal1.levels", "3"},
+                         {"proposal1.finest", "32"},
+                         {"proposal2.levels", "3"},
+                         {"proposal2.finest", "64"},
+                         {"proposals.log2_rows", "12"},
+                         {"proposals.width", "16"},
+                         {"samples.proposal", "16"},
+                         {"samples.field", "16"},
+                         {"sampling.multisamples", "1"},
+                         {"batch.rays", "512"},
+                         {"train.warm_up", "30"}},
+                        600, {0.6, 0.8});
 }
 
 namespace {
