@@ -1,4 +1,5 @@
-// `export --format capture`: photos with the poses, or a log with the boxes that a run learned.
+// `export --format capture`: photos with the poses, or a log with the boxes or poses that a run
+// learned.
 #include <fmt/format.h>
 
 #include <Eigen/Geometry>
@@ -23,38 +24,53 @@ Scene scene_as_listed(const RestoredRun& run, const std::string& folder) {
   return read_scene_as_listed(find_data(folder, run.record.data.front()), reading_for(run.record, false, false));
 }
 
-/// The photos of a run that learned their poses, as a capture that has them.
+/// Of the photos that were moved, how far in the mean.
+struct Moved {
+  double degrees = 0, shift = 0;
+};
+
+Moved move_photos(Scene& scene, const std::map<std::string, Eigen::Matrix4d>& poses) {
+  Moved out;
+  const auto count = static_cast<double>(poses.size());
+  for (Frame& frame : scene.frames) {
+    const auto found = poses.find(frame.name);
+    if (found == poses.end()) continue;
+    const Eigen::Matrix4d by = frame.world_from_camera.inverse() * found->second;
+    out.degrees +=
+        Eigen::AngleAxisd(Eigen::Matrix3d(by.topLeftCorner<3, 3>())).angle() * 180 / std::numbers::pi / count;
+    out.shift += by.topRightCorner<3, 1>().norm() / count;
+    frame.world_from_camera = found->second;
+  }
+  return out;
+}
+
+/// The photos of a run that learned their poses, as a capture or a log that has them.
 int export_photos(const RestoredRun& run, const std::vector<Eigen::Matrix4d>& poses, const ExportRequest& request,
                   const Common& common) {
   const Scene& learned = run.scenes.front();
-  Scene scene = scene_as_listed(run, request.run);
-  std::map<std::string, Eigen::Matrix4d> by_name;
+  const Scene listed = scene_as_listed(run, request.run);
+  RefinedLog refined;
   for (const std::size_t frame : frames_of(learned, Split::train))
-    by_name[learned.frames[frame].name] = poses.at(by_name.size());
-  double degrees = 0, shift = 0;
-  for (Frame& frame : scene.frames) {
-    const auto found = by_name.find(frame.name);
-    if (found == by_name.end()) continue;
-    const Eigen::Matrix4d moved = frame.world_from_camera.inverse() * found->second;
-    degrees += Eigen::AngleAxisd(Eigen::Matrix3d(moved.topLeftCorner<3, 3>())).angle() * 180 / std::numbers::pi;
-    shift += moved.topRightCorner<3, 1>().norm();
-    frame.world_from_camera = found->second;
-  }
-  const auto count = static_cast<double>(by_name.size());
-  write_transforms(request.out, scene);
+    refined.poses[learned.frames[frame].name] = poses.at(refined.poses.size());
+  Scene scene = listed;
+  const Moved moved = move_photos(scene, refined.poses);
+  if (scene.is_log)
+    write_refined_log(request.out, listed, refined);
+  else
+    write_transforms(request.out, scene);
   if (common.json)
     put_json({{"schema_version", 1},
               {"path", request.out},
               {"photos", scene.frames.size()},
-              {"refined", by_name.size()},
-              {"turned_degrees", degrees / count},
-              {"shifted", shift / count}});
+              {"refined", refined.poses.size()},
+              {"turned_degrees", moved.degrees},
+              {"shifted", moved.shift}});
   say(common,
       fmt::format("{}: {} photos, {} with poses that were learned, in the mean {:.3f} degrees and {:.4g} {} from "
                   "those given{}",
-                  request.out, scene.frames.size(), by_name.size(), degrees / count, shift / count,
+                  request.out, scene.frames.size(), refined.poses.size(), moved.degrees, moved.shift,
                   scene.metric ? "metres" : "scene units",
-                  by_name.size() < scene.frames.size() ? "; photos that were held out have those given" : ""));
+                  refined.poses.size() < scene.frames.size() ? "; photos that were held out have those given" : ""));
   return 0;
 }
 
@@ -75,7 +91,7 @@ int export_log(const RestoredRun& run, const std::vector<Actor>& actors, const E
                const Common& common) {
   const std::vector<double> shifts = shifts_of(actors, run.scenes.front().actors);
   const double median = shifts.empty() ? 0 : shifts[shifts.size() / 2];
-  write_refined_log(request.out, scene_as_listed(run, request.run), actors);
+  write_refined_log(request.out, scene_as_listed(run, request.run), {actors, {}});
   if (common.json)
     put_json(
         {{"schema_version", 1}, {"path", request.out}, {"boxes_refined", shifts.size()}, {"median_shift_m", median}});
@@ -93,10 +109,10 @@ int export_capture(const RestoredRun& run, const ExportRequest& request, const C
     if (const auto poses = refines->refined_poses(); !poses.empty()) return export_photos(run, poses, request, common);
   if (const auto* refines = as<RefinesBoxes>(*run.method))
     if (const auto actors = refines->refined_actors(); !actors.empty()) return export_log(run, actors, request, common);
-  throw Error(Fault::usage,
-              text("--format capture: ", request.run, " learned neither poses nor boxes\n  fix: cloam train ",
-                   run.record.method, " DATA --set poses.refine=true (nerf, splat) or actors.refine=true ",
-                   "(street-gaussians)"));
+  throw Error(Fault::usage, text("--format capture: ", request.run,
+                                 " learned neither poses nor boxes\n  fix: cloam train ", run.record.method,
+                                 " DATA --set poses.refine=true (nerf, zipnerf, splat, neurad) or actors.refine=true ",
+                                 "(street-gaussians)"));
 }
 
 }  // namespace cloam

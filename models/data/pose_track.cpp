@@ -30,6 +30,12 @@ Eigen::Matrix4d read_pose(const Json& json, const std::string& where) {
 
 }  // namespace
 
+Json pose_entry(const Eigen::Matrix4d& pose) {
+  const Eigen::Quaterniond turn(Eigen::Matrix3d(pose.topLeftCorner<3, 3>()));
+  return {{"position", {{"x", pose(0, 3)}, {"y", pose(1, 3)}, {"z", pose(2, 3)}}},
+          {"heading", {{"w", turn.w()}, {"x", turn.x()}, {"y", turn.y()}, {"z", turn.z()}}}};
+}
+
 PoseTrack::PoseTrack(const std::filesystem::path& root, const std::string& folder)
     : folder_(folder),
       poses_(parse_json_file(root / (folder + "/poses.json"))),

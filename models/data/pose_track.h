@@ -9,6 +9,9 @@
 
 namespace cloam {
 
+/// The entry of poses.json for a pose, world from sensor.
+Json pose_entry(const Eigen::Matrix4d& pose);
+
 /// poses.json and timestamps.json of a folder; each entry is looked at when it is asked for. An entry of poses.json is
 /// the pose at the time stamp.
 class PoseTrack {

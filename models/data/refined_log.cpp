@@ -8,6 +8,7 @@
 
 #include "models/data/data_frame.h"
 #include "models/data/pandaset.h"
+#include "models/data/pose_track.h"
 #include "models/io/commit.h"
 #include "runtime/error.h"
 
@@ -55,6 +56,33 @@ int step_of_cuboids(const fs::path& name) {
   return name.parent_path() == fs::path("annotations") / "cuboids" && is_number ? std::stoi(stem) : -1;
 }
 
+/// By camera, then by step: what comes behind the poses of its photos.
+using MovesOfSteps = std::map<std::string, std::map<int, Eigen::Matrix4d>>;
+
+MovesOfSteps moves_of(const Scene& log, const std::map<std::string, Eigen::Matrix4d>& poses) {
+  MovesOfSteps out;
+  for (const Frame& frame : log.frames)
+    if (const auto found = poses.find(frame.name); found != poses.end())
+      out[frame.sensor][frame.step] = frame.world_from_camera.inverse() * found->second;
+  return out;
+}
+
+/// The camera of "camera/front_camera/poses.json"; empty for any other file.
+std::string camera_of_poses(const fs::path& name) {
+  const fs::path folder = name.parent_path();
+  const bool is_it = name.filename() == "poses.json" && folder.parent_path() == fs::path("camera");
+  return is_it ? folder.filename().string() : "";
+}
+
+Json moved(const PoseTrack& track, const std::map<int, Eigen::Matrix4d>& moves) {
+  Json entries = Json::array();
+  for (int step = 0; step < track.steps(); ++step) {
+    const auto move = moves.find(step);
+    entries.push_back(pose_entry(move == moves.end() ? track.pose(step) : track.pose(step) * move->second));
+  }
+  return entries;
+}
+
 /// Relative to the root, also behind links to folders; listed before any is written, for `folder` may lie in the root.
 std::vector<fs::path> files_below(const fs::path& root) {
   std::vector<fs::path> names;
@@ -65,12 +93,18 @@ std::vector<fs::path> files_below(const fs::path& root) {
 
 }  // namespace
 
-void write_refined_log(const fs::path& folder, const Scene& log, const std::vector<Actor>& actors) {
+void write_refined_log(const fs::path& folder, const Scene& log, const RefinedLog& refined) {
   if (log.format != "PandaSet")
-    throw Error(Fault::usage, text("the boxes of a log in the layout of ", log.format,
+    throw Error(Fault::usage, text("boxes and poses of a log in the layout of ", log.format,
                                    " cannot be written, only those of PandaSet's layout"));
-  const BoxesOfSteps boxes = boxes_of_steps(actors);
+  const BoxesOfSteps boxes = boxes_of_steps(refined.actors);
+  const MovesOfSteps moves = moves_of(log, refined.poses);
   for (const fs::path& name : files_below(log.root)) {
+    if (const auto camera = moves.find(camera_of_poses(name)); camera != moves.end()) {
+      const PoseTrack track(log.root, name.parent_path().string());
+      commit_text(folder / name, moved(track, camera->second).dump(1) + "\n");
+      continue;
+    }
     const auto found = boxes.find(step_of_cuboids(name));
     if (found == boxes.end()) {
       commit_link(log.root / name, folder / name);

@@ -1,16 +1,25 @@
-// A driving log once more, with other boxes.
+// A driving log once more, with other boxes or other poses of its cameras.
 #pragma once
 #include <filesystem>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "models/scene/scene.h"
 
 namespace cloam {
 
-/// Writes `log`, which has PandaSet's layout, into `folder`: all files are linked or copied, and in the cuboids position
-/// and yaw of every box that `actors` has (by id and step) are those given there; other rows and columns stay, but for
-/// columns of a kind that we do not read (dates, categories).
+/// What was learned of a log.
+struct RefinedLog {
+  std::vector<Actor> actors = {};                     // those of its boxes that moved or may have, by id and step
+  std::map<std::string, Eigen::Matrix4d> poses = {};  // world_from_camera by Frame::name
+};
+
+/// Writes `log`, which has PandaSet's layout, into `folder`: all files are linked or copied. In the cuboids position
+/// and yaw of every box that `refined` has are those given there; other rows and columns stay, but for columns of a
+/// kind that we do not read (dates, categories). In a camera's poses.json the entry of a photo moves as its pose did,
+/// in the camera's axes, so that the photo has the pose given there where the log's image_stamp_seconds is 0.
 /// Fault::usage for a log of another layout; Fault::write.
-void write_refined_log(const std::filesystem::path& folder, const Scene& log, const std::vector<Actor>& actors);
+void write_refined_log(const std::filesystem::path& folder, const Scene& log, const RefinedLog& refined);
 
 }  // namespace cloam

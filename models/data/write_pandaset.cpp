@@ -9,6 +9,7 @@
 
 #include "models/data/data_frame.h"
 #include "models/data/pandaset.h"
+#include "models/data/pose_track.h"
 #include "models/data/recording_file.h"
 #include "models/io/commit.h"
 #include "models/io/json.h"
@@ -23,12 +24,6 @@ constexpr double kFullIntensity = 255;
 
 void write_json(const fs::path& path, const Json& json) { commit_text(path, json.dump(1) + "\n"); }
 
-Json pose_json(const Eigen::Matrix4d& pose) {
-  const Eigen::Quaterniond turn(Eigen::Matrix3d(pose.topLeftCorner<3, 3>()));
-  return {{"position", {{"x", pose(0, 3)}, {"y", pose(1, 3)}, {"z", pose(2, 3)}}},
-          {"heading", {{"w", turn.w()}, {"x", turn.x()}, {"y", turn.y()}, {"z", turn.z()}}}};
-}
-
 struct Moment {
   double time = 0;
   Eigen::Matrix4d world_from_sensor = Eigen::Matrix4d::Identity();
@@ -41,7 +36,7 @@ void write_track(const fs::path& folder, const std::map<int, Moment>& moments) {
   for (int step = 0; step <= moments.rbegin()->first; ++step) {
     const auto after = moments.upper_bound(step);
     const Moment& moment = (after == moments.begin() ? after : std::prev(after))->second;
-    poses.push_back(pose_json(moment.world_from_sensor));
+    poses.push_back(pose_entry(moment.world_from_sensor));
     times.push_back(moment.time);
   }
   write_json(folder / "poses.json", poses);

@@ -18,6 +18,8 @@ constexpr double kKeptReturns = 0.95;   // share: the worst of a step are left o
 constexpr size_t kSweepsOfMissing = 4;  // a step
 constexpr int64_t kLookAhead = 8;       // steps whose images are decoded ahead
 constexpr int64_t kSamplesOfRay = 60;   // of a ray, as a rule
+// Of poses, metres: a calibration that is off by a degree is off by a decimetre rather than by what things are away.
+constexpr PoseScale kPoseScale = {.unit = 5, .distance = 15};
 
 void bind_grid(Config& c, const std::string& of, HashGrid& grid, const std::string& whose) {
   c.bind(of + ".levels", grid.levels, "levels of " + whose + " hash grid", {1, 32});
@@ -80,6 +82,7 @@ void Neurad::configure(Config& c) {
   c.bind("train.final_rate", o.final_rate, "learning rates at the last step, as a fraction of the initial ones");
   c.bind("train.warm_up", o.warm_up, "steps in which the learning rates rise", {0, 1 << 20});
   c.bind("train.warm_up_image", o.warm_up_image, "the same of the image decoder's", {0, 1 << 20});
+  poses_.configure(c);
 }
 
 void Neurad::build(const Scenes& scenes, uint64_t seed) {
@@ -89,6 +92,7 @@ void Neurad::build(const Scenes& scenes, uint64_t seed) {
   seed_ = seed;
   model_ = std::make_unique<NeuradModel>(config_.street, Scope{params_, "", seed}, scene);
   if (config_.weight_perceptual > 0) perceptual_ = feature_network(config_.perceptual_weights);
+  poses_.build(scene, params_, kPoseScale);
 }
 
 void Neurad::load_data(std::vector<TrainingData> data) {
@@ -99,7 +103,22 @@ void Neurad::load_data(std::vector<TrainingData> data) {
   data_ = std::make_unique<LogSource>(
       log.scene, std::move(log.photos), std::move(sweeps),
       LogRays{model_->space().street_from_world(), model_->scale(), {}, config_.rolling_shutter});
+  if (poses_.on()) list_poses(*model_->scene());
   loaded(1, 1);
+}
+
+void Neurad::list_poses(const Scene& scene) {
+  SceneFrame street;
+  const Eigen::Matrix4d& from_world = model_->space().street_from_world();
+  street.turn = from_world.topLeftCorner<3, 3>();
+  street.centre = from_world.inverse().topRightCorner<3, 1>();
+  std::vector<float> poses;
+  photo_of_.assign(scene.frames.size(), -1);
+  for (const std::size_t frame : frames_of(scene, Split::train)) {
+    photo_of_[frame] = static_cast<int32_t>(poses.size() / 12);
+    append_pose(poses, scene.frames[frame].world_from_camera, street);
+  }
+  given_poses_ = from_host(poses, {static_cast<int64_t>(poses.size() / 12), 12});
 }
 
 /// As large a share of a step's LiDAR rays is missing as of a sweep's.
@@ -163,6 +182,7 @@ ParameterGroups Neurad::groups() const {
   // Rows of actors that no ray of a step meets stand still: Adam's momentum would move them on.
   groups.push_back({"actors.", c.rate_grids, schedule});
   groups.back().sparse = true;
+  poses_.add_group(groups);
   return groups;
 }
 
@@ -210,6 +230,21 @@ Neurad::Batch Neurad::draw_batch(const Progress& progress) const {
   batch.angles = from_host(angles, {batch.rays.count()});
   batch.shares = model_->embedding_shares(sensors);
   return batch;
+}
+
+void Neurad::move_rays(const Batch& batch, NeuradSampling& how) const {
+  if (!poses_.on()) return;
+  const int64_t count = batch.rays.count(), seen = batch.of_photos;
+  const std::size_t each = static_cast<std::size_t>(seen) / std::max<std::size_t>(1, batch.photos.of.size());
+  std::vector<int32_t> photo;
+  for (const PhotoOf& of : batch.photos.of) photo.insert(photo.end(), each, photo_of_[of.frame]);
+  const Tensor origins = from_host(batch.rays.origins, {count, 3}),
+               directions = from_host(batch.rays.directions, {count, 3});
+  const auto part = [&](const Tensor& of, int64_t begin, int64_t end) { return slice(of, 0, begin, end); };
+  const PhotoRays moved = poses_.moved(
+      PhotoRays{part(origins, 0, seen), part(directions, 0, seen), from_host(photo, {seen})}, given_poses_, 1);
+  how.origins = concat({moved.origins, part(origins, seen, count)}, 0);
+  how.directions = concat({moved.directions, part(directions, seen, count)}, 0);
 }
 
 Tensor Neurad::image_loss(const Batch& batch, const NeuradRays& seen, Tensor& squared) const {
@@ -262,8 +297,9 @@ Tensor Neurad::returns_loss(const Batch& batch, const NeuradRays& seen, std::vec
 Step Neurad::step(const Progress& progress, const Tensors& wanted) {
   look_ahead(progress);
   const Batch batch = draw_batch(progress);
-  const NeuradSampling how = {
+  NeuradSampling how = {
       {seed_, static_cast<uint32_t>(progress.step), 0}, true, static_cast<uint32_t>(progress.share.rank)};
+  move_rays(batch, how);
   const NeuradRays seen = model_->render(model_->street(batch.rays), batch.rays, batch.angles, how);
   Tensor squared, metres;
   Tensor loss = image_loss(batch, seen, squared);
@@ -275,6 +311,7 @@ Step Neurad::step(const Progress& progress, const Tensors& wanted) {
   step.figures = {psnr_figure(share < 1 ? squared * (1 / share) : squared)};
   if (metres) step.figures.push_back({"lidar_m", 0, metres});
   step.figures.insert(step.figures.end(), figures.begin(), figures.end());
+  for (const Figure& figure : poses_.figures()) step.figures.push_back(figure);
   step.figures.push_back({"samples", static_cast<double>(seen.samples.t.dim(0) * progress.share.ranks)});
   step.figures.push_back({"marched", static_cast<double>(seen.marched * progress.share.ranks)});
   step.weight = static_cast<double>(progress.share.size(config_.patches)) / config_.patches;

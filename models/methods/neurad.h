@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "models/methods/neurad_model.h"
+#include "models/methods/pose_refinement.h"
 #include "models/nn/feature_network.h"
 #include "models/street/missing_rays.h"
 #include "models/street/street.h"
@@ -11,6 +12,7 @@
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
 #include "models/train/mixed_precision.h"
+#include "models/train/refines_poses.h"
 #include "models/train/renders_views.h"
 
 namespace cloam {
@@ -33,6 +35,7 @@ class Neurad final : public Method,
                      public Street,
                      public HasSurfaces,
                      public TakesEdits,
+                     public RefinesPoses,
                      public MixedPrecision {
  public:
   void configure(Config& config) override;
@@ -52,17 +55,21 @@ class Neurad final : public Method,
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
   void take_actors(const Scenes& scenes) override;
+  std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
 
  private:
   /// Announces what the steps after this one will read, so that it is decoded meanwhile.
   void look_ahead(const Progress& progress);
   /// What a step's rays are of: photos first, then the LiDAR's returns.
   struct Batch;
+  void list_poses(const Scene& scene);
   void find_missing(const Scene& scene, const LogSweeps& sweeps);
   /// Rays of a sweep that sent nothing back.
   void add_missing(RayList& rays, HostRandom& random, const Share& share) const;
   Tensor returns_loss(const Batch& batch, const NeuradRays& seen, std::vector<Figure>& figures) const;
   Batch draw_batch(const Progress& progress) const;
+  /// The batch's rays where the poses of its photos have moved.
+  void move_rays(const Batch& batch, NeuradSampling& how) const;
   Tensor image_loss(const Batch& batch, const NeuradRays& seen, Tensor& squared) const;
   Tensor lidar_loss(const Batch& batch, const NeuradRays& seen, Tensor& metres) const;
 
@@ -74,7 +81,10 @@ class Neurad final : public Method,
   std::vector<WorldRays> missing_;  // of each sweep that has some
   int64_t missing_rays_ = 0;        // a step: as many to its returns as the sweeps have
   std::optional<FeatureNetwork> perceptual_;
-  int64_t announced_ = 0;  // the last step that was
+  PoseRefinement poses_;
+  Tensor given_poses_;             // [N,12] of the training photos, street axes
+  std::vector<int32_t> photo_of_;  // of each frame, its place among them
+  int64_t announced_ = 0;          // the last step that was
 };
 
 }  // namespace cloam

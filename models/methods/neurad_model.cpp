@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/street/followed_rays.h"
 #include "runtime/error.h"
 #include "runtime/ops/composite.h"
 #include "runtime/ops/segments.h"
@@ -133,16 +134,23 @@ NeuradRays NeuradModel::render(const NeuradScene& scene, const RayList& rays, co
                                const NeuradSampling& how) const {
   const int64_t count = rays.count();
   const RandomKey jitter = how.key.of_stream(how.share == 0 ? kShifts : kShiftsOfShares + how.share);
-  const StreetRays at = {from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
+  const bool follows = static_cast<bool>(how.origins);
+  const StreetRays at = {follows ? how.origins : from_host(rays.origins, {count, 3}),
+                         follows ? how.directions : from_host(rays.directions, {count, 3}),
                          how.random ? random_uniform({count, 2}, jitter) : full({count, 2}, 0.5f),
                          from_host(rays.moments, {count})};
   const StreetField& network = field_->network();
   NeuradRays out;
   out.samples = street_samples(at, scene.boxes, scene.grid, options_.steps);
   out.marched = out.samples.t.dim(0);
-  if (how.random && options_.flip > 0 && out.samples.owners.dim(0) > 0) mirror(out.samples, scene, how.key);
+  mirror(out.samples, scene, how);
+  eval({out.samples.actor_points, out.samples.actor_directions});
   const Tensor all = network.geometry(encoded(scene, out.samples, angles)).distance;
   out.samples = street_lit(out.samples, stop_gradient(network.opacity(all)), kLeastThrough);
+  if (follows) {
+    out.samples = followed(out.samples, at, scene.boxes, scene.grid);
+    mirror(out.samples, scene, how);
+  }
   const StreetSamples& s = out.samples;
   Tensor harmonics = gather_rows(spherical_harmonics(at.directions), s.ray);
   if (s.owners.dim(0) > 0) harmonics = concat({harmonics, spherical_harmonics(s.actor_directions)}, 0);
@@ -162,14 +170,14 @@ NeuradRays NeuradModel::render(const NeuradScene& scene, const RayList& rays, co
 }
 
 /// Some actors of a step are seen in a mirror, left for right: most are alike on both sides (NeuRAD, section 4.1).
-void NeuradModel::mirror(StreetSamples& samples, const NeuradScene& scene, const RandomKey& key) const {
+void NeuradModel::mirror(StreetSamples& samples, const NeuradScene& scene, const NeuradSampling& how) const {
+  if (!how.random || options_.flip <= 0 || samples.owners.dim(0) == 0) return;
   const auto count = static_cast<int64_t>(scene.looks.size());
-  const Tensor turned = cast(random_uniform({count}, key.of_stream(kFlips)) < options_.flip, DType::f32);
+  const Tensor turned = cast(random_uniform({count}, how.key.of_stream(kFlips)) < options_.flip, DType::f32);
   const Tensor across = from_host(std::vector<float>{1, 0, 0}, {1, 3});
   const Tensor is = unsqueeze(gather_rows(turned, samples.owners), 1) * across;
   samples.actor_points = samples.actor_points + is * (1.f - 2.f * samples.actor_points);
   samples.actor_directions = samples.actor_directions * (1.f - 2.f * is);
-  eval({samples.actor_points, samples.actor_directions});
 }
 
 Tensor NeuradModel::embedding_shares(const std::vector<std::pair<std::string, double>>& sensors) const {

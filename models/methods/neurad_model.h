@@ -28,7 +28,8 @@ struct NeuradOptions {
 struct NeuradSampling {
   RandomKey key = {};
   bool random = false;
-  uint32_t share = 0;  // of the batch: each shifts the samples along its rays by numbers of its own
+  uint32_t share = 0;                    // of the batch: each shifts the samples along its rays by numbers of its own
+  Tensor origins = {}, directions = {};  // [R,3] in the place of the list's, and differentiable; empty: the list's
 };
 
 /// What rays meet.
@@ -94,7 +95,7 @@ class NeuradModel {
   Tensor widths_of(const StreetSamples& s, const Tensor& angles) const;
   FieldPoints actor_points(const NeuradScene& scene, const StreetSamples& s, const Tensor& metres) const;
   Tensor encoded(const NeuradScene& scene, const StreetSamples& s, const Tensor& angles) const;
-  void mirror(StreetSamples& samples, const NeuradScene& scene, const RandomKey& key) const;
+  void mirror(StreetSamples& samples, const NeuradScene& scene, const NeuradSampling& how) const;
 
   NeuradOptions options_;
   RestingScene scene_;

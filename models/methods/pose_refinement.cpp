@@ -33,9 +33,10 @@ void PoseRefinement::configure(Config& c) {
          kStepsOrNone);
 }
 
-void PoseRefinement::build(const Scene& scene, Params& parameters) {
+void PoseRefinement::build(const Scene& scene, Params& parameters, const std::optional<PoseScale>& scale) {
   if (!settings_.refine) return;
-  unit_ = viewing_distance(scene);
+  const double distance = scale ? scale->distance : viewing_distance(scene);
+  scale_ = {scale ? scale->unit : distance, distance};
   parameters_ = &parameters;
   given_.clear();
   for (const std::size_t frame : frames_of(scene, Split::train))
@@ -57,22 +58,34 @@ void PoseRefinement::add_group(ParameterGroups& groups) const {
 Tensor PoseRefinement::turns() const {
   const Tensor& shifts = parameters_->at(kPoseShifts);
   const Tensor along = concat({slice(shifts, 1, 1, 2), -slice(shifts, 1, 0, 1), zeros({shifts.dim(0), 1})}, 1);
-  return parameters_->at(kPoseTurns) + along;
+  return parameters_->at(kPoseTurns) + along * static_cast<float>(scale_.unit / scale_.distance);
 }
 
 Tensor PoseRefinement::moved(const Tensor& poses, double scale) const {
   const int64_t photos = poses.dim(0);
   const Tensor axes = reshape(slice(poses, 1, 0, 9), {photos, 3, 3});
   const Tensor turned = matmul(axes, transpose(turned_back(turns())));
-  const Tensor shift = parameters_->at(kPoseShifts) * static_cast<float>(unit_ * scale);
+  const Tensor shift = parameters_->at(kPoseShifts) * static_cast<float>(scale_.unit * scale);
   const Tensor shifted = slice(poses, 1, 9, 12) + sum(axes * unsqueeze(shift, 1), {{2}});
   return concat({reshape(turned, {photos, 9}), shifted}, 1);
+}
+
+PhotoRays PoseRefinement::moved(const PhotoRays& rays, const Tensor& poses, double scale) const {
+  const int64_t count = rays.photo.dim(0);
+  const Tensor from = gather_rows(poses, rays.photo), to = gather_rows(moved(poses, scale), rays.photo);
+  const auto axes = [&](const Tensor& of) { return reshape(slice(of, 1, 0, 9), {count, 3, 3}); };
+  const auto taken_along = [&](const Tensor& vectors) {
+    const Tensor in_camera = sum(axes(from) * unsqueeze(vectors, 2), {{1}});
+    return sum(axes(to) * unsqueeze(in_camera, 1), {{2}});
+  };
+  const Tensor in_front = rays.origins - slice(from, 1, 9, 12);
+  return {slice(to, 1, 9, 12) + taken_along(in_front), taken_along(rays.directions), rays.photo};
 }
 
 Tensor PoseRefinement::moved_view(const Tensor& view, size_t photo) const {
   const auto row = static_cast<int64_t>(photo);
   const auto own = [&](const Tensor& of_all) { return slice(of_all, 0, row, row + 1); };
-  const Tensor shift = transpose(own(parameters_->at(kPoseShifts))) * static_cast<float>(unit_);  // [3,1]
+  const Tensor shift = transpose(own(parameters_->at(kPoseShifts))) * static_cast<float>(scale_.unit);  // [3,1]
   const Tensor away = slice(view, 1, 3, 4) - shift;
   return matmul(reshape(turned_back(own(turns())), {3, 3}), concat({slice(view, 1, 0, 3), away}, 1));
 }
@@ -81,7 +94,7 @@ std::vector<Figure> PoseRefinement::figures() const {
   if (!on()) return {};
   const Tensor shifts = stop_gradient(parameters_->at(kPoseShifts));
   return {{"turned", 0, mean_length(stop_gradient(turns())) * static_cast<float>(kDegrees)},
-          {"shifted", 0, mean_length(shifts) * static_cast<float>(unit_)}};
+          {"shifted", 0, mean_length(shifts) * static_cast<float>(scale_.unit)}};
 }
 
 std::vector<Eigen::Matrix4d> PoseRefinement::poses() const {
@@ -95,7 +108,7 @@ std::vector<Eigen::Matrix4d> PoseRefinement::poses() const {
     const Eigen::Vector3d half = of(turned) / 2;
     Eigen::Matrix4d moved = Eigen::Matrix4d::Identity();
     moved.topLeftCorner<3, 3>() = Eigen::Quaterniond(1, half.x(), half.y(), half.z()).normalized().toRotationMatrix();
-    moved.topRightCorner<3, 1>() = of(shifts) * unit_;
+    moved.topRightCorner<3, 1>() = of(shifts) * scale_.unit;
     out[i] = given_[i] * moved;
   }
   return out;

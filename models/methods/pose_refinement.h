@@ -5,9 +5,11 @@
 // A little shift to the side and a little turn back show nearly the same picture. So that Adam, which looks at one
 // number at a time, can tell them apart, a shift s comes with the turn (s_y, -s_x, 0) that keeps in place what the
 // camera sees at distance 1 (preconditioning: Park et al. 2023, "CamP"); shifts are in units of the distance to what
-// the cameras look at. A turn w [3] is the quaternion (1, w / 2), normalised: for small ones the angle |w| about w, and
-// smooth at 0.
+// the cameras look at, or of less where they are surer than turns (PoseScale). A turn w [3] is the quaternion (1, w /
+// 2), normalised: for small ones the angle |w| about w, and smooth at 0.
 #pragma once
+#include <optional>
+
 #include "models/nn/params.h"
 #include "models/scene/scene.h"
 #include "models/train/config.h"
@@ -21,16 +23,30 @@ struct PoseSettings {
   int warm_up = 200;                       // steps: at first a scene says nothing about poses
 };
 
+/// Rays of photos in the axes of the scene.
+struct PhotoRays {
+  Tensor origins, directions;  // [R,3]
+  Tensor photo;                // int32 [R]: place among the training photos
+};
+
+/// In scene units: of shifts, and how far away what the photos show is.
+struct PoseScale {
+  double unit, distance;
+};
+
 class PoseRefinement {
  public:
   /// Declares the settings.
   void configure(Config& config);
   /// Of the scene's training photos; does nothing where poses shall stay. The parameters outlive this.
-  void build(const Scene& scene, Params& parameters);
+  void build(const Scene& scene, Params& parameters) { build(scene, parameters, {}); }
+  void build(const Scene& scene, Params& parameters, const std::optional<PoseScale>& scale);
   bool on() const { return parameters_ != nullptr; }
   void add_group(ParameterGroups& groups) const;
   /// [N,12], of all photos: rotations by rows, positions. scale: units of the positions in a scene unit.
   Tensor moved(const Tensor& poses, double scale) const;
+  /// Rays of photos at `poses` [N,12] that moved: their cameras take them along.
+  PhotoRays moved(const PhotoRays& rays, const Tensor& poses, double scale) const;
   /// [3,4] of view_matrix() of one photo.
   Tensor moved_view(const Tensor& view, size_t photo) const;
   /// How far photos are from where they were given, in the mean: degrees, scene units.
@@ -43,7 +59,7 @@ class PoseRefinement {
 
   PoseSettings settings_;
   std::vector<Eigen::Matrix4d> given_;
-  double unit_ = 1;  // of shifts, in scene units
+  PoseScale scale_ = {1, 1};
   const Params* parameters_ = nullptr;
 };
 

@@ -5,7 +5,9 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Geometry>
+#include <array>
 #include <cmath>
+#include <numeric>
 #include <random>
 
 #include "models/data/load_images.h"
@@ -130,6 +132,31 @@ TEST_CASE("poses: a turn and a shift in the camera's axes are the same for rays,
   }
   const std::vector<float> moved = poses.moved(from_host(rows, {count, 12}), scale).to_host();
   for (size_t i = 0; i < moved.size(); ++i) CHECK(moved[i] == doctest::Approx(wanted[i]).epsilon(1e-4));
+
+  // A ray from a place beside each camera goes with it.
+  const Eigen::Vector3d place(0.1, -0.2, 0.3), way(0.48, 0.6, 0.64);
+  const auto of_cameras = [&](const std::vector<Eigen::Matrix4d>& cameras) {
+    std::array<std::vector<float>, 2> out;
+    for (const Eigen::Matrix4d& camera : cameras)
+      for (int k = 0; k < 3; ++k) {
+        const Eigen::Vector3d at = frame.turn * ((camera * place.homogeneous()).head<3>() - frame.centre) * scale;
+        out[0].push_back(static_cast<float>(at[k]));
+        out[1].push_back(static_cast<float>((frame.turn * camera.topLeftCorner<3, 3>() * way)[k]));
+      }
+    return out;
+  };
+  const auto [origins, directions] = of_cameras(given);
+  const std::array<std::vector<float>, 2> there = of_cameras(want);
+  std::vector<int32_t> photo(given.size());
+  std::iota(photo.begin(), photo.end(), 0);
+  const PhotoRays rays =
+      poses.moved({from_host(origins, {count, 3}), from_host(directions, {count, 3}), from_host(photo, {count})},
+                  from_host(rows, {count, 12}), scale);
+  const std::vector<float> from = rays.origins.to_host(), towards = rays.directions.to_host();
+  for (size_t i = 0; i < from.size(); ++i) {
+    CHECK(std::abs(from[i] - there[0][i]) < 1e-4);
+    CHECK(std::abs(towards[i] - there[1][i]) < 1e-4);
+  }
 }
 
 namespace {

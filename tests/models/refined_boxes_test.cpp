@@ -98,7 +98,7 @@ TEST_CASE("a log is written with learned boxes: what was not learned stays, byte
   cuboids("00.pkl.gz");
   cuboids("01.pkl.gz");
   Actor actor{"b", "Bicycle", {1, 2, 1}, false, {{1, 0.1, pose_from(turn_about_z(0.25), {7, 8, 9})}}};
-  write_refined_log(folder.path / "refined", log, {actor});
+  write_refined_log(folder.path / "refined", log, {{actor}});
 
   const std::filesystem::path refined = folder.path / "refined";
   CHECK(content_of(refined / "camera/front_camera/00.jpg") == "not looked at");
@@ -113,7 +113,7 @@ TEST_CASE("a log is written with learned boxes: what was not learned stays, byte
   CHECK(moved.texts("attributes.rider_status")[1] == "With Rider");
 
   log.format = "KITTI";
-  const auto write_other = [&] { write_refined_log(folder.path / "other", log, {actor}); };
+  const auto write_other = [&] { write_refined_log(folder.path / "other", log, {{actor}}); };
   CHECK(holds(error_of(write_other, Fault::usage), "only those of PandaSet's layout"));
   CHECK_FALSE(std::filesystem::exists(folder.path / "other"));
 }

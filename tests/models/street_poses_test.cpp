@@ -1,0 +1,275 @@
+// Poses of a log's photos that are learned: samples that follow their rays, against float64; that disturbed poses come
+// back; the log that is written.
+#include <doctest/doctest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "models/data/read_scene.h"
+#include "models/data/refined_log.h"
+#include "models/methods/registry.h"
+#include "models/street/followed_rays.h"
+#include "models/synth/street_log.h"
+#include "models/train/optimiser.h"
+#include "models/train/refines_poses.h"
+#include "tests/models/worlds.h"
+
+using namespace cloam;
+using Eigen::Vector3d;
+
+namespace {
+
+constexpr double kDegrees = 180 / M_PI;
+
+Vector3d random_direction(std::mt19937& random) {
+  std::normal_distribution<double> normal;
+  return Vector3d(normal(random), normal(random), normal(random)).normalized();
+}
+
+/// A street that is full of matter, the middle of which is not contracted, with one box that is turned and another.
+struct FullStreet {
+  const Vector3d centre{0.5, -0.25, 1}, half{4, 3, 1.5};
+  StreetGrid grid;
+  StreetBoxes boxes;
+  std::vector<StreetBox> packed;
+
+  FullStreet() {
+    std::vector<float> numbers = {-9, -5, -1, 0.5f, 37, 21, 11};
+    for (const Vector3d& of : {centre, half})
+      for (int k = 0; k < 3; ++k) numbers.push_back(static_cast<float>(of[k]));
+    numbers.resize(16, 500.f);
+    grid = {from_host(std::vector<uint8_t>(37 * 21 * 11, 1), {11, 21, 37}),
+            from_host(std::vector<uint8_t>(5 * 3 * 2, 1), {2, 3, 5}), from_host(numbers, {16})};
+    for (const float owner : {3.f, 1.f}) {
+      StreetBox box{{}, {2 - owner, owner, 0.5f}, {1, 1.5f, 0.75f}, 0.25f, owner};
+      const Eigen::Matrix3f turn = Eigen::AngleAxisf(0.6f * owner, Eigen::Vector3f::UnitZ()).toRotationMatrix();
+      Eigen::Map<Eigen::Matrix3f>(box.box_from_street.data()) = turn;  // columns of its transpose are rows
+      packed.push_back(box);
+    }
+    // The second moment has the first box alone.
+    boxes = pack_boxes({packed, {packed[0]}});
+  }
+
+  Vector3d contracted(const Vector3d& place) const {
+    const Vector3d x = (place - centre).cwiseQuotient(half);
+    const double norm = x.cwiseAbs().maxCoeff();
+    const Vector3d folded = norm > 1 ? Vector3d((2 - 1 / norm) / norm * x) : x;
+    return 0.25 * folded + Vector3d::Constant(0.5);
+  }
+  /// In the cube of an owner.
+  Vector3d in_cube(const Vector3d& place, int owner) const {
+    const StreetBox& box = packed[owner == 3 ? 0 : 1];
+    const Eigen::Matrix3f axes = Eigen::Map<const Eigen::Matrix3f>(box.box_from_street.data()).transpose();
+    const Vector3d at(place - Eigen::Map<const Eigen::Vector3f>(box.centre.data()).cast<double>());
+    return axes.cast<double>() * at * double{box.cube_scale} + Vector3d::Constant(0.5);
+  }
+};
+
+/// Three numbers of each row.
+Vector3d row_of(const std::vector<float>& rows, size_t i) {
+  return Vector3d(rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]);
+}
+
+}  // namespace
+
+TEST_CASE("samples that follow their rays lie where they were, and move as the rays do") {
+  const FullStreet street;
+  constexpr int64_t kRays = 12;
+  std::mt19937 random(3);
+  std::vector<float> origins, directions;
+  for (int64_t r = 0; r < kRays; ++r) {
+    const Vector3d from = 0.1 * random_direction(random);
+    const Vector3d way = (Vector3d(r % 2 ? 1 : -1, 1.5, 0) + 0.6 * random_direction(random)).normalized();
+    for (int k = 0; k < 3; ++k) {
+      origins.push_back(static_cast<float>(from[k]));
+      directions.push_back(static_cast<float>(way[k]));
+    }
+  }
+  std::vector<int32_t> moments(kRays, 0);
+  std::fill(moments.begin() + kRays / 2, moments.end(), 1);
+  const StreetRays rays = {parameter(origins, {kRays, 3}), parameter(directions, {kRays, 3}), full({kRays, 2}, 0.4f),
+                           from_host(moments, {kRays})};
+  const StreetSamples given = street_samples(rays, street.boxes, street.grid, {.background = 0.6f, .actor = 0.2f});
+  const StreetSamples found = followed(given, rays, street.boxes, street.grid);
+  const std::vector<float> points = given.points.to_host(), followed_points = found.points.to_host();
+  for (size_t i = 0; i < points.size(); ++i) CHECK(std::abs(points[i] - followed_points[i]) < 1e-5);
+  const std::vector<float> actors = given.actor_points.to_host(), followed_actors = found.actor_points.to_host(),
+                           ways = given.actor_directions.to_host(), followed_ways = found.actor_directions.to_host();
+  REQUIRE(actors.size() > 60);
+  for (size_t i = 0; i < actors.size(); ++i) {
+    CHECK(std::abs(actors[i] - followed_actors[i]) < 1e-5);
+    CHECK(std::abs(ways[i] - followed_ways[i]) < 1e-5);
+  }
+
+  // A sum over the samples, each coordinate with a weight of its own, and what of it goes along a change of the rays.
+  const auto weight = [](size_t i) { return std::sin(1.7 * static_cast<double>(i)); };
+  std::vector<float> weights(points.size()), actor_weights(actors.size());
+  for (size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<float>(weight(i));
+  for (size_t i = 0; i < actor_weights.size(); ++i) actor_weights[i] = static_cast<float>(weight(i));
+  const Tensor total = sum(found.points * from_host(weights, found.points.shape())) +
+                       sum(found.actor_points * from_host(actor_weights, found.actor_points.shape()));
+  const Tensors gradients = grad(total, {rays.origins, rays.directions});
+  const std::vector<float> by_origin = gradients[0].to_host(), by_direction = gradients[1].to_host();
+
+  const std::vector<int32_t> offsets = given.offsets.to_host<int32_t>(), rows = given.rows.to_host<int32_t>(),
+                             owners = given.owners.to_host<int32_t>();
+  const std::vector<float> t = given.t.to_host();
+  const auto background = static_cast<int32_t>(points.size() / 3);
+  for (size_t r = 0; r < kRays; ++r) {
+    const Vector3d from = row_of(origins, r), way = row_of(directions, r);
+    const auto summed = [&](const Vector3d& origin, const Vector3d& direction) {
+      double out = 0;
+      const auto begin = static_cast<size_t>(offsets[r]), end = static_cast<size_t>(offsets[r + 1]);
+      for (size_t place = begin; place < end; ++place) {
+        const int32_t row = rows[place];
+        const auto own = static_cast<size_t>(row < background ? row : row - background);
+        double distance = t[place];
+        if (distance < 0) {  // the sky: by even steps of 1 / distance from the edge that t tells to 500 m
+          const double edge = -distance, share = (static_cast<double>(place - (end - 8)) + 0.4) / 8;
+          distance = 1 / ((1 - share) / edge + share / 500);
+        }
+        const Vector3d at = origin + distance * direction;
+        const Vector3d point = row < background ? street.contracted(at) : street.in_cube(at, owners[own]);
+        for (size_t k = 0; k < 3; ++k) out += weight(3 * own + k) * point[static_cast<Eigen::Index>(k)];
+      }
+      return out;
+    };
+    for (int k = 0; k < 3; ++k) {
+      const Vector3d by = 1e-6 * Vector3d::Unit(k);
+      const auto i = 3 * r + static_cast<size_t>(k);
+      const double want = (summed(from + by, way) - summed(from - by, way)) / 2e-6,
+                   want_way = (summed(from, way + by) - summed(from, way - by)) / 2e-6;
+      CHECK(std::abs(by_origin[i] - want) < 1e-3 * std::max(1., std::abs(want)));
+      CHECK(std::abs(by_direction[i] - want_way) < 1e-3 * std::max(1., std::abs(want_way)));
+    }
+  }
+}
+
+namespace {
+
+/// The log with each photo turned by a degree and shifted by 0.1 m.
+Scene disturbed(Scene log) {
+  std::mt19937 random(5);
+  for (Frame& frame : log.frames) {
+    Eigen::Matrix4d by = Eigen::Matrix4d::Identity();
+    by.topLeftCorner<3, 3>() = Eigen::AngleAxisd(1 / kDegrees, random_direction(random)).toRotationMatrix();
+    by.topRightCorner<3, 1>() = 0.1 * random_direction(random);
+    frame.world_from_camera = frame.world_from_camera * by;
+  }
+  return log;
+}
+
+/// Means over photos: degrees, metres.
+std::pair<double, double> errors_of(const std::vector<Eigen::Matrix4d>& poses, const Scene& truth) {
+  double degrees = 0, metres = 0;
+  for (size_t i = 0; i < poses.size(); ++i) {
+    const Eigen::Matrix4d by = truth.frames[i].world_from_camera.inverse() * poses[i];
+    degrees += Eigen::AngleAxisd(Eigen::Matrix3d(by.topLeftCorner<3, 3>())).angle() * kDegrees;
+    metres += by.topRightCorner<3, 1>().norm();
+  }
+  const auto count = static_cast<double>(poses.size());
+  return {degrees / count, metres / count};
+}
+
+std::vector<Eigen::Matrix4d> poses_of(const Scene& scene) {
+  std::vector<Eigen::Matrix4d> out;
+  for (const Frame& frame : scene.frames) out.push_back(frame.world_from_camera);
+  return out;
+}
+
+/// Fields that differ from place to place, by waves through their tables.
+void make_painted(Method& method) {
+  for (const auto& [name, p] : method.parameters()) {
+    if (!name.ends_with(".table")) continue;
+    std::vector<float> values(static_cast<size_t>(p.numel()));
+    for (size_t i = 0; i < values.size(); ++i) values[i] = std::sin(2.3f * static_cast<float>(i));
+    put(method, name, values);
+  }
+  std::vector<float> bias = method.parameters().at("field.past.bias").to_host();
+  bias[0] = -0.2f;
+  put(method, "field.past.bias", bias);
+}
+
+}  // namespace
+
+TEST_CASE("neurad: poses come to where the photos show what the field shows") {
+  const Folder folder;
+  Scene street = toy_street(folder.path, {.frames = 3, .width = 64, .height = 48});
+  // Things at several distances: what tells a shift from a turn.
+  street.actors = {toy_actor("a", {2, 4, 4}, 7, -2.5), toy_actor("b", {2, 3, 3}, 12, 3),
+                   toy_actor("c", {2, 3, 6}, 18, 0)};
+  Settings settings = small_settings("neurad");
+  for (const auto& [key, value] : Settings{{"poses.refine", "true"},
+                                           {"steps.background", "0.1"},
+                                           {"steps.actor", "0.1"},
+                                           {"steps.sky", "60"},
+                                           {"poses.rate", "3e-3"},
+                                           {"poses.warm_up", "0"},
+                                           {"grid.coarsest", "24"},
+                                           {"actors.coarsest", "2"},
+                                           {"actors.finest", "4"},
+                                           {"grid.finest", "48"},
+                                           {"image.upsamplings", "0"},
+                                           {"actors.flip", "0"},
+                                           {"batch.patches", "4"},
+                                           {"batch.patch_side", "24"},
+                                           {"batch.lidar_rays", "0"}})
+    settings.emplace_back(key, value);
+  const auto model = configured("neurad", settings);
+  model->build({street}, 7);
+  load_data(*model, street, toy_pixels(street));
+  make_painted(*model);
+  Pixels photos = toy_pixels(street);
+  for (FramePixels& photo : photos.frames) {
+    const std::vector<float> shows = shown(*model, view_of(street.frames[photo.frame], street.cameras[0], 0)).rgb;
+    for (size_t i = 0; i < photo.rgba.size(); ++i)
+      if (i % 4 != 3)
+        photo.rgba[i] = static_cast<uint8_t>(std::lround(255 * std::clamp(shows[i / 4 * 3 + i % 4], 0.f, 1.f)));
+  }
+  const Scene begun = disturbed(street);
+  const auto method = configured("neurad", settings);
+  method->build({begun}, 7);
+  load_data(*method, begun, std::move(photos));
+  for (const auto& [name, values] : model->parameters())
+    if (!name.starts_with("poses.")) assign({{method->parameters().at(name), values}});
+  ParameterGroups groups = method->groups();
+  for (ParameterGroup& group : groups) group.frozen = group.prefix != "poses.";
+  Optimiser optimiser(method->parameters(), groups);
+  constexpr int64_t kSteps = 250;
+  for (int64_t step = 1; step <= kSteps; ++step) {
+    const Progress progress{step, kSteps, 7, {}};
+    const Step taken = method->step(progress, optimiser.wanted(method->parameters()));
+    eval(taken.gradients);
+    optimiser.step(method->parameters(), taken.gradients, groups, progress);
+  }
+  const auto [degrees, metres] = errors_of(poses_of(begun), street);
+  const auto [degrees_left, metres_left] = errors_of(as<RefinesPoses>(*method)->refined_poses(), street);
+  MESSAGE(degrees, " degrees and ", metres, " m before, ", degrees_left, " and ", metres_left, " after");
+  CHECK(degrees_left < 0.4 * degrees);
+  CHECK(metres_left < 0.25);  // less than a pixel, which these photos do not show
+}
+
+TEST_CASE("a log is written with learned poses of its photos, and read with them") {
+  const Folder folder;
+  StreetLogOptions options;
+  options.cameras = {"front_camera", "front_left_camera"};
+  options.frames = 2, options.width = 32, options.height = 18, options.beams = 4;
+  write_street_log(folder.path / "given", options);
+  const Scene given = read_scene(folder.path / "given");
+  const Scene learned = disturbed(given);
+  RefinedLog refined;
+  for (const Frame& frame : learned.frames)
+    if (frame.step == 1 || frame.sensor == "front_camera") refined.poses[frame.name] = frame.world_from_camera;
+  write_refined_log(folder.path / "refined", given, refined);
+  const Scene again = read_scene(folder.path / "refined");
+  REQUIRE(again.frames.size() == 4);
+  REQUIRE(refined.poses.size() == 3);
+  for (size_t i = 0; i < again.frames.size(); ++i) {
+    const auto found = refined.poses.find(again.frames[i].name);
+    const Eigen::Matrix4d& want = found == refined.poses.end() ? given.frames[i].world_from_camera : found->second;
+    CHECK((again.frames[i].world_from_camera - want).norm() < 1e-9);
+  }
+  CHECK((again.sweeps[1].world_from_lidar - given.sweeps[1].world_from_lidar).norm() < 1e-12);
+}
