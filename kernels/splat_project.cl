@@ -224,7 +224,13 @@ __kernel FAT void colours(__global const float* restrict first, __global const f
   }
 }
 
-// colours: what the kernel above found; g [G,3] -> out [G,51]: first 3, rest 45, mean 3.
+// A gaussian's colours where they were not cut off (found, of the kernel above, is above 0): what the gradient g [G,3] reaches.
+static inline int reached(__global const float* found, __global const float* gradient, float g[3]) {
+  for (int c = 0; c < 3; c++) g[c] = found[c] > 0.0f ? gradient[c] : 0.0f;
+  return g[0] != 0.0f || g[1] != 0.0f || g[2] != 0.0f;
+}
+
+// out [G,6]: first 3, mean 3.
 __kernel FAT void colours_grad(__global const float* restrict rest, __global const float* restrict means,
                                __global const float* restrict eyes, __global const int* restrict owners, int owned,
                                __global const float* restrict found,
@@ -232,28 +238,44 @@ __kernel FAT void colours_grad(__global const float* restrict rest, __global con
                                int bands, int chunk) {
   for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
     __global const float *m = means + 3 * (size_t)i, *more = rest + 45 * (size_t)i, *eye = eyes + 3 * (owned ? owners[i] : 0);
-    __global float* to = out + 51 * (size_t)i;
-    float g[3], h[16], u[16];
-    for (int c = 0; c < 3; c++) g[c] = found[3 * (size_t)i + c] > 0.0f ? gradient[3 * (size_t)i + c] : 0.0f;
-    if (g[0] == 0.0f && g[1] == 0.0f && g[2] == 0.0f) {
-      for (int k = 0; k < 51; k++) to[k] = 0.0f;
+    __global float* to = out + 6 * (size_t)i;
+    float g[3], u[16];
+    if (!reached(found + 3 * (size_t)i, gradient + 3 * (size_t)i, g)) {
+      for (int k = 0; k < 6; k++) to[k] = 0.0f;
       continue;
     }
     const float dx = m[0] - eye[0], dy = m[1] - eye[1], dz = m[2] - eye[2];
     const float over = 1.0f / fmax(sqrt(dx * dx + dy * dy + dz * dz), 1e-12f);
     const float x = dx * over, y = dy * over, z = dz * over;
-    harmonics(x, y, z, h);
     u[0] = 0.0f;
-    for (int c = 0; c < 3; c++) to[c] = h[0] * g[c];
-    for (int k = 1; k < 16; k++) {
-      const int used = k < bands;
-      u[k] = used ? more[3 * (k - 1)] * g[0] + more[3 * (k - 1) + 1] * g[1] + more[3 * (k - 1) + 2] * g[2] : 0.0f;
-      for (int c = 0; c < 3; c++) to[3 * k + c] = used ? h[k] * g[c] : 0.0f;
-    }
+    for (int c = 0; c < 3; c++) to[c] = 0.28209479177f * g[c];
+    for (int k = 1; k < 16; k++)
+      u[k] = k < bands ? more[3 * (k - 1)] * g[0] + more[3 * (k - 1) + 1] * g[1] + more[3 * (k - 1) + 2] * g[2] : 0.0f;
     const float3 d = slopes(x, y, z, u);
     const float along = d.x * x + d.y * y + d.z * z;
-    to[48] = (d.x - along * x) * over;
-    to[49] = (d.y - along * y) * over;
-    to[50] = (d.z - along * z) * over;
+    to[3] = (d.x - along * x) * over;
+    to[4] = (d.y - along * y) * over;
+    to[5] = (d.z - along * z) * over;
+  }
+}
+
+// out [G,45]: of rest. Apart, so that it lies where the optimiser reads it.
+__kernel FAT void colours_rest_grad(__global const float* restrict means, __global const float* restrict eyes,
+                                    __global const int* restrict owners, int owned, __global const float* restrict found,
+                                    __global const float* restrict gradient, __global float* restrict out, int count,
+                                    int bands, int chunk) {
+  for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
+    __global const float *m = means + 3 * (size_t)i, *eye = eyes + 3 * (owned ? owners[i] : 0);
+    __global float* to = out + 45 * (size_t)i;
+    float g[3], h[16];
+    const int used = reached(found + 3 * (size_t)i, gradient + 3 * (size_t)i, g) ? bands : 1;
+    if (used > 1) {
+      const float dx = m[0] - eye[0], dy = m[1] - eye[1], dz = m[2] - eye[2];
+      const float over = 1.0f / fmax(sqrt(dx * dx + dy * dy + dz * dz), 1e-12f);
+      harmonics(dx * over, dy * over, dz * over, h);
+      for (int k = 1; k < used; k++)
+        for (int c = 0; c < 3; c++) to[3 * (k - 1) + c] = h[k] * g[c];
+    }
+    for (int k = 3 * (used - 1); k < 45; k++) to[k] = 0.0f;
   }
 }

@@ -89,28 +89,34 @@ struct Project final : Op {
   SplatLook look;
 };
 
-/// in: rest, means, eyes [N,3], the colours found, perhaps owners, g -> [G,51].
+/// in: rest, means, eyes [N,3], the colours found, perhaps owners, g -> [G,15,3] of rest, or [G,6] of first and means.
 struct ColoursGrad final : Op {
-  explicit ColoursGrad(int used) : bands(used) {}
-  const char* name() const override { return "splat_colours_grad"; }
+  ColoursGrad(int used, bool rest) : bands(used), of_rest(rest) {}
+  const char* name() const override { return of_rest ? "splat_colours_rest_grad" : "splat_colours_grad"; }
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 256);
     const Owners owners(in, 4, in.size() - 1);
-    launch(kernel("splat_project", "colours_grad"), name(), range, in[0], in[1], in[2], owners.rows,
-           owners.owned ? 1 : 0, in[3], in.back(), out, out.dim(0), bands, chunk);
+    const int owned = owners.owned ? 1 : 0;
+    if (of_rest)
+      launch(kernel("splat_project", "colours_rest_grad"), name(), range, in[1], in[2], owners.rows, owned, in[3],
+             in.back(), out, out.dim(0), bands, chunk);
+    else
+      launch(kernel("splat_project", "colours_grad"), name(), range, in[0], in[1], in[2], owners.rows, owned, in[3],
+             in.back(), out, out.dim(0), bands, chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
-    const auto rows = [bands = bands](const Tensors& of) {
+    const auto rows = [bands = bands, of_rest = of_rest](const Tensors& of) {
       const int64_t count = of[1].dim(0);
       const Tensor eyes = own_rows(of[2], Owners(of, 4, of.size() - 1), count);
       const Tensors own = {zeros({count, 3}), of[0], of[1], eyes};  // linear in the first
       const Tensors each = vjp_of([&](const Tensors& x) { return harmonic_sums_composed(x, bands); }, own,
                                   where(of[3] > 0.f, of.back(), 0.f));
-      return concat({each[0], reshape(each[1], {count, 45}), each[2]}, 1);
+      return of_rest ? each[1] : concat({each[0], each[2]}, 1);
     };
     return vjp_of(rows, in, g);
   }
   int bands;
+  bool of_rest;
 };
 
 /// in: first, rest, means, eyes [N,3], perhaps owners -> [G,3].
@@ -128,9 +134,10 @@ struct Colours final : Op {
     Tensors all = {in[1], in[2], in[3], out};
     all.insert(all.end(), in.begin() + 4, in.end());
     all.push_back(g);
-    const Tensor rows = make(std::make_shared<ColoursGrad>(bands), {count, 51}, all);
-    const Tensor by_mean = slice(rows, 1, 48, 51);
-    Tensors gradients = {slice(rows, 1, 0, 3), reshape(slice(rows, 1, 3, 48), {count, 15, 3}), by_mean};
+    const Tensor rest = make(std::make_shared<ColoursGrad>(bands, true), in[1].shape(), all);
+    const Tensor rows = make(std::make_shared<ColoursGrad>(bands, false), {count, 6}, all);
+    const Tensor by_mean = slice(rows, 1, 3, 6);
+    Tensors gradients = {slice(rows, 1, 0, 3), rest, by_mean};
     gradients.resize(in.size());
     if (in[3].node()->tracked) gradients[3] = -by_owner(by_mean, Owners(in, 4, in.size()), in[3].dim(0));
     return gradients;

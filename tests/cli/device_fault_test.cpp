@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <map>
 #include <sstream>
 #include <thread>
 
@@ -203,6 +204,12 @@ class Sweep {
   std::map<std::string, int> calls_;
 };
 
+/// One for all cases: each begins with a training that nothing fails in.
+Sweep& sweep_of(const SmallTraining& training) {
+  static std::map<std::string, Sweep> sweeps;
+  return sweeps.try_emplace(training.method, training).first->second;
+}
+
 void tell(const std::string& method, const std::string& what, const Tally& tally) {
   MESSAGE(method, ", ", what, ": ", tally.failed, " calls failed, ", tally.survived, " survived, ", tally.resumed,
           " ended in an error and were resumed to the same bytes, ", tally.refused,
@@ -213,7 +220,7 @@ void tell(const std::string& method, const std::string& what, const Tally& tally
 
 TEST_CASE("device faults: every call that can be made again fails at first, and no bit changes") {
   for (const SmallTraining& training : small_trainings()) {
-    const int calls = Sweep(training).let_each_fail_at_first();
+    const int calls = sweep_of(training).let_each_fail_at_first();
     MESSAGE(std::string(training.method), ": ", calls, " calls failed at first");
     CHECK(calls > 1000);
   }
@@ -223,7 +230,7 @@ TEST_CASE("device faults: each call of a training fails once") {
   int failed = 0, survived = 0;
   for (std::size_t method = 0; method < small_trainings().size(); method++) {
     const SmallTraining& training = small_trainings()[method];
-    Sweep sweep(training);
+    Sweep& sweep = sweep_of(training);
     Tally tally;
     int calls = 0;
     for (std::size_t i = 0; i < std::size(kCalls); i++) {
@@ -242,7 +249,7 @@ TEST_CASE("device faults: a training whose device is lost ends in one error and 
   int failed = 0;
   for (std::size_t method = 0; method < small_trainings().size(); method++) {
     const SmallTraining& training = small_trainings()[method];
-    Sweep sweep(training);
+    Sweep& sweep = sweep_of(training);
     Tally tally;
     for (std::size_t i = 0; i < std::size(lost_at); i++)
       if (has_turn(method, i)) sweep.let_fail(lost_at[i], samples() > 1 ? 40 : 1, ",sticky", tally);
