@@ -1,9 +1,10 @@
-// `export --format capture`: photos with the poses, or a log with the boxes or poses that a run
+// `export --format capture`: photos with the poses and focal lengths, or a log with the boxes or poses that a run
 // learned.
 #include <fmt/format.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -14,6 +15,7 @@
 #include "models/methods/registry.h"
 #include "models/runs/captures.h"
 #include "models/street/refines_boxes.h"
+#include "models/train/refines_intrinsics.h"
 #include "models/train/refines_poses.h"
 #include "runtime/error.h"
 
@@ -23,6 +25,12 @@ namespace {
 Scene scene_as_listed(const RestoredRun& run, const std::string& folder) {
   return read_scene_as_listed(find_data(folder, run.record.data.front()), reading_for(run.record, false, false));
 }
+
+/// What a run learned of its photos.
+struct LearnedPhotos {
+  std::vector<Eigen::Matrix4d> poses;  // of the training photos; empty: as given
+  std::vector<double> focals;          // factors, of Scene::cameras; empty: as given
+};
 
 /// Of the photos that were moved, how far in the mean.
 struct Moved {
@@ -44,16 +52,28 @@ Moved move_photos(Scene& scene, const std::map<std::string, Eigen::Matrix4d>& po
   return out;
 }
 
-/// The photos of a run that learned their poses, as a capture or a log that has them.
-int export_photos(const RestoredRun& run, const std::vector<Eigen::Matrix4d>& poses, const ExportRequest& request,
+/// Percent, in the mean.
+double change_focals(Scene& scene, const std::vector<double>& factors) {
+  double percent = 0;
+  for (std::size_t i = 0; i < factors.size(); ++i) {
+    scene.cameras.at(i) = with_focal(scene.cameras[i], factors[i]);
+    percent += 100 * std::abs(factors[i] - 1) / static_cast<double>(factors.size());
+  }
+  return percent;
+}
+
+/// The photos of a run that learned their poses or focal lengths, as a capture or a log that has them.
+int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const ExportRequest& request,
                   const Common& common) {
   const Scene& learned = run.scenes.front();
   const Scene listed = scene_as_listed(run, request.run);
   RefinedLog refined;
-  for (const std::size_t frame : frames_of(learned, Split::train))
-    refined.poses[learned.frames[frame].name] = poses.at(refined.poses.size());
+  if (!photos.poses.empty())
+    for (const std::size_t frame : frames_of(learned, Split::train))
+      refined.poses[learned.frames[frame].name] = photos.poses.at(refined.poses.size());
   Scene scene = listed;
   const Moved moved = move_photos(scene, refined.poses);
+  const double percent = change_focals(scene, photos.focals);
   if (scene.is_log)
     write_refined_log(request.out, listed, refined);
   else
@@ -64,13 +84,17 @@ int export_photos(const RestoredRun& run, const std::vector<Eigen::Matrix4d>& po
               {"photos", scene.frames.size()},
               {"refined", refined.poses.size()},
               {"turned_degrees", moved.degrees},
-              {"shifted", moved.shift}});
+              {"shifted", moved.shift},
+              {"focal_percent", percent}});
   say(common,
       fmt::format("{}: {} photos, {} with poses that were learned, in the mean {:.3f} degrees and {:.4g} {} from "
-                  "those given{}",
+                  "those given{}{}",
                   request.out, scene.frames.size(), refined.poses.size(), moved.degrees, moved.shift,
                   scene.metric ? "metres" : "scene units",
-                  refined.poses.size() < scene.frames.size() ? "; photos that were held out have those given" : ""));
+                  !refined.poses.empty() && refined.poses.size() < scene.frames.size()
+                      ? "; photos that were held out have those given"
+                      : "",
+                  photos.focals.empty() ? "" : fmt::format("; focal lengths {:.2f} % from those given", percent)));
   return 0;
 }
 
@@ -105,8 +129,10 @@ int export_log(const RestoredRun& run, const std::vector<Actor>& actors, const E
 int export_capture(const RestoredRun& run, const ExportRequest& request, const Common& common) {
   if (const std::string problem = problem_of(output_folder(), request.out); !problem.empty())
     throw Error(Fault::usage, "--out: " + problem);
-  if (const auto* refines = as<RefinesPoses>(*run.method))
-    if (const auto poses = refines->refined_poses(); !poses.empty()) return export_photos(run, poses, request, common);
+  LearnedPhotos photos;
+  if (const auto* refines = as<RefinesPoses>(*run.method)) photos.poses = refines->refined_poses();
+  if (const auto* refines = as<RefinesIntrinsics>(*run.method)) photos.focals = refines->focal_factors();
+  if (!photos.poses.empty() || !photos.focals.empty()) return export_photos(run, photos, request, common);
   if (const auto* refines = as<RefinesBoxes>(*run.method))
     if (const auto actors = refines->refined_actors(); !actors.empty()) return export_log(run, actors, request, common);
   throw Error(Fault::usage, text("--format capture: ", request.run,

@@ -43,7 +43,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
     const FramePixels& f = *photo;
     const size_t count = f.rgba.size() / 4;
     frames.insert(frames.end(), {static_cast<int32_t>(rgba.size() / 4), static_cast<int32_t>(count),
-                                 first_direction[static_cast<size_t>(f.camera)]});
+                                 first_direction[static_cast<size_t>(f.camera)], scene.frames[f.frame].camera});
     append_pose(poses, scene.frames[f.frame].world_from_camera, frame);
     rgba.insert(rgba.end(), f.rgba.begin(), f.rgba.end());
     if (masked && f.mask.empty()) mask.insert(mask.end(), count, 255);
@@ -61,10 +61,11 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
   directions_ = from_host(directions, {static_cast<int64_t>(directions.size() / 3), 3});
   widths_ = from_host(widths, {static_cast<int64_t>(widths.size())});
   poses_ = from_host(poses, {frame_count, 12});
-  frames_ = from_host(frames, {frame_count, 3});
+  frames_ = from_host(frames, {frame_count, 4});
 }
 
-PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& share, const Tensor& poses) const {
+PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& share,
+                             const LearnedCameras& learned) const {
   const Tensor frame = own_rows(random_below({count}, frames_.dim(0), key), share);
   const Tensor place = own_rows(random_uniform({count}, {key.seed, key.step, key.stream + 1}), share);
   const Tensor record = gather_rows(frames_, frame);
@@ -73,9 +74,15 @@ PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& s
   const Tensor pixel = column(0) + inside;
   PixelBatch out;
   const Tensor direction = column(2) + inside;
-  const Tensor towards = gather_rows(directions_, direction);
-  out.rays = world_rays(towards, gather_rows(poses, frame), frame_, range_);
+  Tensor towards = gather_rows(directions_, direction);
   out.widths = gather_rows(widths_, direction);
+  if (learned.narrowing) {
+    const Tensor own = gather_rows(learned.narrowing, column(3));
+    towards = concat({slice(towards, 1, 0, 2) * own, slice(towards, 1, 2, 3)}, 1);
+    towards = towards / sqrt(sum(square(towards), {{1}, true}));
+    out.widths = out.widths * reshape(stop_gradient(own), out.widths.shape());
+  }
+  out.rays = world_rays(towards, gather_rows(learned.poses ? learned.poses : poses_, frame), frame_, range_);
   out.rgba = cast(gather_rows(rgba_, pixel), DType::f32) * (1.f / 255.f);
   if (mask_) out.used = cast(gather_rows(mask_, pixel) > 0, DType::f32);
   if (depth_) {
@@ -90,7 +97,8 @@ PhotoSource::PhotoSource(const Scene& scene, const Pixels& pixels) {
     photographs_.push_back({planar(f.rgba, 4, f.height, f.width),
                             f.mask.empty() ? Tensor() : from_host(f.mask, {f.height, f.width}),
                             f.depth.empty() ? Tensor() : from_host(f.depth, {f.height, f.width}),
-                            pixels.cameras[static_cast<size_t>(f.camera)], scene.frames[f.frame].world_from_camera});
+                            pixels.cameras[static_cast<size_t>(f.camera)], scene.frames[f.frame].world_from_camera,
+                            scene.frames[f.frame].camera});
   if (photographs_.empty()) throw Error(Fault::data, "no training image is left");
 }
 

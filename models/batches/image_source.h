@@ -15,17 +15,20 @@ struct PixelBatch {
   Tensor depths;  // [R] how far along the ray, as its span; 0 where it is not known; empty when there are no depth maps
 };
 
+/// What is learned of photos in the place of what was given; empty handles: as given.
+struct LearnedCameras {
+  Tensor poses = {};      // [N,12] as PixelSource::poses()
+  Tensor narrowing = {};  // [C,1] of Scene::cameras: times x and y of directions (z = 1)
+};
+
 /// All training pixels on the device.
 class PixelSource {
  public:
   /// Fault::data for no image, Fault::memory for more than 2^29 pixels.
   PixelSource(const Scene& scene, const PhotoStore& photos, const SceneFrame& frame, const RayRange& range);
   /// The share of `count` pixels at random: a frame, then a pixel in it. streams key.stream and the one after it.
-  PixelBatch draw(int64_t count, const RandomKey& key, const Share& share) const {
-    return draw(count, key, share, poses_);
-  }
-  /// The same with the photos in other places, [N,12] as poses(): rays are differentiable in them.
-  PixelBatch draw(int64_t count, const RandomKey& key, const Share& share, const Tensor& poses) const;
+  /// Rays are differentiable in what is learned.
+  PixelBatch draw(int64_t count, const RandomKey& key, const Share& share, const LearnedCameras& learned = {}) const;
   const Tensor& poses() const { return poses_; }
 
  private:
@@ -36,7 +39,7 @@ class PixelSource {
   Tensor directions_;   // [D,3] of length 1, camera axes
   Tensor widths_;       // [D] of pixels, at distance 1
   Tensor poses_;        // [N,12] rotation by rows, position (normalised)
-  Tensor frames_;       // [N,3] int32: first pixel, pixels, first direction
+  Tensor frames_;       // [N,4] int32: first pixel, pixels, first direction, camera
 };
 
 struct Photograph {
@@ -44,6 +47,7 @@ struct Photograph {
   Tensor depth;       // [H,W] along the optical axis, scene units, 0 where it is not known; empty: nowhere
   Camera camera;
   Eigen::Matrix4d world_from_camera;
+  int listed_camera = 0;  // index into Scene::cameras
 };
 
 /// All training photographs on the device.

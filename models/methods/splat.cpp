@@ -32,6 +32,7 @@ void Splat::configure(Config& c) {
   c.bind("train.rate_exposure", o.rate_exposure, "learning rate of the exposures; it falls to a tenth");
   bind_growth(c, o.growth);
   poses_.configure(c);
+  focals_.configure(c);
 }
 
 void Splat::build(const Scenes& scenes, uint64_t seed) {
@@ -53,6 +54,7 @@ void Splat::build(const Scenes& scenes, uint64_t seed) {
   if (config_.exposure)
     params_["exposure"] = parameter(std::vector<float>(static_cast<size_t>(6 * frames), 0), {frames, 6});
   poses_.build(scene, params_);
+  focals_.build(scene, params_);
 }
 
 std::vector<std::string> Splat::warnings(const Scene& scene) const {
@@ -108,6 +110,7 @@ ParameterGroups Splat::groups() const {
   groups.push_back({"exposure", config_.rate_exposure, {kFinalExposure}});
   groups.back().epsilon = groups.front().epsilon;
   poses_.add_group(groups);
+  focals_.add_group(groups);
   return groups;
 }
 
@@ -117,7 +120,7 @@ Step Splat::step(const Progress& progress, const Tensors& wanted) {
   const Tensor probe =
       config_.growth.absolute ? parameter(std::vector<float>(static_cast<size_t>(2 * count)), {count, 2}) : Tensor();
   const auto [picture, truth, drawn, depth_error] =
-      renderer_->compare(photos_->photographs()[which], {which, poses_, progress, probe});
+      renderer_->compare(photos_->photographs()[which], {which, poses_, focals_, progress, probe});
   const Likeness alike = likeness(picture, truth);
   Tensor loss = (1.f - config_.ssim) * alike.l1 + config_.ssim * (1.f - alike.ssim);
   if (depth_error) loss = loss + config_.depth * depth_error;
@@ -129,6 +132,7 @@ Step Splat::step(const Progress& progress, const Tensors& wanted) {
   step.gradients.pop_back();
   step.figures = {psnr_figure(mean(square(picture - truth))), {"gaussians", static_cast<double>(count)}};
   for (const Figure& figure : poses_.figures()) step.figures.push_back(figure);
+  for (const Figure& figure : focals_.figures()) step.figures.push_back(figure);
   step.more = observed_.pending();
   step.sums = observed_.of_view();
   return step;

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "models/gaussians/exports_gaussians.h"
+#include "models/methods/focal_refinement.h"
 #include "models/methods/pose_refinement.h"
 #include "models/methods/splat_renderer.h"
 #include "models/splat/observed.h"
@@ -11,6 +12,7 @@
 #include "models/train/grows.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
+#include "models/train/refines_intrinsics.h"
 #include "models/train/refines_poses.h"
 #include "models/train/renders_views.h"
 
@@ -21,6 +23,7 @@ class Splat final : public Method,
                     public RendersViews,
                     public Grows,
                     public RefinesPoses,
+                    public RefinesIntrinsics,
                     public ExportsGaussians {
  public:
   void configure(Config& config) override;
@@ -41,6 +44,7 @@ class Splat final : public Method,
   TensorMap state() const override { return observed_.state(); }
   void restore(const TensorMap& state) override { observed_.restore(state); }
   std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
+  std::vector<double> focal_factors() const override { return focals_.factors(); }
   std::vector<std::string> warnings(const Scene& scene) const override;
 
  private:
@@ -56,6 +60,7 @@ class Splat final : public Method,
   std::unique_ptr<Growth> growth_;
   std::unique_ptr<PhotoSource> photos_;
   PoseRefinement poses_;
+  FocalRefinement focals_;
   Observed observed_;
 };
 

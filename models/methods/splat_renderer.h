@@ -2,6 +2,7 @@
 #pragma once
 #include "models/batches/image_source.h"
 #include "models/gaussians/exports_gaussians.h"
+#include "models/methods/focal_refinement.h"
 #include "models/methods/pose_refinement.h"
 #include "models/nn/params.h"
 #include "models/scene/view.h"
@@ -37,6 +38,7 @@ class SplatRenderer {
   struct Comparison {
     size_t place;  // of the photograph, and of its exposure and its pose
     const PoseRefinement& poses;
+    const FocalRefinement& focals;
     const Progress& progress;
     Tensor probe;  // see DrawOptions
   };

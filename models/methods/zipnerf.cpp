@@ -48,6 +48,7 @@ void ZipNerf::configure(Config& c) {
   c.bind("train.final_rate", o.final_rate, "learning rate at the last step, as a fraction of train.rate");
   c.bind("train.warm_up", o.warm_up, "steps until the learning rate is reached", kStepsOrNone);
   poses_.configure(c);
+  focals_.configure(c);
 }
 
 void ZipNerf::build(const Scenes& scenes, uint64_t seed) {
@@ -56,6 +57,7 @@ void ZipNerf::build(const Scenes& scenes, uint64_t seed) {
   has_alpha_ = scenes.front().has_alpha;
   renderer_ = std::make_unique<ZipNerfRenderer>(config_, scenes.front(), Scope{params_, "", seed});
   poses_.build(scenes.front(), params_);
+  focals_.build(scenes.front(), params_);
 }
 
 void ZipNerf::load_data(std::vector<TrainingData> data) {
@@ -79,14 +81,15 @@ ParameterGroups ZipNerf::groups() const {
   all.epsilon = 1e-15f;
   ParameterGroups groups = {all};
   poses_.add_group(groups);
+  focals_.add_group(groups);
   return groups;
 }
 
 Step ZipNerf::step(const Progress& progress, const Tensors& wanted) {
   const RandomKey key{seed_, static_cast<uint32_t>(progress.step), 0};
   const int64_t rays = config_.batch_rays;
-  const Tensor poses = poses_.on() ? poses_.moved(pixels_->poses(), renderer_->frame().scale) : pixels_->poses();
-  const PixelBatch batch = pixels_->draw(rays, key.of_stream(kZipPixels), progress.share, poses);
+  const Tensor poses = poses_.on() ? poses_.moved(pixels_->poses(), renderer_->frame().scale) : Tensor();
+  const PixelBatch batch = pixels_->draw(rays, key.of_stream(kZipPixels), progress.share, {poses, focals_.narrowing()});
   const float done = progress.fraction(), sharpness = kSharpening * done / ((kSharpening - 1) * done + 1);
   const ZipNerfRenderer::Rendered seen =
       renderer_->shade({batch.rays, batch.widths * kConeOfPixel}, {key, true, progress.share, rays, sharpness});
@@ -106,6 +109,7 @@ Step ZipNerf::step(const Progress& progress, const Tensors& wanted) {
                   {"rays", static_cast<double>(rays)},
                   {"interlevel", 0, interlevel}};
   for (const Figure& figure : poses_.figures()) step.figures.push_back(figure);
+  for (const Figure& figure : focals_.figures()) step.figures.push_back(figure);
   return step;
 }
 

@@ -5,10 +5,12 @@
 
 #include "models/batches/image_source.h"
 #include "models/mesh/has_density.h"
+#include "models/methods/focal_refinement.h"
 #include "models/methods/pose_refinement.h"
 #include "models/methods/zipnerf_renderer.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
+#include "models/train/refines_intrinsics.h"
 #include "models/train/refines_poses.h"
 #include "models/train/renders_views.h"
 
@@ -18,7 +20,8 @@ class ZipNerf final : public Method,
                       public LearnsFromCaptures,
                       public RendersViews,
                       public HasDensity,
-                      public RefinesPoses {
+                      public RefinesPoses,
+                      public RefinesIntrinsics {
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
@@ -32,6 +35,7 @@ class ZipNerf final : public Method,
   Picture render(const View& view) override;
   DensityField density_field() const override { return renderer_->density_field(); }
   std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
+  std::vector<double> focal_factors() const override { return focals_.factors(); }
 
  private:
   ZipNerfConfig config_;
@@ -41,6 +45,7 @@ class ZipNerf final : public Method,
   std::unique_ptr<ZipNerfRenderer> renderer_;
   std::unique_ptr<PixelSource> pixels_;
   PoseRefinement poses_;
+  FocalRefinement focals_;
 };
 
 }  // namespace cloam

@@ -134,6 +134,20 @@ Eigen::Vector2d project(const Camera& camera, const Eigen::Vector3d& point_in_ca
   return {camera.fx * at.x() + camera.cx, camera.fy * at.y() + camera.cy};
 }
 
+Camera with_focal(const Camera& camera, double factor) {
+  Camera out = camera;
+  out.fx *= factor, out.fy *= factor;
+  // Terms in the second, fourth, ... power of the radius beside 1, and those of the second power alone.
+  double even = 1;
+  for (std::size_t i = 0; i < out.k.size(); ++i) {
+    even *= factor * factor;
+    out.k[i] *= even;
+    if (i < out.denominator.size()) out.denominator[i] *= even;
+  }
+  for (double* term : {&out.p1, &out.p2, &out.prism[0], &out.prism[1]}) *term *= factor;
+  return out;
+}
+
 Camera scaled(const Camera& camera, int factor) {
   if (factor < 1 || factor > camera.width || factor > camera.height) {
     throw Error(Fault::usage, text("--downscale ", factor, ": images are ", camera.width, "x", camera.height,

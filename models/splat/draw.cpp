@@ -36,7 +36,9 @@ SplatCamera lens_of(const Camera& camera, const DrawOptions& options) {
 Projection projection_of(const SplatModel& model, const Camera& camera, const Tensor& view,
                          const DrawOptions& options) {
   const Tensor eye = -sum(slice(view, 1, 0, 3) * slice(view, 1, 3, 4), {{0}});  // -R' t
-  return {splat_project(model.cloud, view, lens_of(camera, options)),
+  // Widened rows are no rotation any more: the eye is that of the view itself.
+  const Tensor seen_by = options.widening ? view * options.widening : view;
+  return {splat_project(model.cloud, seen_by, lens_of(camera, options)),
           splat_colours(model.harmonics, model.cloud.means, eye)};
 }
 

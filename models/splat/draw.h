@@ -26,6 +26,7 @@ struct DrawOptions {
   bool depth = false;        // a fourth channel: the sum of weights times z, scene units
   Tensor probe = {};         // see Splats
   Tensor more = {};          // [G,K]: channels besides
+  Tensor widening = {};      // [3,1]: times the rows of the view, as if lengths of the lens were longer by it
 };
 /// Gaussians as a camera sees them, not yet drawn.
 struct Projection {

@@ -1,0 +1,37 @@
+// Focal lengths as parameters (Wang et al. 2021, "NeRF--", section 3.2): each camera of a capture has one factor for
+// all of its photos, whose logarithm begins as nothing and is learned with the scene. Directions become narrower or
+// wider across the optical axis, so that a lens's distortion keeps its place in the photo (with_focal).
+#pragma once
+#include "models/nn/params.h"
+#include "models/scene/scene.h"
+#include "models/train/config.h"
+#include "models/train/method.h"
+
+namespace cloam {
+
+class FocalRefinement {
+ public:
+  /// Declares the settings.
+  void configure(Config& config);
+  /// Of the scene's cameras; does nothing where they shall stay. The parameters outlive this. Fault::usage for a lens
+  /// whose picture is not that of a plane (fisheye, fov).
+  void build(const Scene& scene, Params& parameters);
+  bool on() const { return parameters_ != nullptr; }
+  void add_group(ParameterGroups& groups) const;
+  /// [C,1]: what x and y of directions (z = 1) are multiplied by. An empty handle when not on().
+  Tensor narrowing() const;
+  /// [3,1] of one camera: what the rows of a view_matrix() are multiplied by for the same pictures with the focal
+  /// lengths given. An empty handle when not on().
+  Tensor widening(int camera) const;
+  /// How far focal lengths are from those given, in the mean: percent.
+  std::vector<Figure> figures() const;
+  /// As RefinesIntrinsics has them.
+  std::vector<double> factors() const;
+
+ private:
+  bool refine_ = false;
+  float rate_ = 1e-3f;
+  const Params* parameters_ = nullptr;
+};
+
+}  // namespace cloam

@@ -1,0 +1,154 @@
+// Focal lengths that are learned: the lens that has them, against the projection; that wrong ones come back.
+#include "models/methods/focal_refinement.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "models/data/load_images.h"
+#include "models/data/read_scene.h"
+#include "models/splat/draw.h"
+#include "models/synth/synthetic_scene.h"
+#include "models/train/optimiser.h"
+#include "models/train/refines_intrinsics.h"
+#include "models/train/refines_poses.h"
+#include "models/train/trainer.h"
+#include "tests/models/errors.h"
+#include "tests/models/folder.h"
+#include "tests/models/made_method.h"
+
+using namespace cloam;
+
+namespace {
+
+constexpr double kWrong = 1.03;  // focal lengths as given over the true ones
+
+Scene made_scene(const Folder& folder, int side, int photos) {
+  write_synthetic_scene(folder.path / "data", {photos, 2, side, 3});
+  return read_scene(folder.path / "data");
+}
+
+Scene with_wrong_focals(Scene scene) {
+  for (Camera& camera : scene.cameras) camera.fx *= kWrong, camera.fy *= kWrong;
+  return scene;
+}
+
+/// Of the focal length of the scene's only camera, what is left of the error.
+double share_left(Method& method) {
+  const std::vector<double> factors = as<RefinesIntrinsics>(method)->focal_factors();
+  REQUIRE(factors.size() == 1);
+  return std::abs(factors[0] * kWrong - 1) / (kWrong - 1);
+}
+
+double share_left_after(const std::string& name, Settings settings, int64_t steps) {
+  const Folder folder;
+  const Scene scene = with_wrong_focals(made_scene(folder, 48, 20));
+  settings.emplace_back("intrinsics.refine", "true");
+  const auto method = configured(name, settings);
+  method->build({scene}, 7);
+  load_data(*method, scene, load_images(scene, Split::train));
+  TrainOptions options;
+  options.steps = steps;
+  train({*method, folder.path / "run", {}, nullptr, nullptr}, options, {});
+  return share_left(*method);
+}
+
+}  // namespace
+
+TEST_CASE("a lens with another focal length sees the same picture narrower or wider, its distortion too") {
+  Camera camera{640, 480, 500, 510, 330, 235, CameraModel::opencv, {-0.2, 0.05, -0.01, 0.003}, 0.002, -0.003};
+  camera.denominator = {0.02, -0.01, 0.004};
+  camera.prism = {0.001, -0.002};
+  const double factor = 1.2;
+  const Camera longer = with_focal(camera, factor);
+  for (const double x : {-0.4, 0.0, 0.3})
+    for (const double y : {-0.3, 0.1, 0.25}) {
+      const Eigen::Vector2d was = project(camera, {x, y, 1}), is = project(longer, {x / factor, y / factor, 1});
+      CHECK((was - is).norm() < 1e-9);
+    }
+}
+
+TEST_CASE("nerf: a wrong focal length comes back while the scene is learned") {
+  const double left = share_left_after("nerf", small_hash(), 400);
+  MESSAGE("left ", left);
+  CHECK(left < 0.2);
+}
+
+TEST_CASE("zipnerf: a wrong focal length comes back while the scene is learned") {
+  const double left = share_left_after("zipnerf",
+                                       {{"grid.levels", "5"},
+                                        {"grid.log2_rows", "13"},
+                                        {"grid.finest", "96"},
+                                        {"field.width", "32"},
+                                        {"field.bottleneck", "8"},
+                                        {"field.colour_width", "16"},
+                                        {"field.density", "exp"},
+                                        {"proposal1.levels", "2"},
+                                        {"proposal1.finest", "32"},
+                                        {"proposal2.levels", "3"},
+                                        {"proposal2.finest", "64"},
+                                        {"proposals.log2_rows", "12"},
+                                        {"proposals.width", "16"},
+                                        {"samples.proposal", "12"},
+                                        {"samples.field", "12"},
+                                        {"sampling.multisamples", "1"},
+                                        {"batch.rays", "384"},
+                                        {"train.warm_up", "30"}},
+                                       400);
+  MESSAGE("left ", left);
+  CHECK(left < 0.2);
+}
+
+TEST_CASE("splat: a wrong focal length comes to that with which the photos show the gaussians") {
+  const Folder folder;
+  const Scene scene = made_scene(folder, 48, 4), begun = with_wrong_focals(scene);
+  const Settings settings = {{"initial", "random"},
+                             {"initial.random", "400"},
+                             {"background", "white"},
+                             {"growth.start", "100000"},
+                             {"intrinsics.refine", "true"}};
+  const auto model = configured("splat", settings);
+  model->build({scene}, 7);
+  std::mt19937 random(6);
+  std::uniform_real_distribution<float> colour(-1.5f, 1.5f), place(-0.8f, 0.8f);
+  for (const auto& [name, p] : model->parameters()) {
+    std::vector<float> values(static_cast<size_t>(p.numel()), name == "scales" ? std::log(0.05f) : 3.f);
+    if (name == "sh_first") std::ranges::generate(values, [&] { return colour(random); });
+    if (name == "means") std::ranges::generate(values, [&] { return place(random); });
+    if (name == "scales" || name == "opacities" || name == "sh_first" || name == "means") put(*model, name, values);
+  }
+  Pixels photos = load_images(begun, Split::train);
+  for (FramePixels& photo : photos.frames) {
+    const std::vector<float> shows = shown(*model, view_of(scene.frames[photo.frame], scene.cameras[0], 0)).rgb;
+    for (size_t i = 0; i < photo.rgba.size(); ++i)
+      photo.rgba[i] =
+          i % 4 == 3 ? 255 : static_cast<uint8_t>(std::lround(255 * std::clamp(shows[i / 4 * 3 + i % 4], 0.f, 1.f)));
+  }
+  const auto method = configured("splat", settings);
+  method->build({begun}, 7);
+  load_data(*method, begun, std::move(photos));
+  for (const auto& [name, values] : model->parameters())
+    if (!name.starts_with("intrinsics.")) assign({{method->parameters().at(name), values}});
+  ParameterGroups groups = method->groups();
+  for (ParameterGroup& group : groups) group.frozen = group.prefix != "intrinsics.";
+  Optimiser optimiser(method->parameters(), groups);
+  for (int64_t step = 1; step <= 300; ++step) {
+    const Progress progress{step, 300, 7, {}};
+    const Step taken = method->step(progress, optimiser.wanted(method->parameters()));
+    eval(taken.gradients);
+    optimiser.step(method->parameters(), taken.gradients, groups, progress);
+  }
+  const double left = share_left(*method);
+  MESSAGE("left ", left);
+  CHECK(left < 0.1);
+}
+
+TEST_CASE("focal lengths of a fisheye are not learned, and that is told") {
+  const Folder folder;
+  Scene scene = made_scene(folder, 8, 2);
+  scene.cameras[0].model = CameraModel::fisheye;
+  const auto method = configured("nerf", {{"intrinsics.refine", "true"}});
+  CHECK(holds(error_of([&] { method->build({scene}, 7); }, Fault::usage), "intrinsics.refine"));
+}
