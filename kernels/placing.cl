@@ -1,6 +1,7 @@
 // Things where they stand, as a camera sees them, and gaussians' colours at a time. version 1.
 // Poses [N,3,4]: world_from_thing, as given. Of a table of shifts [B,3] (in the thing's axes) and turns [B] (about its z
-// axis) each thing takes `shares` [N,2] of two `rows` [N,2]: it stands at pose * (shift, turn). view [3,4]: camera_from_world.
+// axis) each thing takes `shares` [N,2] of two `rows` [N,2]: it stands at pose * (shift, turn), its x axis times `sides` [N], which
+// are 1, or -1 for a thing that is mirrored. view [3,4]: camera_from_world.
 typedef struct {
   float given[3][3], turned[3][3];  // world_from_thing
   float away[3];                    // from the thing to the eye, in the world
@@ -8,7 +9,8 @@ typedef struct {
 } Stand;
 
 static inline Stand stand(__global const float* pose, __global const float* shifts, __global const float* turns,
-                          __global const int* rows, __global const float* shares, __global const float* view, int table) {
+                          __global const int* rows, __global const float* shares, float side, __global const float* view,
+                          int table) {
   Stand o;
   float by[3] = {0, 0, 0}, turn = 0;
   for (int j = 0; j < 2; j++) {
@@ -19,7 +21,7 @@ static inline Stand stand(__global const float* pose, __global const float* shif
   const float c = m_cos(turn), s = m_sin(turn);
   for (int i = 0; i < 3; i++) {
     for (int k = 0; k < 3; k++) o.given[i][k] = pose[4 * i + k];
-    o.turned[i][0] = c * o.given[i][0] + s * o.given[i][1];
+    o.turned[i][0] = side * (c * o.given[i][0] + s * o.given[i][1]);
     o.turned[i][1] = c * o.given[i][1] - s * o.given[i][0];
     o.turned[i][2] = o.given[i][2];
     o.at[i] = pose[4 * i + 3] + o.given[i][0] * by[0] + o.given[i][1] * by[1] + o.given[i][2] * by[2];
@@ -31,10 +33,11 @@ static inline Stand stand(__global const float* pose, __global const float* shif
 // out [N,15]: camera_from_thing row by row, then the eye in the thing's axes.
 __kernel FAT void place_things(__global const float* restrict poses, __global const float* restrict shifts,
                                __global const float* restrict turns, __global const int* restrict rows,
-                               __global const float* restrict shares, __global const float* restrict view,
+                               __global const float* restrict shares, __global const float* restrict sides,
+                               __global const float* restrict view,
                                __global float* restrict out, int count, int table, int chunk) {
   for (int n = LOOP_LO(chunk); n < LOOP_HI(count, chunk); n += LOOP_STEP) {
-    const Stand o = stand(poses + 12 * n, shifts, turns, rows + 2 * n, shares + 2 * n, view, table);
+    const Stand o = stand(poses + 12 * n, shifts, turns, rows + 2 * n, shares + 2 * n, sides[n], view, table);
     __global float* to = out + 15 * n;
     for (int i = 0; i < 3; i++) {
       for (int k = 0; k < 3; k++)
@@ -48,11 +51,12 @@ __kernel FAT void place_things(__global const float* restrict poses, __global co
 // out [N,2,4]: by the shift and the turn of each of the two rows.
 __kernel FAT void place_things_grad(__global const float* restrict poses, __global const float* restrict shifts,
                                     __global const float* restrict turns, __global const int* restrict rows,
-                                    __global const float* restrict shares, __global const float* restrict view,
+                                    __global const float* restrict shares, __global const float* restrict sides,
+                               __global const float* restrict view,
                                     __global const float* restrict g, __global float* restrict out, int count, int table,
                                     int chunk) {
   for (int n = LOOP_LO(chunk); n < LOOP_HI(count, chunk); n += LOOP_STEP) {
-    const Stand o = stand(poses + 12 * n, shifts, turns, rows + 2 * n, shares + 2 * n, view, table);
+    const Stand o = stand(poses + 12 * n, shifts, turns, rows + 2 * n, shares + 2 * n, sides[n], view, table);
     __global const float* from = g + 15 * n;
     float by_at[3], by_turn = 0;
     for (int i = 0; i < 3; i++) {
@@ -60,7 +64,7 @@ __kernel FAT void place_things_grad(__global const float* restrict poses, __glob
       for (int k = 0; k < 3; k++) by_at[i] -= o.turned[i][k] * from[12 + k];
       const float by_x = view[i] * from[0] + view[4 + i] * from[4] + view[8 + i] * from[8] + o.away[i] * from[12];
       const float by_y = view[i] * from[1] + view[4 + i] * from[5] + view[8 + i] * from[9] + o.away[i] * from[13];
-      by_turn += by_x * o.turned[i][1] - by_y * o.turned[i][0];
+      by_turn += sides[n] * (by_x * o.turned[i][1] - by_y * o.turned[i][0]);
     }
     for (int j = 0; j < 2; j++) {
       __global float* to = out + 8 * n + 4 * j;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/io/host_random.h"
 #include "models/io/in_parallel.h"
 #include "models/io/tensors.h"
 #include "models/methods/street_gaussians_renderer.h"
@@ -23,8 +24,9 @@ namespace {
 constexpr float kFinalSky = 0.1f, kFinalCameras = 0.1f, kFinalPositions = 0.2f, kFinalYaws = 0.5f;  // on the rates
 constexpr float kLeastLight = 1e-4f;  // of a logarithm's argument
 constexpr double kKeptReturns = 0.95;
-constexpr float kRoom = 0.1f;  // metres around a box that an actor's gaussians may lie in
-constexpr float kGone = -20;   // logit of an opacity that growth removes
+constexpr float kRoom = 0.1f;      // metres around a box that an actor's gaussians may lie in
+constexpr float kGone = -20;       // logit of an opacity that growth removes
+constexpr uint64_t kMirrors = 71;  // a stream of random numbers of its own
 
 /// Before any is drawn: random Gaussians that are too many for the memory are told at once.
 void require_room(const StreetStartOptions& start, size_t actors) {
@@ -55,6 +57,7 @@ void StreetGaussians::configure(Config& c) {
   c.bind("sky.side", o.sky_side, "pixels per side of the sky's cube map", {1, 8192});
   c.bind("exposure", o.exposure, "learn a gain and an offset per camera and channel, with means 1 and 0");
   c.bind("actors.refine", o.refine, "learn a shift and a turn of each of the actors' boxes");
+  c.bind("actors.flip", o.flip, "how often a step sees an actor mirrored, left for right", {0, 1});
   c.bind("actors.waves", o.waves, "Fourier coefficients of an actor's base colour over time; 1: constant", {1, 64});
   c.bind("actors.max", o.actors_max, "largest number of Gaussians of all actors", {1, 1 << 28});
   bind_harmonics(c, o.harmonics);
@@ -209,6 +212,16 @@ struct StreetGaussians::Seen {
   }
 };
 
+/// Most actors are alike on both sides (NeuRAD, Tonderski et al. 2024, section 4.1): what a photo shows of one is held
+/// to the other.
+std::vector<bool> StreetGaussians::flips(const Progress& progress) const {
+  std::vector<bool> mirrored;
+  if (config_.flip <= 0) return mirrored;
+  HostRandom random(mixed(progress.seed + kMirrors), static_cast<uint64_t>(progress.step));
+  for (size_t a = 0; a < model_->actors().size(); ++a) mirrored.push_back(random.chance(double{config_.flip}));
+  return mirrored;
+}
+
 Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   const size_t which = photos_->draw(progress.seed, progress.step, progress.share);
   const Photograph& photo = photos_->photographs()[which];
@@ -220,8 +233,11 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   if (config_.growth.absolute)
     how.probe = parameter(std::vector<float>(static_cast<size_t>(2 * count())), {count(), 2});
   const View view{photo.camera, photo.world_from_camera, 0, hints.time};
-  Seen seen{
-      hints, draw(model_->projection(view, degree_at(config_.harmonics, progress)), photo.camera, how), {}, {}, 0};
+  Seen seen{hints,
+            draw(model_->projection(view, degree_at(config_.harmonics, progress), flips(progress)), photo.camera, how),
+            {},
+            {},
+            0};
   seen.through = maximum(seen.drawn.transmittance, kLeastLight);
   seen.pixels = static_cast<float>(photo.camera.width) * static_cast<float>(photo.camera.height);
   const Tensor sky =

@@ -66,6 +66,7 @@ class StreetGaussians final : public Method,
   Tensor lidar_term(const Seen& seen) const;
   Tensor actors_term(const Seen& seen) const;
   Tensor outside_term() const;
+  std::vector<bool> flips(const Progress& progress) const;
   int64_t count() const { return model_->count(kBackgroundPart) + model_->count(kActorsPart); }
   RowMoves grow_background(const GrowthStatistics& statistics, const Progress& progress);
   RowMoves grow_actors(const GrowthStatistics& statistics, const Progress& progress);

@@ -246,9 +246,10 @@ Tensor StreetGaussiansModel::of_actors() const {
 
 /// Poses, what was learned of the boxes before and after, and cosines of the way in time (Yan et al. 2024, eq. 5).
 Placements StreetGaussiansModel::placements(const std::vector<Standing>& standing) const {
-  std::vector<float> poses, shares, heights;
+  std::vector<float> poses, shares, sides, heights;
   std::vector<int32_t> rows;
-  for (const auto& [actor, pose, share, corrections] : standing) {
+  for (const auto& [actor, pose, share, corrections, mirrored] : standing) {
+    sides.push_back(mirrored ? -1.f : 1.f);
     for (int i = 0; i < 12; ++i) poses.push_back(static_cast<float>(pose(i / 4, i % 4)));
     for (const auto& [row, part] : corrections) {
       rows.push_back(row);
@@ -260,7 +261,8 @@ Placements StreetGaussiansModel::placements(const std::vector<Standing>& standin
   const auto count = static_cast<int64_t>(standing.size());
   const bool learned = params_.contains(kPositionsName);
   return {{from_host(poses, {count, 3, 4}), learned ? params_.at(kPositionsName) : zeros({1, 3}),
-           learned ? params_.at(kYawsName) : zeros({1, 1}), from_host(rows, {count, 2}), from_host(shares, {count, 2})},
+           learned ? params_.at(kYawsName) : zeros({1, 1}), from_host(rows, {count, 2}), from_host(shares, {count, 2}),
+           from_host(sides, {count})},
           config_.waves > 1 ? from_host(heights, {count, config_.waves - 1}) : Tensor()};
 }
 
@@ -270,7 +272,7 @@ ThingsModel StreetGaussiansModel::things(int degree) const {
 }
 
 /// Actors who are not there stand behind the camera, where no gaussian is seen.
-Projection StreetGaussiansModel::projection(const View& view, int degree) const {
+Projection StreetGaussiansModel::projection(const View& view, int degree, const std::vector<bool>& mirrored) const {
   const Tensor camera = view_matrix(view.world_from_camera);
   const Projection background =
       projection_of(splat_model(params_, degree, kBackgroundPart), view.camera, camera, options());
@@ -282,6 +284,7 @@ Projection StreetGaussiansModel::projection(const View& view, int degree) const 
     if (pose) {
       standing.push_back(this->standing(a, *pose, view.time));
       standing.back().actor = a;
+      standing.back().mirrored = !mirrored.empty() && mirrored[a];
     } else {
       standing.push_back({a, nowhere, 0, {}});
     }

@@ -21,6 +21,7 @@ struct StreetGaussiansConfig {
   int sky_side = 1024;      // pixels of a face of the sky
   bool exposure = true;     // a gain and an offset a camera and channel
   bool refine = true;       // actors' boxes are moved and turned a little, each by itself
+  float flip = 0;           // how often a step sees an actor mirrored
   int waves = 5;            // of an actor's base colour in time, the constant one included
   int actors_max = 300000;  // gaussians of all actors
   HarmonicSteps harmonics;
@@ -82,8 +83,9 @@ class StreetGaussiansModel {
   /// Half the sizes of the boxes of the owners of actors' gaussians, [A,3].
   const Tensor& half_sizes() const { return half_sizes_; }
 
-  /// As a pinhole sees them at a time, each actor in its own looks: what training compares.
-  Projection projection(const View& view, int degree) const;
+  /// As a pinhole sees them at a time, each actor in its own looks: what training compares. mirrored: for each actor,
+  /// whether it is seen left for right in its box; empty: none.
+  Projection projection(const View& view, int degree, const std::vector<bool>& mirrored = {}) const;
   /// [3,H,W] as the camera of that name has it: times a gain, plus an offset. Of all cameras the mean gain is 1 (of its
   /// logarithm 0), the mean offset 0.
   Tensor exposed(const Tensor& planes, const std::string& sensor) const;
@@ -118,6 +120,7 @@ class StreetGaussiansModel {
       float share = 0;
     };
     std::array<Correction, 2> corrections;  // of the boxes before and after
+    bool mirrored = false;
   };
   Standing standing(std::size_t actor, const Eigen::Matrix4d& world_from_box, double time) const;
   Placements placements(const std::vector<Standing>& standing) const;

@@ -11,7 +11,7 @@ const Registered kPlacingKernels[] = {Registered("place_things"), Registered("ad
 
 constexpr int64_t kPlaced = 15, kLearned = 4;  // numbers of a thing; a shift and a turn
 
-enum Input : size_t { kPoses, kShifts, kTurns, kRows, kShares, kView };
+enum Input : size_t { kPoses, kShifts, kTurns, kRows, kShares, kSides, kView };
 
 /// [N,4], the mixed shift and turn of each thing, `of` being the inputs of place_things.
 Tensor learned_of(const Tensors& of) {
@@ -26,7 +26,9 @@ Tensor placed(const Tensors& of, const Tensor& learned) {
   const Tensor axes = slice(of[kPoses], 2, 0, 3), at = slice(of[kPoses], 2, 3, 4);
   const Tensor turn = reshape(slice(learned, 1, 3, 4), {count, 1, 1}), x = slice(axes, 2, 0, 1),
                y = slice(axes, 2, 1, 2);
-  const Tensor turned = concat({cos(turn) * x + sin(turn) * y, cos(turn) * y - sin(turn) * x, slice(axes, 2, 2, 3)}, 2);
+  const Tensor side = reshape(of[kSides], {count, 1, 1});
+  const Tensor turned =
+      concat({side * (cos(turn) * x + sin(turn) * y), cos(turn) * y - sin(turn) * x, slice(axes, 2, 2, 3)}, 2);
   const Tensor there = at + product(axes, reshape(slice(learned, 1, 0, 3), {count, 3, 1}));
   const Tensor of_view = unsqueeze(slice(of[kView], 1, 0, 3), 0), shift = unsqueeze(slice(of[kView], 1, 3, 4), 0);
   const Tensor views = concat({product(of_view, turned), shift + product(of_view, there)}, 2);
@@ -40,7 +42,7 @@ struct PlaceThingsGrad final : Op {
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 64);
     launch(kernel("placing", name()), name(), range, in[kPoses], in[kShifts], in[kTurns], in[kRows], in[kShares],
-           in[kView], in.back(), out, out.dim(0), in[kShifts].dim(0), chunk);
+           in[kSides], in[kView], in.back(), out, out.dim(0), in[kShifts].dim(0), chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     const auto gradient = [](const Tensors& of) {
@@ -56,7 +58,7 @@ struct PlaceThings final : Op {
   void run(const Tensors& in, Tensor& out) const override {
     const auto [range, chunk] = chunks(out.dim(0), 64);
     launch(kernel("placing", name()), name(), range, in[kPoses], in[kShifts], in[kTurns], in[kRows], in[kShares],
-           in[kView], out, out.dim(0), in[kShifts].dim(0), chunk);
+           in[kSides], in[kView], out, out.dim(0), in[kShifts].dim(0), chunk);
   }
   Tensors vjp(const Tensors& in, const Tensor&, const Tensor& g) const override {
     Tensors all = in, gradients(in.size());
@@ -77,11 +79,12 @@ Tensors inputs_of(const Standings& things, const Tensor& view) {
                          {"turns", things.turns, "B 1"},
                          {"rows", things.rows, "N 2"},
                          {"shares", things.shares, "N 2"},
+                         {"sides", things.sides, "N"},
                          {"view", view, "3 4"}});
   if (things.rows.dtype() != DType::i32 || things.shifts.dim(0) == 0)
     throw Error(Fault::internal, text("[place_things] rows is ", name_of(things.rows.dtype()), " into a table of ",
                                       things.shifts.dim(0), ", want int32 and one row at least"));
-  return {things.poses, things.shifts, things.turns, things.rows, things.shares, view};
+  return {things.poses, things.shifts, things.turns, things.rows, things.shares, things.sides, view};
 }
 
 /// in: heights, owners, g -> [G,W,3].

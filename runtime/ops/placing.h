@@ -9,6 +9,7 @@ struct Standings {
   Tensor poses;          // [N,3,4]: world_from_thing as given
   Tensor shifts, turns;  // [B,3] along the thing's axes, scene units; [B,1] about its z axis, radians
   Tensor rows, shares;   // int32 [N,2] in [0,B), [N,2]: which rows, and how much of each
+  Tensor sides;          // [N]: 1, or -1 for a thing that is seen mirrored, its x axis turned round
 };
 /// view [3,4]: camera_from_world -> [N,15]: camera_from_thing [3,4] row by row, then the eye in the thing's axes. Any
 /// number of times differentiable in shifts and turns, in nothing else; the composed form is its reference.

@@ -103,7 +103,7 @@ TEST_CASE("gaussians of things are seen as if they had been moved to where the t
   const ThingsModel things = {inside, parameter(amplitudes, {60, 2, 3}), from_host(owners, {60})};
   const Tensor shifts = parameter(std::vector<float>(6, 0), {2, 3});  // a row each
   const Placements at = {{from_host(stands, {2, 3, 4}), shifts, zeros({2, 1}),
-                          from_host(std::vector<int32_t>{0, 0, 1, 1}, {2, 2}), full({2, 2}, 0.5f)},
+                          from_host(std::vector<int32_t>{0, 0, 1, 1}, {2, 2}), full({2, 2}, 0.5f), ones({2})},
                          from_host(waves, {2, 2})};
   const Projection found = projection_of(things, at, camera, view_matrix(eye), {}),
                    expected = projection_of(world, camera, view_matrix(eye), {});
@@ -385,6 +385,28 @@ TEST_CASE("street-gaussians: what grows of an actor is that actor's, in its box"
   }
   CHECK(std::count(after.begin(), after.end(), 0) > 0);
   CHECK(std::count(after.begin(), after.end(), 1) > 0);
+}
+
+TEST_CASE("street-gaussians: a step with actors.flip sees actors as if their Gaussians lay mirrored in their boxes") {
+  const Folder folder;
+  const Scene scene = two_actors(folder.path);
+  const auto plain = built(scene), flipped = built(scene, {{"actors.flip", "1"}});
+  for (const char* name :
+       {"poses.positions", "poses.yaws"}) {  // a box that was corrected is mirrored where it stands then
+    std::vector<float> learned = plain->parameters().at(name).to_host();
+    for (size_t i = 0; i < learned.size(); ++i) learned[i] = 0.1f * static_cast<float>(i % 3);
+    for (Method* method : {plain.get(), flipped.get()}) put(*method, name, learned);
+  }
+  const auto loss = [](Method& method) { return double{method.step({1, 100, 1}, {}).loss.item()}; };
+  const double mirrored = loss(*flipped), before = loss(*plain);
+  std::vector<float> means = plain->parameters().at("actors.means").to_host(),
+                     turns = plain->parameters().at("actors.rotations").to_host();
+  for (size_t i = 0; i < means.size(); i += 3) means[i] = -means[i];
+  for (size_t i = 0; i < turns.size(); i += 4) turns[i + 2] = -turns[i + 2], turns[i + 3] = -turns[i + 3];
+  put(*plain, "actors.means", means);
+  put(*plain, "actors.rotations", turns);
+  CHECK(loss(*plain) == doctest::Approx(mirrored).epsilon(1e-5));
+  CHECK(std::abs(before - mirrored) > 1e-4 * mirrored);
 }
 
 TEST_CASE("street-gaussians: cameras that take darker photos have an exposure of their own") {

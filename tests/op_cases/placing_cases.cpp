@@ -27,21 +27,22 @@ UpperRows moved(const UpperRows& pose, const std::array<double, 3>& shift, doubl
   return out;
 }
 
-/// in: poses, shifts, turns, rows, shares, view.
+/// in: poses, shifts, turns, rows, shares, sides, view.
 double placed_number(const HostArrays& in, int64_t n, size_t which) {
   UpperRows pose{}, view{};
   std::array<double, 3> shift{};
   double turn = 0;
   for (size_t i = 0; i < 12; ++i) {
     pose[i / 4][i % 4] = in[0][12 * n + static_cast<int64_t>(i)];
-    view[i / 4][i % 4] = in[5][static_cast<int64_t>(i)];
+    view[i / 4][i % 4] = in[6][static_cast<int64_t>(i)];
   }
   for (int64_t j = 0; j < 2; ++j) {
     const auto row = static_cast<int64_t>(in[3][2 * n + j]);
     for (int64_t k = 0; k < 3; ++k) shift[static_cast<size_t>(k)] += in[4][2 * n + j] * in[1][3 * row + k];
     turn += in[4][2 * n + j] * in[2][row];
   }
-  const UpperRows there = moved(pose, shift, turn);
+  UpperRows there = moved(pose, shift, turn);
+  for (auto& row : there) row[0] *= in[5][n];
   double sum = 0;
   if (which < 12) {
     for (size_t k = 0; k < 3; ++k) sum += view[which / 4][k] * there[k][which % 4];
@@ -58,20 +59,20 @@ double placed_number(const HostArrays& in, int64_t n, size_t which) {
 using Placer = Tensor (*)(const Standings&, const Tensor&);
 
 OpCase placing(const char* op, Placer place, const char* label) {
-  return {.op = op,
-          .label = label,
-          .inputs = {constant(normal({5, 3, 4})), normal({7, 3}), between({7, 1}, -0.5, 0.5), below({5, 2}, 7),
-                     constant(between({5, 2}, 0, 1)), constant(normal({3, 4}))},
-          .run =
-              [place](const Tensors& in) {
-                return place({in[0], in[1], in[2], in[3], in[4]}, in[5]);
-              },
-          .reference =
-              [](const HostArrays& in) {
-                return from_index({in[0].dim(0), 15}, [&](const Shape& at) {
-                  return placed_number(in, at[0], static_cast<size_t>(at[1]));
-                });
-              }};
+  return {
+      .op = op,
+      .label = label,
+      .inputs = {constant(normal({5, 3, 4})), normal({7, 3}), between({7, 1}, -0.5, 0.5), below({5, 2}, 7),
+                 constant(between({5, 2}, 0, 1)), constant(given({5}, {1, -1, 1, 1, -1})), constant(normal({3, 4}))},
+      .run =
+          [place](const Tensors& in) {
+            return place({in[0], in[1], in[2], in[3], in[4], in[5]}, in[6]);
+          },
+      .reference =
+          [](const HostArrays& in) {
+            return from_index({in[0].dim(0), 15},
+                              [&](const Shape& at) { return placed_number(in, at[0], static_cast<size_t>(at[1])); });
+          }};
 }
 
 using Waver = Tensor (*)(const Tensor&, const Waves&);
