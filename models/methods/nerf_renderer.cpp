@@ -39,7 +39,7 @@ SceneFrame frame_of(const NerfConfig& config, const Scene& scene) {
 
 /// Of samples, in [0,1]^3; differentiable where the rays are, as march() is not.
 Tensor points_of(const RaySamples& samples, const Rays& path, bool contract) {
-  if (!path.origins.tracked()) return samples.points;
+  if (!path.directions.tracked()) return samples.points;
   const auto of_ray = [&](const Tensor& rows) { return gather_rows(rows, samples.ray); };
   return unit_points(of_ray(path.origins) + of_ray(path.directions) * unsqueeze(samples.t, 1), contract);
 }

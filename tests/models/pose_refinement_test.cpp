@@ -176,7 +176,7 @@ void check_pose_gradients(const std::string& which, const Settings& settings) {
     put(*method, grid->first, rows);
   }
   const Progress progress{1, 10, 7, {}};
-  for (const char* name : {"poses.turns", "poses.shifts"}) {
+  for (const char* name : {"poses.turns", "poses.shifts", "intrinsics.log_focals"}) {
     CAPTURE(name);
     const Tensor& parameter = method->parameters().at(name);
     const Step step = method->step(progress, {parameter});
@@ -200,8 +200,9 @@ void check_pose_gradients(const std::string& which, const Settings& settings) {
 
 }  // namespace
 
-TEST_CASE("nerf: the loss falls as the gradient in a photo's pose says") {
+TEST_CASE("nerf: the loss falls as the gradient in poses and focal lengths says") {
   check_pose_gradients("nerf", {{"poses.refine", "true"},
+                                {"intrinsics.refine", "true"},
                                 {"field.kind", "frequency"},
                                 {"field.width", "16"},
                                 {"field.depth", "2"},
@@ -213,8 +214,9 @@ TEST_CASE("nerf: the loss falls as the gradient in a photo's pose says") {
                                 {"background", "white"}});
 }
 
-TEST_CASE("zipnerf: the loss falls as the gradient in a photo's pose says") {
+TEST_CASE("zipnerf: the loss falls as the gradient in poses and focal lengths says") {
   check_pose_gradients("zipnerf", {{"poses.refine", "true"},
+                                   {"intrinsics.refine", "true"},
                                    {"grid.levels", "1"},
                                    {"grid.log2_rows", "8"},
                                    {"weight.decay", "0"},
