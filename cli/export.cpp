@@ -41,7 +41,7 @@ Examples:
   cloam export runs/street --background --log 003 -o street.glb --resolution 512    the street without its actors
   cloam export runs/lego --format points -o points.ply                    what the photos see, as coloured points
   cloam export runs/assets --format prior -o prior                        a diffusion and its networks, to hand on
-  cloam export runs/garden --format capture -o garden-refined             the photos with the poses that it learned
+  cloam export runs/garden --format capture -o garden-refined             the photos with the poses and lenses that it learned
   cloam export runs/street --format capture -o street-refined             the log with the boxes that it learned
   cloam export runs/garden -o garden.ply                                  Gaussian splats; also .splat, .spz and .glb
 
@@ -293,7 +293,7 @@ Command add_export(CLI::App& program) {
     add("-o,--out", r.out, "Output file; a folder for turntables, all actors, a prior and a capture").required();
     add("--format", r.format,
         "Surfaces and actors: glb, obj or ply (mesh); actors: turntable (PNG and GIF); Gaussians: ply, splat, spz, "
-        "glb; anything: points (.ply); diffusion: prior; learned poses or boxes: capture (default: by the file's name)",
+        "glb; anything: points (.ply); diffusion: prior; learned poses, focal lengths or boxes: capture (default: by the file's name)",
         one_of({"glb", "obj", "ply", "turntable", "splat", "spz", kPoints, kPrior, kCapture}));
     add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
     add("--background", r.background, "A street without its actors");

@@ -62,7 +62,7 @@ double change_focals(Scene& scene, const std::vector<double>& factors) {
   return percent;
 }
 
-/// The photos of a run that learned their poses or focal lengths, as a capture or a log that has them.
+/// The photos of a run that learned their poses or focal lengths, as a log if that can hold them, else as a capture.
 int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const ExportRequest& request,
                   const Common& common) {
   const Scene& learned = run.scenes.front();
@@ -74,7 +74,8 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
   Scene scene = listed;
   const Moved moved = move_photos(scene, refined.poses);
   const double percent = change_focals(scene, photos.focals);
-  if (scene.is_log)
+  const bool as_log = photos.focals.empty() && can_hold_poses(listed);
+  if (as_log)
     write_refined_log(request.out, listed, refined);
   else
     write_transforms(request.out, scene);
@@ -86,15 +87,15 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
               {"turned_degrees", moved.degrees},
               {"shifted", moved.shift},
               {"focal_percent", percent}});
-  say(common,
-      fmt::format("{}: {} photos, {} with poses that were learned, in the mean {:.3f} degrees and {:.4g} {} from "
-                  "those given{}{}",
-                  request.out, scene.frames.size(), refined.poses.size(), moved.degrees, moved.shift,
-                  scene.metric ? "metres" : "scene units",
-                  !refined.poses.empty() && refined.poses.size() < scene.frames.size()
-                      ? "; photos that were held out have those given"
-                      : "",
-                  photos.focals.empty() ? "" : fmt::format("; focal lengths {:.2f} % from those given", percent)));
+  std::string words = fmt::format("{}: {} photos", request.out, scene.frames.size());
+  if (!refined.poses.empty())
+    words += fmt::format(", {} with poses that were learned, in the mean {:.3f} degrees and {:.4g} {} from those given",
+                         refined.poses.size(), moved.degrees, moved.shift, scene.metric ? "metres" : "scene units");
+  if (!refined.poses.empty() && refined.poses.size() < scene.frames.size())
+    words += "; photos that were held out have those given";
+  if (!photos.focals.empty()) words += fmt::format("; focal lengths {:.2f} % from those given", percent);
+  if (listed.is_log && !as_log) words += "; photos alone, without the log's LiDAR and boxes";
+  say(common, words);
   return 0;
 }
 
@@ -135,10 +136,11 @@ int export_capture(const RestoredRun& run, const ExportRequest& request, const C
   if (!photos.poses.empty() || !photos.focals.empty()) return export_photos(run, photos, request, common);
   if (const auto* refines = as<RefinesBoxes>(*run.method))
     if (const auto actors = refines->refined_actors(); !actors.empty()) return export_log(run, actors, request, common);
-  throw Error(Fault::usage, text("--format capture: ", request.run,
-                                 " learned neither poses nor boxes\n  fix: cloam train ", run.record.method,
-                                 " DATA --set poses.refine=true (nerf, zipnerf, splat, neurad) or actors.refine=true ",
-                                 "(street-gaussians)"));
+  throw Error(
+      Fault::usage,
+      text("--format capture: ", request.run, " learned neither poses, focal lengths nor boxes\n  fix: cloam train ",
+           run.record.method, " DATA --set poses.refine=true (nerf, zipnerf, splat, neurad), ",
+           "intrinsics.refine=true (nerf, zipnerf, splat) or actors.refine=true ", "(street-gaussians)"));
 }
 
 }  // namespace cloam

@@ -93,6 +93,10 @@ std::vector<fs::path> files_below(const fs::path& root) {
 
 }  // namespace
 
+bool can_hold_poses(const Scene& log) {
+  return log.format == "PandaSet" && !log.recording.front_from_lidar && log.recording.image_stamp == 0;
+}
+
 void write_refined_log(const fs::path& folder, const Scene& log, const RefinedLog& refined) {
   if (log.format != "PandaSet")
     throw Error(Fault::usage, text("boxes and poses of a log in the layout of ", log.format,

@@ -18,8 +18,13 @@ struct RefinedLog {
 /// Writes `log`, which has PandaSet's layout, into `folder`: all files are linked or copied. In the cuboids position
 /// and yaw of every box that `refined` has are those given there; other rows and columns stay, but for columns of a
 /// kind that we do not read (dates, categories). In a camera's poses.json the entry of a photo moves as its pose did,
-/// in the camera's axes, so that the photo has the pose given there where the log's image_stamp_seconds is 0.
+/// in the camera's axes.
 /// Fault::usage for a log of another layout; Fault::write.
 void write_refined_log(const std::filesystem::path& folder, const Scene& log, const RefinedLog& refined);
+
+/// Whether `log` can be written with other poses of its photos and all else is read from it as before. Not where its
+/// layout is another than PandaSet's, where sweeps take their poses from the front camera, and where a photo lies
+/// between two entries of poses.json (Recording::image_stamp).
+bool can_hold_poses(const Scene& log);
 
 }  // namespace cloam

@@ -26,7 +26,8 @@ Tensor mean_length(const Tensor& vectors) { return mean(sqrt(sum(square(vectors)
 
 void PoseRefinement::configure(Config& c) {
   c.bind("poses.refine", settings_.refine, "learn the poses of the training photos, which begin as given");
-  c.bind("poses.rate", settings_.rate, "poses: learning rate of turns (radians) and shifts (parts of the scene)");
+  c.bind("poses.rate", settings_.rate,
+         "poses: learning rate of turns (radians) and shifts (parts of the distance to what is seen; neurad: of 5 m)");
   c.bind("poses.final_rate", settings_.final_rate,
          "poses: learning rate at the last step, as a fraction of poses.rate");
   c.bind("poses.warm_up", settings_.warm_up, "poses: steps in which their learning rate grows to poses.rate",

@@ -36,7 +36,7 @@ struct CubeGrad final : Op {
   const char* name() const override { return "cube_grad"; }
   void run(const Tensors& in, Tensor& out) const override {
     const int64_t count = in[0].dim(1), side = out.dim(1), band = band_rows(), lanes = band > 1 ? 1 : 64;
-    const int64_t bands = (6 * side + band - 1) / band, chunk = std::max<int64_t>(1024, (count + 31) / 32),
+    const int64_t bands = (6 * side + band - 1) / band, chunk = std::clamp<int64_t>((count + 31) / 32, 1024, 32768),
                   parts = std::max<int64_t>(1, (count + chunk - 1) / chunk);
     const Tensor starts = empty({parts, bands + 1}, DType::i32), list = empty({2 * parts * chunk}, DType::i32);
     launch(cube_kernel("cube_list"), "cube_list", range1(parts, lanes), in[0], starts, list, count, side, bands, parts,

@@ -3,7 +3,9 @@
 
 #include <nlohmann/json.hpp>
 
+#include "models/data/read_scene.h"
 #include "tests/cli/process.h"
+#include "tests/cli/small_street.h"
 
 using namespace cloam;
 namespace fs = std::filesystem;
@@ -27,11 +29,42 @@ TEST_CASE("poses that a run learned are a capture that another run learns from")
   CHECK_MESSAGE(again.code == 0, again.err);
 }
 
+TEST_CASE("focal lengths that a run learned are those of the capture") {
+  const fs::path run = scratch() / "focals", capture = scratch() / "focals-capture";
+  const Outcome trained = cloam_with(small_training(
+      small_scene(), run, {"--steps", "20", "--set", "intrinsics.refine=true", "--set", "intrinsics.rate=0.1"}));
+  REQUIRE_MESSAGE(trained.code == 0, trained.err);
+  const Outcome written = cloam_with({"export", run.string(), "--format", "capture", "-o", capture.string(), "--json"});
+  REQUIRE_MESSAGE(written.code == 0, written.err);
+  CHECK_FALSE(contains(written.err, "poses that were learned"));
+  const double percent = nlohmann::json::parse(written.out).at("focal_percent");
+  CHECK(percent > 0.01);
+  const Camera given = read_scene(small_scene()).cameras.front(), learned = read_scene(capture).cameras.front();
+  CHECK(std::abs(100 * std::abs(learned.fx / given.fx - 1) - percent) < 1e-3);
+  CHECK(std::abs(learned.fx / given.fx - learned.fy / given.fy) < 1e-6);
+}
+
+TEST_CASE("learned poses of a log's photos are a log, with learned focal lengths they are photos alone") {
+  for (const bool focals : {false, true}) {
+    const fs::path run = scratch() / (focals ? "log-focals" : "log-poses"), out = run.string() + "-out";
+    Words how = {"--steps", "4", "--set", "poses.refine=true", "--set", "poses.warm_up=0"};
+    if (focals) how.insert(how.end(), {"--set", "intrinsics.refine=true"});
+    const Outcome trained = cloam_with(small_training(small_street(), run, how));
+    REQUIRE_MESSAGE(trained.code == 0, trained.err);
+    const Outcome written = cloam_with({"export", run.string(), "--format", "capture", "-o", out.string()});
+    REQUIRE_MESSAGE(written.code == 0, written.err);
+    CHECK(fs::exists(out / "camera" / "front_camera" / "poses.json") == !focals);
+    CHECK(fs::exists(out / "transforms.json") == focals);
+    CHECK(contains(written.err, "photos alone, without the log's LiDAR and boxes") == focals);
+    CHECK(read_scene(out).frames.size() == 3);
+  }
+}
+
 TEST_CASE("a run that left poses as they are has no capture to write") {
   const fs::path out = scratch() / "no-capture";
   const Outcome outcome = cloam_with({"export", small_run().string(), "--format", "capture", "-o", out.string()});
   CHECK(outcome.code == 2);
-  CHECK_MESSAGE(contains(outcome.err, "learned neither poses nor boxes"), outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "learned neither poses, focal lengths nor boxes"), outcome.err);
   CHECK_MESSAGE(contains(outcome.err, "poses.refine=true"), outcome.err);
   CHECK(!fs::exists(out));
 }
