@@ -41,7 +41,7 @@ Examples:
   cloam export runs/street --background --log 003 -o street.glb --resolution 512    the street without its actors
   cloam export runs/lego --format points -o points.ply                    what the photos see, as coloured points
   cloam export runs/assets --format prior -o prior                        a diffusion and its networks, to hand on
-  cloam export runs/garden --format capture -o garden-refined             the photos with the poses and lenses that it learned
+  cloam export runs/garden --format capture -o garden-refined             the photos with poses and lenses that it learned
   cloam export runs/street --format capture -o street-refined             the log with the boxes that it learned
   cloam export runs/garden -o garden.ply                                  Gaussian splats; also .splat, .spz and .glb
 

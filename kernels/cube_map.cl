@@ -1,7 +1,8 @@
 // A cube map: images [6,S,S,3] of what is infinitely far, at +x, -x, +y, -y, +z, -z. Bilinear within a face, half-pixel
 // centres, border texels go on. version 1.
 // taps [3,P]: the texel with the lowest coordinates, face and row and column counted as one number, then how far along
-// columns and rows the place lies from it to the next, as bits of floats.
+// columns and rows the place lies from it to the next, in units of 2^-30: an integer holds it in float and in double alike.
+#define UNIT 1073741824.0f
 
 // The faces' axes: columns run along y of +-x, along x else; rows along z of +-x and +-y, along y else.
 __kernel FAT void cube_taps(__global const float* restrict directions, __global const float* restrict turn, __global int* restrict taps,
@@ -19,8 +20,8 @@ __kernel FAT void cube_taps(__global const float* restrict directions, __global 
     const float u = clamp((across / longest + 1.0f) * reach - 0.5f, 0.0f, most), v = clamp((down / longest + 1.0f) * reach - 0.5f, 0.0f, most);
     const int column = min((int)u, last), row = min((int)v, last);
     taps[i] = (face * side + row) * side + column;
-    taps[count + i] = as_int(u - (float)column);
-    taps[2 * count + i] = as_int(v - (float)row);
+    taps[count + i] = (int)((u - (float)column) * UNIT);
+    taps[2 * count + i] = (int)((v - (float)row) * UNIT);
   }
 }
 
@@ -30,7 +31,7 @@ __kernel FAT void cube_colours(__global const float* restrict faces, __global co
   const int right = side > 1 ? 3 : 0, below = side > 1 ? 3 * side : 0;
   for (int i = LOOP_LO(chunk); i < LOOP_HI(count, chunk); i += LOOP_STEP) {
     __global const float* a = faces + 3 * (size_t)taps[i];
-    const float fx = as_float(taps[count + i]), fy = as_float(taps[2 * count + i]);
+    const float fx = (float)taps[count + i] / UNIT, fy = (float)taps[2 * count + i] / UNIT;
     for (int c = 0; c < 3; c++) {
       const float up = a[c] * (1.0f - fx) + a[right + c] * fx, down = a[below + c] * (1.0f - fx) + a[below + right + c] * fx;
       out[(size_t)c * count + i] = up * (1.0f - fy) + down * fy;
@@ -86,7 +87,7 @@ __kernel FAT void cube_add(__global const int* restrict taps, __global const flo
     __global const int* start = starts + (size_t)part * (bands + 1) + band;
     for (int k = start[0]; k < start[1]; k++) {
       const int i = list[k], texel = taps[i], row = texel / side, next = row + (side > 1);
-      const float fx = as_float(taps[count + i]), fy = as_float(taps[2 * count + i]);
+      const float fx = (float)taps[count + i] / UNIT, fy = (float)taps[2 * count + i] / UNIT;
       __global float* up = dfaces + 3 * (size_t)texel;
       for (int c = 0; c < 3; c++) {
         const float value = g[(size_t)c * count + i];
