@@ -4,19 +4,16 @@
 
 #include <doctest/doctest.h>
 
-#include <algorithm>
 #include <cmath>
-#include <random>
 
 #include "models/data/load_images.h"
 #include "models/data/read_scene.h"
 #include "models/splat/draw.h"
 #include "models/synth/synthetic_scene.h"
-#include "models/train/optimiser.h"
 #include "models/train/refines_intrinsics.h"
 #include "tests/models/errors.h"
 #include "tests/models/folder.h"
-#include "tests/models/made_method.h"
+#include "tests/models/learned_cameras.h"
 
 using namespace cloam;
 
@@ -63,35 +60,11 @@ TEST_CASE("splat: a wrong focal length comes to that with which the photos show 
                              {"growth.start", "100000"}, {"intrinsics.refine", "true"}, {"intrinsics.rate", "5e-3"}};
   const auto model = configured("splat", settings);
   model->build({scene}, 7);
-  std::mt19937 random(6);
-  std::uniform_real_distribution<float> colour(-1.5f, 1.5f), place(-0.8f, 0.8f);
-  for (const auto& [name, p] : model->parameters()) {
-    std::vector<float> values(static_cast<size_t>(p.numel()), name == "scales" ? std::log(0.05f) : 3.f);
-    if (name == "sh_first") std::ranges::generate(values, [&] { return colour(random); });
-    if (name == "means") std::ranges::generate(values, [&] { return place(random); });
-    if (name == "scales" || name == "opacities" || name == "sh_first" || name == "means") put(*model, name, values);
-  }
-  Pixels photos = load_images(begun, Split::train);
-  for (FramePixels& photo : photos.frames) {
-    const std::vector<float> shows = shown(*model, view_of(scene.frames[photo.frame], scene.cameras[0], 0)).rgb;
-    for (size_t i = 0; i < photo.rgba.size(); ++i)
-      photo.rgba[i] =
-          i % 4 == 3 ? 255 : static_cast<uint8_t>(std::lround(255 * std::clamp(shows[i / 4 * 3 + i % 4], 0.f, 1.f)));
-  }
+  make_sharp(*model);
   const auto method = configured("splat", settings);
   method->build({begun}, 7);
-  load_data(*method, begun, std::move(photos));
-  for (const auto& [name, values] : model->parameters())
-    if (!name.starts_with("intrinsics.")) assign({{method->parameters().at(name), values}});
-  ParameterGroups groups = method->groups();
-  for (ParameterGroup& group : groups) group.frozen = group.prefix != "intrinsics.";
-  Optimiser optimiser(method->parameters(), groups);
-  for (int64_t step = 1; step <= 300; ++step) {
-    const Progress progress{step, 300, 7, {}};
-    const Step taken = method->step(progress, optimiser.wanted(method->parameters()));
-    eval(taken.gradients);
-    optimiser.step(method->parameters(), taken.gradients, groups, progress);
-  }
+  load_data(*method, begun, painted(load_images(begun, Split::train), *model, scene));
+  learn_alone(*method, "intrinsics.", *model, 300);
   const double left = share_left(*method);
   MESSAGE("left ", left);
   CHECK(left < 0.1);

@@ -21,7 +21,7 @@
 #include "models/train/trainer.h"
 #include "runtime/error.h"
 #include "tests/models/folder.h"
-#include "tests/models/made_method.h"
+#include "tests/models/learned_cameras.h"
 
 using namespace cloam;
 
@@ -303,22 +303,6 @@ TEST_CASE("zipnerf: disturbed poses come back while the scene is learned") {
                         600, {0.6, 0.8});
 }
 
-namespace {
-
-/// Small opaque gaussians of random colours: what tells one pose from another.
-void make_sharp(Method& splat) {
-  std::mt19937 random(6);
-  std::uniform_real_distribution<float> colour(-1.5f, 1.5f), place(-0.8f, 0.8f);
-  for (const auto& [name, p] : splat.parameters()) {
-    std::vector<float> values(static_cast<size_t>(p.numel()), name == "scales" ? std::log(0.05f) : 3.f);
-    if (name == "sh_first") std::ranges::generate(values, [&] { return colour(random); });
-    if (name == "means") std::ranges::generate(values, [&] { return place(random); });
-    if (name == "scales" || name == "opacities" || name == "sh_first" || name == "means") put(splat, name, values);
-  }
-}
-
-}  // namespace
-
 TEST_CASE("splat: poses come to where the photos show what the gaussians show") {
   const Folder folder;
   // Few photos, each of which is seen by many steps.
@@ -330,27 +314,10 @@ TEST_CASE("splat: poses come to where the photos show what the gaussians show") 
   const auto model = configured("splat", settings);
   model->build({scene}, 7);
   make_sharp(*model);
-  Pixels photos = load_images(scene, Split::train);
-  for (FramePixels& photo : photos.frames) {
-    const std::vector<float> shows = shown(*model, view_of(scene.frames[photo.frame], photos.cameras.front(), 0)).rgb;
-    for (size_t i = 0; i < photo.rgba.size(); ++i)
-      photo.rgba[i] =
-          i % 4 == 3 ? 255 : static_cast<uint8_t>(std::lround(255 * std::clamp(shows[i / 4 * 3 + i % 4], 0.f, 1.f)));
-  }
   const auto method = configured("splat", settings);
   method->build({begun}, 7);
-  load_data(*method, begun, std::move(photos));
-  for (const auto& [name, values] : model->parameters())
-    if (!name.starts_with("poses.")) assign({{method->parameters().at(name), values}});
-  ParameterGroups poses = method->groups();
-  for (ParameterGroup& group : poses) group.frozen = group.prefix != "poses.";
-  Optimiser optimiser(method->parameters(), poses);
-  for (int64_t step = 1; step <= 600; ++step) {
-    const Progress progress{step, 600, 7, {}};
-    const Step taken = method->step(progress, optimiser.wanted(method->parameters()));
-    eval(taken.gradients);
-    optimiser.step(method->parameters(), taken.gradients, poses, progress);
-  }
+  load_data(*method, begun, painted(load_images(scene, Split::train), *model, scene));
+  learn_alone(*method, "poses.", *model, 600);
   const Errors before = errors_of(training_poses(begun), truth);
   const Errors after = errors_of(as<RefinesPoses>(*method)->refined_poses(), truth);
   MESSAGE(before.degrees, " degrees and ", before.distance, " before, ", after.degrees, " and ", after.distance,

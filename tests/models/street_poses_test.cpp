@@ -12,8 +12,8 @@
 #include "models/methods/registry.h"
 #include "models/street/followed_rays.h"
 #include "models/synth/street_log.h"
-#include "models/train/optimiser.h"
 #include "models/train/refines_poses.h"
+#include "tests/models/learned_cameras.h"
 #include "tests/models/worlds.h"
 
 using namespace cloam;
@@ -221,29 +221,11 @@ TEST_CASE("neurad: turns of photos come to where they show what the field shows"
   model->build({street}, 7);
   load_data(*model, street, toy_pixels(street));
   make_painted(*model);
-  Pixels photos = toy_pixels(street);
-  for (FramePixels& photo : photos.frames) {
-    const std::vector<float> shows = shown(*model, view_of(street.frames[photo.frame], street.cameras[0], 0)).rgb;
-    for (size_t i = 0; i < photo.rgba.size(); ++i)
-      if (i % 4 != 3)
-        photo.rgba[i] = static_cast<uint8_t>(std::lround(255 * std::clamp(shows[i / 4 * 3 + i % 4], 0.f, 1.f)));
-  }
   const Scene begun = disturbed(street);
   const auto method = configured("neurad", settings);
   method->build({begun}, 7);
-  load_data(*method, begun, std::move(photos));
-  for (const auto& [name, values] : model->parameters())
-    if (!name.starts_with("poses.")) assign({{method->parameters().at(name), values}});
-  ParameterGroups groups = method->groups();
-  for (ParameterGroup& group : groups) group.frozen = group.prefix != "poses.";
-  Optimiser optimiser(method->parameters(), groups);
-  constexpr int64_t kSteps = 250;
-  for (int64_t step = 1; step <= kSteps; ++step) {
-    const Progress progress{step, kSteps, 7, {}};
-    const Step taken = method->step(progress, optimiser.wanted(method->parameters()));
-    eval(taken.gradients);
-    optimiser.step(method->parameters(), taken.gradients, groups, progress);
-  }
+  load_data(*method, begun, painted(toy_pixels(street), *model, street));
+  learn_alone(*method, "poses.", *model, 250);
   const auto [degrees, metres] = errors_of(poses_of(begun), street);
   const auto [degrees_left, metres_left] = errors_of(as<RefinesPoses>(*method)->refined_poses(), street);
   MESSAGE(degrees, " degrees and ", metres, " m before, ", degrees_left, " and ", metres_left, " after");
