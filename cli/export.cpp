@@ -287,31 +287,32 @@ MeshLabel run_label(const RestoredRun& run, const std::string& name) {
 }
 
 Command add_export(CLI::App& program) {
-  return command<
-      ExportRequest>(program, "export", kExportExamples, run_export, [](const Options& add, ExportRequest& r) {
-    add("RUN", r.run, "Run folder").required();
-    add("-o,--out", r.out, "Output file; a folder for turntables, all actors, a prior and a capture").required();
-    add("--format", r.format,
-        "Surfaces and actors: glb, obj or ply (mesh); actors: turntable (PNG and GIF); Gaussians: ply, splat, spz, "
-        "glb; anything: points (.ply); diffusion: prior; learned poses, focal lengths or boxes: capture (default: by the file's name)",
-        one_of({"glb", "obj", "ply", "turntable", "splat", "spz", kPoints, kPrior, kCapture}));
-    add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
-    add("--background", r.background, "A street without its actors");
-    add("--log", r.log, "Log that --background and points are of, by name or number (the only one)");
-    add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 1024));
-    add("--level", r.level,
-        "Density of a radiance field's surface, per scene unit (that which takes half of the light over a 256th of "
-        "the box)",
-        number_from(1e-6, 1e9));
-    add("--least-part", r.least_part,
-        "Leave out loose parts of a scene's surface with less than this share of its area (0)", number_from(0, 1));
-    add("--points", r.points, "Rays of the training photos that points are made of, at most (1000000)",
-        whole_number(1, 100000000));
-    add("--farthest", r.farthest, "Distance of a point from its camera, at most (streets: 80 m)",
-        number_from(1e-6, 1e9));
-    add("--frames", r.frames, "Number of pictures of a turntable (36)", whole_number(1, 10000));
-    add("--size", r.size, "Width and height of a turntable's pictures (256)", whole_number(16, 4096));
-  });
+  return command<ExportRequest>(
+      program, "export", kExportExamples, run_export, [](const Options& add, ExportRequest& r) {
+        add("RUN", r.run, "Run folder").required();
+        add("-o,--out", r.out, "Output file; a folder for turntables, all actors, a prior and a capture").required();
+        add("--format", r.format,
+            "Surfaces and actors: glb, obj or ply (mesh); actors: turntable (PNG and GIF); Gaussians: ply, splat, spz, "
+            "glb; anything: points (.ply); diffusion: prior; learned poses, focal lengths or boxes: capture (default: "
+            "by the file's name)",
+            one_of({"glb", "obj", "ply", "turntable", "splat", "spz", kPoints, kPrior, kCapture}));
+        add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");
+        add("--background", r.background, "A street without its actors");
+        add("--log", r.log, "Log that --background and points are of, by name or number (the only one)");
+        add("--resolution", r.resolution, "Grid cells along the longest side of a mesh (128)", whole_number(8, 1024));
+        add("--level", r.level,
+            "Density of a radiance field's surface, per scene unit (that which takes half of the light over a 256th of "
+            "the box)",
+            number_from(1e-6, 1e9));
+        add("--least-part", r.least_part,
+            "Leave out loose parts of a scene's surface with less than this share of its area (0)", number_from(0, 1));
+        add("--points", r.points, "Rays of the training photos that points are made of, at most (1000000)",
+            whole_number(1, 100000000));
+        add("--farthest", r.farthest, "Distance of a point from its camera, at most (streets: 80 m)",
+            number_from(1e-6, 1e9));
+        add("--frames", r.frames, "Number of pictures of a turntable (36)", whole_number(1, 10000));
+        add("--size", r.size, "Width and height of a turntable's pictures (256)", whole_number(16, 4096));
+      });
 }
 
 }  // namespace cloam

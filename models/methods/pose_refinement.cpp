@@ -36,8 +36,10 @@ void PoseRefinement::configure(Config& c) {
 
 void PoseRefinement::build(const Scene& scene, Params& parameters, const std::optional<PoseScale>& scale) {
   if (!settings_.refine) return;
-  const double distance = scale ? scale->distance : viewing_distance(scene);
-  scale_ = {scale ? scale->unit : distance, distance};
+  if (scale)
+    scale_ = *scale;
+  else
+    scale_.unit = scale_.distance = viewing_distance(scene);
   parameters_ = &parameters;
   given_.clear();
   for (const std::size_t frame : frames_of(scene, Split::train))

@@ -39,8 +39,8 @@ class PoseRefinement {
   /// Declares the settings.
   void configure(Config& config);
   /// Of the scene's training photos; does nothing where poses shall stay. The parameters outlive this.
-  void build(const Scene& scene, Params& parameters) { build(scene, parameters, {}); }
-  void build(const Scene& scene, Params& parameters, const std::optional<PoseScale>& scale);
+  /// scale: the distance to what the cameras look at for both, where none is given.
+  void build(const Scene& scene, Params& parameters, const std::optional<PoseScale>& scale = {});
   bool on() const { return parameters_ != nullptr; }
   void add_group(ParameterGroups& groups) const;
   /// [N,12], of all photos: rotations by rows, positions. scale: units of the positions in a scene unit.
