@@ -5,6 +5,7 @@
 #include <cstring>
 #include <sstream>
 
+#include "runtime/debug.h"
 #include "runtime/error.h"
 #include "runtime/op.h"
 
@@ -240,6 +241,12 @@ void eval_step(const Step& step) {
   results.push_back(step.loss);
   std::erase_if(results, [](const Tensor& x) { return !x; });
   eval(results);
+}
+
+SharedSteps::SharedSteps(const Sharing& sharing) : sharing_(sharing) {
+  if (sharing.shares > 1 && debug().float64)
+    throw Error(Fault::usage, text("CLOAM_DEBUG=float64 takes one device and one share of a batch a step; found ",
+                                   sharing.shares, " shares\n  fix: train without mpirun and --gradient-accumulation"));
 }
 
 TakenStep SharedSteps::take(Method& method, Optimiser& optimiser, const Progress& progress) {

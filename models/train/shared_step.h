@@ -25,7 +25,8 @@ void eval_step(const Step& step);
 /// and gives the others what became of them (ZeRO-1: Rajbhandari et al. 2020). Their moments it keeps to itself.
 class SharedSteps {
  public:
-  explicit SharedSteps(const Sharing& sharing = {}) : sharing_(sharing) {}
+  /// Fault::usage for several shares under CLOAM_DEBUG=float64: the host adds floats.
+  explicit SharedSteps(const Sharing& sharing = {});
   /// Loss, gradients, and the optimiser's step: the same bits for N ranks as for N shares on one. Of one share nothing
   /// is read back but loss and figures. Fault::data on all ranks where one finds what it reads damaged.
   TakenStep take(Method& method, Optimiser& optimiser, const Progress& progress);
