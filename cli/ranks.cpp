@@ -49,6 +49,10 @@ class LibraryRanks final : public Ranks {
   void await_all() const override { library_.await_all(std::numeric_limits<double>::infinity()); }
   void await_work() const override { require_all(library_.await_all(seconds_), "finished a piece of its work"); }
   void finish_piece() const override { library_.be_heard_of(); }
+  bool may_share_memory() const override {
+    const char* memory = std::getenv("CLOAM_RANK_MEMORY");
+    return !memory || std::string_view(memory) != "apart";
+  }
   RanksLibrary& library() const { return library_; }
 
  private:

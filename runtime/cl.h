@@ -19,8 +19,9 @@ namespace cloam {
 struct Buffer {
   cl::Buffer mem;
   size_t bytes = 0;
-  std::shared_ptr<Buffer> whole;  // of a part of a buffer, which is no loan of its own
-  bool pooled = true;             // freed, it serves others
+  std::shared_ptr<Buffer> whole;     // of a part of a buffer, which is no loan of its own
+  std::shared_ptr<std::byte> given;  // the host's memory that it lies in, where the device did not choose it
+  bool pooled = true;                // freed, it serves others
   Buffer(cl::Buffer memory, size_t size) : mem(std::move(memory)), bytes(size) {}
   ~Buffer();
   Buffer(const Buffer&) = delete;
@@ -40,6 +41,8 @@ ClDevice& cl_device();
 std::shared_ptr<Buffer> allocate(size_t bytes);
 /// Of this size, for what stays as long as the model; the driver gets it back.
 std::shared_ptr<Buffer> allocate_to_stay(size_t bytes);
+/// In memory of the caller's.
+std::shared_ptr<Buffer> buffer_in(std::shared_ptr<std::byte> memory, size_t bytes);
 void read_buffer(const Buffer& buffer, size_t offset, size_t bytes, void* to);
 void write_buffer(const Buffer& buffer, const void* from, size_t bytes);
 enum class HostUse { read, change, overwrite };

@@ -23,6 +23,7 @@ struct Variable {
 const Variable kVariables[] = {{"CLOAM_DEBUG", {"kernels", "nan", "poison", "bounds", "sync", "float64"}, true},
                                {"CLOAM_DEVICE_CLASS", {"cpu", "gpu"}},
                                {"CLOAM_VARIANT", {"reference"}},
+                               {"CLOAM_RANK_MEMORY", {"apart", "common"}},
                                {"CLOAM_TUNE", {"off", "on"}}};
 
 void check(const Variable& variable, const std::string& word) {

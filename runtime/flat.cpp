@@ -85,13 +85,51 @@ Tensor part_of(const Flat& flat, size_t begin, size_t end, const Shape& shape) {
 
 }  // namespace
 
+namespace {
+
+void make_parts(Flat& flat, const std::vector<Shape>& shapes) {
+  for (size_t i = 0; i < shapes.size(); i++) flat.parts.push_back(part_of(flat, i, i + 1, shapes[i]));
+}
+
+}  // namespace
+
 Flat flat_zeros(const std::vector<Shape>& shapes) {
   const DeviceLock lock;
   Flat out;
   out.begins = begins_of(shapes);
   out.all = made_to_stay(zeros({out.begins.back()}));
-  for (size_t i = 0; i < shapes.size(); i++) out.parts.push_back(part_of(out, i, i + 1, shapes[i]));
+  make_parts(out, shapes);
   return out;
+}
+
+Flat flat_in(std::shared_ptr<std::byte> memory, const std::vector<Shape>& shapes) {
+  const DeviceLock lock;
+  Flat out;
+  out.begins = begins_of(shapes);
+  auto node = std::make_shared<Node>();
+  node->shape = {out.begins.back()};
+  const size_t bytes = static_cast<size_t>(out.begins.back()) * size_of(DType::f32);
+  node->storage = {buffer_in(std::move(memory), bytes), 0, dense_strides(node->shape)};
+  out.all = Tensor(std::move(node));
+  make_parts(out, shapes);
+  return out;
+}
+
+bool computes_in_host_memory() {
+  const DeviceLock lock;
+  if (!device().is_cpu || debug().bounds || debug().poison || debug().float64) return false;
+  constexpr int64_t kCount = 1024;
+  constexpr std::align_val_t kPage{4096};
+  const std::shared_ptr<std::byte> memory(static_cast<std::byte*>(::operator new(kCount * sizeof(float), kPage)),
+                                          [kPage](std::byte* at) { ::operator delete(at, kPage); });
+  auto* const values = reinterpret_cast<float*>(memory.get());
+  std::fill_n(values, kCount, 1.f);
+  const Flat flat = flat_in(memory, {{kCount}});
+  std::fill_n(values, kCount, 2.f);  // behind the driver's back
+  if (sum(flat.all).item() != 2.f * kCount) return false;
+  put_at(full({kCount}, 3.f), flat.parts[0]);
+  synchronize();
+  return std::all_of(values, values + kCount, [](float value) { return value == 3.f; });
 }
 
 int64_t flat_size(const std::vector<Shape>& shapes) { return begins_of(shapes).back(); }

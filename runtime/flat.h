@@ -15,6 +15,10 @@ struct Flat {
   std::vector<int64_t> begins;  // of the parts in `all`, and its length
 };
 Flat flat_zeros(const std::vector<Shape>& shapes);
+/// The same in memory of the host, at least flat_size() floats from the begin of a page on, with what is in it.
+Flat flat_in(std::shared_ptr<std::byte> memory, const std::vector<Shape>& shapes);
+/// Whether the device computes in such memory itself, so that who else has it sees what the device wrote. Tried out.
+bool computes_in_host_memory();
 /// How long `all` will be.
 int64_t flat_size(const std::vector<Shape>& shapes);
 /// Parts [begin, end) with the gaps between and behind them, [m], in the same memory.

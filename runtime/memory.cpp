@@ -196,11 +196,28 @@ std::shared_ptr<Buffer> allocate_to_stay(size_t bytes) {
   return buffer;
 }
 
+std::shared_ptr<Buffer> buffer_in(std::shared_ptr<std::byte> memory, size_t bytes) {
+  const DeviceLock lock;
+  const auto doing = [&] { return text("make a buffer in ", bytes, " bytes of the host"); };
+  auto buffer =
+      lent(called_again_with_room(doing,
+                                  [&] {
+                                    return cl::Buffer(cl_device().context, CL_MEM_READ_WRITE | CL_MEM_USE_HOST_PTR,
+                                                      bytes, memory.get());
+                                  }),
+           bytes);
+  buffer->given = std::move(memory);
+  buffer->pooled = false;
+  return buffer;
+}
+
 Buffer::~Buffer() {
   if (whole) return;
   const DeviceLock lock;
   DeviceStats& s = device_stats();
   s.live_bytes -= bytes;
+  // Launches that are under way still use the memory, which is not the driver's.
+  if (given) clFinish(cl_device().queue());
   if (!pooled) return;
   try {
     pool().free[size_class(bytes)].push_back({std::move(mem), pool().freed++});

@@ -10,6 +10,7 @@
 #include "runtime/op.h"
 #include "runtime/ops.h"
 #include "runtime/ops/adam.h"
+#include "runtime/ops/share.h"
 
 namespace cloam {
 namespace {
@@ -26,7 +27,7 @@ bool fit_one_buffer(const std::vector<Shape>& shapes) {
 
 }  // namespace
 
-Optimiser::Optimiser(const Params& parameters, const ParameterGroups& groups) {
+Optimiser::Optimiser(const Params& parameters, const ParameterGroups& groups, const Ranks& ranks) : ranks_(&ranks) {
   std::map<std::string, std::vector<size_t>> dense;  // by the group's prefix
   for (const auto& [name, p] : parameters) {
     const ParameterGroup& group = group_of(name, groups);
@@ -37,6 +38,8 @@ Optimiser::Optimiser(const Params& parameters, const ParameterGroups& groups) {
     m_[name] = made_to_stay(zeros(p.shape()));
     v_[name] = made_to_stay(zeros(p.shape()));
     steps_[name] = from_host(std::vector<int32_t>(static_cast<size_t>(p.dim(0)), 0), {p.dim(0)});
+    if (auto common = memory_in_common(*ranks_, {p.shape()}, {p.dim(0), row_width(p.shape())}))
+      sparse_in_common_[name] = *std::move(common);
   }
   const Tensors in_order = wanted(parameters);
   for (const auto& [prefix, places] : dense) {
@@ -52,17 +55,22 @@ Optimiser::Optimiser(const Params& parameters, const ParameterGroups& groups) {
 
 void Optimiser::make(Flats& flats, const Tensors& parameters) {
   const std::vector<Shape> shapes = shapes_of(flats.order, parameters);
-  for (Flat* flat : {&flats.parameters, &flats.m, &flats.v, &flats.gradients}) *flat = flat_zeros(shapes);
+  if (std::optional<StepMemory> common = memory_in_common(*ranks_, shapes, {flat_size(shapes)}))
+    flats.memory = *std::move(common);
+  else
+    flats.memory = {flat_zeros(shapes), flat_zeros(shapes), {}};
+  flats.m = flat_zeros(shapes);
+  flats.v = flat_zeros(shapes);
   gather_parameters(flats, parameters);
   for (size_t i = 0; i < flats.order.size(); i++) {
     m_[names_[flats.order[i]]] = flats.m.parts[i];
     v_[names_[flats.order[i]]] = flats.v.parts[i];
   }
   for (Group& group : flats.groups) {
-    group.parameters = joined(flats.parameters, group.begin, group.end);
+    group.parameters = joined(flats.memory.parameters, group.begin, group.end);
     group.m = joined(flats.m, group.begin, group.end);
     group.v = joined(flats.v, group.begin, group.end);
-    group.gradients = joined(flats.gradients, group.begin, group.end);
+    group.gradients = joined(flats.memory.gradients, group.begin, group.end);
   }
 }
 
@@ -76,26 +84,49 @@ void Optimiser::expect(Tensors& gradients) const {
   for (const Flats& flats : flats_) {
     for (size_t i = 0; i < flats.order.size(); i++) {
       Tensor& gradient = gradients[flats.order[i]];
-      if (!gradient) gradient = zeros(flats.gradients.parts[i].shape());
-      expect_at(gradient, flats.gradients.parts[i]);
+      if (!gradient) gradient = zeros(flats.memory.gradients.parts[i].shape());
+      expect_at(gradient, flats.memory.gradients.parts[i]);
     }
+  }
+  for (size_t i = 0; i < names_.size(); i++) {
+    const auto common = sparse_in_common_.find(names_[i]);
+    if (common != sparse_in_common_.end() && gradients[i]) expect_at(gradients[i], common->second.gradients.parts[0]);
   }
 }
 
 Tensors Optimiser::buffers_of(const Tensors& gradients) {
   Tensors out;
   for (Flats& flats : flats_) {
-    for (size_t i = 0; i < flats.order.size(); i++) put_at(gradients[flats.order[i]], flats.gradients.parts[i]);
-    out.push_back(flats.gradients.all);
+    for (size_t i = 0; i < flats.order.size(); i++) put_at(gradients[flats.order[i]], flats.memory.gradients.parts[i]);
+    out.push_back(flats.memory.gradients.all);
   }
   for (size_t i = 0; i < names_.size(); i++)
-    if (steps_.contains(names_[i])) out.push_back(gradients[i] ? dense(gradients[i]) : gradients[i]);
+    if (steps_.contains(names_[i])) out.push_back(gradients[i] ? in_place(names_[i], gradients[i]) : gradients[i]);
   return out;
+}
+
+/// A sparse parameter's gradient, where it is read.
+Tensor Optimiser::in_place(const std::string& name, const Tensor& gradient) const {
+  const auto common = sparse_in_common_.find(name);
+  if (common == sparse_in_common_.end()) return dense(gradient);
+  put_at(gradient, common->second.gradients.parts[0]);
+  return common->second.gradients.parts[0];
+}
+
+const StepMemory* Optimiser::in_common(size_t buffer) const {
+  if (buffer < flats_.size()) return flats_[buffer].memory.rows_of_ranks.empty() ? nullptr : &flats_[buffer].memory;
+  size_t next = flats_.size();
+  for (const auto& [name, steps] : steps_) {  // in the order of the names, as the buffers
+    if (next++ < buffer) continue;
+    const auto common = sparse_in_common_.find(name);
+    return common == sparse_in_common_.end() ? nullptr : &common->second;
+  }
+  return nullptr;
 }
 
 std::vector<Shape> Optimiser::buffer_shapes() const {
   std::vector<Shape> out;
-  for (const Flats& flats : flats_) out.push_back(flats.gradients.all.shape());
+  for (const Flats& flats : flats_) out.push_back(flats.memory.gradients.all.shape());
   for (const std::string& name : names_)
     if (steps_.contains(name)) out.push_back(m_.at(name).shape());
   return out;
@@ -103,7 +134,7 @@ std::vector<Shape> Optimiser::buffer_shapes() const {
 
 /// assign() may have moved them away.
 void Optimiser::gather_parameters(const Flats& flats, const Tensors& parameters) const {
-  for (size_t i = 0; i < flats.order.size(); i++) move_to(parameters[flats.order[i]], flats.parameters.parts[i]);
+  for (size_t i = 0; i < flats.order.size(); i++) move_to(parameters[flats.order[i]], flats.memory.parameters.parts[i]);
 }
 
 namespace {
@@ -131,7 +162,7 @@ void Optimiser::step(Params& parameters, const Tensors& gradients, const Paramet
   const Tensors in_order = wanted(parameters);
   for (Flats& flats : flats_) {
     gather_parameters(flats, in_order);
-    for (size_t i = 0; i < flats.order.size(); i++) put_at(gradients[flats.order[i]], flats.gradients.parts[i]);
+    for (size_t i = 0; i < flats.order.size(); i++) put_at(gradients[flats.order[i]], flats.memory.gradients.parts[i]);
     for (Group& group : flats.groups)
       adam_step(group.parameters, group.m, group.v, group.gradients, step_of(group.prefix, groups, progress));
   }
@@ -146,21 +177,23 @@ AdamStep::Rows rows_of(const Share& share, const Tensor& buffer) {
 }  // namespace
 
 void Optimiser::step_own(Flats& flats, const RowsStep& how) {
-  const AdamStep::Rows own = rows_of(how.progress.share, flats.gradients.all);
+  const AdamStep::Rows own = rows_of(how.progress.share, flats.memory.gradients.all);
   for (Group& group : flats.groups) {
-    const int64_t base = flats.gradients.begins[group.begin], end = flats.gradients.begins[group.end];
+    const int64_t base = flats.memory.gradients.begins[group.begin], end = flats.memory.gradients.begins[group.end];
     AdamStep with = step_of(group.prefix, how.groups, how.progress);
     with.rows = {std::clamp(own.begin, base, end) - base, std::clamp(own.end, base, end) - base};
     adam_step(group.parameters, group.m, group.v, group.gradients, with);
   }
 }
 
-void Optimiser::step_rows(Params& parameters, const Tensors& gradients, const RowsStep& how) {
+void Optimiser::gather(const Params& parameters) const {
   const Tensors in_order = wanted(parameters);
-  for (Flats& flats : flats_) {
-    gather_parameters(flats, in_order);
-    step_own(flats, how);
-  }
+  for (const Flats& flats : flats_) gather_parameters(flats, in_order);
+  for (const auto& [name, common] : sparse_in_common_) move_to(parameters.at(name), common.parameters.parts[0]);
+}
+
+void Optimiser::step_rows(Params& parameters, const Tensors& gradients, const RowsStep& how) {
+  for (Flats& flats : flats_) step_own(flats, how);
   size_t next = flats_.size();
   for (const std::string& name : names_) {
     if (!steps_.contains(name)) continue;
@@ -175,9 +208,11 @@ void Optimiser::step_rows(Params& parameters, const Tensors& gradients, const Ro
 
 Tensors Optimiser::stepped(const Params& parameters) const {
   Tensors out;
-  for (const Flats& flats : flats_) out.push_back(flats.parameters.all);
+  for (const Flats& flats : flats_) out.push_back(flats.memory.parameters.all);
   for (const std::string& name : names_)
     if (steps_.contains(name)) out.push_back(parameters.at(name));
+  for (size_t i = 0; i < out.size(); i++)
+    if (in_common(i)) out[i] = Tensor();
   return out;
 }
 
@@ -205,7 +240,7 @@ Tensor moved(const Tensor& from, const std::vector<int32_t>& source) {
 
 void Optimiser::move_rows(const Params& parameters, const RowMoves& moves, const ParameterGroups& groups) {
   const Params m = m_, v = v_, steps = steps_;
-  *this = Optimiser(parameters, groups);
+  *this = Optimiser(parameters, groups, *ranks_);
   for (const std::string& name : names_) {
     const auto move = std::find_if(moves.begin(), moves.end(), [&](const RowMove& row) { return row.name == name; });
     const auto follow = [&](const Params& from, Params& to) {
@@ -222,7 +257,7 @@ void Optimiser::move_rows(const Params& parameters, const RowMoves& moves, const
 /// NaN and infinity times 0 are NaN, and so is a sum with one of them.
 bool Optimiser::finite(const Params& parameters) const {
   Tensors sums;
-  for (const Flats& flats : flats_) sums.push_back(sum(flats.parameters.all * 0.f));
+  for (const Flats& flats : flats_) sums.push_back(sum(flats.memory.parameters.all * 0.f));
   for (const auto& [name, steps] : steps_) sums.push_back(sum(parameters.at(name) * 0.f));
   eval(sums);
   return std::all_of(sums.begin(), sums.end(), [](const Tensor& zero) { return zero.item() == 0; });

@@ -123,6 +123,11 @@ void OrderedSum::add_to(std::span<float> sum, const Rows& share, const std::vect
     from.push_back(std::as_writable_bytes(other));
   }
   ranks_->trade(to, from);
+  add_last(shares, sum, weights);
+}
+
+void OrderedSum::add_last(const std::vector<std::span<const float>>& shares, std::span<float> sum,
+                          const std::vector<float>& weights) {
   add_weighted(sum, added_ ? std::span<const float>(sum_) : std::span<const float>(), shares, weights);
   added_ = true;
 }

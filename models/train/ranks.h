@@ -22,6 +22,8 @@ class Ranks {
                      const std::vector<std::span<std::byte>>& from) const = 0;
   /// False: the others are only pretended, and nothing that is theirs comes of a trade.
   virtual bool real() const { return true; }
+  /// Whether they may have memory in common where they run on one host.
+  virtual bool may_share_memory() const { return true; }
   /// Returns once every rank is here, however long that takes.
   virtual void await_all() const;
   /// The same after work of which each has its own, in pieces. Fault::device, naming the rank, where one has finished
@@ -58,6 +60,9 @@ class OrderedSum {
   /// The same for the last share of a sum: this rank's rows of all of it go to `sum`, which may be where the share's
   /// own rows lie. spread() has none of it.
   void add_last(const Rows& share, std::span<float> sum, int64_t rows, const std::vector<float>& weights);
+  /// The same where ranks see each other's shares: `shares` are this rank's rows of each, by rank.
+  void add_last(const std::vector<std::span<const float>>& shares, std::span<float> sum,
+                const std::vector<float>& weights);
   /// All rows, on all ranks, into `all`.
   void spread(std::span<float> all) const;
 

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "runtime/debug.h"
+#include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/op.h"
 
@@ -51,7 +52,7 @@ class SummedStep {
       : sharing_(sharing), gradients_(gradients), sums_(sums) {}
   /// An evaluated share of this rank, while every other rank adds one, too. Of the last, `buffers` (its gradients) then
   /// hold the sum of all in this rank's rows; an empty handle where no share has a gradient.
-  void add(const Step& step, Tensors& buffers, const std::vector<Shape>& shapes);
+  void add(const Step& step, Tensors& buffers, const Optimiser& optimiser);
   /// In place of a share, where none could be made. Does not return.
   void fail(const Error& error);
   /// What else a step leaves behind, into the last share's step, on all ranks.
@@ -63,8 +64,9 @@ class SummedStep {
   void hear(const Told& mine, size_t counts);
   void note_gradients(size_t buffers);
   void note(const Told& told, size_t counts);
-  void add_gradients(Tensors& buffers, const std::vector<Shape>& shapes);
+  void add_gradients(Tensors& buffers, const Optimiser& optimiser);
   void add_last(const Tensor& buffer, OrderedSum& sum) const;
+  Tensor add_in_common(const StepMemory& common, size_t buffer, const Shape& shape);
   void add_sums(const Tensors& sums);
 
   const Sharing& sharing_;
@@ -149,11 +151,36 @@ void SummedStep::add_last(const Tensor& buffer, OrderedSum& sum) const {
   });
 }
 
+/// The same where this rank sees the others' shares. Where one has no gradient, its memory holds anything.
+Tensor SummedStep::add_in_common(const StepMemory& common, size_t buffer, const Shape& shape) {
+  std::vector<std::span<const float>> shares;
+  std::vector<float> weights;
+  for (size_t rank = 0; rank < round_.size(); ++rank) {
+    if (round_[rank].numbers[kBeforeBuffers + buffer] == 0) continue;
+    shares.push_back(common.rows_of_ranks[rank]);
+    weights.push_back(weights_[rank]);
+  }
+  const bool is_whole = shape == common.gradients.all.shape();
+  const Tensor& all = is_whole ? common.gradients.all : common.gradients.parts.front();
+  const Share own{sharing_.ranks.rank(), sharing_.ranks.size()};
+  change_rows_on_host(all, own.begin(all.dim(0)), own.end(all.dim(0)), [&](std::span<std::byte> mine) {
+    const std::span sum(reinterpret_cast<float*>(mine.data()), mine.size() / sizeof(float));
+    gradients_[buffer].add_last(shares, sum, weights);
+  });
+  return all;
+}
+
 /// Where only other shares have a gradient, this one adds zeros.
-void SummedStep::add_gradients(Tensors& buffers, const std::vector<Shape>& shapes) {
+void SummedStep::add_gradients(Tensors& buffers, const Optimiser& optimiser) {
   const bool last = added_ == sharing_.shares;
+  const std::vector<Shape> shapes = optimiser.buffer_shapes();
   for (size_t i = 0; i < buffers.size(); ++i) {
     if (!has_gradient_[i]) continue;
+    const StepMemory* const common = last ? optimiser.in_common(i) : nullptr;
+    if (common) {
+      buffers[i] = add_in_common(*common, i, shapes[i]);
+      continue;
+    }
     if (!buffers[i]) buffers[i] = from_host(std::vector<float>(static_cast<size_t>(numel(shapes[i])), 0.f), shapes[i]);
     if (last)
       add_last(buffers[i], gradients_[i]);
@@ -177,15 +204,16 @@ void begin_sums(OrderedSums& sums, size_t count, const Ranks& ranks) {
   for (OrderedSum& sum : sums) sum.begin();
 }
 
-void SummedStep::add(const Step& step, Tensors& buffers, const std::vector<Shape>& shapes) {
+void SummedStep::add(const Step& step, Tensors& buffers, const Optimiser& optimiser) {
   if (weight_ == 0) {
     begin_sums(gradients_, buffers.size(), sharing_.ranks);
     begin_sums(sums_, step.sums.size(), sharing_.ranks);
   }
+  synchronize();  // who hears of this share may read its gradients
   hear(told_of(step, buffers), step.counts.size());
   note_gradients(buffers.size());
   added_ += sharing_.ranks.size();
-  add_gradients(buffers, shapes);
+  add_gradients(buffers, optimiser);
   add_sums(step.sums);
 }
 
@@ -261,6 +289,7 @@ TakenStep SharedSteps::take(Method& method, Optimiser& optimiser, const Progress
     return taken;
   }
   SummedStep sum(sharing_, gradients_, sums_);
+  optimiser.gather(method.parameters());
   Step step;
   Tensors gradients;
   for (int64_t first = 0; first < sharing_.shares; first += sharing_.ranks.size()) {
@@ -273,15 +302,22 @@ TakenStep SharedSteps::take(Method& method, Optimiser& optimiser, const Progress
       sum.fail(error);
     }
     gradients = optimiser.buffers_of(step.gradients);
-    sum.add(step, gradients, optimiser.buffer_shapes());
+    sum.add(step, gradients, optimiser);
   }
   sum.take(step);
   Progress own = progress;
   own.share = {sharing_.ranks.rank(), sharing_.ranks.size()};
   optimiser.step_rows(method.parameters(), gradients, {method.groups(), own});
   const Tensors stepped = optimiser.stepped(method.parameters());
-  for (size_t i = 0; i < stepped.size(); ++i)
-    if (gradients[i]) spread_rows_of(stepped[i], sharing_.ranks);
+  bool in_common = false;
+  for (size_t i = 0; i < stepped.size(); ++i) {
+    if (gradients[i] && stepped[i]) spread_rows_of(stepped[i], sharing_.ranks);
+    in_common = in_common || !stepped[i];
+  }
+  if (in_common) {
+    synchronize();  // what others see of this rank's step is there
+    meet(sharing_.ranks);
+  }
   moments_apart_ = sharing_.ranks.size() > 1;
   return sum.means();
 }

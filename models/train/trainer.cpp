@@ -133,7 +133,7 @@ class Training::Loop {
         options_(options),
         listener_(listener),
         grows_(as<Grows>(run.method)),
-        optimiser_(run.method.parameters(), run.method.groups()),
+        optimiser_(run.method.parameters(), run.method.groups(), *options.ranks),
         steps_({*options.ranks, options.shares}),
         time_(options_, grows_),
         saving_(run.method, options_) {
@@ -184,7 +184,7 @@ void Training::Loop::begin() {
   progress_.seed = options_.seed;
   if (run_.resume) {
     progress_ = restore_method(run_.method, *run_.resume);
-    optimiser_ = Optimiser(run_.method.parameters(), run_.method.groups());
+    optimiser_ = Optimiser(run_.method.parameters(), run_.method.groups(), *options_.ranks);
     restore_optimiser(optimiser_, *run_.resume);
     saved_step_ = progress_.step;
   }
@@ -265,7 +265,7 @@ void Training::Loop::go_back(const NotFinite& why) {
   went_back_ = true;
   searched_ = progress_.step;
   progress_ = restore_method(run_.method, checkpoint.file);
-  optimiser_ = Optimiser(run_.method.parameters(), run_.method.groups());
+  optimiser_ = Optimiser(run_.method.parameters(), run_.method.groups(), *options_.ranks);
   restore_optimiser(optimiser_, checkpoint.file);
   next_look_ = 0;
   save_is_due_ = false;

@@ -111,6 +111,11 @@ TEST_CASE("two ranks are two shares on one, byte for byte, in every method") {
     REQUIRE_MESSAGE(ranks.code == 0, ranks.err);
     CHECK(checkpoint_of(two, "000003") == checkpoint_of(one, "000003"));
     CHECK(checkpoint_of(two, "000006") == checkpoint_of(one, "000006"));
+    if (small.method == std::string("splat")) {
+      const fs::path apart = scratch() / "splat_apart";
+      REQUIRE(Ranks(2, small.words(apart, how), {"CLOAM_RANK_MEMORY=apart"}).wait().code == 0);
+      CHECK(checkpoint_of(apart, "000006") == checkpoint_of(one, "000006"));
+    }
     CHECK(json_of(two / "run.json").at("options").at("shares") == 2);
     CHECK(json_of(two / "run.json").at("state") == "finished");
   }
@@ -230,6 +235,9 @@ TEST_CASE("a rank that is killed ends all; the run goes on from its checkpoint t
     const auto ranks = ranks_under_way(run);
     const std::vector<pid_t> processes = ranks->processes();
     CHECK(processes.size() == 2);
+    if (contains(json_of(run / "run.json").at("device"), "Portable Computing Language"))
+      for (const pid_t one : processes)
+        CHECK(contains(content_of("/proc/" + std::to_string(one) + "/maps"), "memfd:cloam ranks"));
     const pid_t process = ranks->process_of(lost);
     REQUIRE(process > 0);
     REQUIRE(kill(process, SIGKILL) == 0);

@@ -8,6 +8,8 @@
 #include <cstring>
 #include <thread>
 
+#include "models/train/pretended_ranks.h"
+#include "models/train/shared_memory.h"
 #include "tests/models/resume.h"
 #include "tests/models/worlds.h"
 
@@ -226,4 +228,26 @@ TEST_CASE("two ranks add up half of the rows each, and end with all of them") {
   CHECK_FALSE(std::signbit(all[0][9]));
   CHECK(own[0] == std::vector<float>(expected.begin(), expected.begin() + 4));
   CHECK(own[1] == std::vector<float>(expected.begin() + 4, expected.end()));
+}
+
+TEST_CASE("ranks of one host have memory in common, unless one of them does not want it") {
+  constexpr size_t kBytes = 3 << 20;
+  InThreads::Desk desk;
+  const auto one = [&](int rank) {
+    const InThreads ranks(desk, rank);
+    CHECK(shared_memory(ranks, kBytes, rank == 0) == nullptr);
+    const auto memory = shared_memory(ranks, kBytes, true);
+    REQUIRE(memory != nullptr);
+    const auto at = [&](int of) { return memory.get() + (of == 0 ? 0 : kBytes - 1); };
+    CHECK(*at(rank) == std::byte{0});
+    meet(ranks);
+    *at(rank) = std::byte{static_cast<unsigned char>(7 + rank)};
+    meet(ranks);
+    CHECK(*at(1 - rank) == std::byte{static_cast<unsigned char>(8 - rank)});
+  };
+  std::thread other(one, 1);
+  one(0);
+  other.join();
+  CHECK(shared_memory(alone(), kBytes, true) == nullptr);
+  CHECK(shared_memory(PretendedRanks(2), kBytes, true) == nullptr);
 }

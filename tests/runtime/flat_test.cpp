@@ -3,6 +3,10 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <cstdlib>
+#include <span>
+
 #include "runtime/device.h"
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -103,4 +107,27 @@ TEST_CASE("the host reads and overwrites rows, and nothing beside them") {
   CHECK_THROWS_AS(read_rows_on_host(transpose(x), 0, 1, [](auto) {}), Error);
   CHECK_THROWS_AS(overwrite_rows_on_host(x, 0, 5, [](auto) { throw Error(Fault::data, "given up"); }), Error);
   CHECK((x + 1.f).to_host().size() == 15);  // what was given up is the device's again
+}
+
+TEST_CASE("flat tensors in memory of the host: the device works in it where it says so") {
+  if (device().platform.find("Portable Computing Language") != std::string::npos) CHECK(computes_in_host_memory());
+  if (!computes_in_host_memory()) return;
+  constexpr size_t kPage = 4096;
+  const auto count = static_cast<size_t>(flat_size(kShapes));
+  const std::shared_ptr<std::byte> memory(static_cast<std::byte*>(std::aligned_alloc(kPage, 16 * kPage)), std::free);
+  REQUIRE(count * sizeof(float) <= 16 * kPage);
+  const std::span values(reinterpret_cast<float*>(memory.get()), count);
+  std::ranges::fill(values, 2.f);
+  {
+    const Flat flat = flat_in(memory, kShapes);
+    CHECK(memory.use_count() == 2);
+    CHECK(flat.parts[3].to_host() == std::vector<float>(1000, 2.f));
+    put_at(from_host(counted(33, 5), {33}), flat.parts[4]);
+    synchronize();
+    const std::vector<float> seen(&values[static_cast<size_t>(flat.begins[4])],
+                                  &values[static_cast<size_t>(flat.begins[4])] + 33);
+    CHECK(seen == counted(33, 5));
+    CHECK(values[static_cast<size_t>(flat.begins[4]) - 1] == 2.f);
+  }
+  CHECK(memory.use_count() == 1);
 }
