@@ -22,6 +22,27 @@ Tensor planar(const std::vector<uint8_t>& pixels, int channels, int height, int 
   return from_host(out, {channels, height, width});
 }
 
+Tensor unit(const Tensor& vectors) { return vectors / sqrt(sum(square(vectors), {{1}, true})); }
+
+constexpr int kSquare = 4, kPlaces = kSquare * kSquare;
+
+/// `chance` [R] in [0,1) says which are of 4, of 2 pixels a side, or of one, as those are that no photo holds. inside:
+/// their first corner, which moves where a square would reach beyond the photo.
+PixelSquares squares_of(const Tensor& chance, float coarse, const Tensor& inside, const Tensor& width,
+                        const Tensor& pixels) {
+  const Tensor height = pixels / width, drawn = where(chance < coarse / 2, 4, where(chance < coarse, 2, 1)),
+               side = where(minimum(width, height) < drawn, 1, drawn);
+  std::vector<int32_t> along;
+  for (int i = 0; i < kSquare; i++) along.push_back(i);
+  const auto places = [&](const Tensor& corner, const Tensor& extent, const Shape& shape) {
+    const Tensor steps = from_host(along, {1, kSquare}) * unsqueeze(side, 1) / kSquare;
+    return reshape(unsqueeze(minimum(corner, extent - side), 1) + steps, shape);
+  };
+  const int64_t rays = side.dim(0);
+  const Tensor row = places(inside / width, height, {rays, kSquare, 1}) * reshape(width, {rays, 1, 1});
+  return {reshape(row + places(modulo(inside, width), width, {rays, 1, kSquare}), {rays, kPlaces}), side};
+}
+
 }  // namespace
 
 PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const SceneFrame& frame, const RayRange& range)
@@ -42,8 +63,9 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
     const std::shared_ptr<const FramePixels> photo = photos[place];
     const FramePixels& f = *photo;
     const size_t count = f.rgba.size() / 4;
-    frames.insert(frames.end(), {static_cast<int32_t>(rgba.size() / 4), static_cast<int32_t>(count),
-                                 first_direction[static_cast<size_t>(f.camera)], scene.frames[f.frame].camera});
+    frames.insert(frames.end(),
+                  {static_cast<int32_t>(rgba.size() / 4), static_cast<int32_t>(count),
+                   first_direction[static_cast<size_t>(f.camera)], scene.frames[f.frame].camera, f.width});
     append_pose(poses, scene.frames[f.frame].world_from_camera, frame);
     rgba.insert(rgba.end(), f.rgba.begin(), f.rgba.end());
     if (masked && f.mask.empty()) mask.insert(mask.end(), count, 255);
@@ -61,34 +83,63 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
   directions_ = from_host(directions, {static_cast<int64_t>(directions.size() / 3), 3});
   widths_ = from_host(widths, {static_cast<int64_t>(widths.size())});
   poses_ = from_host(poses, {frame_count, 12});
-  frames_ = from_host(frames, {frame_count, 4});
+  frames_ = from_host(frames, {frame_count, 5});
 }
 
-PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& share,
-                             const LearnedCameras& learned) const {
+PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& share, const LearnedCameras& learned,
+                             const DrawnPixels& what) const {
+  const auto uniform = [&](uint32_t stream) {
+    return own_rows(random_uniform({count}, {key.seed, key.step, key.stream + stream}), share);
+  };
   const Tensor frame = own_rows(random_below({count}, frames_.dim(0), key), share);
-  const Tensor place = own_rows(random_uniform({count}, {key.seed, key.step, key.stream + 1}), share);
   const Tensor record = gather_rows(frames_, frame);
   const auto column = [&](int i) { return reshape(slice(record, 1, i, i + 1), {share.size(count)}); };
-  const Tensor inside = minimum(cast(place * cast(column(1), DType::f32), DType::i32), column(1) - 1);
-  const Tensor pixel = column(0) + inside;
+  const Tensor pixels = column(1),
+               inside = minimum(cast(uniform(1) * cast(pixels, DType::f32), DType::i32), pixels - 1);
+  Seen seen = what.coarse > 0
+                  ? squares(column(0), column(2), squares_of(uniform(2), what.coarse, inside, column(4), pixels))
+                  : single(column(0) + inside, column(2) + inside);
   PixelBatch out;
-  const Tensor direction = column(2) + inside;
-  Tensor towards = gather_rows(directions_, direction);
-  out.widths = gather_rows(widths_, direction);
+  out.widths = seen.widths;
+  out.rgba = seen.rgba;
+  out.used = seen.used;
+  Tensor towards = seen.directions;
   if (learned.narrowing) {
     const Tensor own = gather_rows(learned.narrowing, column(3));
-    towards = concat({slice(towards, 1, 0, 2) * own, slice(towards, 1, 2, 3)}, 1);
-    towards = towards / sqrt(sum(square(towards), {{1}, true}));
+    towards = unit(concat({slice(towards, 1, 0, 2) * own, slice(towards, 1, 2, 3)}, 1));
     out.widths = out.widths * reshape(stop_gradient(own), out.widths.shape());
   }
   out.rays = world_rays(towards, gather_rows(learned.poses ? learned.poses : poses_, frame), frame_, range_);
-  out.rgba = cast(gather_rows(rgba_, pixel), DType::f32) * (1.f / 255.f);
-  if (mask_) out.used = cast(gather_rows(mask_, pixel) > 0, DType::f32);
   if (depth_) {
     const Tensor ahead = reshape(slice(towards, 1, 2, 3), {share.size(count)});
-    out.depths = where(ahead > kLeastAhead, gather_rows(depth_, pixel) / maximum(ahead, kLeastAhead), 0.f);
+    out.depths = where(ahead > kLeastAhead, seen.depths / maximum(ahead, kLeastAhead), 0.f);
   }
+  return out;
+}
+
+PixelSource::Seen PixelSource::single(const Tensor& pixel, const Tensor& direction) const {
+  Seen out{gather_rows(directions_, direction), gather_rows(widths_, direction),
+           cast(gather_rows(rgba_, pixel), DType::f32) * (1.f / 255.f)};
+  if (mask_) out.used = cast(gather_rows(mask_, pixel) > 0, DType::f32);
+  if (depth_) out.depths = gather_rows(depth_, pixel);
+  return out;
+}
+
+/// Means over the squares; a square is used if all of it is, and has a depth if it is one pixel.
+PixelSource::Seen PixelSource::squares(const Tensor& first_pixel, const Tensor& first_direction,
+                                       const PixelSquares& at) const {
+  const int64_t rays = at.side.dim(0);
+  const auto flat = [&](const Tensor& first) { return reshape(unsqueeze(first, 1) + at.places, {rays * kPlaces}); };
+  const auto by_square = [&](const Tensor& all) { return reshape(all, {rays, kPlaces, -1}); };
+  const Seen all = single(flat(first_pixel), flat(first_direction));
+  const Tensor rgba = by_square(all.rgba), alpha = slice(rgba, 2, 3, 4), opaque = sum(alpha, {{1}});
+  const Tensor rgb = sum(slice(rgba, 2, 0, 3) * alpha, {{1}}) / maximum(opaque, 1e-6f);
+  Seen out{unit(mean(by_square(all.directions), {{1}})),
+           mean(reshape(all.widths, {rays, kPlaces}), {{1}}) * cast(at.side, DType::f32),
+           concat({rgb, opaque * (1.f / kPlaces)}, 1)};
+  if (mask_) out.used = min(reshape(all.used, {rays, kPlaces}), {{1}});
+  if (depth_)
+    out.depths = where(equal(at.side, 1), reshape(slice(reshape(all.depths, {rays, kPlaces}), 1, 0, 1), {rays}), 0.f);
   return out;
 }
 

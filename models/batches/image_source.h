@@ -21,17 +21,36 @@ struct LearnedCameras {
   Tensor narrowing = {};  // [C,1] of Scene::cameras: times x and y of directions (z = 1)
 };
 
+/// Squares of photos by their pixels in row-major order: of 4 a side, or of fewer that come more than once.
+struct PixelSquares {
+  Tensor places, side;  // int32 [R,16], [R]
+};
+
+/// What a draw's rays see.
+struct DrawnPixels {
+  float coarse =
+      0;  // share of the rays whose pixel is a square of 2x2 or 4x4 of the photos', as those of smaller photos
+};
+
 /// All training pixels on the device.
 class PixelSource {
  public:
   /// Fault::data for no image, Fault::memory for more than 2^29 pixels.
   PixelSource(const Scene& scene, const PhotoStore& photos, const SceneFrame& frame, const RayRange& range);
-  /// The share of `count` pixels at random: a frame, then a pixel in it. streams key.stream and the one after it.
+  /// The share of `count` pixels at random: a frame, then a pixel in it. streams key.stream and the two after it.
   /// Rays are differentiable in what is learned.
-  PixelBatch draw(int64_t count, const RandomKey& key, const Share& share, const LearnedCameras& learned = {}) const;
+  PixelBatch draw(int64_t count, const RandomKey& key, const Share& share, const LearnedCameras& learned = {},
+                  const DrawnPixels& what = {}) const;
   const Tensor& poses() const { return poses_; }
 
  private:
+  struct Seen {
+    Tensor directions, widths, rgba;  // camera axes
+    Tensor used = {}, depths = {};    // as PixelBatch; depths along the optical axis
+  };
+  Seen single(const Tensor& pixel, const Tensor& direction) const;
+  Seen squares(const Tensor& first_pixel, const Tensor& first_direction, const PixelSquares& at) const;
+
   SceneFrame frame_;
   RayRange range_;
   Tensor rgba_, mask_;  // [P,4], [P] uint8
@@ -39,7 +58,7 @@ class PixelSource {
   Tensor directions_;   // [D,3] of length 1, camera axes
   Tensor widths_;       // [D] of pixels, at distance 1
   Tensor poses_;        // [N,12] rotation by rows, position (normalised)
-  Tensor frames_;       // [N,4] int32: first pixel, pixels, first direction, camera
+  Tensor frames_;       // [N,5] int32: first pixel, pixels, first direction, camera, width
 };
 
 struct Photograph {

@@ -135,8 +135,9 @@ const std::vector<Preset>& presets() {
        settings_in("grid.levels=8 grid.log2_rows=16 grid.finest=1024 field.bottleneck=16 field.colour_width=64 "
                    "field.density=exp "
                    "proposal1.levels=4 proposal1.finest=128 proposal2.levels=5 proposal2.finest=256 "
-                   "proposals.log2_rows=15 proposals.width=16 samples.proposal=32 samples.field=16 batch.rays=1024 "
-                   "train.warm_up=30"),
+                   "proposals.log2_rows=15 proposals.width=16 samples.proposal=32 samples.field=16 "
+                   "sampling.proposal_multisamples=1 batch.rays=2048 batch.coarse=0.5 train.loss=square "
+                   "train.warm_up=30 weight.distortion=0.002 weight.decay=0.01 weight.depth=0.03"),
        2000},
       // The ablations of GenAssets' Table A2.
       {"genassets-small-nokl", "genassets", "the same without variational codes",

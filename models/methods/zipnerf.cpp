@@ -36,10 +36,14 @@ void ZipNerf::configure(Config& c) {
   c.bind("samples.proposal", o.proposal_samples, "samples a ray of each proposal", {2, 4096});
   c.bind("samples.field", o.field_samples, "samples a ray of the field", {2, 4096});
   c.bind("sampling.multisamples", o.multisamples, "places that a sample is read at: 6 in the cone, or 1", {1, 6});
+  c.bind("sampling.proposal_multisamples", o.proposal_multisamples, "the same of proposals", {1, 6});
   c.bind("sampling.downweight", o.downweight, "levels finer than a place is wide count less");
   c.bind("sampling.pixel_rays", o.pixel_rays, "rays a pixel of pictures: 1 or 4", {1, 4});
   c.bind("background", o.background, "background colour: auto, white, random or none");
   c.bind("batch.rays", o.batch_rays, "rays a step", {1, 1 << 22});
+  c.bind("batch.coarse", o.coarse,
+         "share of the rays that see squares of 2x2 or 4x4 pixels, as those of smaller photos", {0, 1});
+  c.bind("train.loss", o.loss, "pixel loss: square or charbonnier");
   c.bind("weight.interlevel", o.interlevel, "weight of the anti-aliased interlevel loss");
   c.bind("weight.distortion", o.distortion, "weight of the distortion loss");
   c.bind("weight.decay", o.decay, "weight of the grids' mean squares");
@@ -89,7 +93,8 @@ Step ZipNerf::step(const Progress& progress, const Tensors& wanted) {
   const RandomKey key{seed_, static_cast<uint32_t>(progress.step), 0};
   const int64_t rays = config_.batch_rays;
   const Tensor poses = poses_.on() ? poses_.moved(pixels_->poses(), renderer_->frame().scale) : Tensor();
-  const PixelBatch batch = pixels_->draw(rays, key.of_stream(kZipPixels), progress.share, {poses, focals_.narrowing()});
+  const PixelBatch batch =
+      pixels_->draw(rays, key.of_stream(kZipPixels), progress.share, {poses, focals_.narrowing()}, {config_.coarse});
   const float done = progress.fraction(), sharpness = kSharpening * done / ((kSharpening - 1) * done + 1);
   const ZipNerfRenderer::Rendered seen =
       renderer_->shade({batch.rays, batch.widths * kConeOfPixel}, {key, true, progress.share, rays, sharpness});
@@ -98,7 +103,7 @@ Step ZipNerf::step(const Progress& progress, const Tensors& wanted) {
   const Tensor colour = slice(seen.rays, 1, 0, 3) + background * (1.f - slice(seen.rays, 1, 3, 4));
   const Tensor truth = truth_over(background, batch, has_alpha_);
   const Tensor interlevel = renderer_->interlevel(seen);
-  Tensor loss = pixel_loss("charbonnier", colour, truth, batch.used) + interlevel * config_.interlevel +
+  Tensor loss = pixel_loss(config_.loss, colour, truth, batch.used) + interlevel * config_.interlevel +
                 distortion_loss(seen.histograms.back()) * config_.distortion + renderer_->decay() * config_.decay;
   if (batch.depths)
     loss = loss + config_.depth * depth_loss({seen.middles, seen.histograms.back().weights, unsqueeze(batch.depths, 1)},

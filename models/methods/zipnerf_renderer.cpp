@@ -44,10 +44,15 @@ Tensor ranks_of(int64_t samples, const ZipNerfRenderer::Sampling& how, uint32_t 
 }
 
 void check(const ZipNerfConfig& c) {
-  if (c.multisamples != 6 && c.multisamples != 1)
-    throw Error(Fault::usage, text("setting sampling.multisamples: ", c.multisamples, ", want 6 or 1"));
+  const std::pair<const char*, int> places[] = {{"multisamples", c.multisamples},
+                                                {"proposal_multisamples", c.proposal_multisamples}};
+  for (const auto& [name, count] : places)
+    if (count != 6 && count != 1)
+      throw Error(Fault::usage, text("setting sampling.", name, ": ", count, ", want 6 or 1"));
   if (c.field.density != "softplus" && c.field.density != "exp")
     throw Error(Fault::usage, text("setting field.density: ", c.field.density, ", want softplus or exp"));
+  if (c.loss != "square" && c.loss != "charbonnier")
+    throw Error(Fault::usage, text("setting train.loss: ", c.loss, ", want square or charbonnier"));
   if (c.pixel_rays != 4 && c.pixel_rays != 1)
     throw Error(Fault::usage, text("setting sampling.pixel_rays: ", c.pixel_rays, ", want 1 or 4"));
 }
@@ -68,7 +73,8 @@ ZipNerfRenderer::ZipNerfRenderer(const ZipNerfConfig& config, const Scene& scene
 
 WideSamples ZipNerfRenderer::samples_of(const Cones& cones, const Tensor& edges, const Sampling& how,
                                         uint32_t level) const {
-  const int64_t pieces = edges.dim(1) - 1, rays = edges.dim(0), places = config_.multisamples;
+  const int64_t pieces = edges.dim(1) - 1, rays = edges.dim(0),
+                places = level < proposals_.size() ? config_.proposal_multisamples : config_.multisamples;
   ConeSamples at;
   if (places == 1) {
     at = one_sample(cones, edges);
@@ -154,8 +160,8 @@ Tensor ZipNerfRenderer::decay() const {
 }
 
 int64_t ZipNerfRenderer::bytes_per_ray() const {
-  const int64_t places = config_.multisamples;
-  int64_t bytes = config_.field_samples * field_->bytes_per_sample(places);
+  const int64_t places = config_.proposal_multisamples;
+  int64_t bytes = config_.field_samples * field_->bytes_per_sample(config_.multisamples);
   for (const auto& proposal : proposals_)
     bytes +=
         4 * config_.proposal_samples * (places * (3 * proposal->grid().numbers() + 8) + 2 * config_.proposal_width);
@@ -177,7 +183,8 @@ Picture ZipNerfRenderer::picture_of_rays(const View& view, float back) const {
   Picture out;
   out.width = view.camera.width;
   out.height = view.camera.height;
-  const int64_t places = config_.multisamples * std::max(config_.proposal_samples, config_.field_samples);
+  const int64_t places =
+      std::max(config_.proposal_multisamples * config_.proposal_samples, config_.multisamples * config_.field_samples);
   const int64_t block = std::max<int64_t>(16, kPlacesAtOnce / places);
   for (int64_t begin = 0; begin < count; begin += block) {
     if (begin > 0) view.between();

@@ -18,12 +18,14 @@ struct ZipNerfConfig {
   };
   std::array<Proposal, 2> proposals = {{{6, 512, 0.03f}, {8, 2048, 0.003f}}};
   int proposal_log2_rows = 21, proposal_width = 64;
-  int proposal_samples = 64, field_samples = 32;  // a ray and level
-  int multisamples = 6;                           // a sample: 6 or 1
+  int proposal_samples = 64, field_samples = 32;    // a ray and level
+  int multisamples = 6, proposal_multisamples = 6;  // a sample: 6 or 1
   bool downweight = true;
   int pixel_rays = 1;  // pictures: 1 or 4
   std::string background = "auto";
   int batch_rays = 65536;
+  float coarse = 0;                  // of them: share whose pixels are squares of the photos'
+  std::string loss = "charbonnier";  // or square
   float learning_rate = 1e-2f, final_rate = 0.1f;
   int warm_up = 5000;
   float interlevel = 0.01f, distortion = 0.005f, decay = 0.1f, depth = 0.1f;

@@ -387,8 +387,11 @@ TEST_CASE("zipnerf learns held-out views of a small scene") {
 }
 
 TEST_CASE("zipnerf: settings that it cannot have are named") {
-  for (const auto& [key, value] :
-       Settings{{"sampling.multisamples", "3"}, {"sampling.pixel_rays", "2"}, {"field.density", "relu"}}) {
+  for (const auto& [key, value] : Settings{{"sampling.multisamples", "3"},
+                                           {"sampling.proposal_multisamples", "2"},
+                                           {"sampling.pixel_rays", "2"},
+                                           {"field.density", "relu"},
+                                           {"train.loss", "l1"}}) {
     auto method = configured("zipnerf", {{key, value}});
     CHECK_THROWS_WITH_AS(method->build({Scene()}, 1), doctest::Contains(key.c_str()), Error);
   }
