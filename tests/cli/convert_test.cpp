@@ -70,7 +70,8 @@ TEST_CASE("convert: what cannot be done has its exit code and leaves no file") {
   };
   refused({"convert", ksplat.string(), out.string()}, 3, ".ksplat is not supported");
   refused({"convert", (scratch() / "no.ply").string(), out.string()}, 3, "no such file");
-  refused({"convert", points().string(), (scratch() / "a.obj").string()}, 2, "cannot write .obj; supported: .compressed.ply, .ply, ");
+  refused({"convert", points().string(), (scratch() / "a.obj").string()}, 2,
+          "cannot write .obj; supported: .compressed.ply, .ply, ");
   refused({"convert", points().string(), (scratch() / "a.ksplat").string()}, 2, "cannot be written");
   refused({"convert", points().string(), out.string(), "--up", "up"}, 2, "want one of x, y, z");
   refused({"convert", points().string(), out.string(), "--spz-version", "4"}, 2, "spz-version");

@@ -59,7 +59,7 @@ TEST_CASE("a killed run of diffusion that is resumed ends in the bytes of the on
   REQUIRE(wait_for(run / "ckpt" / "000020.safetensors", process));
   process.signal(SIGKILL);
   CHECK(process.wait().code == -SIGKILL);
-  const Outcome outcome = cloam_with({"train", "--resume", run.string()});
+  const Outcome outcome = cloam_with({"train", "--resume", run.string(), "--pictures", "off"});
   CHECK_MESSAGE(outcome.code == 0, outcome.err);
   CHECK(last_checkpoint(run) == last_checkpoint(small_diffusion_run()));
 }
@@ -305,7 +305,7 @@ Words fit(const fs::path& run, const Words& more = {}) {
   Words words = {"train",   "genassets",       log,       "-o", run.string(), "--networks", two_streets_run().string(),
                  "--image", "front_camera/01", "--steps", "6",  "-q",         "--set",      "prior.steps=3"};
   words.insert(words.end(), more.begin(), more.end());
-  return words;
+  return without_pictures(words);
 }
 
 Words fit_with_prior(const fs::path& run, const fs::path& prior, const Words& more = {}) {
@@ -330,14 +330,15 @@ TEST_CASE("a fit of one image with a prior is recorded, repeats, resumes while d
   const std::string want = content_of(whole / "ckpt" / "000006.safetensors");
   CHECK_FALSE(contains(want, "fit_prior"));
   REQUIRE(cloam_with(fit_with_prior(stopped, prior, {"--stop-after", "2"})).code == 0);
-  REQUIRE(cloam_with({"train", "--resume", stopped.string(), "--stop-after", "4"}).code == 0);
+  REQUIRE(cloam_with({"train", "--resume", stopped.string(), "--stop-after", "4", "--pictures", "off"}).code == 0);
   const fs::path moved = scratch() / "fit_prior_moved";
   fs::rename(prior, moved);
   const Outcome gone = cloam_with({"train", "--resume", stopped.string()});
   CHECK(gone.code == 3);
   CHECK(contains(gone.err, "the prior of"));
   CHECK(contains(gone.err, "--prior RUN"));
-  const Outcome resumed = cloam_with({"train", "--resume", stopped.string(), "--prior", moved.string()});
+  const Outcome resumed =
+      cloam_with({"train", "--resume", stopped.string(), "--prior", moved.string(), "--pictures", "off"});
   REQUIRE_MESSAGE(resumed.code == 0, resumed.err);
   CHECK(content_of(stopped / "ckpt" / "000006.safetensors") == want);
   const Outcome measured = cloam_with({"eval", whole.string(), "--protocol", "rotate360", "--json"});

@@ -47,6 +47,9 @@ const Rule kRules[] = {
     {"^cloam simulate (.*) --augment", "cloam simulate $1 --size 24x16 --augment"},
     {"^cloam bench (.*) --json", "cloam bench $1 --rounds 1 --json"},
     {"^cloam selftest --quick", "cloam selftest --only negate"},  // selftest_test.cpp runs the rows
+    // Pictures of trainings where they are what a page shows: elsewhere they take longer than the steps.
+    {"^(cloam train (?!.*(--pictures|--preview-every|--tb|--view|--dry-run|runs/my|runs/drawn)).*)$",
+     "$1 --pictures off"},
     // Models.
     {" --set (batch|background)\\.\\S+", ""},
     {"^cloam train nerf",
@@ -166,10 +169,10 @@ Shell run(const std::string& line, const fs::path& folder) {
   return {code, content_of(out), content_of(err)};
 }
 
-/// The actor that most images show, by what `edit --list --json` prints.
+/// The actor that most images show, by what `edit --list --json` prints of one run of each scene.
 std::string actor_of(const std::string& run_name, const fs::path& folder) {
-  static std::map<fs::path, std::string> known;
-  std::string& id = known[folder / run_name];
+  static std::map<std::string, std::string> known;
+  std::string& id = known[content_of(folder / run_name / "scene.json")];
   if (!id.empty()) return id;
   const Shell listed = run("cloam edit " + run_name + " --list --json", folder);
   REQUIRE_MESSAGE(listed.code == 0, listed.err);
@@ -196,7 +199,8 @@ bool copied(const std::string& line, const fs::path& folder) {
   if (!std::regex_search(line, match, std::regex("^cloam train (?!.*--networks (?!shipped)).* -o (\\S+)")))
     return false;
   if (line.find(places().string()) == std::string::npos) return false;  // its data are this document's own
-  const auto [made, is_new] = known.emplace(line, folder / match[1].str());
+  const std::string what = std::regex_replace(line, std::regex(" -o \\S+"), "");
+  const auto [made, is_new] = known.emplace(what, folder / match[1].str());
   if (is_new) return false;
   fs::create_directories((folder / match[1].str()).parent_path());
   fs::copy(made->second, folder / match[1].str(), fs::copy_options::recursive);

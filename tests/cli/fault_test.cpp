@@ -164,7 +164,7 @@ TEST_CASE("wrong checkpoints are exit 3 and nothing is lost") {
   }
   CHECK_FALSE(fs::exists(scratch() / "nothing"));
   write_text(file, sound);
-  CHECK(cloam_with({"train", "--resume", run.string(), "--stop-after", "6"}).code == 0);
+  CHECK(cloam_with({"train", "--resume", run.string(), "--stop-after", "6", "--pictures", "off"}).code == 0);
 }
 
 TEST_CASE("a damaged newest checkpoint is passed over with a warning") {
@@ -259,8 +259,9 @@ TEST_CASE("settings come from preset, file and --set, in this order") {
   CHECK(settings.at("train.rate") == "0.005");
   CHECK(settings.at("train.final_rate") == "0.5");
   CHECK(contains(content_of(run / "config.toml"), "# file own.toml"));
-  const Outcome again = cloam_with({"train", "nerf", small_scene().string(), "-o", (scratch() / "again").string(),
-                                    "--steps", "2", "--config", (run / "config.toml").string(), "-q"});
+  const Outcome again =
+      cloam_with({"train", "nerf", small_scene().string(), "-o", (scratch() / "again").string(), "--steps", "2",
+                  "--config", (run / "config.toml").string(), "--pictures", "off", "-q"});
   REQUIRE_MESSAGE(again.code == 0, again.err);
   CHECK(json_of(scratch() / "again" / "run.json").at("settings") == settings);
 }

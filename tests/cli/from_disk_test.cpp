@@ -14,8 +14,7 @@ namespace fs = std::filesystem;
 
 /// genassets on small_street(): ten steps, whose images are of 5184 bytes each.
 Words small_genassets(const std::string& run, const Words& more) {
-  Words words =
-      small_trainings()[2].words(scratch() / run, {"--steps", "10", "--save-every", "5", "--pictures", "off"});
+  Words words = small_trainings()[2].words(scratch() / run, {"--steps", "10", "--save-every", "5"});
   words.insert(words.end(), more.begin(), more.end());
   return words;
 }
@@ -110,7 +109,7 @@ TEST_CASE("an image that is damaged in the middle ends the training with what it
     ++saved;
     CHECK_MESSAGE(contains(outcome.err, " is whole; "), outcome.err);
     write_text(photo, bytes);
-    const Outcome resumed = cloam_with({"train", "--resume", run.string()});
+    const Outcome resumed = cloam_with({"train", "--resume", run.string(), "--pictures", "off"});
     REQUIRE_MESSAGE(resumed.code == 0, resumed.err);
     CHECK(content_of(run / "ckpt" / "000010.safetensors") == sound);
   }
@@ -144,7 +143,7 @@ TEST_CASE("what one of two ranks finds damaged ends both, with what they learned
     saved = true;
     REQUIRE_MESSAGE(contains(outcome.err, " is whole; "), outcome.err);
     write_text(photo, bytes);
-    const Outcome resumed = Ranks(2, {"train", "--resume", (scratch() / name).string()}).wait();
+    const Outcome resumed = Ranks(2, {"train", "--resume", (scratch() / name).string(), "--pictures", "off"}).wait();
     REQUIRE_MESSAGE(resumed.code == 0, resumed.err);
     CHECK(content_of(scratch() / name / "ckpt" / "000010.safetensors") ==
           content_of(sound / "ckpt" / "000010.safetensors"));

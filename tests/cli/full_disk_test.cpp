@@ -181,7 +181,8 @@ TEST_CASE("export: the file's name says the format, or fits the one that is give
   const Outcome contradicts = exported({"--actor", actor, "--format", "glb", "-o", mesh});
   CHECK(contradicts.code == 2);
   CHECK_MESSAGE(contains(contradicts.err, "--format glb contradicts -o " + mesh), contradicts.err);
-  CHECK(contains(exported({"--actor", actor, "-o", (scratch() / "m.stl").string()}).err, "meshes are .glb, .obj or .ply"));
+  CHECK(contains(exported({"--actor", actor, "-o", (scratch() / "m.stl").string()}).err,
+                 "meshes are .glb, .obj or .ply"));
   const Outcome all = exported({"-o", (scratch() / "all.glb").string()});
   CHECK(all.code == 2);
   CHECK_MESSAGE(contains(all.err, "--actor ID"), all.err);

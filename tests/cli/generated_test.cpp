@@ -197,8 +197,9 @@ TEST_CASE("simulate --augment writes logs of the same streets with other vehicle
 TEST_CASE("a run of the same networks takes assets too") {
   const fs::path run = scratch() / "same_networks", worn = scratch() / "same_networks_worn";
   const std::string log = (scratch() / "two_streets" / "001").string();
-  Words words = {"train",   "genassets", log,  "--networks", two_streets_run().string(),
-                 "--steps", "2",         "-o", run.string(), "-q"};
+  Words words = {"train",      "genassets", log,  "--networks", two_streets_run().string(),
+                 "--steps",    "2",         "-o", run.string(), "-q",
+                 "--pictures", "off"};
   const auto setting = [&](const fs::path& of, const char* name) {
     return json_of(of / "run.json").at("settings").at(name);
   };

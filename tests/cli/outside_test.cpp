@@ -50,7 +50,7 @@ TEST_CASE("photos outside of the folder: refused with the option named; a run th
   CHECK(holds(checked.err, "next: cloam train nerf " + data.string() + " --allow-outside"));
   done(small_training(data, run, {"--steps", "4", "--stop-after", "2", "--allow-outside"}));
   CHECK(json_of(run / "run.json").at("reading").at("allow_outside") == true);
-  done({"train", "--resume", run.string()});
+  done({"train", "--resume", run.string(), "--pictures", "off"});
   CHECK(json_of(run / "run.json").at("state") == "finished");
   const auto figures = nlohmann::json::parse(done({"eval", run.string(), "--json"}).out);
   CHECK(figures.at("images") == 2);

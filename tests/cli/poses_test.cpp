@@ -14,7 +14,7 @@ TEST_CASE("poses that a run learned are a capture that another run learns from")
   const fs::path run = scratch() / "poses", capture = scratch() / "poses-capture";
   const Outcome outcome =
       cloam_with({"train", "nerf", small_scene().string(), "-o", run.string(), "--steps", "30", "--set",
-                  "poses.refine=true", "--set", "poses.warm_up=0", "--set", "batch.samples=2048"});
+                  "poses.refine=true", "--set", "poses.warm_up=0", "--set", "batch.samples=2048", "--pictures", "off"});
   REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
   CHECK(contains(content_of(run / "metrics.jsonl"), "\"turned\":"));
   const Outcome written = cloam_with({"export", run.string(), "--format", "capture", "-o", capture.string(), "--json"});
@@ -24,8 +24,8 @@ TEST_CASE("poses that a run learned are a capture that another run learns from")
   CHECK(told.at("refined") == 8);
   CHECK(told.at("turned_degrees").get<double>() > 0.01);
   CHECK(told.at("turned_degrees").get<double>() < 5);
-  const Outcome again = cloam_with(
-      {"train", "nerf", capture.string(), "-o", (scratch() / "poses-again").string(), "--steps", "2", "--json"});
+  const Outcome again = cloam_with({"train", "nerf", capture.string(), "-o", (scratch() / "poses-again").string(),
+                                    "--steps", "2", "--pictures", "off", "--json"});
   CHECK_MESSAGE(again.code == 0, again.err);
 }
 

@@ -96,7 +96,7 @@ TEST_CASE("a new log is fitted with packed networks and prior, and its vehicles 
   const fs::path run = scratch() / "with_packed", logs = scratch() / "packed_logs";
   const Outcome trained =
       cloam_with({"train", "genassets", small_street().string(), "--networks", (packed() / "networks").string(),
-                  "--prior", (packed() / "assets").string(), "--steps", "3", "-o", run.string()});
+                  "--prior", (packed() / "assets").string(), "--steps", "3", "-o", run.string(), "--pictures", "off"});
   REQUIRE_MESSAGE(trained.code == 0, trained.err);
   const Outcome augmented = cloam_with({"simulate", run.string(), "--augment", "1", "--prior",
                                         (packed() / "assets").string(), "--size", "32x18", "-o", logs.string()});

@@ -176,6 +176,13 @@ const fs::path& stopped_run() {
   return run;
 }
 
+Words without_pictures(Words training) {
+  for (const char* asked_for : {"--pictures", "--preview-every"})
+    if (std::find(training.begin(), training.end(), asked_for) != training.end()) return training;
+  training.insert(training.end(), {"--pictures", "off"});
+  return training;
+}
+
 Words small_training(const fs::path& data, const fs::path& run, const Words& more) {
   Words words = {"train", "nerf", data.string(), "-o", run.string(), "--progress", "plain"};
   for (const char* setting : {"field.log2_rows=10", "field.levels=4", "batch.rays=64", "batch.samples=4096",
@@ -183,7 +190,7 @@ Words small_training(const fs::path& data, const fs::path& run, const Words& mor
     words.insert(words.end(), {"--set", setting});
   }
   words.insert(words.end(), more.begin(), more.end());
-  return words;
+  return without_pictures(words);
 }
 
 }  // namespace cloam

@@ -68,7 +68,9 @@ const std::filesystem::path& small_run();
 const std::filesystem::path& stopped_run();
 /// A copy of a folder that a test may change.
 std::filesystem::path copy_of(const std::filesystem::path& folder, const std::string& name);
-/// `train nerf` on `data` into `run` with settings that make a step take a hundredth of a second.
+/// Previews, turntables and reports take longer than small trainings: they are off unless the words say otherwise.
+Words without_pictures(Words training);
+/// `train nerf` on `data` into `run` with settings that make a step take a hundredth of a second, without pictures.
 Words small_training(const std::filesystem::path& data, const std::filesystem::path& run, const Words& more);
 
 }  // namespace cloam

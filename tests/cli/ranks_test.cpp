@@ -38,12 +38,12 @@ TEST_CASE("a run records its shares and keeps them when it is resumed") {
   Words first = shares;
   first.insert(first.end(), {"--stop-after", "3"});
   REQUIRE(cloam_with(small_training(small_scene(), halves, first)).code == 0);
-  const Outcome resumed = cloam_with({"train", "--resume", halves.string()});
+  const Outcome resumed = cloam_with({"train", "--resume", halves.string(), "--pictures", "off"});
   CHECK_MESSAGE(resumed.code == 0, resumed.err);
   CHECK_FALSE(contains(resumed.err, "warning"));
   CHECK(checkpoint_of(halves, "000006") == checkpoint_of(whole, "000006"));
-  const Outcome others =
-      cloam_with({"train", "--resume", halves.string(), "--steps", "7", "--gradient-accumulation", "3"});
+  const Outcome others = cloam_with(
+      {"train", "--resume", halves.string(), "--pictures", "off", "--steps", "7", "--gradient-accumulation", "3"});
   CHECK(others.code == 0);
   CHECK_MESSAGE(contains(others.err, "warning: from here on a step's batch is split into 3 instead of 2 shares"),
                 others.err);
@@ -129,9 +129,9 @@ TEST_CASE("a run of two ranks goes on as one process, and as four ranks with oth
   first.insert(first.end(), {"--stop-after", "3"});
   REQUIRE(Ranks(2, small_training(small_scene(), run, first)).wait().code == 0);
   const fs::path four = copy_of(run, "two_then_four");
-  REQUIRE(cloam_with({"train", "--resume", run.string()}).code == 0);
+  REQUIRE(cloam_with({"train", "--resume", run.string(), "--pictures", "off"}).code == 0);
   CHECK(checkpoint_of(run, "000006") == checkpoint_of(left_alone, "000006"));
-  const Outcome more = Ranks(4, {"train", "--resume", four.string()}).wait();
+  const Outcome more = Ranks(4, {"train", "--resume", four.string(), "--pictures", "off"}).wait();
   CHECK_MESSAGE(more.code == 0, more.err);
   CHECK_MESSAGE(contains(more.err, "is split into 4 instead of 2 shares"), more.err);
   CHECK(json_of(four / "run.json").at("state") == "finished");
@@ -244,7 +244,7 @@ TEST_CASE("a rank that is killed ends all; the run goes on from its checkpoint t
     const Outcome outcome = ended(*ranks, processes);
     CHECK(outcome.code != 0);
     CHECK_MESSAGE(contains(outcome.err, "rank " + std::to_string(lost) + " "), outcome.err);
-    const Words resume = {"train", "--resume", run.string(), "-q"};
+    const Words resume = {"train", "--resume", run.string(), "--pictures", "off", "-q"};
     const Outcome resumed = lost == 0 ? cloam_with(resume) : Ranks(2, resume).wait();
     CHECK_MESSAGE(resumed.code == 0, resumed.err);
     CHECK(checkpoint_of(run, "000150") == bytes_left_alone());
@@ -274,6 +274,6 @@ TEST_CASE("ranks that are asked to stop save first, and go on later") {
   CHECK(outcome.code == 128 + SIGUSR2);
   CHECK_MESSAGE(contains(outcome.err, "stopping: finishing this step, then saving"), outcome.err);
   CHECK(json_of(run / "run.json").at("state") == "interrupted");
-  CHECK(cloam_with({"train", "--resume", run.string(), "-q"}).code == 0);
+  CHECK(cloam_with({"train", "--resume", run.string(), "--pictures", "off", "-q"}).code == 0);
   CHECK(checkpoint_of(run, "000150") == bytes_left_alone());
 }

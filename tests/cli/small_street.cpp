@@ -47,7 +47,7 @@ const fs::path& small_street_run() {
                                 "code.side=4", "weight.perceptual=0"}) {
       words.insert(words.end(), {"--set", setting});
     }
-    const Outcome trained = cloam_with(words);
+    const Outcome trained = cloam_with(without_pictures(words));
     REQUIRE_MESSAGE(trained.code == 0, trained.err);
     return folder;
   }();
@@ -67,7 +67,7 @@ const fs::path& two_streets_run() {
           "code.channels=4", "decoder.middle=16", "decoder.widths=16,8,8", "decoder.groups=4", "weight.perceptual=0",
           "prior.guidance=0.5", "weight.silhouette=0.01"})
       words.insert(words.end(), {"--set", setting});
-    const Outcome trained = cloam_with(words);
+    const Outcome trained = cloam_with(without_pictures(words));
     REQUIRE_MESSAGE(trained.code == 0, trained.err);
     give_surfaces(fs::path(folder) / "ckpt" / "000008.safetensors");
     return fs::path(folder);
@@ -79,10 +79,8 @@ Words small_diffusion(const fs::path& source, const fs::path& run, const Words& 
   Words words = {"train", "diffusion", source.string(), "-o", run.string(), "--preset", "diffusion-small", "-q"};
   for (const char* setting : {"unet.base=8", "unet.groups=4", "batch.codes=8"})
     words.insert(words.end(), {"--set", setting});
-  // Its pictures restore the run it learned from: they take longer than the training.
-  if (std::find(more.begin(), more.end(), "--pictures") == more.end()) words.insert(words.end(), {"--pictures", "off"});
   words.insert(words.end(), more.begin(), more.end());
-  return words;
+  return without_pictures(words);
 }
 
 const fs::path& small_diffusion_run() {

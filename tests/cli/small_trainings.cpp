@@ -10,7 +10,7 @@ namespace fs = std::filesystem;
 Words with_settings(Words words, const Words& settings, const Words& more) {
   for (const std::string& setting : settings) words.insert(words.end(), {"--set", setting});
   words.insert(words.end(), more.begin(), more.end());
-  return words;
+  return without_pictures(words);
 }
 
 Words nerf(const fs::path& run, const Words& more) { return small_training(small_scene(), run, more); }

@@ -9,7 +9,7 @@ namespace cloam {
 
 struct SmallTraining {
   const char* method;
-  /// `train METHOD` into `run`; `more` names steps, checkpoints and the seed.
+  /// `train METHOD` into `run`, without pictures unless `more` asks for them; it names steps, checkpoints and the seed.
   Words (*words)(const std::filesystem::path& run, const Words& more);
 };
 const std::vector<SmallTraining>& small_trainings();

@@ -116,8 +116,8 @@ TEST_CASE("tables whose commands run side by side come to the same bytes, and a 
 
 TEST_CASE(
     "tables whose commands ranks share come to what one process leaves, and a stop or a death ends all that run") {
-  const fs::path alone = scratch() / "tables-alone", out = scratch() / "tables-of-ranks";
-  REQUIRE(cloam_with(usual(alone, {"--seeds", "1,2"})).code == 0);
+  const fs::path alone = copy_of(undisturbed(), "tables-alone"), out = scratch() / "tables-of-ranks";
+  REQUIRE(cloam_with(usual(alone, {"--seeds", "1,2"})).code == 0);  // with what is new: the other seed's
   const Words words = usual(out, {"--seeds", "1,2"});
   const auto both_train = [&](Ranks& ranks) {  // both have begun before either has ended
     const auto begun = [&](const char* run) {
