@@ -124,6 +124,12 @@ const StepMemory* Optimiser::in_common(size_t buffer) const {
   return nullptr;
 }
 
+bool Optimiser::has_common() const {
+  for (size_t i = 0; i < flats_.size() + steps_.size(); i++)
+    if (in_common(i)) return true;
+  return false;
+}
+
 std::vector<Shape> Optimiser::buffer_shapes() const {
   std::vector<Shape> out;
   for (const Flats& flats : flats_) out.push_back(flats.memory.gradients.all.shape());

@@ -28,6 +28,7 @@ class Optimiser {
   Tensors buffers_of(const Tensors& gradients);
   /// What ranks have in common of a buffer, whose gradients hold what buffers_of() put there; null where they do not.
   const StepMemory* in_common(size_t buffer) const;
+  bool has_common() const;  // of any
   std::vector<Shape> buffer_shapes() const;
   /// One step in place, with evaluated gradients.
   void step(Params& parameters, const Tensors& gradients, const ParameterGroups& groups, const Progress& progress);

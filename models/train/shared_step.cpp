@@ -289,6 +289,7 @@ TakenStep SharedSteps::take(Method& method, Optimiser& optimiser, const Progress
     return taken;
   }
   SummedStep sum(sharing_, gradients_, sums_);
+  if (optimiser.has_common()) meet(sharing_.ranks);  // nobody reads what a method's replacements are made of any more
   optimiser.gather(method.parameters());
   Step step;
   Tensors gradients;
@@ -309,12 +310,9 @@ TakenStep SharedSteps::take(Method& method, Optimiser& optimiser, const Progress
   own.share = {sharing_.ranks.rank(), sharing_.ranks.size()};
   optimiser.step_rows(method.parameters(), gradients, {method.groups(), own});
   const Tensors stepped = optimiser.stepped(method.parameters());
-  bool in_common = false;
-  for (size_t i = 0; i < stepped.size(); ++i) {
+  for (size_t i = 0; i < stepped.size(); ++i)
     if (gradients[i] && stepped[i]) spread_rows_of(stepped[i], sharing_.ranks);
-    in_common = in_common || !stepped[i];
-  }
-  if (in_common) {
+  if (optimiser.has_common()) {
     synchronize();  // what others see of this rank's step is there
     meet(sharing_.ranks);
   }

@@ -4,6 +4,7 @@
 #include <doctest/doctest.h>
 
 #include <barrier>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <thread>
@@ -169,7 +170,7 @@ class InThreads final : public Ranks {
     std::barrier<> both{2};
     const std::vector<std::span<const std::byte>>* sent[2] = {};
   };
-  InThreads(Desk& desk, int64_t rank) : desk_(desk), rank_(rank) {}
+  InThreads(Desk& desk, int64_t rank, std::chrono::milliseconds pause = {}) : desk_(desk), rank_(rank), pause_(pause) {}
   int64_t rank() const override { return rank_; }
   int64_t size() const override { return 2; }
   void trade(const std::vector<std::span<const std::byte>>& to,
@@ -181,11 +182,13 @@ class InThreads final : public Ranks {
     CHECK(given.size() == from[other].size());
     std::ranges::copy(given, from[other].begin());
     desk_.both.arrive_and_wait();
+    std::this_thread::sleep_for(pause_);
   }
 
  private:
   Desk& desk_;
   int64_t rank_;
+  std::chrono::milliseconds pause_;
 };
 
 }  // namespace
@@ -250,4 +253,40 @@ TEST_CASE("ranks of one host have memory in common, unless one of them does not 
   other.join();
   CHECK(shared_memory(alone(), kBytes, true) == nullptr);
   CHECK(shared_memory(PretendedRanks(2), kBytes, true) == nullptr);
+}
+
+TEST_CASE("ranks with memory in common take the steps of two shares, however late one of them is") {
+  constexpr int64_t kSteps = 3;
+  const auto trained = [&](const Ranks& ranks) {
+    const auto method = small_method("nerf");
+    Optimiser optimiser(method->parameters(), method->groups(), ranks);
+    CHECK((optimiser.in_common(0) != nullptr) == (ranks.size() > 1 && computes_in_host_memory()));
+    SharedSteps steps({ranks, 2});
+    Values out;
+    for (int64_t step = 1; step <= kSteps; ++step) {
+      steps.take(*method, optimiser, {step, 10, 1});
+      // Methods replace parameters between steps.
+      for (const auto& [name, tensor] : method->parameters()) {
+        assign({{tensor, tensor * 1.5f}});
+        out[name] = tensor.to_host();
+      }
+    }
+    meet(ranks);
+    return out;
+  };
+  const Values alone_in_turn = trained(alone());
+  for (const int late : {0, 1}) {
+    CAPTURE(late);
+    InThreads::Desk desk;
+    Values of_rank[2];
+    const auto one = [&](int rank) {
+      of_rank[rank] = trained(InThreads(desk, rank, std::chrono::milliseconds(rank == late ? 20 : 0)));
+    };
+    if (!computes_in_host_memory()) return;  // messages hold the one device that both threads have
+    std::thread other(one, 1);
+    one(0);
+    other.join();
+    CHECK(of_rank[0] == alone_in_turn);
+    CHECK(of_rank[1] == alone_in_turn);
+  }
 }
