@@ -3,7 +3,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <chrono>
 #include <functional>
 
 #include "tests/cli/process.h"
@@ -93,9 +92,6 @@ TEST_CASE("compiled kernels that are no longer whole are compiled again, and a l
       CAPTURE(extension);
       REQUIRE(!any(extension).empty());
       damage(any(extension));
-      std::error_code none_yet;  // kernels are looked at once a minute
-      fs::last_write_time(cache / "cloam-checked", fs::file_time_type::clock::now() - std::chrono::minutes(2),
-                          none_yet);
       const Outcome outcome = cloam_with(command, places);
       CHECK_MESSAGE(outcome.code == 0, outcome.code, outcome.err);
       CHECK(outcome.out == sound.out);
