@@ -87,6 +87,11 @@ std::vector<std::string> gathered(const Ranks& ranks, const std::string& mine) {
   return all;
 }
 
+void meet(const Ranks& ranks) {
+  std::vector<std::string> bytes(static_cast<size_t>(ranks.size()), " ");
+  trade_texts(ranks, " ", bytes);
+}
+
 std::vector<int64_t> from_first(const Ranks& ranks, std::vector<int64_t> mine) {
   const auto count = static_cast<size_t>(ranks.size());
   const bool first = ranks.rank() == 0;

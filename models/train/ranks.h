@@ -41,7 +41,7 @@ std::vector<std::string> gathered(const Ranks& ranks, const std::string& mine);
 /// What the first rank gave; as many numbers on all.
 std::vector<int64_t> from_first(const Ranks& ranks, std::vector<int64_t> mine);
 /// Returns once every rank is here.
-inline void meet(const Ranks& ranks) { gathered(ranks, ""); }
+void meet(const Ranks& ranks);
 
 /// A sum over shares of weight times values, of which each rank adds one at a time, in the order of the ranks. One
 /// addition at a time in one order: a single rank that adds all shares gets the same bits. Values lie in rows, of which

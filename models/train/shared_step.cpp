@@ -48,7 +48,7 @@ using OrderedSums = std::vector<OrderedSum>;
 /// One step's sums over shares.
 class SummedStep {
  public:
-  SummedStep(const Sharing& sharing, OrderedSums& gradients, OrderedSums& sums)
+  SummedStep(const Sharing& sharing, OrderedSums& gradients, OrderedSum& sums)
       : sharing_(sharing), gradients_(gradients), sums_(sums) {}
   /// An evaluated share of this rank, while every other rank adds one, too. Of the last, `buffers` (its gradients) then
   /// hold the sum of all in this rank's rows; an empty handle where no share has a gradient.
@@ -70,7 +70,8 @@ class SummedStep {
   void add_sums(const Tensors& sums);
 
   const Sharing& sharing_;
-  OrderedSums &gradients_, &sums_;  // by buffer
+  OrderedSums& gradients_;  // by buffer
+  OrderedSum& sums_;
   std::vector<bool> has_gradient_;  // of any share, by buffer
   int64_t added_ = 0;               // shares
   std::vector<Told> round_;         // of the shares that the ranks add at a time, by rank
@@ -191,10 +192,11 @@ void SummedStep::add_gradients(Tensors& buffers, const Optimiser& optimiser) {
 }
 
 void SummedStep::add_sums(const Tensors& sums) {
-  for (size_t i = 0; i < sums.size(); ++i)
-    read_on_host(sums[i], [&](std::span<const float> values) {
-      sums_[i].add(values, sums[i].numel(), std::vector<float>(weights_.size(), 1.f));
-    });
+  std::vector<float> all;
+  for (const Tensor& sum : sums)
+    read_on_host(sum, [&](std::span<const float> values) { all.insert(all.end(), values.begin(), values.end()); });
+  if (all.empty()) return;
+  sums_.add(all, static_cast<int64_t>(all.size()), std::vector<float>(weights_.size(), 1.f));
 }
 
 /// As many as there are, all of nothing.
@@ -207,7 +209,7 @@ void begin_sums(OrderedSums& sums, size_t count, const Ranks& ranks) {
 void SummedStep::add(const Step& step, Tensors& buffers, const Optimiser& optimiser) {
   if (weight_ == 0) {
     begin_sums(gradients_, buffers.size(), sharing_.ranks);
-    begin_sums(sums_, step.sums.size(), sharing_.ranks);
+    sums_.begin();
   }
   synchronize();  // who hears of this share may read its gradients
   hear(told_of(step, buffers), step.counts.size());
@@ -218,11 +220,14 @@ void SummedStep::add(const Step& step, Tensors& buffers, const Optimiser& optimi
 }
 
 void SummedStep::take(const Step& step) const {
-  for (size_t i = 0; i < sums_.size(); ++i) {
-    const Tensor& sum = step.sums[i];
-    std::vector<float> all(static_cast<size_t>(sum.numel()));
-    sums_[i].spread(all);
-    assign({{sum, from_bytes(all.data(), DType::f32, sum.shape())}});
+  size_t count = 0;
+  for (const Tensor& sum : step.sums) count += static_cast<size_t>(sum.numel());
+  std::vector<float> all(count);
+  if (count > 0) sums_.spread(all);
+  const float* at = all.data();
+  for (const Tensor& sum : step.sums) {
+    assign({{sum, from_bytes(at, DType::f32, sum.shape())}});
+    at += sum.numel();
   }
   for (size_t i = 0; i < counts_.size(); ++i) *step.counts[i] = counts_[i];
 }
@@ -271,7 +276,7 @@ void eval_step(const Step& step) {
   eval(results);
 }
 
-SharedSteps::SharedSteps(const Sharing& sharing) : sharing_(sharing) {
+SharedSteps::SharedSteps(const Sharing& sharing) : sharing_(sharing), sums_(sharing.ranks) {
   if (sharing.shares > 1 && debug().float64)
     throw Error(Fault::usage, text("CLOAM_DEBUG=float64 takes one device and one share of a batch a step; found ",
                                    sharing.shares, " shares\n  fix: train without mpirun and --gradient-accumulation"));

@@ -35,7 +35,8 @@ class SharedSteps {
 
  private:
   Sharing sharing_;
-  std::vector<OrderedSum> gradients_, sums_;
+  std::vector<OrderedSum> gradients_;  // by buffer
+  OrderedSum sums_;                    // of all that a step sums besides, one behind the other
   bool moments_apart_ = false;
 };
 
