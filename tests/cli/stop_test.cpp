@@ -118,7 +118,7 @@ TEST_CASE("generate that is stopped keeps whole assets and says how many") {
 
 TEST_CASE("crops that are stopped are whole, and have no index") {
   const fs::path logs = scratch() / "crop-logs", out = scratch() / "stopped-crops";
-  const Outcome made = cloam_with({"synth", "-o", logs.string(), "--logs", "1", "--frames", "30", "--size", "160x90",
+  const Outcome made = cloam_with({"synth", "-o", logs.string(), "--logs", "1", "--frames", "12", "--size", "160x90",
                                    "--cameras", "front,front_left", "--beams", "4", "-q"});
   REQUIRE_MESSAGE(made.code == 0, made.err);
   Process process({"crops", (logs / "001").string(), "-o", out.string(), "--size", "1024"});
@@ -126,7 +126,7 @@ TEST_CASE("crops that are stopped are whole, and have no index") {
   process.signal(SIGINT);
   const Outcome outcome = process.wait();
   CHECK_MESSAGE(outcome.code == 128 + SIGINT, outcome.err);
-  CHECK(number_before(outcome, " crops of \\d+ of 60 images are complete in " + out.string() +
+  CHECK(number_before(outcome, " crops of \\d+ of 24 images are complete in " + out.string() +
                                    ", without crops.json") == files_in(out, ".png"));
   CHECK_FALSE(fs::exists(out / "crops.json"));
 }
