@@ -2,7 +2,6 @@
 // which draws the same batches. Distances are those of all parameters, in parts of the way that the float64 training
 // went. The suite takes two steps; CLOAM_TRAJECTORIES=all (script/trajectories) takes up to 200.
 #include <doctest/doctest.h>
-#include <fmt/format.h>
 
 #include <cmath>
 #include <cstdlib>
@@ -23,7 +22,6 @@ struct Device {
   int steps;
 };
 
-constexpr int kFew = 2;  // steps in the suite
 const fs::path kDrivers = "/etc/OpenCL/vendors";
 const Words kPocl = {"OCL_ICD_VENDORS=pocl.icd"}, kFloat64 = {"OCL_ICD_VENDORS=pocl.icd", "CLOAM_DEBUG=float64"};
 
@@ -33,15 +31,15 @@ const Words kPocl = {"OCL_ICD_VENDORS=pocl.icd"}, kFloat64 = {"OCL_ICD_VENDORS=p
 std::vector<Device> devices(const std::string& method) {
   const bool all = std::getenv("CLOAM_TRAJECTORIES") != nullptr;
   const int many = method == "genassets" ? 20 : 200;
-  const Device pocl = {"PoCL", kDrivers / "pocl.icd", kPocl, all ? many : kFew},
+  const Device pocl = {"PoCL", kDrivers / "pocl.icd", kPocl, all ? many : 2},
                as_gpu = {"PoCL, kernels of GPUs",
                          kDrivers / "pocl.icd",
                          {kPocl[0], "CLOAM_DEVICE_CLASS=gpu"},
-                         all ? many : kFew},
+                         all ? many : 2},
                rusticl = {"rusticl",
                           kDrivers / "rusticl.icd",
                           {"OCL_ICD_VENDORS=rusticl.icd", "RUSTICL_ENABLE=llvmpipe", "CLOAM_DEVICE=llvmpipe"},
-                          all ? 20 : kFew};
+                          all ? 20 : 2};
   if (!all && fs::exists(rusticl.driver)) return {pocl, rusticl};
   return {pocl, as_gpu, rusticl};
 }
@@ -52,24 +50,26 @@ fs::path fresh(const std::string& method) {
 }
 
 /// "param." alone: what a training is for.
-TensorMap parameters_of(const fs::path& run, int step) {
+TensorMap parameters_of(const fs::path& run) {
+  std::string name = content_of(run / "ckpt" / "latest.txt");
+  while (!name.empty() && name.back() == '\n') name.pop_back();
   TensorMap out;
-  for (auto& [key, tensor] : read_safetensors(run / "ckpt" / fmt::format("{:06}.safetensors", step)).tensors)
+  for (auto& [key, tensor] : read_safetensors(run / "ckpt" / name).tensors)
     if (key.starts_with("param.") && tensor.dtype == "F32") out[key] = tensor;
   return out;
 }
 
-/// The folder of the training.
-fs::path trained(const SmallTraining& training, int steps, int seed, const Words& environment) {
+TensorMap trained(const SmallTraining& training, int steps, int seed, const Words& environment) {
   const fs::path run = fresh(training.method);
   Words more = {"--steps", std::to_string(steps), "--seed", std::to_string(seed)};
-  if (steps == kFew) more.insert(more.end(), {"--save-every", "1"});
   // Gaussians are born where a gradient is above a threshold: one of them more, and there is no distance to measure.
   const std::string method = training.method;
   if (method == "splat" || method == "street-gaussians") more.insert(more.end(), {"--set", "growth.start=100000"});
   const Outcome outcome = cloam_with(training.words(run, more), environment);
   REQUIRE_MESSAGE(outcome.code == 0, training.method, ": ", outcome.err);
-  return run;
+  TensorMap out = parameters_of(run);
+  fs::remove_all(run);
+  return out;
 }
 
 double distance(const TensorMap& a, const TensorMap& b) {
@@ -87,12 +87,8 @@ double distance(const TensorMap& a, const TensorMap& b) {
 
 /// The float64 training of so many steps, and how far it went since the first.
 struct Reference {
-  Reference(const SmallTraining& training, int steps, int seed) {
-    const fs::path run = trained(training, steps, seed, kFloat64);
-    end = parameters_of(run, steps);
-    // Of few steps all checkpoints are kept.
-    way = distance(parameters_of(steps == kFew ? run : trained(training, 1, seed, kFloat64), 1), end);
-  }
+  Reference(const SmallTraining& training, int steps, int seed)
+      : end(trained(training, steps, seed, kFloat64)), way(distance(trained(training, 1, seed, kFloat64), end)) {}
   TensorMap end;
   double way;
 };
@@ -109,8 +105,7 @@ TEST_CASE("trajectories: each device stays near the training in float64") {
       if (!references.contains(device.steps))
         references.emplace(device.steps, Reference(training, device.steps, kSeed));
       const Reference& reference = references.at(device.steps);
-      const fs::path run = trained(training, device.steps, kSeed, device.environment);
-      const double away = distance(parameters_of(run, device.steps), reference.end);
+      const double away = distance(trained(training, device.steps, kSeed, device.environment), reference.end);
       MESSAGE(method, ", ", device.steps, " steps, ", std::string(device.name), ": ", away / reference.way,
               " of the way");
       CHECK(away < 0.2 * reference.way);
