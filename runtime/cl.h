@@ -17,11 +17,11 @@ namespace cloam {
 
 /// A block of device memory on loan from the pool; goes back when the last tensor lets go.
 struct Buffer {
+  std::shared_ptr<std::byte> given;  // the host's memory that `mem` lies in, where the device did not choose it
   cl::Buffer mem;
   size_t bytes = 0;
-  std::shared_ptr<Buffer> whole;     // of a part of a buffer, which is no loan of its own
-  std::shared_ptr<std::byte> given;  // the host's memory that it lies in, where the device did not choose it
-  bool pooled = true;                // freed, it serves others
+  std::shared_ptr<Buffer> whole;  // of a part of a buffer, which is no loan of its own
+  bool pooled = true;             // freed, it serves others
   Buffer(cl::Buffer memory, size_t size) : mem(std::move(memory)), bytes(size) {}
   ~Buffer();
   Buffer(const Buffer&) = delete;

@@ -83,10 +83,6 @@ Tensor part_of(const Flat& flat, size_t begin, size_t end, const Shape& shape) {
   return Tensor(std::move(node));
 }
 
-}  // namespace
-
-namespace {
-
 void make_parts(Flat& flat, const std::vector<Shape>& shapes) {
   for (size_t i = 0; i < shapes.size(); i++) flat.parts.push_back(part_of(flat, i, i + 1, shapes[i]));
 }
