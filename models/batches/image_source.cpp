@@ -87,7 +87,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoStore& photos, const Sce
 }
 
 PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& share, const LearnedCameras& learned,
-                             const DrawnPixels& what) const {
+                             float coarse) const {
   const auto uniform = [&](uint32_t stream) {
     return own_rows(random_uniform({count}, {key.seed, key.step, key.stream + stream}), share);
   };
@@ -96,9 +96,8 @@ PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& s
   const auto column = [&](int i) { return reshape(slice(record, 1, i, i + 1), {share.size(count)}); };
   const Tensor pixels = column(1),
                inside = minimum(cast(uniform(1) * cast(pixels, DType::f32), DType::i32), pixels - 1);
-  Seen seen = what.coarse > 0
-                  ? squares(column(0), column(2), squares_of(uniform(2), what.coarse, inside, column(4), pixels))
-                  : single(column(0) + inside, column(2) + inside);
+  Seen seen = coarse > 0 ? squares(column(0), column(2), squares_of(uniform(2), coarse, inside, column(4), pixels))
+                         : single(column(0) + inside, column(2) + inside);
   PixelBatch out;
   out.widths = seen.widths;
   out.rgba = seen.rgba;

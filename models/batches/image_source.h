@@ -26,21 +26,16 @@ struct PixelSquares {
   Tensor places, side;  // int32 [R,16], [R]
 };
 
-/// What a draw's rays see.
-struct DrawnPixels {
-  float coarse =
-      0;  // share of the rays whose pixel is a square of 2x2 or 4x4 of the photos', as those of smaller photos
-};
-
 /// All training pixels on the device.
 class PixelSource {
  public:
   /// Fault::data for no image, Fault::memory for more than 2^29 pixels.
   PixelSource(const Scene& scene, const PhotoStore& photos, const SceneFrame& frame, const RayRange& range);
   /// The share of `count` pixels at random: a frame, then a pixel in it. streams key.stream and the two after it.
-  /// Rays are differentiable in what is learned.
+  /// Rays are differentiable in what is learned. coarse: the share of rays whose pixel is a square of 2x2 or 4x4 of the
+  /// photos' pixels, as those of smaller photos are.
   PixelBatch draw(int64_t count, const RandomKey& key, const Share& share, const LearnedCameras& learned = {},
-                  const DrawnPixels& what = {}) const;
+                  float coarse = 0) const;
   const Tensor& poses() const { return poses_; }
 
  private:

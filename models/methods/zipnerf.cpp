@@ -94,7 +94,7 @@ Step ZipNerf::step(const Progress& progress, const Tensors& wanted) {
   const int64_t rays = config_.batch_rays;
   const Tensor poses = poses_.on() ? poses_.moved(pixels_->poses(), renderer_->frame().scale) : Tensor();
   const PixelBatch batch =
-      pixels_->draw(rays, key.of_stream(kZipPixels), progress.share, {poses, focals_.narrowing()}, {config_.coarse});
+      pixels_->draw(rays, key.of_stream(kZipPixels), progress.share, {poses, focals_.narrowing()}, config_.coarse);
   const float done = progress.fraction(), sharpness = kSharpening * done / ((kSharpening - 1) * done + 1);
   const ZipNerfRenderer::Rendered seen =
       renderer_->shade({batch.rays, batch.widths * kConeOfPixel}, {key, true, progress.share, rays, sharpness});

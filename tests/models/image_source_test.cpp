@@ -87,7 +87,7 @@ TEST_CASE("pixels: coarse ones are the means of squares of a photo, as wide as t
           all.emplace_back(side,
                            square_of(photo, photos.pixels.cameras[static_cast<size_t>(photo.camera)], left, top, side));
   constexpr int64_t kRays = 900;
-  const PixelBatch batch = source.draw(kRays, {5, 1, 0}, {}, {}, {0.5f});
+  const PixelBatch batch = source.draw(kRays, {5, 1, 0}, {}, {}, 0.5f);
   const std::vector<float> ways = batch.rays.directions.to_host(), rgba = batch.rgba.to_host(),
                            widths = batch.widths.to_host(), used = batch.used.to_host(),
                            depths = batch.depths.to_host();

@@ -59,7 +59,7 @@ TEST_CASE("rows and pixels of all ranks are the batch of one") {
   const PixelSource source(scene, toy_pixels(scene), fit_scene(scene), {});
   check_union<float>([&](const Share& share) { return source.draw(50, {4, 5, 0}, share).rgba.to_host(); });
   check_union<float>([&](const Share& share) { return source.draw(50, {4, 5, 0}, share).rays.directions.to_host(); });
-  check_union<float>([&](const Share& share) { return source.draw(50, {4, 5, 0}, share, {}, {0.5f}).rgba.to_host(); });
+  check_union<float>([&](const Share& share) { return source.draw(50, {4, 5, 0}, share, {}, 0.5f).rgba.to_host(); });
 }
 
 TEST_CASE("ranks take turns with photographs: every one comes once before any comes again") {
