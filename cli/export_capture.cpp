@@ -140,7 +140,7 @@ int export_capture(const RestoredRun& run, const ExportRequest& request, const C
       Fault::usage,
       text("--format capture: ", request.run, " learned neither poses, focal lengths nor boxes\n  fix: cloam train ",
            run.record.method, " DATA --set poses.refine=true (nerf, zipnerf, splat, neurad), ",
-           "intrinsics.refine=true (nerf, zipnerf, splat) or actors.refine=true (street-gaussians)"));
+           "intrinsics.refine=true (nerf, zipnerf, splat) or actors.refine=true (street-gaussians, neurad)"));
 }
 
 }  // namespace cloam

@@ -82,6 +82,7 @@ void Neurad::configure(Config& c) {
   c.bind("train.final_rate", o.final_rate, "learning rates at the last step, as a fraction of the initial ones");
   c.bind("train.warm_up", o.warm_up, "steps in which the learning rates rise", {0, 1 << 20});
   c.bind("train.warm_up_image", o.warm_up_image, "the same of the image decoder's", {0, 1 << 20});
+  bind_boxes(c, o.boxes);
   poses_.configure(c);
 }
 
@@ -92,7 +93,19 @@ void Neurad::build(const Scenes& scenes, uint64_t seed) {
   seed_ = seed;
   model_ = std::make_unique<NeuradModel>(config_.street, Scope{params_, "", seed}, scene);
   if (config_.weight_perceptual > 0) perceptual_ = feature_network(config_.perceptual_weights);
+  boxes_.build(config_.boxes, scene.actors, params_);
   poses_.build(scene, params_, kPoseScale);
+}
+
+TensorMap Neurad::state() const {
+  TensorMap out = model_->space().state();
+  boxes_.add_state(out);
+  return out;
+}
+
+void Neurad::restore(const TensorMap& state) {
+  model_->space().restore(state);
+  boxes_.restore(state);
 }
 
 void Neurad::load_data(std::vector<TrainingData> data) {
@@ -182,6 +195,7 @@ ParameterGroups Neurad::groups() const {
   // Rows of actors that no ray of a step meets stand still: Adam's momentum would move them on.
   groups.push_back({"actors.", c.rate_grids, schedule});
   groups.back().sparse = true;
+  boxes_.add_groups(groups);
   poses_.add_group(groups);
   return groups;
 }
@@ -247,6 +261,12 @@ void Neurad::move_rays(const Batch& batch, NeuradSampling& how) const {
   how.directions = concat({moved.directions, part(directions, seen, count)}, 0);
 }
 
+NeuradScene Neurad::street(const RayList& rays) const {
+  NeuradScene scene = model_->street(rays);
+  scene.boxes = boxes_.moved(scene.boxes, model_->scene()->actors, rays.times);
+  return scene;
+}
+
 Tensor Neurad::image_loss(const Batch& batch, const NeuradRays& seen, Tensor& squared) const {
   const Tensor& truth = batch.photos.truth;
   const int64_t rows = truth.dim(2) / model_->scale(), columns = truth.dim(3) / model_->scale();
@@ -300,17 +320,19 @@ Step Neurad::step(const Progress& progress, const Tensors& wanted) {
   NeuradSampling how = {
       {seed_, static_cast<uint32_t>(progress.step), 0}, true, static_cast<uint32_t>(progress.share.rank)};
   move_rays(batch, how);
-  const NeuradRays seen = model_->render(model_->street(batch.rays), batch.rays, batch.angles, how);
+  how.moves_boxes = boxes_.on();
+  const NeuradRays seen = model_->render(street(batch.rays), batch.rays, batch.angles, how);
   Tensor squared, metres;
   Tensor loss = image_loss(batch, seen, squared);
   std::vector<Figure> figures;
   if (batch.of_returns > batch.of_photos)
     loss = loss + lidar_loss(batch, seen, metres) + returns_loss(batch, seen, figures);
-  Step step = step_of(loss, wanted);
+  Step step = step_of(boxes_.with_smoothness(loss), wanted);
   const float share = std::max(batch.photos.share, 1e-6f);
   step.figures = {psnr_figure(share < 1 ? squared * (1 / share) : squared)};
   if (metres) step.figures.push_back({"lidar_m", 0, metres});
   step.figures.insert(step.figures.end(), figures.begin(), figures.end());
+  for (const Figure& figure : boxes_.figures()) step.figures.push_back(figure);
   for (const Figure& figure : poses_.figures()) step.figures.push_back(figure);
   step.figures.push_back({"samples", static_cast<double>(seen.samples.t.dim(0) * progress.share.ranks)});
   step.figures.push_back({"marched", static_cast<double>(seen.marched * progress.share.ranks)});
@@ -319,7 +341,7 @@ Step Neurad::step(const Progress& progress, const Tensors& wanted) {
 }
 
 Picture Neurad::render(const View& view) {
-  const auto street = [&](const RayList& rays) { return model_->street(rays); };
+  const auto street = [&](const RayList& rays) { return this->street(rays); };
   const NeuradModel::Seer seer = {view.sensor, view.time, pixel_angle(view.camera.fx, model_->scale())};
   const CameraMotion motion =
       config_.rolling_shutter ? camera_motion(*model_->scene(), view.sensor, view.time) : CameraMotion();
@@ -327,7 +349,7 @@ Picture Neurad::render(const View& view) {
 }
 
 LidarReturns Neurad::measure(const WorldRays& rays) {
-  const auto street = [&](const RayList& list) { return model_->street(list); };
+  const auto street = [&](const RayList& list) { return this->street(list); };
   return street_returns(model_->painter(street, {kLidarName, rays.time, kBeamAngle}), rays, model_->space());
 }
 

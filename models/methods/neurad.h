@@ -3,10 +3,12 @@
 #pragma once
 #include <optional>
 
+#include "models/methods/box_refinement.h"
 #include "models/methods/neurad_model.h"
 #include "models/methods/pose_refinement.h"
 #include "models/nn/feature_network.h"
 #include "models/street/missing_rays.h"
+#include "models/street/refines_boxes.h"
 #include "models/street/street.h"
 #include "models/street/takes_edits.h"
 #include "models/train/learns_from_captures.h"
@@ -14,11 +16,13 @@
 #include "models/train/mixed_precision.h"
 #include "models/train/refines_poses.h"
 #include "models/train/renders_views.h"
+#include "models/train/takes_shapes.h"
 
 namespace cloam {
 
 struct NeuradConfig {
   NeuradOptions street;
+  BoxSettings boxes;
   bool rolling_shutter = true;  // rows of photos are seen when they were exposed
   int patches = 40, patch_side = 32, lidar_rays = 16384;
   float weight_rgb = 5, weight_perceptual = 0.05f, weight_lidar = 0.01f, weight_line_of_sight = 0.01f;
@@ -36,6 +40,8 @@ class Neurad final : public Method,
                      public HasSurfaces,
                      public TakesEdits,
                      public RefinesPoses,
+                     public RefinesBoxes,
+                     public TakesShapes,
                      public MixedPrecision {
  public:
   void configure(Config& config) override;
@@ -47,8 +53,9 @@ class Neurad final : public Method,
   ParameterGroups groups() const override;
   Step step(const Progress& progress, const Tensors& wanted) override;
   int64_t most_shares() const override { return config_.patches; }
-  TensorMap state() const override { return model_->space().state(); }
-  void restore(const TensorMap& state) override { model_->space().restore(state); }
+  void fit_to(const TensorMap& parameters) override { boxes_.fit_to(parameters); }
+  TensorMap state() const override;
+  void restore(const TensorMap& state) override;
 
   Picture render(const View& view) override;
   LidarReturns measure(const WorldRays& rays) override;
@@ -56,6 +63,7 @@ class Neurad final : public Method,
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
   void take_actors(const Scenes& scenes) override;
   std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
+  std::vector<Actor> refined_actors() const override { return boxes_.refined(model_->scene()->actors); }
 
  private:
   /// Announces what the steps after this one will read, so that it is decoded meanwhile.
@@ -68,6 +76,8 @@ class Neurad final : public Method,
   void add_missing(RayList& rays, HostRandom& random, const Share& share) const;
   Tensor returns_loss(const Batch& batch, const NeuradRays& seen, std::vector<Figure>& figures) const;
   Batch draw_batch(const Progress& progress) const;
+  /// What rays meet, boxes where they were learned to be.
+  NeuradScene street(const RayList& rays) const;
   /// The batch's rays where the poses of its photos have moved.
   void move_rays(const Batch& batch, NeuradSampling& how) const;
   Tensor image_loss(const Batch& batch, const NeuradRays& seen, Tensor& squared) const;
@@ -81,6 +91,7 @@ class Neurad final : public Method,
   std::vector<WorldRays> missing_;  // of each sweep that has some
   int64_t missing_rays_ = 0;        // a step: as many to its returns as the sweeps have
   std::optional<FeatureNetwork> perceptual_;
+  BoxRefinement boxes_;
   PoseRefinement poses_;
   Tensor given_poses_;             // [N,12] of the training photos, street axes
   std::vector<int32_t> photo_of_;  // of each frame, its place among them

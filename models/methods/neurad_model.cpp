@@ -147,8 +147,9 @@ NeuradRays NeuradModel::render(const NeuradScene& scene, const RayList& rays, co
   eval({out.samples.actor_points, out.samples.actor_directions});
   const Tensor all = network.geometry(encoded(scene, out.samples, angles)).distance;
   out.samples = street_lit(out.samples, stop_gradient(network.opacity(all)), kLeastThrough);
-  if (follows) {
-    out.samples = followed(out.samples, at, scene.boxes, scene.grid);
+  if (follows || how.moves_boxes) {
+    out.samples =
+        follows ? followed(out.samples, at, scene.boxes, scene.grid) : followed_in_boxes(out.samples, at, scene.boxes);
     mirror(out.samples, scene, how);
   }
   const StreetSamples& s = out.samples;

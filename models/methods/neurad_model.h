@@ -30,6 +30,7 @@ struct NeuradSampling {
   bool random = false;
   uint32_t share = 0;                    // of the batch: each shifts the samples along its rays by numbers of its own
   Tensor origins = {}, directions = {};  // [R,3] in the place of the list's, and differentiable; empty: the list's
+  bool moves_boxes = false;              // the scene's boxes are differentiable
 };
 
 /// What rays meet.

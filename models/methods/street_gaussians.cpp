@@ -21,8 +21,8 @@
 namespace cloam {
 namespace {
 
-constexpr float kFinalSky = 0.1f, kFinalCameras = 0.1f, kFinalPositions = 0.2f, kFinalYaws = 0.5f;  // on the rates
-constexpr float kLeastLight = 1e-4f;  // of a logarithm's argument
+constexpr float kFinalSky = 0.1f, kFinalCameras = 0.1f;  // on the rates
+constexpr float kLeastLight = 1e-4f;                     // of a logarithm's argument
 constexpr double kKeptReturns = 0.95;
 constexpr float kRoom = 0.1f;      // metres around a box that an actor's gaussians may lie in
 constexpr float kGone = -20;       // logit of an opacity that growth removes
@@ -56,7 +56,6 @@ void StreetGaussians::configure(Config& c) {
   c.bind("near", o.near, "near plane, in metres");
   c.bind("sky.side", o.sky_side, "pixels per side of the sky's cube map", {1, 8192});
   c.bind("exposure", o.exposure, "learn a gain and an offset per camera and channel, with means 1 and 0");
-  c.bind("actors.refine", o.refine, "learn a shift and a turn of each of the actors' boxes");
   c.bind("actors.flip", o.flip, "how often a step sees an actor mirrored, left for right", {0, 1});
   c.bind("actors.waves", o.waves, "Fourier coefficients of an actor's base colour over time; 1: constant", {1, 64});
   c.bind("actors.max", o.actors_max, "largest number of Gaussians of all actors", {1, 1 << 28});
@@ -67,15 +66,12 @@ void StreetGaussians::configure(Config& c) {
   c.bind("weight.actors", o.actors,
          "weight of the actors' loss, once growth has ended: entropy of their opacity in boxes, none outside");
   c.bind("weight.outside", o.outside, "weight of the metres by which actors' Gaussians lie outside their boxes");
-  c.bind("weight.smooth", o.smooth, "actors.refine: weight of the square of the boxes' accelerations, in m/s^2");
   c.bind("batch.depth_every", o.depth_every,
          "steps between those that compare depth and actors' opacity, with as many times the weight", kSteps);
   bind_rates(c, o.rates);
   c.bind("train.rate_sky", o.rate_sky, "learning rate of the sky; it falls to a tenth");
   c.bind("train.rate_exposure", o.rate_exposure, "learning rate of the exposures; it falls to a tenth");
-  c.bind("train.rate_positions", o.rate_positions,
-         "learning rate of the boxes' shifts, in metres; it falls to a fifth");
-  c.bind("train.rate_yaws", o.rate_yaws, "learning rate of the boxes' turns, in radians; it falls to a half");
+  bind_boxes(c, o.boxes);
   bind_growth(c, o.growth);
 }
 
@@ -188,9 +184,8 @@ ParameterGroups StreetGaussians::groups() const {
   groups.push_back({kWavesName, config_.rates.first});
   groups.push_back({kSkyName, config_.rate_sky, {kFinalSky}});
   groups.push_back({kExposureName, config_.rate_exposure, {kFinalCameras}});
-  groups.push_back({kPositionsName, config_.rate_positions, {kFinalPositions}});
-  groups.push_back({kYawsName, config_.rate_yaws, {kFinalYaws}});
   for (ParameterGroup& group : groups) group.epsilon = 1e-15f;
+  model_->boxes().add_groups(groups);
   return groups;
 }
 
@@ -254,8 +249,7 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   Tensor loss = (1.f - config_.ssim) * alike.l1 + config_.ssim * (1.f - alike.ssim);
   loss = loss + config_.sky * sky_term(seen);
   if (model_->has_actors()) loss = loss + config_.outside * outside_term();
-  if (config_.smooth > 0)
-    if (const Tensor jerky = model_->square_accelerations()) loss = loss + config_.smooth * jerky;
+  loss = model_->boxes().with_smoothness(loss);
   const auto every = static_cast<float>(config_.depth_every);
   if (compares_depth && hints.pixels) loss = loss + every * config_.lidar * lidar_term(seen);
   if (compares_depth && model_->has_actors() && progress.step > background_growth_->until(progress))
@@ -270,7 +264,7 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   observed_.add(seen.drawn, step.gradients.back());
   step.gradients.pop_back();
   step.figures = {psnr_figure(mean(square(picture - truth))), {"gaussians", static_cast<double>(count())}};
-  if (const Tensor shift = model_->mean_shift()) step.figures.push_back({"boxes_shifted", 0, shift});
+  for (const Figure& figure : model_->boxes().figures()) step.figures.push_back(figure);
   step.more = observed_.pending();
   step.sums = observed_.of_view();
   return step;
@@ -380,7 +374,7 @@ void StreetGaussians::fit_to(const TensorMap& parameters) {
 TensorMap StreetGaussians::state() const {
   TensorMap out = observed_.state();
   out["owners"] = named_integers({model_->owners().begin(), model_->owners().end()});
-  out["boxes"] = named_integers(model_->corrected_boxes());
+  model_->boxes().add_state(out);
   return out;
 }
 
@@ -392,9 +386,7 @@ void StreetGaussians::restore(const TensorMap& state) {
     throw Error(Fault::data, text("the checkpoint has Gaussians of actors that the run's log has not (it has ", actors,
                                   " actors)\n  fix: put the run's own scene.json back, or train anew"));
   model_->set_owners({owners.begin(), owners.end()});
-  const auto rows = params_.find(kPositionsName);
-  if (rows != params_.end())
-    model_->set_corrected_boxes(integers_from(state, "boxes", static_cast<size_t>(2 * rows->second.dim(0))));
+  model_->boxes().restore(state);
 }
 
 Gaussians StreetGaussians::actor_gaussians(const AssetName& asset) const {

@@ -27,39 +27,6 @@ double share_of(const Actor& actor, double time) {
   return last > first ? std::clamp((time - first) / (last - first), 0.0, 1.0) : 0;
 }
 
-/// Three boxes in a row, at times t0 < t1 < t2, move by the second difference quotient of their places: the change of
-/// velocity from the first to the second half, over the time between the halves' middles.
-std::array<double, 3> acceleration_weights(double t0, double t1, double t2) {
-  const double before = t1 - t0, after = t2 - t1, between = (before + after) / 2;
-  return {1 / (before * between), -(1 / before + 1 / after) / between, 1 / (after * between)};
-}
-
-BoxMotion motion_of(const std::vector<Actor>& actors,
-                    const std::map<std::pair<std::size_t, int>, int32_t>& corrections) {
-  std::vector<int32_t> rows;
-  std::vector<float> by_shift, given;
-  for (size_t a = 0; a < actors.size(); ++a) {
-    const std::vector<ActorBox>& boxes = actors[a].boxes;
-    for (size_t b = 1; b + 1 < boxes.size(); ++b) {
-      const ActorBox &before = boxes[b - 1], &box = boxes[b], &after = boxes[b + 1];
-      const bool in_a_row = after.step == box.step + 1 && box.step == before.step + 1;
-      if (!in_a_row || !(before.timestamp < box.timestamp && box.timestamp < after.timestamp)) continue;
-      const auto weights = acceleration_weights(before.timestamp, box.timestamp, after.timestamp);
-      Eigen::Vector3d acceleration = Eigen::Vector3d::Zero();
-      for (size_t k = 0; k < 3; ++k) {
-        const Eigen::Matrix4d& pose = boxes[b - 1 + k].world_from_box;
-        acceleration += weights[k] * (pose - box.world_from_box).topRightCorner<3, 1>();
-        rows.push_back(corrections.at({a, boxes[b - 1 + k].step}));
-        for (int i = 0; i < 9; ++i) by_shift.push_back(static_cast<float>(weights[k] * pose(i / 3, i % 3)));
-      }
-      for (int i = 0; i < 3; ++i) given.push_back(static_cast<float>(acceleration[i]));
-    }
-  }
-  if (given.empty()) return {};
-  const auto count = static_cast<int64_t>(given.size() / 3);
-  return {from_host(rows, {3 * count}), from_host(by_shift, {3 * count, 3, 3}), from_host(given, {count, 3})};
-}
-
 Shape waves_shape(int64_t count, int waves) { return {count, waves - 1, 3}; }
 
 }  // namespace
@@ -78,14 +45,7 @@ StreetGaussiansModel::StreetGaussiansModel(const StreetGaussiansConfig& config, 
     params_[name] = parameter(std::vector<float>(static_cast<size_t>(rows * columns)), {rows, columns});
   };
   if (config.exposure) zeros_for(kExposureName, static_cast<int64_t>(sensors_.size()), kExposureNumbers);
-  for (size_t a = 0; a < actors_.size(); ++a)
-    for (const ActorBox& box : actors_[a].boxes)
-      corrections_.emplace(std::pair(a, box.step), static_cast<int32_t>(corrections_.size()));
-  if (config.refine && !corrections_.empty()) {
-    zeros_for(kPositionsName, static_cast<int64_t>(corrections_.size()), 3);
-    zeros_for(kYawsName, static_cast<int64_t>(corrections_.size()), 1);
-    motion_ = motion_of(actors_, corrections_);
-  }
+  boxes_.build(config.boxes, actors_, parameters);
   const int64_t side = config.sky_side;
   params_[kSkyName] =
       parameter(std::vector<float>(static_cast<size_t>(18 * side * side), kFirstSky), {6, side, side, 3});
@@ -116,55 +76,7 @@ void StreetGaussiansModel::fit_to(const TensorMap& parameters) {
     params_[kWavesName] = parameter(std::vector<float>(static_cast<size_t>(3 * count * (config_.waves - 1))),
                                     waves_shape(count, config_.waves));
   set_owners(std::vector<int32_t>(static_cast<size_t>(count), 0));
-  for (const char* name : {kPositionsName, kYawsName})
-    if (const auto found = parameters.find(name); found != parameters.end() && found->second.shape.size() == 2) {
-      const int64_t rows = found->second.shape[0], columns = found->second.shape[1];
-      params_[name] = parameter(std::vector<float>(static_cast<size_t>(rows * columns)), {rows, columns});
-    }
-}
-
-std::vector<int64_t> StreetGaussiansModel::corrected_boxes() const {
-  std::vector<int64_t> boxes(2 * corrections_.size());
-  for (const auto& [box, row] : corrections_) {
-    boxes[2 * static_cast<size_t>(row)] = static_cast<int64_t>(box.first);
-    boxes[2 * static_cast<size_t>(row) + 1] = box.second;
-  }
-  return boxes;
-}
-
-void StreetGaussiansModel::set_corrected_boxes(const std::vector<int64_t>& boxes) {
-  corrections_.clear();
-  for (size_t i = 0; i < boxes.size(); i += 2)
-    corrections_[{static_cast<size_t>(boxes[i]), static_cast<int>(boxes[i + 1])}] = static_cast<int32_t>(i / 2);
-}
-
-std::vector<Actor> StreetGaussiansModel::refined_actors() const {
-  if (!params_.contains(kPositionsName)) return {};
-  const std::vector<float> shifts = params_.at(kPositionsName).to_host(), yaws = params_.at(kYawsName).to_host();
-  std::vector<Actor> out = actors_;
-  for (size_t a = 0; a < out.size(); ++a)
-    for (ActorBox& box : out[a].boxes) {
-      const auto found = corrections_.find({a, box.step});
-      if (found == corrections_.end()) continue;
-      const auto row = static_cast<size_t>(found->second);
-      box.world_from_box *=
-          pose_from(turn_about_z(yaws[row]), {shifts[3 * row], shifts[3 * row + 1], shifts[3 * row + 2]});
-    }
-  return out;
-}
-
-Tensor StreetGaussiansModel::square_accelerations() const {
-  if (!motion_.rows) return {};
-  const int64_t count = motion_.given.dim(0);
-  const Tensor shifts = unsqueeze(gather_rows(params_.at(kPositionsName), motion_.rows), 1);  // [N*3,1,3]
-  const Tensor by_box = sum(motion_.by_shift * shifts, {{2}});                                // [N*3,3]
-  return mean(sum(square(motion_.given + sum(reshape(by_box, {count, 3, 3}), {{1}})), {{1}}));
-}
-
-Tensor StreetGaussiansModel::mean_shift() const {
-  const auto found = params_.find(kPositionsName);
-  if (found == params_.end()) return {};
-  return mean(sqrt(sum(square(stop_gradient(found->second)), {{1}})));
+  boxes_.fit_to(parameters);
 }
 
 Tensor StreetGaussiansModel::exposed(const Tensor& planes, const std::string& sensor) const {
@@ -186,24 +98,11 @@ std::array<float, 6> StreetGaussiansModel::exposure_of(const std::string& sensor
   return {one[0] - none[0], one[1] - none[1], one[2] - none[2], none[0], none[1], none[2]};
 }
 
-/// As world_from_box_at goes from box to box. Of a box that nothing was learned of no part is taken.
 StreetGaussiansModel::Standing StreetGaussiansModel::standing(std::size_t actor, const Eigen::Matrix4d& world_from_box,
                                                               double time) const {
   const Actor& who = actors_[actor];
-  Standing out{who.asset ? place_of(*who.asset) : actor, world_from_box, share_of(who, time), {}};
-  const auto next = std::lower_bound(who.boxes.begin(), who.boxes.end(), time,
-                                     [](const ActorBox& box, double t) { return box.timestamp < t; });
-  const ActorBox& after = next == who.boxes.end() ? who.boxes.back() : *next;
-  const ActorBox& before = next == who.boxes.begin() || next == who.boxes.end() ? after : *(next - 1);
-  const double between =
-      after.timestamp > before.timestamp ? (time - before.timestamp) / (after.timestamp - before.timestamp) : 0;
-  const auto correction = [&](const ActorBox& box, double part) -> Standing::Correction {
-    const auto found = corrections_.find({actor, box.step});
-    return found == corrections_.end() ? Standing::Correction{}
-                                       : Standing::Correction{found->second, static_cast<float>(part)};
-  };
-  out.corrections = {correction(before, 1 - between), correction(after, between)};
-  return out;
+  return {who.asset ? place_of(*who.asset) : actor, world_from_box, share_of(who, time),
+          boxes_.parts_at(actor, who, time)};
 }
 
 void StreetGaussiansModel::set_owners(std::vector<int32_t> owners) {
@@ -259,10 +158,8 @@ Placements StreetGaussiansModel::placements(const std::vector<Standing>& standin
       heights.push_back(static_cast<float>(std::cos(wave * std::numbers::pi * share)));
   }
   const auto count = static_cast<int64_t>(standing.size());
-  const bool learned = params_.contains(kPositionsName);
-  return {{from_host(poses, {count, 3, 4}), learned ? params_.at(kPositionsName) : zeros({1, 3}),
-           learned ? params_.at(kYawsName) : zeros({1, 1}), from_host(rows, {count, 2}), from_host(shares, {count, 2}),
-           from_host(sides, {count})},
+  return {{from_host(poses, {count, 3, 4}), boxes_.shifts(), boxes_.turns(), from_host(rows, {count, 2}),
+           from_host(shares, {count, 2}), from_host(sides, {count})},
           config_.waves > 1 ? from_host(heights, {count, config_.waves - 1}) : Tensor()};
 }
 

@@ -2,9 +2,9 @@
 // their boxes, and a sky, seen together.
 #pragma once
 #include <array>
-#include <map>
 
 #include "models/io/safetensors.h"
+#include "models/methods/box_refinement.h"
 #include "models/nn/params.h"
 #include "models/scene/view.h"
 #include "models/splat/initial_street.h"
@@ -17,10 +17,10 @@ namespace cloam {
 
 struct StreetGaussiansConfig {
   StreetStartOptions start;
-  float near = 0.2f;        // metres
-  int sky_side = 1024;      // pixels of a face of the sky
-  bool exposure = true;     // a gain and an offset a camera and channel
-  bool refine = true;       // actors' boxes are moved and turned a little, each by itself
+  float near = 0.2f;     // metres
+  int sky_side = 1024;   // pixels of a face of the sky
+  bool exposure = true;  // a gain and an offset a camera and channel
+  BoxSettings boxes{.refine = true};
   float flip = 0;           // how often a step sees an actor mirrored
   int waves = 5;            // of an actor's base colour in time, the constant one included
   int actors_max = 300000;  // gaussians of all actors
@@ -28,23 +28,14 @@ struct StreetGaussiansConfig {
   float ssim = 0.2f;                                // weight; 1 - ssim is that of the absolute difference
   float sky = 0.05f, lidar = 0.01f, actors = 0.1f;  // weights
   float outside = 0.1f;                             // weight
-  float smooth = 0;                                 // weight
   int depth_every = 4;                              // steps
   GaussianRates rates;
-  float rate_sky = 0.01f, rate_exposure = 1e-3f, rate_positions = 5e-4f, rate_yaws = 1e-5f;
+  float rate_sky = 0.01f, rate_exposure = 1e-3f;
   GrowthOptions growth;
 };
 
 constexpr char kBackgroundPart[] = "background.", kActorsPart[] = "actors.", kWavesName[] = "actors.sh_time",
-               kSkyName[] = "sky", kExposureName[] = "exposure", kPositionsName[] = "poses.positions",
-               kYawsName[] = "poses.yaws";
-
-/// Of N boxes in a row of three of one actor each: accelerations are linear in the boxes' shifts.
-struct BoxMotion {
-  Tensor rows;      // int32 [N*3] of corrections: the box before, the box, the one after
-  Tensor by_shift;  // [N*3,3,3]: (m/s^2) / m, of a shift in the box's axes
-  Tensor given;     // [N,3], of the boxes as given
-};
+               kSkyName[] = "sky", kExposureName[] = "exposure";
 
 class StreetGaussiansModel {
  public:
@@ -63,16 +54,9 @@ class StreetGaussiansModel {
   /// More gaussians, of the actor at that place; their base colour is the same at all times.
   void adopt(std::size_t actor, const Gaussians& looks);
 
-  /// Which box each row of the learned corrections is of: by actor, its place and the box's step.
-  std::vector<int64_t> corrected_boxes() const;
-  void set_corrected_boxes(const std::vector<int64_t>& boxes);
-  /// The actors with their boxes as they were learned; empty where boxes stay.
-  std::vector<Actor> refined_actors() const;
-  /// Mean square of the accelerations of boxes as they are learned, m^2/s^4, of boxes with one before and one behind
-  /// them in the log; an empty handle where there are none or boxes stay.
-  Tensor square_accelerations() const;
-  /// How far boxes are from where they were given, in the mean: metres; an empty handle where boxes stay.
-  Tensor mean_shift() const;
+  /// What is learned of the actors' boxes.
+  BoxRefinement& boxes() { return boxes_; }
+  const BoxRefinement& boxes() const { return boxes_; }
 
   bool has_actors() const { return params_.contains(std::string(kActorsPart) + "opacities"); }
   int64_t count(const char* part) const;
@@ -114,12 +98,8 @@ class StreetGaussiansModel {
   struct Standing {
     std::size_t actor;  // whose looks it has
     Eigen::Matrix4d world_from_box;
-    double share;  // of the way from its first box to its last, in time
-    struct Correction {
-      int32_t row = 0;
-      float share = 0;
-    };
-    std::array<Correction, 2> corrections;  // of the boxes before and after
+    double share;                                    // of the way from its first box to its last, in time
+    std::array<BoxRefinement::Part, 2> corrections;  // of the boxes before and after
     bool mirrored = false;
   };
   Standing standing(std::size_t actor, const Eigen::Matrix4d& world_from_box, double time) const;
@@ -134,10 +114,9 @@ class StreetGaussiansModel {
   std::vector<Actor> actors_;
   double actor_radius_ = 1;
   std::vector<std::string> sensors_;
-  std::map<std::pair<std::size_t, int>, int32_t> corrections_;  // rows by actor and step
+  BoxRefinement boxes_;
   std::vector<int32_t> owners_;
   Tensor owner_rows_, half_sizes_;  // owners_ on the device, and of their boxes
-  BoxMotion motion_;                // of the boxes that are corrected
 };
 
 }  // namespace cloam

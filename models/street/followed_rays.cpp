@@ -50,7 +50,11 @@ BoxRows box_rows(const StreetBoxes& boxes) {
   return {from_host(rows, {static_cast<int64_t>(rows.size())}), owners};
 }
 
-void follow_actors(StreetSamples& out, const StreetRays& rays, const StreetBoxes& boxes) {
+}  // namespace
+
+StreetSamples followed_in_boxes(const StreetSamples& samples, const StreetRays& rays, const StreetBoxes& boxes) {
+  StreetSamples out = samples;
+  if (out.t.dim(0) == out.points.dim(0)) return out;
   const int64_t background = out.points.dim(0), all = out.t.dim(0), count = all - background;
   std::vector<float> numbers(static_cast<std::size_t>(rays.origins.dim(0)));
   for (std::size_t i = 0; i < numbers.size(); ++i) numbers[i] = static_cast<float>(i);
@@ -68,9 +72,8 @@ void follow_actors(StreetSamples& out, const StreetRays& rays, const StreetBoxes
   const Tensor place = gather_rows(rays.origins, ray) + t * way - slice(box, 1, 9, 12);
   out.actor_directions = turned(way);
   out.actor_points = turned(place) * slice(box, 1, 15, 16) + 0.5f;
+  return out;
 }
-
-}  // namespace
 
 StreetSamples followed(const StreetSamples& samples, const StreetRays& rays, const StreetBoxes& boxes,
                        const StreetGrid& grid) {
@@ -80,8 +83,7 @@ StreetSamples followed(const StreetSamples& samples, const StreetRays& rays, con
   // The sky's samples have no distance of their own in t.
   const Tensor t = stop_gradient(sum((cube.uncontracted(samples.points) - origins) * ways, {{1}, true}));
   out.points = cube.contracted(origins + t * ways);
-  if (out.t.dim(0) > out.points.dim(0)) follow_actors(out, rays, boxes);
-  return out;
+  return followed_in_boxes(out, rays, boxes);
 }
 
 }  // namespace cloam

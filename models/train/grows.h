@@ -1,7 +1,7 @@
 // Capability: the rows of its parameters become more, fewer or others while it trains.
 #pragma once
-#include "models/io/safetensors.h"
 #include "models/train/parameter_groups.h"
+#include "models/train/takes_shapes.h"
 
 namespace cloam {
 
@@ -12,15 +12,12 @@ struct RowMove {
 };
 using RowMoves = std::vector<RowMove>;
 
-class Grows {
+class Grows : public TakesShapes {
  public:
-  virtual ~Grows() = default;
   /// After each step: what was moved, so that the optimiser's state follows.
   virtual RowMoves grow(const Progress& progress) = 0;
   /// The last step after which there may be more parameters, of a training that stands like this.
   virtual int64_t grows_until(const Progress& progress) const = 0;
-  /// Before a checkpoint's parameters are put in: takes their shapes from it.
-  virtual void fit_to(const TensorMap& parameters) = 0;
 };
 
 }  // namespace cloam

@@ -412,7 +412,7 @@ void restore_optimiser(Optimiser& optimiser, const SafetensorsFile& checkpoint) 
 
 Progress restore_method(Method& method, const SafetensorsFile& checkpoint) {
   const TensorMap stored = parameters_in(checkpoint);
-  if (auto* grows = as<Grows>(method)) grows->fit_to(stored);
+  if (auto* takes = as<TakesShapes>(method)) takes->fit_to(stored);
   compare_names(method.parameters(), stored);
   std::vector<std::pair<Tensor, Tensor>> updates;
   for (auto& [name, p] : method.parameters()) updates.push_back({p, tensor_from(stored, name, p.shape())});

@@ -29,7 +29,7 @@ Marched prepare(const StreetRays& rays, const StreetBoxes& boxes, const StreetGr
   if (grid.numbers.numel() != kGridNumbers)
     throw Error(Fault::internal, text("[street_samples] the grid's numbers are ", to_string(grid.numbers.shape()),
                                       ", want [", kGridNumbers, "]"));
-  eval({rays.origins, rays.directions, rays.jitter, rays.moments});
+  eval({rays.origins, rays.directions, rays.jitter, rays.moments, boxes.boxes});
   return {{dense(rays.origins), dense(rays.directions), dense(rays.jitter), dense(rays.moments)},
           dense(boxes.first),
           dense(boxes.boxes),

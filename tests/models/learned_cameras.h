@@ -6,6 +6,7 @@
 
 #include "models/train/optimiser.h"
 #include "tests/models/made_method.h"
+#include "tests/models/worlds.h"
 
 namespace cloam {
 
@@ -19,6 +20,38 @@ inline void make_sharp(Method& splat) {
     if (name == "means") std::ranges::generate(values, [&] { return place(random); });
     if (name == "scales" || name == "opacities" || name == "sh_first" || name == "means") put(splat, name, values);
   }
+}
+
+/// Of a small field that is sampled finely enough to tell where a camera or a box is.
+inline Settings painted_neurad() {
+  Settings settings = small_settings("neurad");
+  for (const auto& [key, value] : Settings{{"steps.background", "0.1"},
+                                           {"steps.actor", "0.1"},
+                                           {"steps.sky", "60"},
+                                           {"grid.coarsest", "24"},
+                                           {"actors.coarsest", "2"},
+                                           {"actors.finest", "4"},
+                                           {"grid.finest", "48"},
+                                           {"image.upsamplings", "0"},
+                                           {"actors.flip", "0"},
+                                           {"batch.patches", "4"},
+                                           {"batch.patch_side", "24"},
+                                           {"batch.lidar_rays", "0"}})
+    settings.emplace_back(key, value);
+  return settings;
+}
+
+/// A field of neurad that differs from place to place, by waves through its tables.
+inline void make_painted(Method& method) {
+  for (const auto& [name, p] : method.parameters()) {
+    if (!name.ends_with(".table")) continue;
+    std::vector<float> values(static_cast<size_t>(p.numel()));
+    for (size_t i = 0; i < values.size(); ++i) values[i] = std::sin(2.3f * static_cast<float>(i));
+    put(method, name, values);
+  }
+  std::vector<float> bias = method.parameters().at("field.past.bias").to_host();
+  bias[0] = -0.2f;
+  put(method, "field.past.bias", bias);
 }
 
 /// The photos as `model` shows the frames of its scene, which has one camera.

@@ -14,7 +14,6 @@
 #include "models/synth/street_log.h"
 #include "models/train/refines_poses.h"
 #include "tests/models/learned_cameras.h"
-#include "tests/models/worlds.h"
 
 using namespace cloam;
 using Eigen::Vector3d;
@@ -179,19 +178,6 @@ std::vector<Eigen::Matrix4d> poses_of(const Scene& scene) {
   return out;
 }
 
-/// Fields that differ from place to place, by waves through their tables.
-void make_painted(Method& method) {
-  for (const auto& [name, p] : method.parameters()) {
-    if (!name.ends_with(".table")) continue;
-    std::vector<float> values(static_cast<size_t>(p.numel()));
-    for (size_t i = 0; i < values.size(); ++i) values[i] = std::sin(2.3f * static_cast<float>(i));
-    put(method, name, values);
-  }
-  std::vector<float> bias = method.parameters().at("field.past.bias").to_host();
-  bias[0] = -0.2f;
-  put(method, "field.past.bias", bias);
-}
-
 }  // namespace
 
 TEST_CASE("neurad: turns of photos come to where they show what the field shows") {
@@ -200,23 +186,8 @@ TEST_CASE("neurad: turns of photos come to where they show what the field shows"
   // Things at several distances: what tells a shift from a turn.
   street.actors = {toy_actor("a", {2, 4, 4}, 7, -2.5), toy_actor("b", {2, 3, 3}, 12, 3),
                    toy_actor("c", {2, 3, 6}, 18, 0)};
-  Settings settings = small_settings("neurad");
-  for (const auto& [key, value] : Settings{{"poses.refine", "true"},
-                                           {"steps.background", "0.1"},
-                                           {"steps.actor", "0.1"},
-                                           {"steps.sky", "60"},
-                                           {"poses.rate", "3e-3"},
-                                           {"poses.warm_up", "0"},
-                                           {"grid.coarsest", "24"},
-                                           {"actors.coarsest", "2"},
-                                           {"actors.finest", "4"},
-                                           {"grid.finest", "48"},
-                                           {"image.upsamplings", "0"},
-                                           {"actors.flip", "0"},
-                                           {"batch.patches", "4"},
-                                           {"batch.patch_side", "24"},
-                                           {"batch.lidar_rays", "0"}})
-    settings.emplace_back(key, value);
+  Settings settings = painted_neurad();
+  settings.insert(settings.end(), {{"poses.refine", "true"}, {"poses.rate", "3e-3"}, {"poses.warm_up", "0"}});
   const auto model = configured("neurad", settings);
   model->build({street}, 7);
   load_data(*model, street, toy_pixels(street));

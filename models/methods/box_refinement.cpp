@@ -1,0 +1,191 @@
+// See box_refinement.h.
+#include "models/methods/box_refinement.h"
+
+#include <algorithm>
+#include <cstddef>
+
+#include "models/io/tensors.h"
+#include "models/scene/pose.h"
+#include "runtime/ops.h"
+
+namespace cloam {
+namespace {
+
+constexpr float kFinalPositions = 0.2f, kFinalYaws = 0.5f;  // of the rates, at the last step
+constexpr char kBoxesState[] = "boxes";
+
+/// Three boxes in a row, at times t0 < t1 < t2, move by the second difference quotient of their places: the change of
+/// velocity from the first to the second half, over the time between the halves' middles.
+std::array<double, 3> acceleration_weights(double t0, double t1, double t2) {
+  const double before = t1 - t0, after = t2 - t1, between = (before + after) / 2;
+  return {1 / (before * between), -(1 / before + 1 / after) / between, 1 / (after * between)};
+}
+
+BoxMotion motion_of(const std::vector<Actor>& actors,
+                    const std::map<std::pair<std::size_t, int>, int32_t>& corrections) {
+  std::vector<int32_t> rows;
+  std::vector<float> by_shift, given;
+  for (size_t a = 0; a < actors.size(); ++a) {
+    const std::vector<ActorBox>& boxes = actors[a].boxes;
+    for (size_t b = 1; b + 1 < boxes.size(); ++b) {
+      const ActorBox &before = boxes[b - 1], &box = boxes[b], &after = boxes[b + 1];
+      const bool in_a_row = after.step == box.step + 1 && box.step == before.step + 1;
+      if (!in_a_row || !(before.timestamp < box.timestamp && box.timestamp < after.timestamp)) continue;
+      const auto weights = acceleration_weights(before.timestamp, box.timestamp, after.timestamp);
+      Eigen::Vector3d acceleration = Eigen::Vector3d::Zero();
+      for (size_t k = 0; k < 3; ++k) {
+        const Eigen::Matrix4d& pose = boxes[b - 1 + k].world_from_box;
+        acceleration += weights[k] * (pose - box.world_from_box).topRightCorner<3, 1>();
+        rows.push_back(corrections.at({a, boxes[b - 1 + k].step}));
+        for (int i = 0; i < 9; ++i) by_shift.push_back(static_cast<float>(weights[k] * pose(i / 3, i % 3)));
+      }
+      for (int i = 0; i < 3; ++i) given.push_back(static_cast<float>(acceleration[i]));
+    }
+  }
+  if (given.empty()) return {};
+  const auto count = static_cast<int64_t>(given.size() / 3);
+  return {from_host(rows, {3 * count}), from_host(by_shift, {3 * count, 3, 3}), from_host(given, {count, 3})};
+}
+
+}  // namespace
+
+void bind_boxes(Config& c, BoxSettings& o) {
+  c.bind("actors.refine", o.refine, "learn a shift and a turn of each of the actors' boxes");
+  c.bind("weight.smooth", o.smooth, "actors.refine: weight of the square of the boxes' accelerations, in m/s^2");
+  c.bind("train.rate_positions", o.rate_positions,
+         "learning rate of the boxes' shifts, in metres; it falls to a fifth");
+  c.bind("train.rate_yaws", o.rate_yaws, "learning rate of the boxes' turns, in radians; it falls to a half");
+}
+
+void BoxRefinement::build(const BoxSettings& settings, const std::vector<Actor>& actors, Params& parameters) {
+  settings_ = settings;
+  parameters_ = &parameters;
+  rows_.clear();
+  if (!settings.refine) return;
+  for (size_t a = 0; a < actors.size(); ++a)
+    for (const ActorBox& box : actors[a].boxes)
+      rows_.emplace(std::pair(a, box.step), static_cast<int32_t>(rows_.size()));
+  if (rows_.empty()) return;
+  const auto count = static_cast<int64_t>(rows_.size());
+  parameters[kPositionsName] = parameter(std::vector<float>(3 * rows_.size()), {count, 3});
+  parameters[kYawsName] = parameter(std::vector<float>(rows_.size()), {count, 1});
+  motion_ = motion_of(actors, rows_);
+}
+
+void BoxRefinement::add_groups(ParameterGroups& groups) const {
+  if (!on()) return;
+  groups.push_back({kPositionsName, settings_.rate_positions, {kFinalPositions}});
+  groups.back().epsilon = 1e-15f;
+  groups.push_back({kYawsName, settings_.rate_yaws, {kFinalYaws}});
+  groups.back().epsilon = 1e-15f;
+}
+
+void BoxRefinement::fit_to(const TensorMap& parameters) {
+  for (const char* name : {kPositionsName, kYawsName})
+    if (const auto found = parameters.find(name); found != parameters.end() && found->second.shape.size() == 2) {
+      const int64_t rows = found->second.shape[0], columns = found->second.shape[1];
+      (*parameters_)[name] = parameter(std::vector<float>(static_cast<size_t>(rows * columns)), {rows, columns});
+    }
+}
+
+void BoxRefinement::add_state(TensorMap& state) const {
+  if (!on()) return;
+  std::vector<int64_t> boxes(2 * rows_.size());
+  for (const auto& [box, row] : rows_) {
+    boxes[2 * static_cast<size_t>(row)] = static_cast<int64_t>(box.first);
+    boxes[2 * static_cast<size_t>(row) + 1] = box.second;
+  }
+  state[kBoxesState] = named_integers(boxes);
+}
+
+void BoxRefinement::restore(const TensorMap& state) {
+  if (!on()) return;
+  const std::vector<int64_t> boxes = integers_from(state, kBoxesState, static_cast<size_t>(2 * shifts().dim(0)));
+  rows_.clear();
+  for (size_t i = 0; i < boxes.size(); i += 2)
+    rows_[{static_cast<size_t>(boxes[i]), static_cast<int>(boxes[i + 1])}] = static_cast<int32_t>(i / 2);
+}
+
+Tensor BoxRefinement::shifts() const { return on() ? parameters_->at(kPositionsName) : zeros({1, 3}); }
+
+Tensor BoxRefinement::turns() const { return on() ? parameters_->at(kYawsName) : zeros({1, 1}); }
+
+std::array<BoxRefinement::Part, 2> BoxRefinement::parts_at(std::size_t place, const Actor& actor, double time) const {
+  const std::vector<ActorBox>& boxes = actor.boxes;
+  const auto next = std::lower_bound(boxes.begin(), boxes.end(), time,
+                                     [](const ActorBox& box, double t) { return box.timestamp < t; });
+  const ActorBox& after = next == boxes.end() ? boxes.back() : *next;
+  const ActorBox& before = next == boxes.begin() || next == boxes.end() ? after : *(next - 1);
+  const double between =
+      after.timestamp > before.timestamp ? (time - before.timestamp) / (after.timestamp - before.timestamp) : 0;
+  const auto part = [&](const ActorBox& box, double share) -> Part {
+    const auto found = rows_.find({place, box.step});
+    return found == rows_.end() ? Part{} : Part{found->second, static_cast<float>(share)};
+  };
+  return {part(before, 1 - between), part(after, between)};
+}
+
+StreetBoxes BoxRefinement::moved(const StreetBoxes& given, const std::vector<Actor>& actors,
+                                 const std::vector<double>& times) const {
+  constexpr int64_t kOwner = offsetof(StreetBox, owner) / sizeof(float);
+  constexpr int64_t kCentre = offsetof(StreetBox, centre) / sizeof(float);
+  const std::vector<int32_t> first = given.first.to_host<int32_t>();
+  if (!on() || first.back() == 0) return given;
+  const int64_t count = first.back();
+  const std::vector<float> owners = slice(given.boxes, 1, kOwner, kOwner + 1).to_host();
+  std::vector<int32_t> rows;
+  std::vector<float> shares;
+  for (std::size_t moment = 0; moment < times.size(); ++moment)
+    for (int32_t box = first[moment]; box < first[moment + 1]; ++box) {
+      const auto owner = static_cast<std::size_t>(owners[static_cast<std::size_t>(box)]);
+      for (const auto& [row, share] : parts_at(owner, actors[owner], times[moment])) {
+        rows.push_back(row);
+        shares.push_back(share);
+      }
+    }
+  const Tensor which = from_host(rows, {2 * count}), weights = from_host(shares, {count, 2, 1});
+  const auto at_moment = [&](const Tensor& of_boxes) {
+    return sum(reshape(gather_rows(of_boxes, which), {count, 2, of_boxes.dim(1)}) * weights, {{1}});
+  };
+  const auto numbers = [&](int64_t begin, int64_t end) { return slice(given.boxes, 1, begin, end); };
+  const Tensor x = numbers(0, 3), y = numbers(3, 6), turn = at_moment(turns()), c = cos(turn), s = sin(turn);
+  const Tensor axes = reshape(numbers(0, 9), {count, 3, 3});
+  const Tensor centre = numbers(kCentre, kCentre + 3) + sum(axes * unsqueeze(at_moment(shifts()), 2), {{1}});
+  return {given.first,
+          concat({c * x + s * y, c * y - s * x, numbers(6, 9), centre, numbers(kCentre + 3, given.boxes.dim(1))}, 1)};
+}
+
+std::vector<Actor> BoxRefinement::refined(const std::vector<Actor>& actors) const {
+  if (!on()) return {};
+  const std::vector<float> by = shifts().to_host(), yaws = turns().to_host();
+  std::vector<Actor> out = actors;
+  for (size_t a = 0; a < out.size(); ++a)
+    for (ActorBox& box : out[a].boxes) {
+      const auto found = rows_.find({a, box.step});
+      if (found == rows_.end()) continue;
+      const auto row = static_cast<size_t>(found->second);
+      box.world_from_box *= pose_from(turn_about_z(yaws[row]), {by[3 * row], by[3 * row + 1], by[3 * row + 2]});
+    }
+  return out;
+}
+
+Tensor BoxRefinement::square_accelerations() const {
+  if (!motion_.rows) return {};
+  const int64_t count = motion_.given.dim(0);
+  const Tensor by = unsqueeze(gather_rows(shifts(), motion_.rows), 1);  // [N*3,1,3]
+  const Tensor by_box = sum(motion_.by_shift * by, {{2}});              // [N*3,3]
+  return mean(sum(square(motion_.given + sum(reshape(by_box, {count, 3, 3}), {{1}})), {{1}}));
+}
+
+Tensor BoxRefinement::with_smoothness(const Tensor& loss) const {
+  if (!(settings_.smooth > 0)) return loss;
+  const Tensor jerky = square_accelerations();
+  return jerky ? loss + settings_.smooth * jerky : loss;
+}
+
+std::vector<Figure> BoxRefinement::figures() const {
+  if (!on()) return {};
+  return {{"boxes_shifted", 0, mean(sqrt(sum(square(stop_gradient(shifts())), {{1}})))}};
+}
+
+}  // namespace cloam
