@@ -50,10 +50,9 @@ Networks networks_of(const CompareRequest& request) {
   return names;
 }
 
-/// What RUN/eval holds, if it is what was asked for and the run has not gone on since.
-std::optional<Report> kept_eval(const CompareRequest& request, const RunPaths& run, int64_t step,
-                                const Networks& networks) {
-  const fs::path path = run.eval() / "eval.json";
+/// What RUN/eval holds, if it is what was asked for at the training's size and the run has not gone on since.
+std::optional<Report> kept_eval(const CompareRequest& request, const ComparedRun& run, const Networks& networks) {
+  const fs::path path = RunPaths{run.run}.eval() / "eval.json";
   if (!fs::exists(path)) return {};
   try {
     const Json json = parse_json_file(path);
@@ -64,8 +63,11 @@ std::optional<Report> kept_eval(const CompareRequest& request, const RunPaths& r
     };
     const bool same = holds("feature_network", networks.features) && holds("perceptual_network", networks.perceptual);
     const bool same_keys = number(json, "schema_version", path.string()) == kEvalSchema;  // of this version
-    if (!asked || !same || !same_keys || number(json, "step", path.string()) < static_cast<double>(step)) return {};
-    return Report(json);
+    if (!asked || !same || !same_keys || number(json, "step", path.string()) < static_cast<double>(run.record.step))
+      return {};
+    Report kept(json);
+    if (figure(kept, "downscale").value_or(run.record.reading.downscale) != run.record.reading.downscale) return {};
+    return kept;
   } catch (const Error& error) {
     warn(text(error.what(), "\n  the run will be evaluated again"));
     return {};
@@ -78,7 +80,7 @@ std::vector<ComparedRun> read_runs(const CompareRequest& request, const Common& 
   if (!request.features.empty() || !request.lpips.empty()) open_device(common);
   const Networks networks = networks_of(request);
   for (ComparedRun& one : runs) {
-    if (const auto kept = kept_eval(request, RunPaths{one.run}, one.record.step, networks)) {
+    if (const auto kept = kept_eval(request, one, networks)) {
       one.eval = *kept;
       continue;
     }

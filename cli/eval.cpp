@@ -20,6 +20,7 @@ constexpr char kEvalExamples[] = R"(Measure a run on held-out photos: PSNR, SSIM
 Examples:
   cloam eval runs/fox
   cloam eval runs/fox --json
+  cloam eval runs/fox --downscale 8                         at another size than that of the training
   cloam eval runs/fox --data data/fox-evening --images pictures
   cloam eval runs/street --protocol novel
   cloam eval runs/street --protocol rotate360 --features squeezenet.npz
@@ -31,7 +32,8 @@ void check_options(const EvalRequest& request) {
   const std::pair<const char*, bool> options[] = {{"--data", !request.other.empty()},
                                                   {"--protocol", !request.protocol.empty()},
                                                   {"--lpips", !request.lpips.empty()},
-                                                  {"--images", !request.images.empty()}};
+                                                  {"--images", !request.images.empty()},
+                                                  {"--downscale", request.downscale.has_value()}};
   for (const auto& [option, given] : options)
     if (given) throw Error(Fault::usage, text(option, " is for runs trained on images; ", request.run, " was not"));
   if (!request.photos.empty() && request.features.empty())
@@ -86,6 +88,7 @@ Command add_eval(CLI::App& program) {
     add("--features", r.features, "Also measure feature distances; a file with network weights, or random");
     add("--photos", r.photos, "Diffusion runs: also measure samples against these crops of photographs (cloam crops)");
     add("--lpips", r.lpips, "Also measure LPIPS: weights of AlexNet or VGG-16, a comma, those of the linear layers");
+    add("--downscale", r.downscale, "Shrink the photos by this factor instead of the training's", whole_number(1, 256));
     add("--images", r.images, "Folder for the pictures (RUN/eval/images)", output_folder());
   });
 }

@@ -4,6 +4,10 @@
 
 namespace cloam {
 
+/// Fault::usage for a pixel loss or a kind of background that there is none of, as the settings train.loss and
+/// background.
+void check_pixel_settings(const std::string& loss, const std::string& background);
+
 struct BackgroundKind {
   std::string kind;     // auto, white, random or none
   bool is_random_auto;  // what auto is: random colours, or none

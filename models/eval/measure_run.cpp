@@ -241,6 +241,7 @@ fs::path pictures_of(const EvalRequest& request) {
 EvalResult measure_run(EvalRequest request, RestoredRun& run, const Listener& listener, const Ranks& ranks) {
   const auto start = std::chrono::steady_clock::now();
   take_own_data(run, request, listener);
+  if (request.downscale) run.record.reading.downscale = *request.downscale;
   Evaluator evaluator{listener, ranks, pictures_of(request)};
   EvalResult result;
   const RunRecord& record = run.record;

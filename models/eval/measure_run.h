@@ -13,8 +13,8 @@ namespace cloam {
 std::filesystem::path pictures_of(const EvalRequest& request);
 
 /// Measures what is asked for and writes RUN/eval and the pictures; the record in memory may be given the place of
-/// --data. Ranks share photos and sweeps, and all return the whole. Fault::usage for what the run cannot be measured
-/// by, Fault::data where there is nothing to measure.
+/// --data and the size of --downscale. Ranks share photos and sweeps, and all return the whole. Fault::usage for what
+/// the run cannot be measured by, Fault::data where there is nothing to measure.
 EvalResult measure_run(EvalRequest request, RestoredRun& run, const Listener& listener, const Ranks& ranks = alone());
 
 }  // namespace cloam

@@ -19,6 +19,7 @@ struct EvalRequest {
   std::string lpips = {};                 // weights of LPIPS, "BACKBONE,LINEAR"; empty: no LPIPS
   std::optional<std::size_t> scene = {};  // of the run: that one alone
   bool allow_outside = false;             // as Reading has it, over what the run says
+  std::optional<int> downscale = {};      // how far photos are shrunk; nothing: as for the training
 };
 
 struct Photos {

@@ -68,6 +68,7 @@ void Nerf::configure(Config& c) {
 
 void Nerf::build(const Scenes& scenes, uint64_t seed) {
   if (scenes.size() != 1) throw Error(Fault::usage, text("nerf trains on one capture, not ", scenes.size()));
+  check_pixel_settings(config_.loss, config_.background);
   seed_ = seed;
   has_alpha_ = scenes.front().has_alpha;
   renderer_ = std::make_unique<NerfRenderer>(config_, scenes.front(), Scope{params_, "", seed});

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "models/batches/own_rows.h"
+#include "models/batches/pixel_targets.h"
 #include "models/render/picture_pixels.h"
 #include "runtime/error.h"
 #include "runtime/ops/composite.h"
@@ -51,8 +52,7 @@ void check(const ZipNerfConfig& c) {
       throw Error(Fault::usage, text("setting sampling.", name, ": ", count, ", want 6 or 1"));
   if (c.field.density != "softplus" && c.field.density != "exp")
     throw Error(Fault::usage, text("setting field.density: ", c.field.density, ", want softplus or exp"));
-  if (c.loss != "square" && c.loss != "charbonnier")
-    throw Error(Fault::usage, text("setting train.loss: ", c.loss, ", want square or charbonnier"));
+  check_pixel_settings(c.loss, c.background);
   if (c.pixel_rays != 4 && c.pixel_rays != 1)
     throw Error(Fault::usage, text("setting sampling.pixel_rays: ", c.pixel_rays, ", want 1 or 4"));
 }

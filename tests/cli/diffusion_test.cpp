@@ -77,6 +77,9 @@ TEST_CASE("eval of a run of diffusion measures codes that were held out, beside 
   CHECK(json.at("copy_ratio") > 0);
   CHECK_FALSE(json.contains("frechet_feature_distance"));
   CHECK(cloam_with({"eval", small_diffusion_run().string(), "--protocol", "novel"}).code == 2);
+  const Outcome smaller = cloam_with({"eval", small_diffusion_run().string(), "--downscale", "2"});
+  CHECK(smaller.code == 2);
+  CHECK(contains(smaller.err, "--downscale is for runs trained on images"));
   const Outcome rendered = cloam_with({"render", small_diffusion_run().string(), "-o", (scratch() / "none").string()});
   CHECK(rendered.code == 2);
   CHECK(contains(rendered.err, "cloam generate"));

@@ -22,21 +22,25 @@ const fs::path& trained() {
   return run;
 }
 
-/// Mean over the test photos of the PSNR of a picture of the training photos' mean colour, from the files alone.
-double mean_colour_figure() {
-  const auto pixels = [](const char* split, int index) {
+/// Mean over the test photos of the PSNR of a picture of the training photos' mean colour, from the files alone; of
+/// photos whose squares of `factor` pixels are one.
+double mean_colour_figure(std::size_t factor = 1) {
+  const auto pixels = [&](const char* split, int index) {
     const Image image = read_image(small_scene() / split / ("r_" + std::to_string(index) + ".png"));
-    std::vector<double> rgb;
+    const std::size_t width = 24 / factor;
+    std::vector<double> rgb(3 * width * width);
     for (std::size_t i = 0; i < image.pixels.size(); i += 4) {
       const double alpha = image.pixels[i + 3] / 255.0;
-      for (std::size_t c = 0; c < 3; ++c) rgb.push_back(alpha * image.pixels[i + c] / 255.0 + 1 - alpha);
+      const std::size_t square = i / 4 / 24 / factor * width + i / 4 % 24 / factor;
+      for (std::size_t c = 0; c < 3; ++c)
+        rgb[3 * square + c] += (alpha * image.pixels[i + c] / 255.0 + 1 - alpha) / static_cast<double>(factor * factor);
     }
     return rgb;
   };
   double colour[3] = {0, 0, 0};
   for (int view = 0; view < 8; ++view) {
     const auto rgb = pixels("train", view);
-    for (std::size_t i = 0; i < rgb.size(); ++i) colour[i % 3] += rgb[i] / (8.0 * 24 * 24);
+    for (std::size_t i = 0; i < rgb.size(); ++i) colour[i % 3] += 3 * rgb[i] / (8.0 * static_cast<double>(rgb.size()));
   }
   double sum = 0;
   for (int view = 0; view < 2; ++view) {
@@ -67,6 +71,24 @@ TEST_CASE("eval --json prints one object with figures and baselines, and writes 
   const double mean = (file["per_image"][0]["psnr"].get<double>() + file["per_image"][1]["psnr"].get<double>()) / 2;
   CHECK(json.at("psnr").get<double>() == doctest::Approx(mean));
   CHECK(contains(content_of(trained() / "eval" / "per_image.csv"), "test/r_1.png"));
+}
+
+TEST_CASE("eval --downscale measures photos of another size than the training's, and says which") {
+  const std::string run = trained().string(), record = content_of(trained() / "run.json");
+  const Outcome outcome = cloam_with({"eval", run, "--downscale", "4", "--json"});
+  REQUIRE_MESSAGE(outcome.code == 0, outcome.err);
+  const auto json = nlohmann::json::parse(outcome.out);
+  CHECK(json.at("downscale") == 4);
+  CHECK(json.at("baseline_mean_colour_psnr").get<double>() == doctest::Approx(mean_colour_figure(4)).epsilon(1e-3));
+  CHECK(json.at("psnr").get<double>() > mean_colour_figure(4) + 3);
+  CHECK(read_image(trained() / "eval" / "images" / "test_r_0.png").height == 6);
+  CHECK(content_of(trained() / "run.json") == record);
+  const Outcome compared = cloam_with({"compare", run});  // with others of the training's size
+  REQUIRE_MESSAGE(compared.code == 0, compared.err);
+  CHECK(json_of(trained() / "eval" / "eval.json").at("downscale") == 1);
+  const Outcome large = cloam_with({"eval", run, "--downscale", "25"});
+  CHECK(large.code == 2);
+  CHECK(contains(large.err, "--downscale 25"));
 }
 
 TEST_CASE("eval's pictures show render, photo and error side by side") {

@@ -82,6 +82,13 @@ TEST_CASE("eval of a street gives a figure over actors by true masks, and an err
     CHECK(json.at(key) < 40);
   }
   CHECK(json.at("masked_psnr") != json.at("psnr"));
+  const Outcome smaller = cloam_with({"eval", small_street_run().string(), "--json", "--downscale", "2"});
+  REQUIRE_MESSAGE(smaller.code == 0, smaller.err);
+  const auto half = nlohmann::json::parse(smaller.out);
+  CHECK(half.at("downscale") == 2);
+  CHECK(half.at("lidar_median_error_m") == json.at("lidar_median_error_m"));
+  for (const char* key : {"psnr", "masked_psnr"})
+    CHECK(half.at(key).get<double>() == doctest::Approx(json.at(key).get<double>()).epsilon(0.3));
 }
 
 TEST_CASE("edit --list draws the actors that the model shows") {

@@ -391,7 +391,8 @@ TEST_CASE("zipnerf: settings that it cannot have are named") {
                                            {"sampling.proposal_multisamples", "2"},
                                            {"sampling.pixel_rays", "2"},
                                            {"field.density", "relu"},
-                                           {"train.loss", "l1"}}) {
+                                           {"train.loss", "l1"},
+                                           {"background", "pink"}}) {
     auto method = configured("zipnerf", {{key, value}});
     CHECK_THROWS_WITH_AS(method->build({Scene()}, 1), doctest::Contains(key.c_str()), Error);
   }
