@@ -30,6 +30,7 @@ Scene scene_as_listed(const RestoredRun& run, const std::string& folder) {
 struct LearnedPhotos {
   std::vector<Eigen::Matrix4d> poses;  // of the training photos; empty: as given
   std::vector<double> focals;          // factors, of Scene::cameras; empty: as given
+  std::vector<Actor> actors;           // of a log, where its boxes were learned; else empty
 };
 
 /// Of the photos that were moved, how far in the mean.
@@ -62,43 +63,6 @@ double change_focals(Scene& scene, const std::vector<double>& factors) {
   return percent;
 }
 
-/// The photos of a run that learned their poses or focal lengths, as a log if that can hold them, else as a capture.
-int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const ExportRequest& request,
-                  const Common& common) {
-  const Scene& learned = run.scenes.front();
-  const Scene listed = scene_as_listed(run, request.run);
-  RefinedLog refined;
-  if (!photos.poses.empty())
-    for (const std::size_t frame : frames_of(learned, Split::train))
-      refined.poses[learned.frames[frame].name] = photos.poses.at(refined.poses.size());
-  Scene scene = listed;
-  const Moved moved = move_photos(scene, refined.poses);
-  const double percent = change_focals(scene, photos.focals);
-  const bool as_log = photos.focals.empty() && can_hold_poses(listed);
-  if (as_log)
-    write_refined_log(request.out, listed, refined);
-  else
-    write_transforms(request.out, scene);
-  if (common.json)
-    put_json({{"schema_version", 1},
-              {"path", request.out},
-              {"photos", scene.frames.size()},
-              {"refined", refined.poses.size()},
-              {"turned_degrees", moved.degrees},
-              {"shifted", moved.shift},
-              {"focal_percent", percent}});
-  std::string words = fmt::format("{}: {} photos", request.out, scene.frames.size());
-  if (!refined.poses.empty())
-    words += fmt::format(", {} with poses that were learned, in the mean {:.3f} degrees and {:.4g} {} from those given",
-                         refined.poses.size(), moved.degrees, moved.shift, scene.metric ? "metres" : "scene units");
-  if (!refined.poses.empty() && refined.poses.size() < scene.frames.size())
-    words += "; photos that were held out have those given";
-  if (!photos.focals.empty()) words += fmt::format("; focal lengths {:.2f} % from those given", percent);
-  if (listed.is_log && !as_log) words += "; photos alone, without the log's LiDAR and boxes";
-  say(common, words);
-  return 0;
-}
-
 /// Metres that the learned boxes are from those given, of the boxes that moved.
 std::vector<double> shifts_of(const std::vector<Actor>& learned, const std::vector<Actor>& given) {
   std::vector<double> out;
@@ -111,17 +75,76 @@ std::vector<double> shifts_of(const std::vector<Actor>& learned, const std::vect
   return out;
 }
 
+/// What is told of boxes that were written.
+struct MovedBoxes {
+  std::size_t count;
+  double median;  // metres
+  std::string words;
+};
+MovedBoxes moved_boxes(const std::vector<Actor>& learned, const std::vector<Actor>& given) {
+  const std::vector<double> shifts = shifts_of(learned, given);
+  const double median = shifts.empty() ? 0 : shifts[shifts.size() / 2];
+  return {shifts.size(), median,
+          fmt::format("{} refined boxes, {:.3f} m (median) from where they were given", shifts.size(), median)};
+}
+
+/// The photos of a run that learned their poses or focal lengths, as a log if that can hold them, else as a capture.
+int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const ExportRequest& request,
+                  const Common& common) {
+  const Scene& learned = run.scenes.front();
+  const Scene listed = scene_as_listed(run, request.run);
+  RefinedLog refined{photos.actors, {}};
+  if (!photos.poses.empty())
+    for (const std::size_t frame : frames_of(learned, Split::train))
+      refined.poses[learned.frames[frame].name] = photos.poses.at(refined.poses.size());
+  Scene scene = listed;
+  const Moved moved = move_photos(scene, refined.poses);
+  const double percent = change_focals(scene, photos.focals);
+  const bool as_log = photos.focals.empty() && can_hold_poses(listed);
+  if (as_log)
+    write_refined_log(request.out, listed, refined);
+  else
+    write_transforms(request.out, scene);
+  const MovedBoxes boxes = moved_boxes(photos.actors, learned.actors);
+  const bool with_boxes = as_log && !photos.actors.empty();
+  if (common.json) {
+    nlohmann::json told = {{"schema_version", 1},
+                           {"path", request.out},
+                           {"photos", scene.frames.size()},
+                           {"refined", refined.poses.size()},
+                           {"turned_degrees", moved.degrees},
+                           {"shifted", moved.shift},
+                           {"focal_percent", percent}};
+    if (with_boxes) told.update({{"boxes_refined", boxes.count}, {"median_shift_m", boxes.median}});
+    put_json(told);
+  }
+  std::string words = fmt::format("{}: {} photos", request.out, scene.frames.size());
+  if (!refined.poses.empty())
+    words += fmt::format(", {} with poses that were learned, in the mean {:.3f} degrees and {:.4g} {} from those given",
+                         refined.poses.size(), moved.degrees, moved.shift, scene.metric ? "metres" : "scene units");
+  if (!refined.poses.empty() && refined.poses.size() < scene.frames.size())
+    words += "; photos that were held out have those given";
+  if (!photos.focals.empty()) words += fmt::format("; focal lengths {:.2f} % from those given", percent);
+  if (with_boxes) words += "; " + boxes.words;
+  if (listed.is_log && !as_log) words += "; photos alone, without the log's LiDAR and boxes";
+  say(common, words);
+  return 0;
+}
+
 /// The log of a run that learned where its boxes are, with those boxes.
 int export_log(const RestoredRun& run, const std::vector<Actor>& actors, const ExportRequest& request,
                const Common& common) {
-  const std::vector<double> shifts = shifts_of(actors, run.scenes.front().actors);
-  const double median = shifts.empty() ? 0 : shifts[shifts.size() / 2];
+  if (run.scenes.size() > 1)
+    throw Error(Fault::usage, text("--format capture: ", request.run, " learned the boxes of ", run.scenes.size(),
+                                   " logs, and one log is written\n  fix: train on that log alone"));
+  const MovedBoxes boxes = moved_boxes(actors, run.scenes.front().actors);
   write_refined_log(request.out, scene_as_listed(run, request.run), {actors, {}});
   if (common.json)
-    put_json(
-        {{"schema_version", 1}, {"path", request.out}, {"boxes_refined", shifts.size()}, {"median_shift_m", median}});
-  say(common, fmt::format("{}: the log with {} refined boxes, {:.3f} m (median) from where they were given",
-                          request.out, shifts.size(), median));
+    put_json({{"schema_version", 1},
+              {"path", request.out},
+              {"boxes_refined", boxes.count},
+              {"median_shift_m", boxes.median}});
+  say(common, fmt::format("{}: the log with {}", request.out, boxes.words));
   return 0;
 }
 
@@ -133,14 +156,15 @@ int export_capture(const RestoredRun& run, const ExportRequest& request, const C
   LearnedPhotos photos;
   if (const auto* refines = as<RefinesPoses>(*run.method)) photos.poses = refines->refined_poses();
   if (const auto* refines = as<RefinesIntrinsics>(*run.method)) photos.focals = refines->focal_factors();
+  if (const auto* refines = as<RefinesBoxes>(*run.method)) photos.actors = refines->refined_actors();
   if (!photos.poses.empty() || !photos.focals.empty()) return export_photos(run, photos, request, common);
-  if (const auto* refines = as<RefinesBoxes>(*run.method))
-    if (const auto actors = refines->refined_actors(); !actors.empty()) return export_log(run, actors, request, common);
+  if (!photos.actors.empty()) return export_log(run, photos.actors, request, common);
   throw Error(
       Fault::usage,
-      text("--format capture: ", request.run, " learned neither poses, focal lengths nor boxes\n  fix: cloam train ",
-           run.record.method, " DATA --set poses.refine=true (nerf, zipnerf, splat, neurad), ",
-           "intrinsics.refine=true (nerf, zipnerf, splat) or actors.refine=true (street-gaussians, neurad)"));
+      text(
+          "--format capture: ", request.run, " learned neither poses, focal lengths nor boxes\n  fix: cloam train ",
+          run.record.method, " DATA --set poses.refine=true (nerf, zipnerf, splat, neurad), ",
+          "intrinsics.refine=true (nerf, zipnerf, splat) or actors.refine=true (street-gaussians, neurad, genassets)"));
 }
 
 }  // namespace cloam

@@ -75,6 +75,46 @@ TEST_CASE("neurad: an edited street is a log whose LiDAR and pictures follow the
   CHECK(read_scene(out).actors.size() == log.actors.size());
 }
 
+TEST_CASE("neurad: boxes that were learned are resumed to the same bytes, go with an edit and are written as a log") {
+  const auto training = std::ranges::find_if(
+      small_trainings(), [](const SmallTraining& one) { return one.method == std::string("neurad"); });
+  const fs::path whole = scratch() / "neurad_boxes", stopped = scratch() / "neurad_boxes_stopped";
+  const std::vector<std::string> settings = {"--steps", "6",
+                                             "--set",   "actors.refine=true",
+                                             "--set",   "train.rate_positions=0.02",
+                                             "--set",   "weight.smooth=1e-4",
+                                             "--set",   "poses.refine=true"};
+  REQUIRE(cloam_with(training->words(whole, settings)).code == 0);
+  std::vector<std::string> first = settings;
+  first.insert(first.end(), {"--stop-after", "3"});
+  REQUIRE(cloam_with(training->words(stopped, first)).code == 0);
+  REQUIRE(cloam_with({"train", "--resume", stopped.string(), "--pictures", "off"}).code == 0);
+  CHECK(content_of(whole / "ckpt/000006.safetensors") == content_of(stopped / "ckpt/000006.safetensors"));
+
+  const Scene given = read_scene(small_street());
+  const fs::path edited = scratch() / "neurad_boxes_edited", picture = scratch() / "neurad_boxes_pictures";
+  REQUIRE(cloam_with({"edit", whole.string(), "--actor", given.actors.front().id + ":remove", "-o", edited.string()})
+              .code == 0);
+  const Outcome rendered = cloam_with({"render", edited.string(), "-o", picture.string(), "--step", "0"});
+  CHECK_MESSAGE(rendered.code == 0, rendered.err);
+
+  const fs::path log = scratch() / "neurad_boxes_log";
+  const auto told = json_of({"export", whole.string(), "--format", "capture", "-o", log.string(), "--json"});
+  CHECK(told.at("refined") > 0);  // photos, in the same log
+  const Scene refined = read_scene(log);
+  REQUIRE(refined.actors.size() == given.actors.size());
+  std::size_t moved = 0;
+  for (std::size_t a = 0; a < given.actors.size(); ++a)
+    for (std::size_t b = 0; b < given.actors[a].boxes.size(); ++b) {
+      const Eigen::Matrix4d by = refined.actors[a].boxes.at(b).world_from_box - given.actors[a].boxes[b].world_from_box;
+      moved += by.norm() > 1e-6;
+      CHECK(by.topRightCorner<3, 1>().norm() < 0.3);  // six steps of 0.02 m, in each of three directions
+    }
+  CHECK(moved > 0);
+  CHECK(told.at("boxes_refined") >= moved);
+  CHECK(cloam_with({"check", log.string()}).code == 0);
+}
+
 TEST_CASE("neurad: what it is not for is told") {
   const Outcome photos = cloam_with({"train", "neurad", small_scene().string(), "--dry-run"});
   CHECK(photos.code == 3);
