@@ -57,8 +57,10 @@ void bind_boxes(Config& c, BoxSettings& o) {
   c.bind("train.rate_yaws", o.rate_yaws, "learning rate of the boxes' turns, in radians; it falls to a half");
 }
 
-void BoxRefinement::build(const BoxSettings& settings, const std::vector<Actor>& actors, Params& parameters) {
+void BoxRefinement::build(const BoxSettings& settings, const std::vector<Actor>& actors, Params& parameters,
+                          const std::string& prefix) {
   settings_ = settings;
+  prefix_ = prefix;
   parameters_ = &parameters;
   rows_.clear();
   if (!settings.refine) return;
@@ -67,24 +69,30 @@ void BoxRefinement::build(const BoxSettings& settings, const std::vector<Actor>&
       rows_.emplace(std::pair(a, box.step), static_cast<int32_t>(rows_.size()));
   if (rows_.empty()) return;
   const auto count = static_cast<int64_t>(rows_.size());
-  parameters[kPositionsName] = parameter(std::vector<float>(3 * rows_.size()), {count, 3});
-  parameters[kYawsName] = parameter(std::vector<float>(rows_.size()), {count, 1});
+  parameters[prefix + kPositionsName] = parameter(std::vector<float>(3 * rows_.size()), {count, 3});
+  parameters[prefix + kYawsName] = parameter(std::vector<float>(rows_.size()), {count, 1});
   motion_ = motion_of(actors, rows_);
 }
 
-void BoxRefinement::add_groups(ParameterGroups& groups) const {
+void BoxRefinement::add_groups(ParameterGroups& groups, bool sparse) const {
   if (!on()) return;
-  groups.push_back({kPositionsName, settings_.rate_positions, {kFinalPositions}});
-  groups.back().epsilon = 1e-15f;
-  groups.push_back({kYawsName, settings_.rate_yaws, {kFinalYaws}});
-  groups.back().epsilon = 1e-15f;
+  const auto add = [&](const char* name, float rate, float final_rate) {
+    ParameterGroup group{prefix_ + name, rate, {final_rate}};
+    group.epsilon = 1e-15f;
+    group.sparse = sparse;
+    groups.push_back(group);
+  };
+  add(kPositionsName, settings_.rate_positions, kFinalPositions);
+  add(kYawsName, settings_.rate_yaws, kFinalYaws);
 }
 
 void BoxRefinement::fit_to(const TensorMap& parameters) {
   for (const char* name : {kPositionsName, kYawsName})
-    if (const auto found = parameters.find(name); found != parameters.end() && found->second.shape.size() == 2) {
+    if (const auto found = parameters.find(prefix_ + name);
+        found != parameters.end() && found->second.shape.size() == 2) {
       const int64_t rows = found->second.shape[0], columns = found->second.shape[1];
-      (*parameters_)[name] = parameter(std::vector<float>(static_cast<size_t>(rows * columns)), {rows, columns});
+      (*parameters_)[prefix_ + name] =
+          parameter(std::vector<float>(static_cast<size_t>(rows * columns)), {rows, columns});
     }
 }
 
@@ -95,20 +103,21 @@ void BoxRefinement::add_state(TensorMap& state) const {
     boxes[2 * static_cast<size_t>(row)] = static_cast<int64_t>(box.first);
     boxes[2 * static_cast<size_t>(row) + 1] = box.second;
   }
-  state[kBoxesState] = named_integers(boxes);
+  state[prefix_ + kBoxesState] = named_integers(boxes);
 }
 
 void BoxRefinement::restore(const TensorMap& state) {
   if (!on()) return;
-  const std::vector<int64_t> boxes = integers_from(state, kBoxesState, static_cast<size_t>(2 * shifts().dim(0)));
+  const std::vector<int64_t> boxes =
+      integers_from(state, prefix_ + kBoxesState, static_cast<size_t>(2 * shifts().dim(0)));
   rows_.clear();
   for (size_t i = 0; i < boxes.size(); i += 2)
     rows_[{static_cast<size_t>(boxes[i]), static_cast<int>(boxes[i + 1])}] = static_cast<int32_t>(i / 2);
 }
 
-Tensor BoxRefinement::shifts() const { return on() ? parameters_->at(kPositionsName) : zeros({1, 3}); }
+Tensor BoxRefinement::shifts() const { return on() ? parameters_->at(prefix_ + kPositionsName) : zeros({1, 3}); }
 
-Tensor BoxRefinement::turns() const { return on() ? parameters_->at(kYawsName) : zeros({1, 1}); }
+Tensor BoxRefinement::turns() const { return on() ? parameters_->at(prefix_ + kYawsName) : zeros({1, 1}); }
 
 std::array<BoxRefinement::Part, 2> BoxRefinement::parts_at(std::size_t place, const Actor& actor, double time) const {
   const std::vector<ActorBox>& boxes = actor.boxes;
@@ -129,8 +138,9 @@ StreetBoxes BoxRefinement::moved(const StreetBoxes& given, const std::vector<Act
                                  const std::vector<double>& times) const {
   constexpr int64_t kOwner = offsetof(StreetBox, owner) / sizeof(float);
   constexpr int64_t kCentre = offsetof(StreetBox, centre) / sizeof(float);
+  if (!on()) return given;
   const std::vector<int32_t> first = given.first.to_host<int32_t>();
-  if (!on() || first.back() == 0) return given;
+  if (first.back() == 0) return given;
   const int64_t count = first.back();
   const std::vector<float> owners = slice(given.boxes, 1, kOwner, kOwner + 1).to_host();
   std::vector<int32_t> rows;
@@ -177,10 +187,15 @@ Tensor BoxRefinement::square_accelerations() const {
   return mean(sum(square(motion_.given + sum(reshape(by_box, {count, 3, 3}), {{1}})), {{1}}));
 }
 
-Tensor BoxRefinement::with_smoothness(const Tensor& loss) const {
-  if (!(settings_.smooth > 0)) return loss;
+Tensor BoxRefinement::smoothness() const {
+  if (!(settings_.smooth > 0)) return {};
   const Tensor jerky = square_accelerations();
-  return jerky ? loss + settings_.smooth * jerky : loss;
+  return jerky ? settings_.smooth * jerky : jerky;
+}
+
+Tensor BoxRefinement::with_smoothness(const Tensor& loss) const {
+  const Tensor jerky = smoothness();
+  return jerky ? loss + jerky : loss;
 }
 
 std::vector<Figure> BoxRefinement::figures() const {

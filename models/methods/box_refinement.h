@@ -35,10 +35,13 @@ struct BoxMotion {
 /// where the actor is edited.
 class BoxRefinement {
  public:
-  /// Of the boxes of these actors; does nothing where boxes shall stay. The parameters outlive this.
-  void build(const BoxSettings& settings, const std::vector<Actor>& actors, Params& parameters);
-  bool on() const { return parameters_ && parameters_->contains(kPositionsName); }
-  void add_groups(ParameterGroups& groups) const;
+  /// Of the boxes of these actors; does nothing where boxes shall stay. The parameters outlive this; their names and
+  /// those of the state begin with `prefix`.
+  void build(const BoxSettings& settings, const std::vector<Actor>& actors, Params& parameters,
+             const std::string& prefix = "");
+  bool on() const { return parameters_ && parameters_->contains(prefix_ + kPositionsName); }
+  /// sparse: steps that see another log leave these boxes where they are.
+  void add_groups(ParameterGroups& groups, bool sparse = false) const;
   /// Before a checkpoint's parameters are put in: as many rows as it has, of which restore() tells whose they are.
   void fit_to(const TensorMap& parameters);
   void add_state(TensorMap& state) const;
@@ -63,7 +66,9 @@ class BoxRefinement {
   /// Mean square of the accelerations of boxes as they are learned, m^2/s^4, of boxes with one before and one behind
   /// them in the log; an empty handle where there are none or boxes stay.
   Tensor square_accelerations() const;
-  /// `loss` with the weighed smoothness of the boxes.
+  /// The same, weighed; an empty handle where it has no weight.
+  Tensor smoothness() const;
+  /// `loss` and that.
   Tensor with_smoothness(const Tensor& loss) const;
   /// How far boxes are from where they were given, in the mean: metres.
   std::vector<Figure> figures() const;
@@ -71,6 +76,7 @@ class BoxRefinement {
  private:
   BoxSettings settings_;
   Params* parameters_ = nullptr;
+  std::string prefix_;
   std::map<std::pair<std::size_t, int>, int32_t> rows_;  // by actor and step
   BoxMotion motion_;
 };

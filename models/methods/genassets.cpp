@@ -115,6 +115,7 @@ void GenAssets::configure(Config& c) {
   c.bind("train.rate_background", o.rate_background, "learning rate of the background planes");
   c.bind("train.final_rate", o.final_rate, "learning rates at the last step, as a fraction of the initial ones");
   c.bind("train.decay_start", o.decay_start, "fraction of the steps before the learning rates decay", kShareBelowOne);
+  bind_boxes(c, street.boxes);
 }
 
 void GenAssets::build(const Scenes& scenes, uint64_t seed) {
@@ -176,11 +177,21 @@ void GenAssets::after_step(const Progress& progress) {
   if (prior_) prior_->end_step(progress);
 }
 
+void GenAssets::fit_to(const TensorMap& parameters) {
+  for (StreetLog& log : model_->logs()) log.boxes.fit_to(parameters);
+}
+
+std::vector<Actor> GenAssets::refined_actors() const {
+  const StreetLog& log = model_->logs().front();
+  return log.boxes.refined(log.scene.get()->actors);
+}
+
 TensorMap GenAssets::state() const {
   TensorMap out;
   for (size_t i = 0; i < model_->logs().size(); ++i)
     for (const auto& [name, tensor] : model_->logs()[i].space->state())
       out["log" + std::to_string(i) + "." + name] = tensor;
+  for (const StreetLog& log : model_->logs()) log.boxes.add_state(out);
   out["lit"] = named_integers({training_->lit_permille});
   if (prior_)
     for (const auto& [name, tensor] : prior_->state()) out["prior." + name] = tensor;
@@ -190,6 +201,7 @@ TensorMap GenAssets::state() const {
 void GenAssets::restore(const TensorMap& state) {
   for (size_t i = 0; i < model_->logs().size(); ++i)
     model_->logs()[i].space->restore(with_prefix(state, "log" + std::to_string(i) + "."));
+  for (StreetLog& log : model_->logs()) log.boxes.restore(state);
   training_->lit_permille = integers_from(state, "lit", 1).front();
   if (prior_) prior_->restore(with_prefix(state, "prior."));
 }

@@ -6,12 +6,14 @@
 #include "models/latents/takes_prior.h"
 #include "models/methods/genassets_training.h"
 #include "models/street/has_surfaces.h"
+#include "models/street/refines_boxes.h"
 #include "models/street/street.h"
 #include "models/street/takes_edits.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/mixed_precision.h"
 #include "models/train/renders_views.h"
 #include "models/train/shares_networks.h"
+#include "models/train/takes_shapes.h"
 
 namespace cloam {
 
@@ -28,6 +30,8 @@ class GenAssets final : public Method,
                         public HasSurfaces,
                         public HasSurroundings,
                         public TakesEdits,
+                        public RefinesBoxes,
+                        public TakesShapes,
                         public SharesNetworks,
                         public TakesPrior,
                         public ShowsAssets,
@@ -43,6 +47,7 @@ class GenAssets final : public Method,
   Step step(const Progress& progress, const Tensors& wanted) override;
   int64_t most_shares() const override { return config_.whole_images ? kMostShares : config_.patches; }
   void after_step(const Progress& progress) override;
+  void fit_to(const TensorMap& parameters) override;
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
 
@@ -52,6 +57,7 @@ class GenAssets final : public Method,
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
   Mesh surroundings(int log, int resolution) override;
   void take_actors(const Scenes& scenes) override;
+  std::vector<Actor> refined_actors() const override;
   void adopt_networks(const TensorMap& parameters) override;
   void adopt_prior(const CodeDenoiser& denoiser) override;
   std::vector<AssetName> show_assets(const std::vector<NewAsset>& assets) override;

@@ -6,6 +6,7 @@
 
 #include "models/methods/code_set.h"
 #include "models/scene/asset_class.h"
+#include "models/street/followed_rays.h"
 #include "models/train/config.h"
 #include "runtime/error.h"
 #include "runtime/ops/composite.h"
@@ -38,17 +39,16 @@ void check_groups(const std::vector<int64_t>& widths, int64_t middle, int64_t gr
 }
 
 std::unique_ptr<AssetDecoder> make_decoder(const Scope& scope, const StreetModelOptions& options) {
-  AssetDecoderOptions o;
-  o.latent_channels = options.code_channels;
-  o.side = options.code_side;
-  o.classes = kAssetClassCount;
-  o.middle = options.decoder_middle;
-  o.widths = whole_numbers("decoder.widths", options.decoder_widths);
+  const AssetDecoderOptions o = {.latent_channels = options.code_channels,
+                                 .side = options.code_side,
+                                 .classes = kAssetClassCount,
+                                 .middle = options.decoder_middle,
+                                 .widths = whole_numbers("decoder.widths", options.decoder_widths),
+                                 .plane_channels = 3 * options.plane_channels,
+                                 .groups = options.decoder_groups,
+                                 .class_places = options.class_places,
+                                 .bypass = options.code_bypass};
   check_groups(o.widths, o.middle, options.decoder_groups);
-  o.plane_channels = 3 * options.plane_channels;
-  o.groups = options.decoder_groups;
-  o.class_places = options.class_places;
-  o.bypass = options.code_bypass;
   return std::make_unique<AssetDecoder>(scope, o);
 }
 
@@ -308,11 +308,14 @@ StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
     if (options_.frozen && options_.detail) log.detail = scope.constant("detail", {actors, texels}, 0.f);
   }
   for (const Actor& actor : scene.actors) log.classes.push_back(asset_class(actor.label));
+  log.boxes.build(options_.boxes, scene.actors, scope.all, scope.path + ".");
   return log;
 }
 
 RayScene StreetModel::street(const StreetLog& log, const RayList& rays) const {
-  return {log, boxes_of(log.scene.get()->actors, rays, *log.space), log.space->grid(), log.appearance};
+  const std::shared_ptr<const Scene> scene = log.scene.get();
+  const StreetBoxes boxes = log.boxes.moved(boxes_of(scene->actors, rays, *log.space), scene->actors, rays.times);
+  return {log, boxes, log.space->grid(), log.appearance};
 }
 
 RayScene StreetModel::alone(const AssetPlace& place) const {
@@ -352,6 +355,7 @@ RenderedRays StreetModel::render(const RayScene& scene, const RayList& rays, con
     if (out.assets.planes) eval_for_gradient({out.assets.planes});
     out.samples = street_lit(out.samples, all, kMinTransmittance);
   }
+  if (how.moves_boxes) out.samples = followed_in_boxes(out.samples, at, scene.boxes);
   const StreetSamples& s = out.samples;
   Tensor harmonics = gather_rows(spherical_harmonics(at.directions), s.ray);
   if (s.owners.dim(0) > 0) harmonics = concat({harmonics, spherical_harmonics(s.actor_directions)}, 0);

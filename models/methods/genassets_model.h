@@ -11,6 +11,7 @@
 #include "models/fields/street_field.h"
 #include "models/latents/code_prior.h"
 #include "models/latents/new_assets.h"
+#include "models/methods/box_refinement.h"
 #include "models/nn/image_decoder.h"
 #include "models/street/static_surface.h"
 #include "models/street/street_boxes.h"
@@ -37,6 +38,7 @@ struct StreetModelOptions {
   bool detail = true;                            // then: see StreetLog
   int background_side = 256;                     // texels
   float near = 0.1f;                             // metres around a LiDAR's return where matter belongs
+  BoxSettings boxes;
 };
 
 /// An actor of a log; or, with the number of logs, a generated asset.
@@ -60,6 +62,7 @@ struct StreetLog {
   Tensor common_background;
   std::vector<int32_t> classes;        // of the actors
   std::vector<AssetPlace> appearance;  // of the actors: whose asset they wear
+  BoxRefinement boxes;                 // where the actors are
 };
 
 /// How samples are placed and codes drawn; without a key: in the middle, and the mean.
@@ -69,6 +72,7 @@ struct Sampling {
   bool skip_hidden = true;         // leave out samples behind surfaces
   uint32_t share = 0;              // of the batch: each shifts the samples along its rays by numbers of its own
   bool detach_background = false;  // where rays meet boxes, the background learns nothing
+  bool moves_boxes = false;        // the scene's boxes are differentiable
 };
 
 /// What rays meet.

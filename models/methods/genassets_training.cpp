@@ -76,6 +76,7 @@ ParameterGroups GenAssetsTraining::groups(bool denoised) const {
     // One image says nothing of other sides: there codes must explain all that they can.
     const LogSource* data = model_.logs()[i].data.get();
     detail.frozen = data && data->images() == 1;
+    model_.logs()[i].boxes.add_groups(groups, true);
   }
   return groups;
 }
@@ -125,7 +126,7 @@ Sampling GenAssetsTraining::sampling(const StreetLog& log, const Progress& progr
   // is wrong, and codes, which begin slowly, would have nothing left to explain.
   const bool detach = config_.street.frozen && log.data->images() == 1 && progress.step <= kCodesFirst;
   const auto share = static_cast<uint32_t>(progress.share.rank);
-  return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skip_hidden, share, detach};
+  return {{seed_, static_cast<uint32_t>(progress.step), 0}, true, skip_hidden, share, detach, log.boxes.on()};
 }
 
 void GenAssetsTraining::look_ahead(const Progress& progress) {
@@ -220,12 +221,13 @@ StreetStep GenAssetsTraining::on_patches(const StreetLog& log, HostRandom& rando
   const int64_t samples = seen.samples.t.dim(0);
   samples_ = static_cast<double>(samples);
   marched_ = static_cast<double>(seen.marched);
-  Step step = step_of(total, wanted);
+  Step step = step_of(log.boxes.with_smoothness(total), wanted);
   step.figures = std::move(figures);
   step.weight = static_cast<double>(progress.share.size(config_.patches)) / config_.patches;
   step.counts = {&samples_, &marched_};
   step.figures.push_back(count("samples", samples * progress.share.ranks));
   step.figures.push_back(count("actors", seen.assets.planes ? seen.assets.planes.dim(1) : 0));
+  for (const Figure& figure : log.boxes.figures()) step.figures.push_back(figure);
   step.figures.push_back(
       {"lit", skipped_ ? (samples_ + 1) / (marched_ + 1) : static_cast<double>(lit_permille) / 1000});
   return {std::move(step), seen.assets.codes};
@@ -357,6 +359,7 @@ StreetStep GenAssetsTraining::in_tiles(const StreetLog& log, HostRandom& random,
   image.decode_pixels(sums);
   image.decode_objects(sums);
   image.render_again(sums);
+  if (const Tensor jerky = log.boxes.smoothness()) sums.add(jerky);
   Step step{full({}, config_.weight_rgb * static_cast<float>(image.squared)), {}};
   step.figures = {psnr_figure(full({}, static_cast<float>(image.squared))),
                   count("samples", image.samples * progress.share.ranks),
@@ -371,6 +374,7 @@ StreetStep GenAssetsTraining::in_tiles(const StreetLog& log, HostRandom& random,
     step.loss = step.loss + found[0];
     step.figures.push_back({"lidar_m", 0, found[1]});
   }
+  for (const Figure& figure : log.boxes.figures()) step.figures.push_back(figure);
   step.gradients = sums.sums();
   if (!planes) return {std::move(step), {}};
   const Tensor by_planes = step.gradients.back();

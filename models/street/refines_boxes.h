@@ -9,8 +9,8 @@ namespace cloam {
 class RefinesBoxes {
  public:
   virtual ~RefinesBoxes() = default;
-  /// The log's actors with their boxes as they were learned, in the log's axes; empty where the settings leave boxes as
-  /// they are.
+  /// The actors of the first log with their boxes as they were learned, in the log's axes; empty where the settings
+  /// leave boxes as they are.
   virtual std::vector<Actor> refined_actors() const = 0;
 };
 

@@ -41,17 +41,16 @@ inline Settings painted_neurad() {
   return settings;
 }
 
-/// A field of neurad that differs from place to place, by waves through its tables.
+/// A field of a street that differs from place to place, by waves through its tables or planes.
 inline void make_painted(Method& method) {
   for (const auto& [name, p] : method.parameters()) {
-    if (!name.ends_with(".table")) continue;
+    const bool of_places = name.ends_with(".table") || name.ends_with(".planes") || name == "log0.background";
+    if (!of_places && !name.ends_with("field.past.bias")) continue;
     std::vector<float> values(static_cast<size_t>(p.numel()));
     for (size_t i = 0; i < values.size(); ++i) values[i] = std::sin(2.3f * static_cast<float>(i));
+    if (!of_places) (values = p.to_host())[0] = -0.2f;
     put(method, name, values);
   }
-  std::vector<float> bias = method.parameters().at("field.past.bias").to_host();
-  bias[0] = -0.2f;
-  put(method, "field.past.bias", bias);
 }
 
 /// The photos as `model` shows the frames of its scene, which has one camera.
