@@ -68,9 +68,7 @@ void BoxRefinement::build(const BoxSettings& settings, const std::vector<Actor>&
     for (const ActorBox& box : actors[a].boxes)
       rows_.emplace(std::pair(a, box.step), static_cast<int32_t>(rows_.size()));
   if (rows_.empty()) return;
-  const auto count = static_cast<int64_t>(rows_.size());
-  parameters[prefix + kPositionsName] = parameter(std::vector<float>(3 * rows_.size()), {count, 3});
-  parameters[prefix + kYawsName] = parameter(std::vector<float>(rows_.size()), {count, 1});
+  put_zeros(static_cast<int64_t>(rows_.size()));
   motion_ = motion_of(actors, rows_);
 }
 
@@ -86,14 +84,16 @@ void BoxRefinement::add_groups(ParameterGroups& groups, bool sparse) const {
   add(kYawsName, settings_.rate_yaws, kFinalYaws);
 }
 
+void BoxRefinement::put_zeros(int64_t rows) {
+  for (const auto& [name, columns] : {std::pair(kPositionsName, int64_t{3}), {kYawsName, 1}})
+    (*parameters_)[prefix_ + name] =
+        parameter(std::vector<float>(static_cast<size_t>(rows * columns)), {rows, columns});
+}
+
 void BoxRefinement::fit_to(const TensorMap& parameters) {
-  for (const char* name : {kPositionsName, kYawsName})
-    if (const auto found = parameters.find(prefix_ + name);
-        found != parameters.end() && found->second.shape.size() == 2) {
-      const int64_t rows = found->second.shape[0], columns = found->second.shape[1];
-      (*parameters_)[prefix_ + name] =
-          parameter(std::vector<float>(static_cast<size_t>(rows * columns)), {rows, columns});
-    }
+  const auto found = parameters.find(prefix_ + kPositionsName);
+  if (settings_.refine && found != parameters.end() && found->second.shape.size() == 2)
+    put_zeros(found->second.shape[0]);
 }
 
 void BoxRefinement::add_state(TensorMap& state) const {

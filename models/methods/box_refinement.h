@@ -74,6 +74,8 @@ class BoxRefinement {
   std::vector<Figure> figures() const;
 
  private:
+  void put_zeros(int64_t rows);
+
   BoxSettings settings_;
   Params* parameters_ = nullptr;
   std::string prefix_;
