@@ -156,7 +156,7 @@ int export_capture(const RestoredRun& run, const ExportRequest& request, const C
   LearnedPhotos photos;
   if (const auto* refines = as<RefinesPoses>(*run.method)) photos.poses = refines->refined_poses();
   if (const auto* refines = as<RefinesIntrinsics>(*run.method)) photos.focals = refines->focal_factors();
-  if (const auto* refines = as<RefinesBoxes>(*run.method)) photos.actors = refines->refined_actors();
+  if (const auto* refines = as<RefinesBoxes>(*run.method)) photos.actors = refines->refined_actors(0);
   if (!photos.poses.empty() || !photos.focals.empty()) return export_photos(run, photos, request, common);
   if (!photos.actors.empty()) return export_log(run, photos.actors, request, common);
   throw Error(

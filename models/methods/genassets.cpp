@@ -181,9 +181,9 @@ void GenAssets::fit_to(const TensorMap& parameters) {
   for (StreetLog& log : model_->logs()) log.boxes.fit_to(parameters);
 }
 
-std::vector<Actor> GenAssets::refined_actors() const {
-  const StreetLog& log = model_->logs().front();
-  return log.boxes.refined(log.scene.get()->actors);
+std::vector<Actor> GenAssets::refined_actors(int log) const {
+  const StreetLog& street = model_->logs().at(static_cast<size_t>(log));
+  return street.boxes.refined(street.scene.get()->actors);
 }
 
 TensorMap GenAssets::state() const {

@@ -57,7 +57,7 @@ class GenAssets final : public Method,
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
   Mesh surroundings(int log, int resolution) override;
   void take_actors(const Scenes& scenes) override;
-  std::vector<Actor> refined_actors() const override;
+  std::vector<Actor> refined_actors(int log) const override;
   void adopt_networks(const TensorMap& parameters) override;
   void adopt_prior(const CodeDenoiser& denoiser) override;
   std::vector<AssetName> show_assets(const std::vector<NewAsset>& assets) override;

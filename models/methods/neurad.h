@@ -63,7 +63,7 @@ class Neurad final : public Method,
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
   void take_actors(const Scenes& scenes) override;
   std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
-  std::vector<Actor> refined_actors() const override { return boxes_.refined(model_->scene()->actors); }
+  std::vector<Actor> refined_actors(int) const override { return boxes_.refined(model_->scene()->actors); }
 
  private:
   /// Announces what the steps after this one will read, so that it is decoded meanwhile.

@@ -47,7 +47,7 @@ class StreetGaussians final : public Method,
   Gaussians background_gaussians() const override { return gaussians_in(params_, common_, kBackgroundPart); }
   Gaussians actor_gaussians(const AssetName& asset) const override;
   void adopt(std::size_t place, const Gaussians& looks) override;
-  std::vector<Actor> refined_actors() const override { return model_->boxes().refined(model_->actors()); }
+  std::vector<Actor> refined_actors(int) const override { return model_->boxes().refined(model_->actors()); }
   void take_actors(const Scenes& scenes) override { model_->take_actors(scenes.at(0).actors); }
 
  private:

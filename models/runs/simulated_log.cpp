@@ -11,6 +11,7 @@
 #include "models/io/words.h"
 #include "models/runs/actor_names.h"
 #include "models/scene/split.h"
+#include "models/street/refines_boxes.h"
 #include "models/train/renders_views.h"
 #include "runtime/error.h"
 
@@ -70,6 +71,9 @@ Camera output_camera(const Camera& camera, const std::optional<ImageSize>& size,
 
 Scene output_log(const RestoredRun& run, const SimulatedLog& wish, const Listener& listener) {
   Scene log = run.scenes.at(static_cast<std::size_t>(wish.number));
+  // Boxes where the pictures show the actors.
+  if (const auto* refines = as<RefinesBoxes>(*run.method))
+    if (auto learned = refines->refined_actors(wish.number); !learned.empty()) log.actors = std::move(learned);
   for (Actor& actor : log.actors) actor.label = seen_label(run, {wish.number, actor.id});
   // Its times and poses are those of the middles of sweeps and images already.
   log.recording.sweep_stamp = log.recording.image_stamp = 0;

@@ -113,6 +113,14 @@ TEST_CASE("neurad: boxes that were learned are resumed to the same bytes, go wit
   CHECK(moved > 0);
   CHECK(told.at("boxes_refined") >= moved);
   CHECK(cloam_with({"check", log.string()}).code == 0);
+
+  const fs::path simulated = scratch() / "neurad_boxes_simulated";
+  REQUIRE(cloam_with({"simulate", whole.string(), "-o", simulated.string()}).code == 0);
+  const Scene shown = read_scene(simulated);
+  REQUIRE(shown.actors.size() == refined.actors.size());
+  for (std::size_t a = 0; a < shown.actors.size(); ++a)
+    for (std::size_t b = 0; b < shown.actors[a].boxes.size(); ++b)
+      CHECK((shown.actors[a].boxes[b].world_from_box - refined.actors[a].boxes.at(b).world_from_box).norm() < 1e-4);
 }
 
 TEST_CASE("neurad: what it is not for is told") {

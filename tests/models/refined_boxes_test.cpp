@@ -240,7 +240,7 @@ void check_boxes_come_back(const std::string& name, Settings settings, const std
   load_data(*method, shifted, painted(toy_pixels(shifted), *model, street));
   learn_alone(*method, prefix + kPositionsName, *model, 70);
   const auto [never, before] = off_by(shifted.actors);
-  const auto [along, across] = off_by(as<RefinesBoxes>(*method)->refined_actors());
+  const auto [along, across] = off_by(as<RefinesBoxes>(*method)->refined_actors(0));
   MESSAGE(before, " m across the view before, ", across, " after and ", along, " along it");
   CHECK(before == doctest::Approx(0.3));
   CHECK(across < 0.5 * before);
