@@ -37,6 +37,9 @@ void Splat::configure(Config& c) {
 
 void Splat::build(const Scenes& scenes, uint64_t seed) {
   if (scenes.size() != 1) throw Error(Fault::usage, text("splat trains on one capture, not ", scenes.size()));
+  const std::string& colour = config_.background;
+  if (colour != "auto" && colour != "black" && colour != "white" && colour != "random")
+    throw Error(Fault::usage, text("setting background: \"", colour, "\", want auto, black, white or random"));
   const Scene& scene = scenes.front();
   cameras_ = camera_region(scene);
   common_.up = scene.up;

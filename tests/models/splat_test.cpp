@@ -162,4 +162,5 @@ TEST_CASE("splat: settings that cannot be are told") {
   CHECK_THROWS_AS(built(capture.scene, {{"initial", "nowhere"}}), Error);
   CHECK_THROWS_AS(built(capture.scene, {{"growth.strategy", "none"}}), Error);
   CHECK_THROWS_AS(built(capture.scene, {{"sh.degree", "4"}}), Error);
+  CHECK_THROWS_WITH_AS(built(capture.scene, {{"background", "pink"}}), doctest::Contains("background: \"pink"), Error);
 }
