@@ -87,7 +87,8 @@ std::string lidar_rows(const LidarScores& lidar) {
 
 std::string table(const EvalResult& result) {
   const std::vector<ImageScore> images = all_images(result);
-  std::string out = text("protocol ", result.protocol, ", ", images.size(), " images, step ", result.step, "\n");
+  std::string out = text("protocol ", result.protocol, ", ", images.size(), " images, step ", result.step,
+                         result.downscale > 1 ? text(", photos shrunk by ", result.downscale) : "", "\n");
   out += result.is_log ? log_rows(result) : image_rows(result);
   out += row("mean", columns(result, images, all_lidar(result)));
   if (result.has_masks) out += row("mean over all pixels, masked or not", {mean_score(images, &ImageScore::psnr_full)});

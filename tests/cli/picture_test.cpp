@@ -83,6 +83,7 @@ TEST_CASE("eval --downscale measures photos of another size than the training's,
   CHECK(json.at("psnr").get<double>() > mean_colour_figure(4) + 3);
   CHECK(read_image(trained() / "eval" / "images" / "test_r_0.png").height == 6);
   CHECK(content_of(trained() / "run.json") == record);
+  CHECK(contains(cloam_with({"eval", run, "--downscale", "4"}).out, ", photos shrunk by 4\n"));
   const Outcome compared = cloam_with({"compare", run});  // with others of the training's size
   REQUIRE_MESSAGE(compared.code == 0, compared.err);
   CHECK(json_of(trained() / "eval" / "eval.json").at("downscale") == 1);
