@@ -4,8 +4,7 @@
 
 namespace cloam {
 
-/// Fault::usage for a pixel loss or a kind of background that there is none of, as the settings train.loss and
-/// background.
+/// Of the settings train.loss and background. Fault::usage for an unknown word.
 void check_pixel_settings(const std::string& loss, const std::string& background);
 
 struct BackgroundKind {
