@@ -26,7 +26,8 @@ struct LogCount {
 };
 
 /// What is to be written: the edited log with the cameras and names of the output, labels of what is seen, and boxes as
-/// they were learned. Tells which cameras get other names. Fault::usage for cameras that the log does not have, and for more than six.
+/// they were learned. Tells which cameras get other names. Fault::usage for cameras that the log does not have, and for
+/// more than six.
 Scene output_log(const RestoredRun& run, const SimulatedLog& wish, const Listener& listener);
 
 /// The log `out` on its way into a folder, one part after the other in any order. What it is given lives longer.
