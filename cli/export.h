@@ -31,7 +31,7 @@ MeshLabel run_label(const RestoredRun& run, const std::string& name);
 int export_density(const RestoredRun& run, const HasDensity& method, ExportRequest request, const Common& common);
 /// A street without its actors: its surface, or its gaussians.
 int export_background(const RestoredRun& run, ExportRequest request, const Common& common);
-/// The data once more, with the poses or the boxes that the run learned. Fault::usage for a run that learned neither.
+/// The data once more, with the cameras or the boxes that the run learned. Fault::usage for a run that learned neither.
 int export_capture(const RestoredRun& run, const ExportRequest& request, const Common& common);
 /// What the training photos' cameras see, as points.
 int export_points(const RestoredRun& run, const ExportRequest& request, const Common& common);

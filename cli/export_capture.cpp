@@ -15,8 +15,7 @@
 #include "models/methods/registry.h"
 #include "models/runs/captures.h"
 #include "models/street/refines_boxes.h"
-#include "models/train/refines_intrinsics.h"
-#include "models/train/refines_poses.h"
+#include "models/train/refines_cameras.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -93,14 +92,17 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
                   const Common& common) {
   const Scene& learned = run.scenes.front();
   const Scene listed = scene_as_listed(run, request.run);
-  RefinedLog refined{photos.actors, {}};
+  RefinedLog refined{photos.actors, {}, {}};
   if (!photos.poses.empty())
     for (const std::size_t frame : frames_of(learned, Split::train))
       refined.poses[learned.frames[frame].name] = photos.poses.at(refined.poses.size());
   Scene scene = listed;
   const Moved moved = move_photos(scene, refined.poses);
   const double percent = change_focals(scene, photos.focals);
-  const bool as_log = photos.focals.empty() && can_hold_poses(listed);
+  if (!photos.focals.empty())
+    for (const Frame& frame : learned.frames)
+      refined.focals[frame.sensor] = photos.focals.at(static_cast<std::size_t>(frame.camera));
+  const bool as_log = photos.poses.empty() ? can_be_refined(listed) : can_hold_poses(listed);
   if (as_log)
     write_refined_log(request.out, listed, refined);
   else
@@ -134,11 +136,8 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
 /// The log of a run that learned where its boxes are, with those boxes.
 int export_log(const RestoredRun& run, const std::vector<Actor>& actors, const ExportRequest& request,
                const Common& common) {
-  if (run.scenes.size() > 1)
-    throw Error(Fault::usage, text("--format capture: ", request.run, " learned the boxes of ", run.scenes.size(),
-                                   " logs, and one log is written\n  fix: train on that log alone"));
   const MovedBoxes boxes = moved_boxes(actors, run.scenes.front().actors);
-  write_refined_log(request.out, scene_as_listed(run, request.run), {actors, {}});
+  write_refined_log(request.out, scene_as_listed(run, request.run), {actors, {}, {}});
   if (common.json)
     put_json({{"schema_version", 1},
               {"path", request.out},
@@ -154,17 +153,21 @@ int export_capture(const RestoredRun& run, const ExportRequest& request, const C
   if (const std::string problem = problem_of(output_folder(), request.out); !problem.empty())
     throw Error(Fault::usage, "--out: " + problem);
   LearnedPhotos photos;
-  if (const auto* refines = as<RefinesPoses>(*run.method)) photos.poses = refines->refined_poses();
-  if (const auto* refines = as<RefinesIntrinsics>(*run.method)) photos.focals = refines->focal_factors();
+  if (const auto* refines = as<RefinesCameras>(*run.method)) {
+    photos.poses = refines->refined_poses(0);
+    photos.focals = refines->focal_factors(0);
+  }
   if (const auto* refines = as<RefinesBoxes>(*run.method)) photos.actors = refines->refined_actors(0);
-  if (!photos.poses.empty() || !photos.focals.empty()) return export_photos(run, photos, request, common);
+  const bool moved_photos = !photos.poses.empty() || !photos.focals.empty();
+  if ((moved_photos || !photos.actors.empty()) && run.scenes.size() > 1)
+    throw Error(Fault::usage, text("--format capture: ", request.run, " learned the cameras or boxes of ",
+                                   run.scenes.size(), " logs, and one log is written\n  fix: train on that log alone"));
+  if (moved_photos) return export_photos(run, photos, request, common);
   if (!photos.actors.empty()) return export_log(run, photos.actors, request, common);
-  throw Error(
-      Fault::usage,
-      text(
-          "--format capture: ", request.run, " learned neither poses, focal lengths nor boxes\n  fix: cloam train ",
-          run.record.method, " DATA --set poses.refine=true (nerf, zipnerf, splat, neurad), ",
-          "intrinsics.refine=true (nerf, zipnerf, splat) or actors.refine=true (street-gaussians, neurad, genassets)"));
+  throw Error(Fault::usage,
+              text("--format capture: ", request.run,
+                   " learned neither poses, focal lengths nor boxes\n  fix: cloam train ", run.record.method,
+                   " DATA --set poses.refine=true, intrinsics.refine=true or, of a driving log, actors.refine=true"));
 }
 
 }  // namespace cloam

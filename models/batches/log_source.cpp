@@ -18,6 +18,7 @@ namespace {
 
 constexpr size_t kSweepsAStep = 4;
 constexpr int64_t kSmallestObject = 4;  // cells a side
+constexpr int64_t kObjectGroups = 8;    // of objects for all ranks, one of which a step takes
 constexpr double kFarActor = 60;        // metres: patches look no further for actors
 
 Eigen::Vector3d rotate(const Eigen::Matrix4d& pose, const Eigen::Vector3d& v) { return pose.topLeftCorner<3, 3>() * v; }
@@ -327,17 +328,27 @@ void LogSource::expect_patches(StepAhead& ahead, int64_t count, int64_t side) co
     photos_.want(parts[static_cast<size_t>(n)].place, ahead.step);
 }
 
+/// An object's patch has from some cells to thousands, and ranks wait for the one with the largest. So each step draws
+/// many, sorted by size, and one group of them with as many as there are ranks: alike in size, and each object as
+/// likely as if it were drawn alone.
 std::vector<std::optional<LogSource::Drawn>> LogSource::draw_objects(const Scene& scene, HostRandom& random,
                                                                      const ObjectPatches& objects,
                                                                      const Share& share) const {
   std::vector<std::optional<Drawn>> parts;
-  for (int64_t rank = 0; rank < share.ranks; ++rank) {
+  const int64_t groups = share.ranks > 1 ? kObjectGroups : 1;
+  for (int64_t i = 0; i < groups * share.ranks; ++i) {
     const size_t place = random.below(photos_.size());
     const std::vector<Region> regions = object_regions(scene, listed(place), random, {1, objects.longest});
     const bool none = regions.empty() || objects.count == 0;
     parts.push_back(none ? std::nullopt : std::optional(Drawn{place, regions.front()}));
   }
-  return parts;
+  if (groups == 1) return parts;
+  const auto cells = [](const std::optional<Drawn>& part) {
+    return part ? part->region.rows * part->region.columns : 0;
+  };
+  std::stable_sort(parts.begin(), parts.end(), [&](const auto& a, const auto& b) { return cells(a) < cells(b); });
+  const auto first = parts.begin() + static_cast<std::ptrdiff_t>(random.below(groups)) * share.ranks;
+  return {first, first + share.ranks};
 }
 
 Photographed LogSource::add_object(RayList& rays, HostRandom& random, const ObjectPatches& objects,

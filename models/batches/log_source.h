@@ -137,8 +137,8 @@ class LogSource {
   /// first, each a moment of its own. The images have side scale pixels a side. Sets rays.actors to those that all of
   /// them or their shadows may show.
   Photographed add_patches(RayList& rays, HostRandom& random, int64_t count, int64_t side, const Share& share) const;
-  /// A patch around the box of one actor in sight, for each rank another; a moment. Without truth if the photo that was
-  /// drawn shows none. Marks in rays.actors those that it or their shadows may show.
+  /// A patch around the box of one actor in sight, for each rank another of about the same size; a moment. Without
+  /// truth if the photo that was drawn shows none. Marks in rays.actors those that it or their shadows may show.
   Photographed add_object(RayList& rays, HostRandom& random, const ObjectPatches& objects, const Share& share) const;
   /// One whole image, for each rank another, as far as it fills cells of scale^2 pixels; a moment. Sets rays.actors as
   /// add_patches.

@@ -10,6 +10,7 @@
 #include "models/data/pandaset.h"
 #include "models/data/pose_track.h"
 #include "models/io/commit.h"
+#include "models/io/json.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -67,10 +68,10 @@ MovesOfSteps moves_of(const Scene& log, const std::map<std::string, Eigen::Matri
   return out;
 }
 
-/// The camera of "camera/front_camera/poses.json"; empty for any other file.
-std::string camera_of_poses(const fs::path& name) {
+/// The camera of "camera/front_camera/poses.json", if that is the file's name in its folder; else empty.
+std::string camera_of(const fs::path& name, const char* file) {
   const fs::path folder = name.parent_path();
-  const bool is_it = name.filename() == "poses.json" && folder.parent_path() == fs::path("camera");
+  const bool is_it = name.filename() == file && folder.parent_path() == fs::path("camera");
   return is_it ? folder.filename().string() : "";
 }
 
@@ -83,6 +84,11 @@ Json moved(const PoseTrack& track, const std::map<int, Eigen::Matrix4d>& moves) 
   return entries;
 }
 
+Json widened(Json intrinsics, double factor) {
+  for (const char* length : {"fx", "fy"}) intrinsics[length] = factor * intrinsics.at(length).get<double>();
+  return intrinsics;
+}
+
 /// Relative to the root, also behind links to folders; listed before any is written, for `folder` may lie in the root.
 std::vector<fs::path> files_below(const fs::path& root) {
   std::vector<fs::path> names;
@@ -93,20 +99,26 @@ std::vector<fs::path> files_below(const fs::path& root) {
 
 }  // namespace
 
+bool can_be_refined(const Scene& log) { return log.format == "PandaSet"; }
+
 bool can_hold_poses(const Scene& log) {
-  return log.format == "PandaSet" && !log.recording.front_from_lidar && log.recording.image_stamp == 0;
+  return can_be_refined(log) && !log.recording.front_from_lidar && log.recording.image_stamp == 0;
 }
 
 void write_refined_log(const fs::path& folder, const Scene& log, const RefinedLog& refined) {
-  if (log.format != "PandaSet")
-    throw Error(Fault::usage, text("boxes and poses of a log in the layout of ", log.format,
+  if (!can_be_refined(log))
+    throw Error(Fault::usage, text("boxes and cameras of a log in the layout of ", log.format,
                                    " cannot be written, only those of PandaSet's layout"));
   const BoxesOfSteps boxes = boxes_of_steps(refined.actors);
   const MovesOfSteps moves = moves_of(log, refined.poses);
   for (const fs::path& name : files_below(log.root)) {
-    if (const auto camera = moves.find(camera_of_poses(name)); camera != moves.end()) {
+    if (const auto camera = moves.find(camera_of(name, "poses.json")); camera != moves.end()) {
       const PoseTrack track(log.root, name.parent_path().string());
       commit_text(folder / name, moved(track, camera->second).dump(1) + "\n");
+      continue;
+    }
+    if (const auto focal = refined.focals.find(camera_of(name, "intrinsics.json")); focal != refined.focals.end()) {
+      commit_text(folder / name, widened(parse_json_file(log.root / name), focal->second).dump(1) + "\n");
       continue;
     }
     const auto found = boxes.find(step_of_cuboids(name));

@@ -1,4 +1,4 @@
-// A driving log once more, with other boxes or other poses of its cameras.
+// A driving log once more, with other boxes or other poses or focal lengths of its cameras.
 #pragma once
 #include <filesystem>
 #include <map>
@@ -13,18 +13,21 @@ namespace cloam {
 struct RefinedLog {
   std::vector<Actor> actors = {};                     // those of its boxes that moved or may have, by id and step
   std::map<std::string, Eigen::Matrix4d> poses = {};  // world_from_camera by Frame::name
+  std::map<std::string, double> focals = {};          // by Frame::sensor, over those given
 };
 
 /// Writes `log`, which has PandaSet's layout, into `folder`: all files are linked or copied. In the cuboids position
 /// and yaw of every box that `refined` has are those given there; other rows and columns stay, but for columns of a
 /// kind that we do not read (dates, categories). In a camera's poses.json the entry of a photo moves as its pose did,
-/// in the camera's axes.
+/// in the camera's axes; in its intrinsics.json fx and fy are those given times its factor.
 /// Fault::usage for a log of another layout; Fault::write.
 void write_refined_log(const std::filesystem::path& folder, const Scene& log, const RefinedLog& refined);
 
-/// Whether `log` can be written with other poses of its photos and all else is read from it as before. Not where its
-/// layout is another than PandaSet's, where sweeps take their poses from the front camera, and where a photo lies
-/// between two entries of poses.json (Recording::image_stamp).
+/// Whether `log` has a layout in which it can be written anew.
+bool can_be_refined(const Scene& log);
+/// Whether that can be with other poses of its photos, and all else is read from it as before. Not where sweeps take
+/// their poses from the front camera, and where a photo lies between two entries of poses.json
+/// (Recording::image_stamp).
 bool can_hold_poses(const Scene& log);
 
 }  // namespace cloam

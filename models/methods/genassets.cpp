@@ -116,6 +116,7 @@ void GenAssets::configure(Config& c) {
   c.bind("train.final_rate", o.final_rate, "learning rates at the last step, as a fraction of the initial ones");
   c.bind("train.decay_start", o.decay_start, "fraction of the steps before the learning rates decay", kShareBelowOne);
   bind_boxes(c, street.boxes);
+  bind_cameras(c, street.cameras);
 }
 
 void GenAssets::build(const Scenes& scenes, uint64_t seed) {
@@ -184,6 +185,14 @@ void GenAssets::fit_to(const TensorMap& parameters) {
 std::vector<Actor> GenAssets::refined_actors(int log) const {
   const StreetLog& street = model_->logs().at(static_cast<size_t>(log));
   return street.boxes.refined(street.scene.get()->actors);
+}
+
+std::vector<Eigen::Matrix4d> GenAssets::refined_poses(int log) const {
+  return model_->logs().at(static_cast<size_t>(log)).cameras.poses();
+}
+
+std::vector<double> GenAssets::focal_factors(int log) const {
+  return model_->logs().at(static_cast<size_t>(log)).cameras.focal_factors();
 }
 
 TensorMap GenAssets::state() const {

@@ -11,6 +11,7 @@
 #include "models/street/takes_edits.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/mixed_precision.h"
+#include "models/train/refines_cameras.h"
 #include "models/train/renders_views.h"
 #include "models/train/shares_networks.h"
 #include "models/train/takes_shapes.h"
@@ -31,6 +32,7 @@ class GenAssets final : public Method,
                         public HasSurroundings,
                         public TakesEdits,
                         public RefinesBoxes,
+                        public RefinesCameras,
                         public TakesShapes,
                         public SharesNetworks,
                         public TakesPrior,
@@ -58,6 +60,8 @@ class GenAssets final : public Method,
   Mesh surroundings(int log, int resolution) override;
   void take_actors(const Scenes& scenes) override;
   std::vector<Actor> refined_actors(int log) const override;
+  std::vector<Eigen::Matrix4d> refined_poses(int log) const override;
+  std::vector<double> focal_factors(int log) const override;
   void adopt_networks(const TensorMap& parameters) override;
   void adopt_prior(const CodeDenoiser& denoiser) override;
   std::vector<AssetName> show_assets(const std::vector<NewAsset>& assets) override;

@@ -309,6 +309,7 @@ StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
   }
   for (const Actor& actor : scene.actors) log.classes.push_back(asset_class(actor.label));
   log.boxes.build(options_.boxes, scene.actors, scope.all, scope.path + ".");
+  log.cameras.build(options_.cameras, scene, log.space->street_from_world(), scope.all, scope.path + ".");
   return log;
 }
 
@@ -340,7 +341,9 @@ RenderedRays StreetModel::render(const RayScene& scene, const RayList& rays, con
                                  const DecodedAssets* ready) const {
   const int64_t count = rays.count();
   const RandomKey jitter = how.key.of_stream(how.share == 0 ? kJitter : kJitterOfShares + how.share);
-  const StreetRays at = {from_host(rays.origins, {count, 3}), from_host(rays.directions, {count, 3}),
+  const bool follows = static_cast<bool>(how.rays.origins);
+  const StreetRays at = {follows ? how.rays.origins : from_host(rays.origins, {count, 3}),
+                         follows ? how.rays.directions : from_host(rays.directions, {count, 3}),
                          how.random ? random_uniform({count, 2}, jitter) : full({count, 2}, 0.5f),
                          from_host(rays.moments, {count})};
   StreetSteps steps = options_.steps;
@@ -355,7 +358,10 @@ RenderedRays StreetModel::render(const RayScene& scene, const RayList& rays, con
     if (out.assets.planes) eval_for_gradient({out.assets.planes});
     out.samples = street_lit(out.samples, all, kMinTransmittance);
   }
-  if (how.moves_boxes) out.samples = followed_in_boxes(out.samples, at, scene.boxes);
+  if (follows)
+    out.samples = followed(out.samples, at, scene.boxes, scene.grid);
+  else if (how.moves_boxes)
+    out.samples = followed_in_boxes(out.samples, at, scene.boxes);
   const StreetSamples& s = out.samples;
   Tensor harmonics = gather_rows(spherical_harmonics(at.directions), s.ray);
   if (s.owners.dim(0) > 0) harmonics = concat({harmonics, spherical_harmonics(s.actor_directions)}, 0);

@@ -12,6 +12,7 @@
 #include "models/latents/code_prior.h"
 #include "models/latents/new_assets.h"
 #include "models/methods/box_refinement.h"
+#include "models/methods/camera_refinement.h"
 #include "models/nn/image_decoder.h"
 #include "models/street/static_surface.h"
 #include "models/street/street_boxes.h"
@@ -39,6 +40,7 @@ struct StreetModelOptions {
   int background_side = 256;                     // texels
   float near = 0.1f;                             // metres around a LiDAR's return where matter belongs
   BoxSettings boxes;
+  CameraSettings cameras;
 };
 
 /// An actor of a log; or, with the number of logs, a generated asset.
@@ -63,6 +65,7 @@ struct StreetLog {
   std::vector<int32_t> classes;        // of the actors
   std::vector<AssetPlace> appearance;  // of the actors: whose asset they wear
   BoxRefinement boxes;                 // where the actors are
+  LogCameras cameras;                  // how photos were taken
 };
 
 /// How samples are placed and codes drawn; without a key: in the middle, and the mean.
@@ -73,6 +76,7 @@ struct Sampling {
   uint32_t share = 0;              // of the batch: each shifts the samples along its rays by numbers of its own
   bool detach_background = false;  // where rays meet boxes, the background learns nothing
   bool moves_boxes = false;        // the scene's boxes are differentiable
+  RaysInStreet rays = {};          // in the place of the list's, and differentiable; empty: the list's
 };
 
 /// What rays meet.

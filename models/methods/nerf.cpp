@@ -62,8 +62,7 @@ void Nerf::configure(Config& c) {
   c.bind("weight.distortion", o.distortion, "weight of the distortion loss");
   c.bind("weight.depth", o.depth, "weight of the difference from depth maps, where there are any");
   c.bind("train.loss", o.loss, "pixel loss: square or charbonnier");
-  poses_.configure(c);
-  focals_.configure(c);
+  bind_cameras(c, o.cameras);
 }
 
 void Nerf::build(const Scenes& scenes, uint64_t seed) {
@@ -73,8 +72,7 @@ void Nerf::build(const Scenes& scenes, uint64_t seed) {
   has_alpha_ = scenes.front().has_alpha;
   renderer_ = std::make_unique<NerfRenderer>(config_, scenes.front(), Scope{params_, "", seed});
   rays_ = config_.batch_rays;
-  poses_.build(scenes.front(), params_);
-  focals_.build(scenes.front(), params_);
+  cameras_.build(config_.cameras, scenes.front(), params_);
 }
 
 void Nerf::load_data(std::vector<TrainingData> data) {
@@ -97,15 +95,14 @@ ParameterGroups Nerf::groups() const {
   all.schedule = {config_.final_rate, config_.decay_start, config_.decay_steps, kWarmUp};
   if (config_.field.kind != "frequency") all.beta2 = 0.99f, all.epsilon = 1e-15f;  // Mueller et al. 2022
   ParameterGroups groups = {all};
-  poses_.add_group(groups);
-  focals_.add_group(groups);
+  cameras_.add_groups(groups);
   return groups;
 }
 
 Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   const RandomKey key{seed_, static_cast<uint32_t>(progress.step), 0};
-  const Tensor poses = poses_.on() ? poses_.moved(pixels_->poses(), renderer_->frame().scale) : Tensor();
-  const PixelBatch batch = pixels_->draw(rays_, key.of_stream(kPixels), progress.share, {poses, focals_.narrowing()});
+  const LearnedCameras cameras = cameras_.of_pixels(pixels_->poses(), renderer_->frame().scale);
+  const PixelBatch batch = pixels_->draw(rays_, key.of_stream(kPixels), progress.share, cameras);
   // What lies behind a surface gets no light and no gradient. A pass through the density alone finds it, and pays once
   // a quarter of the samples are dark; until then it only looks now and then.
   skimmed_ = progress.step <= 3 || lit_permille_ < 750 || progress.step % 16 == 0;
@@ -136,8 +133,7 @@ Step Nerf::step(const Progress& progress, const Tensors& wanted) {
   step.figures = {psnr_figure(error),
                   {"rays", static_cast<double>(rays_)},
                   {"samples", samples_ * static_cast<double>(progress.share.ranks)}};
-  for (const Figure& figure : poses_.figures()) step.figures.push_back(figure);
-  for (const Figure& figure : focals_.figures()) step.figures.push_back(figure);
+  for (const Figure& figure : cameras_.figures()) step.figures.push_back(figure);
   if (renderer_->marching())
     step.figures.push_back(
         {"lit", skimmed_ ? (samples_ + 1) / (marched_ + 1) : static_cast<double>(lit_permille_) / 1000});

@@ -7,13 +7,11 @@
 
 #include "models/batches/image_source.h"
 #include "models/mesh/has_density.h"
-#include "models/methods/focal_refinement.h"
+#include "models/methods/camera_refinement.h"
 #include "models/methods/nerf_renderer.h"
-#include "models/methods/pose_refinement.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
-#include "models/train/refines_intrinsics.h"
-#include "models/train/refines_poses.h"
+#include "models/train/refines_cameras.h"
 #include "models/train/renders_views.h"
 #include "models/train/shows_samples.h"
 
@@ -24,8 +22,7 @@ class Nerf final : public Method,
                    public RendersViews,
                    public ShowsSamples,
                    public HasDensity,
-                   public RefinesPoses,
-                   public RefinesIntrinsics {
+                   public RefinesCameras {
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
@@ -40,8 +37,8 @@ class Nerf final : public Method,
   Picture render(const View& view) override;
   std::vector<RaySample> samples(const View& view, int row) override;
   DensityField density_field() const override { return renderer_->density_field(); }
-  std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
-  std::vector<double> focal_factors() const override { return focals_.factors(); }
+  std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.poses(); }
+  std::vector<double> focal_factors(int) const override { return cameras_.focal_factors(); }
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
 
@@ -53,8 +50,7 @@ class Nerf final : public Method,
   Params params_;
   std::unique_ptr<NerfRenderer> renderer_;
   std::unique_ptr<PixelSource> pixels_;
-  PoseRefinement poses_;
-  FocalRefinement focals_;
+  CameraRefinement cameras_;
   int64_t rays_ = 0;                  // of the next step: follows the samples a ray costs
   double samples_ = 0, marched_ = 0;  // of the last step, shaded and marched to
   bool skimmed_ = false;              // it left out the dark ones

@@ -5,6 +5,7 @@
 
 #include "models/fields/field.h"
 #include "models/mesh/has_density.h"
+#include "models/methods/camera_refinement.h"
 #include "models/render/occupancy.h"
 #include "models/render/rays.h"
 #include "models/train/shows_samples.h"
@@ -30,6 +31,7 @@ struct NerfConfig {
   float depth = 0.03f;          // of what depth maps say
   std::string loss = "square";  // square | charbonnier
   int occupancy_every = 16, occupancy_start = 64;
+  CameraSettings cameras;
 };
 
 class NerfRenderer {

@@ -18,8 +18,6 @@ constexpr double kKeptReturns = 0.95;   // share: the worst of a step are left o
 constexpr size_t kSweepsOfMissing = 4;  // a step
 constexpr int64_t kLookAhead = 8;       // steps whose images are decoded ahead
 constexpr int64_t kSamplesOfRay = 60;   // of a ray, as a rule
-// Of poses, metres: a calibration that is off by a degree is off by a decimetre rather than by what things are away.
-constexpr PoseScale kPoseScale = {.unit = 5, .distance = 15};
 
 void bind_grid(Config& c, const std::string& of, HashGrid& grid, const std::string& whose) {
   c.bind(of + ".levels", grid.levels, "levels of " + whose + " hash grid", {1, 32});
@@ -83,7 +81,7 @@ void Neurad::configure(Config& c) {
   c.bind("train.warm_up", o.warm_up, "steps in which the learning rates rise", {0, 1 << 20});
   c.bind("train.warm_up_image", o.warm_up_image, "the same of the image decoder's", {0, 1 << 20});
   bind_boxes(c, o.boxes);
-  poses_.configure(c);
+  bind_cameras(c, o.cameras);
 }
 
 void Neurad::build(const Scenes& scenes, uint64_t seed) {
@@ -94,7 +92,7 @@ void Neurad::build(const Scenes& scenes, uint64_t seed) {
   model_ = std::make_unique<NeuradModel>(config_.street, Scope{params_, "", seed}, scene);
   if (config_.weight_perceptual > 0) perceptual_ = feature_network(config_.perceptual_weights);
   boxes_.build(config_.boxes, scene.actors, params_);
-  poses_.build(scene, params_, kPoseScale);
+  cameras_.build(config_.cameras, scene, model_->space().street_from_world(), params_);
 }
 
 TensorMap Neurad::state() const {
@@ -116,22 +114,7 @@ void Neurad::load_data(std::vector<TrainingData> data) {
   data_ = std::make_unique<LogSource>(
       log.scene, std::move(log.photos), std::move(sweeps),
       LogRays{model_->space().street_from_world(), model_->scale(), {}, config_.rolling_shutter});
-  if (poses_.on()) list_poses(*model_->scene());
   loaded(1, 1);
-}
-
-void Neurad::list_poses(const Scene& scene) {
-  SceneFrame street;
-  const Eigen::Matrix4d& from_world = model_->space().street_from_world();
-  street.turn = from_world.topLeftCorner<3, 3>();
-  street.centre = from_world.inverse().topRightCorner<3, 1>();
-  std::vector<float> poses;
-  photo_of_.assign(scene.frames.size(), -1);
-  for (const std::size_t frame : frames_of(scene, Split::train)) {
-    photo_of_[frame] = static_cast<int32_t>(poses.size() / 12);
-    append_pose(poses, scene.frames[frame].world_from_camera, street);
-  }
-  given_poses_ = from_host(poses, {static_cast<int64_t>(poses.size() / 12), 12});
 }
 
 /// As large a share of a step's LiDAR rays is missing as of a sweep's.
@@ -196,7 +179,7 @@ ParameterGroups Neurad::groups() const {
   groups.push_back({"actors.", c.rate_grids, schedule});
   groups.back().sparse = true;
   boxes_.add_groups(groups);
-  poses_.add_group(groups);
+  cameras_.add_groups(groups);
   return groups;
 }
 
@@ -247,18 +230,11 @@ Neurad::Batch Neurad::draw_batch(const Progress& progress) const {
 }
 
 void Neurad::move_rays(const Batch& batch, NeuradSampling& how) const {
-  if (!poses_.on()) return;
-  const int64_t count = batch.rays.count(), seen = batch.of_photos;
-  const std::size_t each = static_cast<std::size_t>(seen) / std::max<std::size_t>(1, batch.photos.of.size());
-  std::vector<int32_t> photo;
-  for (const PhotoOf& of : batch.photos.of) photo.insert(photo.end(), each, photo_of_[of.frame]);
-  const Tensor origins = from_host(batch.rays.origins, {count, 3}),
-               directions = from_host(batch.rays.directions, {count, 3});
-  const auto part = [&](const Tensor& of, int64_t begin, int64_t end) { return slice(of, 0, begin, end); };
-  const PhotoRays moved = poses_.moved(
-      PhotoRays{part(origins, 0, seen), part(directions, 0, seen), from_host(photo, {seen})}, given_poses_, 1);
-  how.origins = concat({moved.origins, part(origins, seen, count)}, 0);
-  how.directions = concat({moved.directions, part(directions, seen, count)}, 0);
+  if (!cameras_.on() || batch.photos.of.empty()) return;
+  const auto each = batch.of_photos / static_cast<int64_t>(batch.photos.of.size());
+  std::vector<RaysOfPhoto> photos;
+  for (const PhotoOf& of : batch.photos.of) photos.push_back({of.frame, each});
+  how.rays = cameras_.moved(batch.rays, photos);
 }
 
 NeuradScene Neurad::street(const RayList& rays) const {
@@ -333,7 +309,7 @@ Step Neurad::step(const Progress& progress, const Tensors& wanted) {
   if (metres) step.figures.push_back({"lidar_m", 0, metres});
   step.figures.insert(step.figures.end(), figures.begin(), figures.end());
   for (const Figure& figure : boxes_.figures()) step.figures.push_back(figure);
-  for (const Figure& figure : poses_.figures()) step.figures.push_back(figure);
+  for (const Figure& figure : cameras_.figures()) step.figures.push_back(figure);
   step.figures.push_back({"samples", static_cast<double>(seen.samples.t.dim(0) * progress.share.ranks)});
   step.figures.push_back({"marched", static_cast<double>(seen.marched * progress.share.ranks)});
   step.weight = static_cast<double>(progress.share.size(config_.patches)) / config_.patches;

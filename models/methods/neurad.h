@@ -4,8 +4,8 @@
 #include <optional>
 
 #include "models/methods/box_refinement.h"
+#include "models/methods/camera_refinement.h"
 #include "models/methods/neurad_model.h"
-#include "models/methods/pose_refinement.h"
 #include "models/nn/feature_network.h"
 #include "models/street/missing_rays.h"
 #include "models/street/refines_boxes.h"
@@ -14,7 +14,7 @@
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
 #include "models/train/mixed_precision.h"
-#include "models/train/refines_poses.h"
+#include "models/train/refines_cameras.h"
 #include "models/train/renders_views.h"
 #include "models/train/takes_shapes.h"
 
@@ -23,6 +23,7 @@ namespace cloam {
 struct NeuradConfig {
   NeuradOptions street;
   BoxSettings boxes;
+  CameraSettings cameras;
   bool rolling_shutter = true;  // rows of photos are seen when they were exposed
   int patches = 40, patch_side = 32, lidar_rays = 16384;
   float weight_rgb = 5, weight_perceptual = 0.05f, weight_lidar = 0.01f, weight_line_of_sight = 0.01f;
@@ -39,7 +40,7 @@ class Neurad final : public Method,
                      public Street,
                      public HasSurfaces,
                      public TakesEdits,
-                     public RefinesPoses,
+                     public RefinesCameras,
                      public RefinesBoxes,
                      public TakesShapes,
                      public MixedPrecision {
@@ -62,7 +63,8 @@ class Neurad final : public Method,
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
   void take_actors(const Scenes& scenes) override;
-  std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
+  std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.poses(); }
+  std::vector<double> focal_factors(int) const override { return cameras_.focal_factors(); }
   std::vector<Actor> refined_actors(int) const override { return boxes_.refined(model_->scene()->actors); }
 
  private:
@@ -70,7 +72,6 @@ class Neurad final : public Method,
   void look_ahead(const Progress& progress);
   /// What a step's rays are of: photos first, then the LiDAR's returns.
   struct Batch;
-  void list_poses(const Scene& scene);
   void find_missing(const Scene& scene, const LogSweeps& sweeps);
   /// Rays of a sweep that sent nothing back.
   void add_missing(RayList& rays, HostRandom& random, const Share& share) const;
@@ -78,7 +79,7 @@ class Neurad final : public Method,
   Batch draw_batch(const Progress& progress) const;
   /// What rays meet, boxes where they were learned to be.
   NeuradScene street(const RayList& rays) const;
-  /// The batch's rays where the poses of its photos have moved.
+  /// The batch's rays as the cameras of its photos are learned to see.
   void move_rays(const Batch& batch, NeuradSampling& how) const;
   Tensor image_loss(const Batch& batch, const NeuradRays& seen, Tensor& squared) const;
   Tensor lidar_loss(const Batch& batch, const NeuradRays& seen, Tensor& metres) const;
@@ -92,10 +93,8 @@ class Neurad final : public Method,
   int64_t missing_rays_ = 0;        // a step: as many to its returns as the sweeps have
   std::optional<FeatureNetwork> perceptual_;
   BoxRefinement boxes_;
-  PoseRefinement poses_;
-  Tensor given_poses_;             // [N,12] of the training photos, street axes
-  std::vector<int32_t> photo_of_;  // of each frame, its place among them
-  int64_t announced_ = 0;          // the last step that was
+  LogCameras cameras_;
+  int64_t announced_ = 0;  // the last step that was
 };
 
 }  // namespace cloam

@@ -134,9 +134,9 @@ NeuradRays NeuradModel::render(const NeuradScene& scene, const RayList& rays, co
                                const NeuradSampling& how) const {
   const int64_t count = rays.count();
   const RandomKey jitter = how.key.of_stream(how.share == 0 ? kShifts : kShiftsOfShares + how.share);
-  const bool follows = static_cast<bool>(how.origins);
-  const StreetRays at = {follows ? how.origins : from_host(rays.origins, {count, 3}),
-                         follows ? how.directions : from_host(rays.directions, {count, 3}),
+  const bool follows = static_cast<bool>(how.rays.origins);
+  const StreetRays at = {follows ? how.rays.origins : from_host(rays.origins, {count, 3}),
+                         follows ? how.rays.directions : from_host(rays.directions, {count, 3}),
                          how.random ? random_uniform({count, 2}, jitter) : full({count, 2}, 0.5f),
                          from_host(rays.moments, {count})};
   const StreetField& network = field_->network();

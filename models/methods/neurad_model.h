@@ -5,6 +5,7 @@
 
 #include "models/batches/log_source.h"
 #include "models/fields/neurad_field.h"
+#include "models/methods/camera_refinement.h"
 #include "models/nn/image_decoder.h"
 #include "models/street/has_surfaces.h"
 #include "models/street/street_boxes.h"
@@ -28,9 +29,9 @@ struct NeuradOptions {
 struct NeuradSampling {
   RandomKey key = {};
   bool random = false;
-  uint32_t share = 0;                    // of the batch: each shifts the samples along its rays by numbers of its own
-  Tensor origins = {}, directions = {};  // [R,3] in the place of the list's, and differentiable; empty: the list's
-  bool moves_boxes = false;              // the scene's boxes are differentiable
+  uint32_t share = 0;        // of the batch: each shifts the samples along its rays by numbers of its own
+  RaysInStreet rays = {};    // in the place of the list's, and differentiable; empty: the list's
+  bool moves_boxes = false;  // the scene's boxes are differentiable
 };
 
 /// What rays meet.

@@ -9,9 +9,11 @@
 // 2), normalised: for small ones the angle |w| about w, and smooth at 0.
 #pragma once
 #include <optional>
+#include <string>
 
 #include "models/nn/params.h"
 #include "models/scene/scene.h"
+#include "models/splat/draw.h"
 #include "models/train/config.h"
 #include "models/train/method.h"
 
@@ -23,41 +25,39 @@ struct PoseSettings {
   int warm_up = 200;                       // steps: at first a scene says nothing about poses
 };
 
-/// Rays of photos in the axes of the scene.
-struct PhotoRays {
-  Tensor origins, directions;  // [R,3]
-  Tensor photo;                // int32 [R]: place among the training photos
-};
+void bind_poses(Config& config, PoseSettings& settings);
 
 /// In scene units: of shifts, and how far away what the photos show is.
 struct PoseScale {
   double unit, distance;
 };
+/// Of driving logs, metres: a calibration that is off by a degree is off by a decimetre rather than by what things are
+/// away.
+constexpr PoseScale kPoseScaleOfLogs = {.unit = 5, .distance = 15};
 
 class PoseRefinement {
  public:
-  /// Declares the settings.
-  void configure(Config& config);
-  /// Of the scene's training photos; does nothing where poses shall stay. The parameters outlive this.
-  /// scale: the distance to what the cameras look at for both, where none is given.
-  void build(const Scene& scene, Params& parameters, const std::optional<PoseScale>& scale = {});
+  /// Of the scene's training photos; does nothing where poses shall stay. The parameters outlive this; their names
+  /// begin with `prefix`. Without a scale it is the distance to what the cameras look at.
+  void build(const PoseSettings& settings, const Scene& scene, Params& parameters, const std::string& prefix = "",
+             const std::optional<PoseScale>& scale = {});
   bool on() const { return parameters_ != nullptr; }
   void add_group(ParameterGroups& groups) const;
   /// [N,12], of all photos: rotations by rows, positions. scale: units of the positions in a scene unit.
   Tensor moved(const Tensor& poses, double scale) const;
-  /// Rays of photos at `poses` [N,12] that moved: their cameras take them along.
-  PhotoRays moved(const PhotoRays& rays, const Tensor& poses, double scale) const;
-  /// [3,4] of view_matrix() of one photo.
-  Tensor moved_view(const Tensor& view, size_t photo) const;
+  /// Of one photo; nothing when not on().
+  ViewMove move_of(size_t photo) const;
   /// How far photos are from where they were given, in the mean: degrees, scene units.
   std::vector<Figure> figures() const;
   /// world_from_camera of all training photos; empty when not on().
   std::vector<Eigen::Matrix4d> poses() const;
 
  private:
+  const Tensor& shifts() const;
   Tensor turns() const;
 
   PoseSettings settings_;
+  std::string prefix_;
   std::vector<Eigen::Matrix4d> given_;
   PoseScale scale_ = {1, 1};
   const Params* parameters_ = nullptr;

@@ -31,8 +31,7 @@ void Splat::configure(Config& c) {
   c.bind("exposure", o.exposure, "learn a gain and an offset per image and channel, with means 1 and 0");
   c.bind("train.rate_exposure", o.rate_exposure, "learning rate of the exposures; it falls to a tenth");
   bind_growth(c, o.growth);
-  poses_.configure(c);
-  focals_.configure(c);
+  bind_cameras(c, config_.cameras);
 }
 
 void Splat::build(const Scenes& scenes, uint64_t seed) {
@@ -41,11 +40,11 @@ void Splat::build(const Scenes& scenes, uint64_t seed) {
   if (colour != "auto" && colour != "black" && colour != "white" && colour != "random")
     throw Error(Fault::usage, text("setting background: \"", colour, "\", want auto, black, white or random"));
   const Scene& scene = scenes.front();
-  cameras_ = camera_region(scene);
+  region_ = camera_region(scene);
   common_.up = scene.up;
   common_.metric = scene.metric;
-  renderer_ = std::make_unique<SplatRenderer>(config_, scene, params_, cameras_.radius);
-  growth_ = make_growth(config_.growth, cameras_);
+  renderer_ = std::make_unique<SplatRenderer>(config_, scene, params_, region_.radius);
+  growth_ = make_growth(config_.growth, region_);
   // A capture that comes from a run folder has no files: the gaussians come with the checkpoint.
   const bool restored = scene.root.empty();
   InitialGaussians first = {one_gaussian()};
@@ -56,8 +55,7 @@ void Splat::build(const Scenes& scenes, uint64_t seed) {
   const auto frames = static_cast<int64_t>(frames_of(scene, Split::train).size());
   if (config_.exposure)
     params_["exposure"] = parameter(std::vector<float>(static_cast<size_t>(6 * frames), 0), {frames, 6});
-  poses_.build(scene, params_);
-  focals_.build(scene, params_);
+  cameras_.build(config_.cameras, scene, params_);
 }
 
 std::vector<std::string> Splat::warnings(const Scene& scene) const {
@@ -109,11 +107,10 @@ MemoryPlan Splat::memory(const PhotoSizes& photos) const {
 }
 
 ParameterGroups Splat::groups() const {
-  ParameterGroups groups = gaussian_groups(config_.rates, "", cameras_.radius);
+  ParameterGroups groups = gaussian_groups(config_.rates, "", region_.radius);
   groups.push_back({"exposure", config_.rate_exposure, {kFinalExposure}});
   groups.back().epsilon = groups.front().epsilon;
-  poses_.add_group(groups);
-  focals_.add_group(groups);
+  cameras_.add_groups(groups);
   return groups;
 }
 
@@ -123,7 +120,7 @@ Step Splat::step(const Progress& progress, const Tensors& wanted) {
   const Tensor probe =
       config_.growth.absolute ? parameter(std::vector<float>(static_cast<size_t>(2 * count)), {count, 2}) : Tensor();
   const auto [picture, truth, drawn, depth_error] =
-      renderer_->compare(photos_->photographs()[which], {which, poses_, focals_, progress, probe});
+      renderer_->compare(photos_->photographs()[which], {which, cameras_, progress, probe});
   const Likeness alike = likeness(picture, truth);
   Tensor loss = (1.f - config_.ssim) * alike.l1 + config_.ssim * (1.f - alike.ssim);
   if (depth_error) loss = loss + config_.depth * depth_error;
@@ -134,8 +131,7 @@ Step Splat::step(const Progress& progress, const Tensors& wanted) {
   observed_.add(drawn, step.gradients.back());
   step.gradients.pop_back();
   step.figures = {psnr_figure(mean(square(picture - truth))), {"gaussians", static_cast<double>(count)}};
-  for (const Figure& figure : poses_.figures()) step.figures.push_back(figure);
-  for (const Figure& figure : focals_.figures()) step.figures.push_back(figure);
+  for (const Figure& figure : cameras_.figures()) step.figures.push_back(figure);
   step.more = observed_.pending();
   step.sums = observed_.of_view();
   return step;

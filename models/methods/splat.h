@@ -4,16 +4,14 @@
 #include <memory>
 
 #include "models/gaussians/exports_gaussians.h"
-#include "models/methods/focal_refinement.h"
-#include "models/methods/pose_refinement.h"
+#include "models/methods/camera_refinement.h"
 #include "models/methods/splat_renderer.h"
 #include "models/splat/observed.h"
 #include "models/splat/parameters.h"
 #include "models/train/grows.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
-#include "models/train/refines_intrinsics.h"
-#include "models/train/refines_poses.h"
+#include "models/train/refines_cameras.h"
 #include "models/train/renders_views.h"
 
 namespace cloam {
@@ -22,8 +20,7 @@ class Splat final : public Method,
                     public LearnsFromCaptures,
                     public RendersViews,
                     public Grows,
-                    public RefinesPoses,
-                    public RefinesIntrinsics,
+                    public RefinesCameras,
                     public ExportsGaussians {
  public:
   void configure(Config& config) override;
@@ -43,15 +40,15 @@ class Splat final : public Method,
   void fit_to(const TensorMap& parameters) override;
   TensorMap state() const override { return observed_.state(); }
   void restore(const TensorMap& state) override { observed_.restore(state); }
-  std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
-  std::vector<double> focal_factors() const override { return focals_.factors(); }
+  std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.poses(); }
+  std::vector<double> focal_factors(int) const override { return cameras_.focal_factors(); }
   std::vector<std::string> warnings(const Scene& scene) const override;
 
  private:
   void put(const Gaussians& gaussians);
 
   SplatConfig config_;
-  CameraRegion cameras_;
+  CameraRegion region_;
   bool grey_ = false;         // begun without colours: the photos have them
   bool from_depths_ = false;  // begun with one gaussian: the photos' depth maps have the others
   Gaussians common_;          // none: up and metric of all
@@ -59,8 +56,7 @@ class Splat final : public Method,
   std::unique_ptr<SplatRenderer> renderer_;
   std::unique_ptr<Growth> growth_;
   std::unique_ptr<PhotoSource> photos_;
-  PoseRefinement poses_;
-  FocalRefinement focals_;
+  CameraRefinement cameras_;
   Observed observed_;
 };
 

@@ -45,12 +45,11 @@ Tensor SplatRenderer::exposed(const Tensor& planes, size_t photograph) const {
 
 SplatRenderer::Compared SplatRenderer::compare(const Photograph& photograph, const Comparison& how) const {
   Compared out;
-  Tensor view = view_matrix(photograph.world_from_camera);
-  if (how.poses.on()) view = how.poses.moved_view(view, how.place);
   const bool has_depth = photograph.depth && config_.depth > 0;
-  out.drawn =
-      draw(splat_model(params_, degree_at(config_.harmonics, how.progress)), photograph.camera, view,
-           {near_, config_.antialiased, has_depth, how.probe, {}, how.focals.widening(photograph.listed_camera)});
+  out.drawn = draw(
+      splat_model(params_, degree_at(config_.harmonics, how.progress)), photograph.camera,
+      view_matrix(photograph.world_from_camera),
+      {near_, config_.antialiased, has_depth, how.probe, {}, how.cameras.move_of(how.place, photograph.listed_camera)});
   if (has_depth) out.depth_error = mean_depth_error(out.drawn, photograph.depth);
   const Tensor background = background_for(how.progress);
   const Tensor colours = has_depth ? slice(out.drawn.planes, 0, 0, 3) : out.drawn.planes;

@@ -2,8 +2,7 @@
 #pragma once
 #include "models/batches/image_source.h"
 #include "models/gaussians/exports_gaussians.h"
-#include "models/methods/focal_refinement.h"
-#include "models/methods/pose_refinement.h"
+#include "models/methods/camera_refinement.h"
 #include "models/nn/params.h"
 #include "models/scene/view.h"
 #include "models/splat/draw.h"
@@ -24,6 +23,7 @@ struct SplatConfig {
   bool exposure = false;        // a gain and an offset for each channel of each training image, their means 1 and 0
   float rate_exposure = 0.01f;  // falls to a tenth
   GrowthOptions growth;
+  CameraSettings cameras;
 };
 
 class SplatRenderer {
@@ -37,8 +37,7 @@ class SplatRenderer {
   };
   struct Comparison {
     size_t place;  // of the photograph, and of its exposure and its pose
-    const PoseRefinement& poses;
-    const FocalRefinement& focals;
+    const CameraRefinement& cameras;
     const Progress& progress;
     Tensor probe;  // see DrawOptions
   };

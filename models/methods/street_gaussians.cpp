@@ -39,6 +39,14 @@ void require_room(const StreetStartOptions& start, size_t actors) {
                                   budget >> 20, " MiB\n  fix: fewer of them, or --max-memory if the machine has more"));
 }
 
+/// Directions [P,3] of a camera that moved, in the axes of where it was given.
+Tensor directions_in(const ViewMove& move, const Tensor& directions) {
+  Tensor out = directions;
+  if (move.widening) out = out / transpose(move.widening);
+  if (move.turned_back) out = matmul(out, move.turned_back);
+  return stop_gradient(out);
+}
+
 Tensor entropy(const Tensor& p) { return -(p * log(p) + (1.f - p) * log(1.f - p)); }
 
 }  // namespace
@@ -72,6 +80,7 @@ void StreetGaussians::configure(Config& c) {
   c.bind("train.rate_sky", o.rate_sky, "learning rate of the sky; it falls to a tenth");
   c.bind("train.rate_exposure", o.rate_exposure, "learning rate of the exposures; it falls to a tenth");
   bind_boxes(c, o.boxes);
+  bind_cameras(c, o.cameras);
   bind_growth(c, o.growth);
 }
 
@@ -80,11 +89,12 @@ void StreetGaussians::build(const Scenes& scenes, uint64_t seed) {
   const Scene& scene = scenes.front();
   if (!scene.is_log) throw Error(Fault::data, "street-gaussians learns driving logs; for photos, use train splat");
   seed_ = seed;
-  cameras_ = camera_region(scene);
+  region_ = camera_region(scene);
   common_.up = scene.up;
   common_.metric = scene.metric;
   model_ = std::make_unique<StreetGaussiansModel>(config_, params_, scene);
-  background_growth_ = make_growth(config_.growth, cameras_);
+  cameras_.build(config_.cameras, scene, params_, "", kPoseScaleOfLogs);
+  background_growth_ = make_growth(config_.growth, region_);
   GrowthOptions of_actors = config_.growth;
   of_actors.max_count = config_.actors_max;
   actors_growth_ = make_growth(of_actors, {Eigen::Vector3d::Zero(), model_->actor_radius()});
@@ -178,7 +188,7 @@ MemoryPlan StreetGaussians::memory(const PhotoSizes& photos) const {
 }
 
 ParameterGroups StreetGaussians::groups() const {
-  ParameterGroups groups = gaussian_groups(config_.rates, kBackgroundPart, cameras_.radius);
+  ParameterGroups groups = gaussian_groups(config_.rates, kBackgroundPart, region_.radius);
   for (ParameterGroup& group : gaussian_groups(config_.rates, kActorsPart, model_->actor_radius()))
     groups.push_back(group);
   groups.push_back({kWavesName, config_.rates.first});
@@ -186,6 +196,7 @@ ParameterGroups StreetGaussians::groups() const {
   groups.push_back({kExposureName, config_.rate_exposure, {kFinalCameras}});
   for (ParameterGroup& group : groups) group.epsilon = 1e-15f;
   model_->boxes().add_groups(groups);
+  cameras_.add_groups(groups);
   return groups;
 }
 
@@ -228,15 +239,17 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   if (config_.growth.absolute)
     how.probe = parameter(std::vector<float>(static_cast<size_t>(2 * count())), {count(), 2});
   const View view{photo.camera, photo.world_from_camera, 0, hints.time};
-  Seen seen{hints,
-            draw(model_->projection(view, degree_at(config_.harmonics, progress), flips(progress)), photo.camera, how),
-            {},
-            {},
-            0};
+  const ViewMove move = cameras_.move_of(which, photo.listed_camera);
+  Seen seen{
+      hints,
+      draw(model_->projection(view, move, degree_at(config_.harmonics, progress), flips(progress)), photo.camera, how),
+      {},
+      {},
+      0};
   seen.through = maximum(seen.drawn.transmittance, kLeastLight);
   seen.pixels = static_cast<float>(photo.camera.width) * static_cast<float>(photo.camera.height);
-  const Tensor sky =
-      reshape(model_->sky(hints.directions, photo.world_from_camera), {3, photo.camera.height, photo.camera.width});
+  const Tensor sky = reshape(model_->sky(directions_in(move, hints.directions), photo.world_from_camera),
+                             {3, photo.camera.height, photo.camera.width});
   Tensor picture =
       model_->exposed(slice(seen.drawn.planes, 0, 0, 3) + unsqueeze(seen.drawn.transmittance, 0) * sky, hints.sensor);
   Tensor truth = slice(cast(photo.rgba, DType::f32) / 255.f, 0, 0, 3);
@@ -265,6 +278,7 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   step.gradients.pop_back();
   step.figures = {psnr_figure(mean(square(picture - truth))), {"gaussians", static_cast<double>(count())}};
   for (const Figure& figure : model_->boxes().figures()) step.figures.push_back(figure);
+  for (const Figure& figure : cameras_.figures()) step.figures.push_back(figure);
   step.more = observed_.pending();
   step.sums = observed_.of_view();
   return step;

@@ -13,6 +13,7 @@
 #include "models/train/grows.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
+#include "models/train/refines_cameras.h"
 #include "models/train/renders_views.h"
 
 namespace cloam {
@@ -25,6 +26,7 @@ class StreetGaussians final : public Method,
                               public ExportsActors,
                               public AdoptsActors,
                               public RefinesBoxes,
+                              public RefinesCameras,
                               public Grows {
  public:
   void configure(Config& config) override;
@@ -47,6 +49,8 @@ class StreetGaussians final : public Method,
   Gaussians background_gaussians() const override { return gaussians_in(params_, common_, kBackgroundPart); }
   Gaussians actor_gaussians(const AssetName& asset) const override;
   void adopt(std::size_t place, const Gaussians& looks) override;
+  std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.poses(); }
+  std::vector<double> focal_factors(int) const override { return cameras_.focal_factors(); }
   std::vector<Actor> refined_actors(int) const override { return model_->boxes().refined(model_->actors()); }
   void take_actors(const Scenes& scenes) override { model_->take_actors(scenes.at(0).actors); }
 
@@ -74,12 +78,13 @@ class StreetGaussians final : public Method,
 
   StreetGaussiansConfig config_;
   uint64_t seed_ = 0;
-  CameraRegion cameras_;
+  CameraRegion region_;
   Gaussians common_;  // none: up and metric of all
   Params params_;
   std::unique_ptr<StreetGaussiansModel> model_;
   std::unique_ptr<Growth> background_growth_, actors_growth_;
   std::unique_ptr<PhotoSource> photos_;
+  CameraRefinement cameras_;
   std::vector<Hints> hints_;
   std::vector<BoxesInPhoto> boxes_;  // of the photos that train
   Observed observed_;                // of all gaussians, actors' last

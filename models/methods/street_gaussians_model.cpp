@@ -169,10 +169,12 @@ ThingsModel StreetGaussiansModel::things(int degree) const {
 }
 
 /// Actors who are not there stand behind the camera, where no gaussian is seen.
-Projection StreetGaussiansModel::projection(const View& view, int degree, const std::vector<bool>& mirrored) const {
+Projection StreetGaussiansModel::projection(const View& view, const ViewMove& move, int degree,
+                                            const std::vector<bool>& mirrored) const {
+  DrawOptions how = options();
+  how.move = move;
   const Tensor camera = view_matrix(view.world_from_camera);
-  const Projection background =
-      projection_of(splat_model(params_, degree, kBackgroundPart), view.camera, camera, options());
+  const Projection background = projection_of(splat_model(params_, degree, kBackgroundPart), view.camera, camera, how);
   if (!has_actors()) return background;
   const Eigen::Matrix4d nowhere = view.world_from_camera * pose_from(Eigen::Matrix3d::Identity(), {0, 0, -kOutOfSight});
   std::vector<Standing> standing;
@@ -186,7 +188,7 @@ Projection StreetGaussiansModel::projection(const View& view, int degree, const 
       standing.push_back({a, nowhere, 0, {}});
     }
   }
-  return together(background, projection_of(things(degree), placements(standing), view.camera, camera, options()));
+  return together(background, projection_of(things(degree), placements(standing), view.camera, camera, how));
 }
 
 ThingsModel StreetGaussiansModel::things_of(const std::vector<Standing>& standing) const {

@@ -5,6 +5,7 @@
 
 #include "models/io/safetensors.h"
 #include "models/methods/box_refinement.h"
+#include "models/methods/camera_refinement.h"
 #include "models/nn/params.h"
 #include "models/scene/view.h"
 #include "models/splat/initial_street.h"
@@ -21,6 +22,7 @@ struct StreetGaussiansConfig {
   int sky_side = 1024;   // pixels of a face of the sky
   bool exposure = true;  // a gain and an offset a camera and channel
   BoxSettings boxes{.refine = true};
+  CameraSettings cameras;
   float flip = 0;           // how often a step sees an actor mirrored
   int waves = 5;            // of an actor's base colour in time, the constant one included
   int actors_max = 300000;  // gaussians of all actors
@@ -67,15 +69,16 @@ class StreetGaussiansModel {
   /// Half the sizes of the boxes of the owners of actors' gaussians, [A,3].
   const Tensor& half_sizes() const { return half_sizes_; }
 
-  /// As a pinhole sees them at a time, each actor in its own looks: what training compares. mirrored: for each actor,
-  /// whether it is seen left for right in its box; empty: none.
-  Projection projection(const View& view, int degree, const std::vector<bool>& mirrored = {}) const;
+  /// As a pinhole that moved sees them at a time, each actor in its own looks: what training compares. mirrored: for
+  /// each actor, whether it is seen left for right in its box; empty: none.
+  Projection projection(const View& view, const ViewMove& move, int degree,
+                        const std::vector<bool>& mirrored = {}) const;
   /// [3,H,W] as the camera of that name has it: times a gain, plus an offset. Of all cameras the mean gain is 1 (of its
   /// logarithm 0), the mean offset 0.
   Tensor exposed(const Tensor& planes, const std::string& sensor) const;
   /// The three gains, then the three offsets.
   std::array<float, 6> exposure_of(const std::string& sensor) const;
-  /// [3,P] in directions [P,3] of a camera that stands like this.
+  /// [3,P] in directions [P,3] of a camera that stands like this; differentiable in the sky alone.
   Tensor sky(const Tensor& directions, const Eigen::Matrix4d& world_from_camera) const {
     return sky_colours(params_.at(kSkyName), directions, world_from_camera);
   }

@@ -51,8 +51,7 @@ void ZipNerf::configure(Config& c) {
   c.bind("train.rate", o.learning_rate, "learning rate of Adam");
   c.bind("train.final_rate", o.final_rate, "learning rate at the last step, as a fraction of train.rate");
   c.bind("train.warm_up", o.warm_up, "steps until the learning rate is reached", kStepsOrNone);
-  poses_.configure(c);
-  focals_.configure(c);
+  bind_cameras(c, o.cameras);
 }
 
 void ZipNerf::build(const Scenes& scenes, uint64_t seed) {
@@ -60,8 +59,7 @@ void ZipNerf::build(const Scenes& scenes, uint64_t seed) {
   seed_ = seed;
   has_alpha_ = scenes.front().has_alpha;
   renderer_ = std::make_unique<ZipNerfRenderer>(config_, scenes.front(), Scope{params_, "", seed});
-  poses_.build(scenes.front(), params_);
-  focals_.build(scenes.front(), params_);
+  cameras_.build(config_.cameras, scenes.front(), params_);
 }
 
 void ZipNerf::load_data(std::vector<TrainingData> data) {
@@ -84,17 +82,15 @@ ParameterGroups ZipNerf::groups() const {
   all.beta2 = 0.99f;
   all.epsilon = 1e-15f;
   ParameterGroups groups = {all};
-  poses_.add_group(groups);
-  focals_.add_group(groups);
+  cameras_.add_groups(groups);
   return groups;
 }
 
 Step ZipNerf::step(const Progress& progress, const Tensors& wanted) {
   const RandomKey key{seed_, static_cast<uint32_t>(progress.step), 0};
   const int64_t rays = config_.batch_rays;
-  const Tensor poses = poses_.on() ? poses_.moved(pixels_->poses(), renderer_->frame().scale) : Tensor();
-  const PixelBatch batch =
-      pixels_->draw(rays, key.of_stream(kZipPixels), progress.share, {poses, focals_.narrowing()}, config_.coarse);
+  const LearnedCameras cameras = cameras_.of_pixels(pixels_->poses(), renderer_->frame().scale);
+  const PixelBatch batch = pixels_->draw(rays, key.of_stream(kZipPixels), progress.share, cameras, config_.coarse);
   const float done = progress.fraction(), sharpness = kSharpening * done / ((kSharpening - 1) * done + 1);
   const ZipNerfRenderer::Rendered seen =
       renderer_->shade({batch.rays, batch.widths * kConeOfPixel}, {key, true, progress.share, rays, sharpness});
@@ -113,8 +109,7 @@ Step ZipNerf::step(const Progress& progress, const Tensors& wanted) {
   step.figures = {psnr_figure(mean(square(stop_gradient(colour) - truth))),
                   {"rays", static_cast<double>(rays)},
                   {"interlevel", 0, interlevel}};
-  for (const Figure& figure : poses_.figures()) step.figures.push_back(figure);
-  for (const Figure& figure : focals_.figures()) step.figures.push_back(figure);
+  for (const Figure& figure : cameras_.figures()) step.figures.push_back(figure);
   return step;
 }
 

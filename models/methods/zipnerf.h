@@ -5,13 +5,11 @@
 
 #include "models/batches/image_source.h"
 #include "models/mesh/has_density.h"
-#include "models/methods/focal_refinement.h"
-#include "models/methods/pose_refinement.h"
+#include "models/methods/camera_refinement.h"
 #include "models/methods/zipnerf_renderer.h"
 #include "models/train/learns_from_captures.h"
 #include "models/train/method.h"
-#include "models/train/refines_intrinsics.h"
-#include "models/train/refines_poses.h"
+#include "models/train/refines_cameras.h"
 #include "models/train/renders_views.h"
 
 namespace cloam {
@@ -20,8 +18,7 @@ class ZipNerf final : public Method,
                       public LearnsFromCaptures,
                       public RendersViews,
                       public HasDensity,
-                      public RefinesPoses,
-                      public RefinesIntrinsics {
+                      public RefinesCameras {
  public:
   void configure(Config& config) override;
   void build(const Scenes& scenes, uint64_t seed) override;
@@ -34,8 +31,8 @@ class ZipNerf final : public Method,
   int64_t most_shares() const override { return std::min<int64_t>(kMostShares, config_.batch_rays); }
   Picture render(const View& view) override;
   DensityField density_field() const override { return renderer_->density_field(); }
-  std::vector<Eigen::Matrix4d> refined_poses() const override { return poses_.poses(); }
-  std::vector<double> focal_factors() const override { return focals_.factors(); }
+  std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.poses(); }
+  std::vector<double> focal_factors(int) const override { return cameras_.focal_factors(); }
 
  private:
   ZipNerfConfig config_;
@@ -44,8 +41,7 @@ class ZipNerf final : public Method,
   Params params_;
   std::unique_ptr<ZipNerfRenderer> renderer_;
   std::unique_ptr<PixelSource> pixels_;
-  PoseRefinement poses_;
-  FocalRefinement focals_;
+  CameraRefinement cameras_;
 };
 
 }  // namespace cloam

@@ -4,6 +4,7 @@
 
 #include "models/fields/zip_field.h"
 #include "models/mesh/has_density.h"
+#include "models/methods/camera_refinement.h"
 #include "models/render/cones.h"
 #include "models/render/proposals.h"
 #include "models/render/scene_frame.h"
@@ -29,6 +30,7 @@ struct ZipNerfConfig {
   float learning_rate = 1e-2f, final_rate = 0.1f;
   int warm_up = 5000;
   float interlevel = 0.01f, distortion = 0.005f, decay = 0.1f, depth = 0.1f;
+  CameraSettings cameras;
 };
 
 class ZipNerfRenderer {

@@ -33,13 +33,24 @@ SplatCamera lens_of(const Camera& camera, const DrawOptions& options) {
   return lens;
 }
 
+MovedViews moved(const Tensor& views, const ViewMove& move) {
+  const int64_t count = views.dim(0);
+  MovedViews out{views, {}};
+  if (move.turned_back) {
+    const Tensor shifted = concat({slice(views, 2, 0, 3), slice(views, 2, 3, 4) - move.shift}, 2);
+    const Tensor side_by_side = reshape(permute(shifted, {1, 0, 2}), {3, 4 * count});
+    out.views = permute(reshape(matmul(move.turned_back, side_by_side), {3, count, 4}), {1, 0, 2});
+  }
+  out.eyes = -sum(slice(out.views, 2, 0, 3) * slice(out.views, 2, 3, 4), {{1}});  // -R' t
+  if (move.widening) out.views = out.views * move.widening;
+  return out;
+}
+
 Projection projection_of(const SplatModel& model, const Camera& camera, const Tensor& view,
                          const DrawOptions& options) {
-  const Tensor eye = -sum(slice(view, 1, 0, 3) * slice(view, 1, 3, 4), {{0}});  // -R' t
-  // Widened rows are no rotation any more: the eye is that of the view itself.
-  const Tensor seen_by = options.widening ? view * options.widening : view;
-  return {splat_project(model.cloud, seen_by, lens_of(camera, options)),
-          splat_colours(model.harmonics, model.cloud.means, eye)};
+  const auto [views, eyes] = moved(reshape(view, {1, 3, 4}), options.move);
+  return {splat_project(model.cloud, reshape(views, {3, 4}), lens_of(camera, options)),
+          splat_colours(model.harmonics, model.cloud.means, reshape(eyes, {3}))};
 }
 
 Projection together(const Projection& a, const Projection& b) {

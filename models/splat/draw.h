@@ -20,13 +20,20 @@ SplatModel splat_model(const Gaussians& gaussians);
 /// The rows [3,4] of camera_from_world.
 Tensor view_matrix(const Eigen::Matrix4d& world_from_camera);
 
+/// Where a camera stands and what lens it has, besides what was given; an empty handle: as given.
+struct ViewMove {
+  Tensor turned_back;  // [3,3], of a turn in the camera's axes, its inverse
+  Tensor shift;        // [3,1] in the camera's axes, scene units, before the turn; there is both or neither
+  Tensor widening;     // [3,1]: times the rows of the view, as if lengths of the lens were longer by it
+};
+
 struct DrawOptions {
   float near = 0.2f;         // scene units
   bool antialiased = false;  // see SplatCamera
   bool depth = false;        // a fourth channel: the sum of weights times z, scene units
   Tensor probe = {};         // see Splats
   Tensor more = {};          // [G,K]: channels besides
-  Tensor widening = {};      // [3,1]: times the rows of the view, as if lengths of the lens were longer by it
+  ViewMove move = {};        // of the camera
 };
 /// Gaussians as a camera sees them, not yet drawn.
 struct Projection {
@@ -39,6 +46,14 @@ struct Drawn {
   Tensor planes;         // [C,H,W]: red, green, blue, on black; depth; those besides
   Tensor transmittance;  // [H,W]
 };
+
+/// What a moved camera sees of N things.
+struct MovedViews {
+  Tensor views;  // [N,3,4] of camera_from_thing, as splat_project takes them: with another lens no rotations
+  Tensor eyes;   // [N,3] in the things' axes
+};
+/// views [N,3,4] of camera_from_thing as given.
+MovedViews moved(const Tensor& views, const ViewMove& move);
 
 /// As splat_project takes it.
 SplatCamera lens_of(const Camera& camera, const DrawOptions& options);

@@ -38,11 +38,12 @@ Projection projection_of(const ThingsModel& things, const Placements& at, const 
   const auto& [cloud, harmonics] = things.model;
   const int64_t count = at.standings.poses.dim(0);
   const Tensor placed = place_things(at.standings, view);
-  const Tensor views = reshape(slice(placed, 1, 0, 12), {count, 3, 4}), eyes = slice(placed, 1, 12, 15);
+  MovedViews seen{reshape(slice(placed, 1, 0, 12), {count, 3, 4}), slice(placed, 1, 12, 15)};
+  if (options.move.turned_back || options.move.widening) seen = moved(seen.views, options.move);
   Harmonics colours = harmonics;
   if (things.waves) colours.first = add_waves(colours.first, {things.waves, at.heights, things.owners});
-  return {splat_project(cloud, views, lens_of(camera, options), things.owners),
-          splat_colours(colours, cloud.means, eyes, things.owners)};
+  return {splat_project(cloud, seen.views, lens_of(camera, options), things.owners),
+          splat_colours(colours, cloud.means, seen.eyes, things.owners)};
 }
 
 }  // namespace cloam

@@ -21,8 +21,8 @@ struct Placements {
 /// R v of unit quaternions [N,4], as the three columns of R one after the other: [N,3,3].
 Tensor axes_of(const Tensor& turns);
 
-/// As projection_of of a model in the world; differentiable in the model and in the shifts and turns of
-/// the placements.
+/// As projection_of of a model in the world; differentiable in the model, in the shifts and turns of the
+/// placements and in the camera's move.
 Projection projection_of(const ThingsModel& things, const Placements& at, const Camera& camera, const Tensor& view,
                          const DrawOptions& options);
 

@@ -304,8 +304,7 @@ TEST_CASE("splat: the depth of a wall is that along the axis, however little of 
     const SplatRenderer renderer(config, scene, params, 1);
     const Photograph wall{from_host(std::vector<std::uint8_t>(4 * 48 * 36), {4, 36, 48}), Tensor(),
                           from_host(depths, {36, 48}), camera, frame.world_from_camera};
-    return double{renderer.compare(wall, {0, PoseRefinement(), FocalRefinement(), Progress{1, 1, 1, {}}, Tensor()})
-                      .depth_error.item()};
+    return double{renderer.compare(wall, {0, CameraRefinement(), Progress{1, 1, 1, {}}, Tensor()}).depth_error.item()};
   };
   std::vector<float> z(48 * 36, 3.f), rays;
   for (int y = 0; y < 36; ++y)

@@ -10,7 +10,7 @@
 #include "models/data/read_scene.h"
 #include "models/splat/draw.h"
 #include "models/synth/synthetic_scene.h"
-#include "models/train/refines_intrinsics.h"
+#include "models/train/refines_cameras.h"
 #include "tests/models/errors.h"
 #include "tests/models/folder.h"
 #include "tests/models/learned_cameras.h"
@@ -33,7 +33,7 @@ Scene with_wrong_focals(Scene scene) {
 
 /// Of the focal length of the scene's only camera, what is left of the error.
 double share_left(Method& method) {
-  const std::vector<double> factors = as<RefinesIntrinsics>(method)->focal_factors();
+  const std::vector<double> factors = as<RefinesCameras>(method)->focal_factors(0);
   REQUIRE(factors.size() == 1);
   return std::abs(factors[0] * kWrong - 1) / (kWrong - 1);
 }

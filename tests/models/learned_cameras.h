@@ -41,6 +41,25 @@ inline Settings painted_neurad() {
   return settings;
 }
 
+/// The same of planes.
+inline Settings painted_planes(const Settings& more) {
+  Settings settings = small_settings("genassets");
+  for (const Settings& all : {Settings{{"decoder.use", "false"},
+                                       {"actors.symmetric", "false"},
+                                       {"shadows", "false"},
+                                       {"steps.background", "0.5"},
+                                       {"steps.actor", "0.1"},
+                                       {"steps.sky", "4"},
+                                       {"image.upsamplings", "0"},
+                                       {"batch.patches", "4"},
+                                       {"batch.patch_side", "16"},
+                                       {"batch.lidar_rays", "0"},
+                                       {"background.side", "64"}},
+                              more})
+    settings.insert(settings.end(), all.begin(), all.end());
+  return settings;
+}
+
 /// A field of a street that differs from place to place, by waves through its tables or planes.
 inline void make_painted(Method& method) {
   for (const auto& [name, p] : method.parameters()) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "models/street/street_space.h"
 #include "runtime/error.h"
@@ -173,6 +174,39 @@ TEST_CASE("objects and patches around actors are drawn by class first") {
   // Half of the draws, and not an eleventh: 200 with a standard deviation of 10.
   CHECK(std::abs(buses - draws / 2) < 50);
   CHECK(std::abs(patches_right - draws / 2) < 50);
+}
+
+TEST_CASE("the objects of a step's shares are alike in size, and each is drawn as often as if it were alone") {
+  const Folder folder;
+  Scene scene = toy_street(folder.path, {.frames = 1});
+  constexpr size_t kCars = 6;
+  for (size_t i = 0; i < kCars; ++i)
+    scene.actors.push_back(toy_actor(text("car ", i), {1, 1 + 0.5 * static_cast<double>(i), 2}, 8, 0));
+  const StreetSpace space(scene, {});
+  const LogSource data(scene, toy_pixels(scene), {}, {space.street_from_world(), 1});
+  const auto cells_of = [&](uint64_t step, const Share& share) {
+    HostRandom random(5, step);
+    RayList rays;
+    rays.actors.assign(scene.actors.size(), false);
+    REQUIRE(data.add_object(rays, random, {1, 48}, share).truth);
+    return rays.count();
+  };
+  std::map<int64_t, int> drawn;
+  constexpr int kSteps = 600;
+  double apart = 0, apart_alone = 0;
+  const auto difference = [](int64_t a, int64_t b) {
+    return std::abs(static_cast<double>(a - b)) / static_cast<double>(a + b);
+  };
+  for (uint64_t step = 0; step < kSteps; ++step) {
+    const int64_t one = cells_of(step, {0, 2}), other = cells_of(step, {1, 2});
+    ++drawn[one], ++drawn[other];
+    apart += difference(one, other) / kSteps;
+    apart_alone += difference(cells_of(2 * step, {}), cells_of(2 * step + 1, {})) / kSteps;
+  }
+  CHECK(apart < 0.4 * apart_alone);
+  CHECK(drawn.size() == kCars);
+  // 200 each, with a standard deviation of 13, and more as those of a step go together.
+  for (const auto& [cells, times] : drawn) CHECK(std::abs(times - 2 * kSteps / static_cast<int>(kCars)) < 70);
 }
 
 TEST_CASE("returns lie where the LiDAR saw them, and not on actors that are left out") {

@@ -17,7 +17,7 @@
 #include "models/splat/draw.h"
 #include "models/synth/synthetic_scene.h"
 #include "models/train/optimiser.h"
-#include "models/train/refines_poses.h"
+#include "models/train/refines_cameras.h"
 #include "models/train/trainer.h"
 #include "runtime/error.h"
 #include "tests/models/folder.h"
@@ -83,18 +83,35 @@ std::vector<Eigen::Matrix4d> training_poses(const Scene& scene) {
   return out;
 }
 
+/// What a camera at `want` sees of the world and of a thing in it, from views of the pose that was given.
+void check_moved_views(const Eigen::Matrix4d& given, const Eigen::Matrix4d& want, const ViewMove& move) {
+  const Eigen::Matrix4d nothing = Eigen::Matrix4d::Identity(),
+                        thing = motion(Eigen::Vector3d(1, 2, -2) / 3, 0.7, {0.3, -0.2, 0.5});
+  const Tensor views =
+      concat({reshape(view_matrix(given), {1, 3, 4}), reshape(view_matrix(thing.inverse() * given), {1, 3, 4})}, 0);
+  const MovedViews seen = moved(views, move);
+  const std::vector<float> rows = seen.views.to_host(), eyes = seen.eyes.to_host();
+  for (const size_t i : {0, 1}) {
+    const Eigen::Matrix4d thing_from_camera = (i == 0 ? nothing : thing).inverse() * want,
+                          camera_from_thing = thing_from_camera.inverse();
+    for (int row = 0; row < 3; ++row) {
+      CHECK(std::abs(double{eyes[3 * i + static_cast<size_t>(row)]} - thing_from_camera(row, 3)) < 1e-4);
+      for (int column = 0; column < 4; ++column)
+        CHECK(std::abs(double{rows[12 * i + static_cast<size_t>(4 * row + column)]} - camera_from_thing(row, column)) <
+              1e-4);
+    }
+  }
+}
+
 }  // namespace
 
-TEST_CASE("poses: a turn and a shift in the camera's axes are the same for rays, for views and as they are told") {
+TEST_CASE("poses: a turn and a shift in the camera's axes are the same for poses, for views and as they are told") {
   const Folder folder;
   const Scene scene = made_scene(folder, 8);
   const std::vector<Eigen::Matrix4d> given = training_poses(scene);
   PoseRefinement poses;
-  Config config;
-  poses.configure(config);
-  config.set("poses.refine", "true", "test");
   Params parameters;
-  poses.build(scene, parameters);
+  poses.build({.refine = true}, scene, parameters);
   const double unit = viewing_distance(scene), scale = 0.25;
   std::mt19937 random(4);
   std::vector<float> turns, shifts;
@@ -123,40 +140,10 @@ TEST_CASE("poses: a turn and a shift in the camera's axes are the same for rays,
     CHECK((told[i] - want[i]).norm() < 1e-5);
     append_pose(rows, given[i], frame);
     append_pose(wanted, want[i], frame);
-    const std::vector<float> view = poses.moved_view(view_matrix(given[i]), i).to_host();
-    const Eigen::Matrix4d camera_from_world = want[i].inverse();
-    for (int row = 0; row < 3; ++row)
-      for (int column = 0; column < 4; ++column)
-        CHECK(view[static_cast<size_t>(4 * row + column)] ==
-              doctest::Approx(camera_from_world(row, column)).epsilon(1e-4));
+    check_moved_views(given[i], want[i], poses.move_of(i));
   }
-  const std::vector<float> moved = poses.moved(from_host(rows, {count, 12}), scale).to_host();
-  for (size_t i = 0; i < moved.size(); ++i) CHECK(moved[i] == doctest::Approx(wanted[i]).epsilon(1e-4));
-
-  // A ray from a place beside each camera goes with it.
-  const Eigen::Vector3d place(0.1, -0.2, 0.3), way(0.48, 0.6, 0.64);
-  const auto of_cameras = [&](const std::vector<Eigen::Matrix4d>& cameras) {
-    std::array<std::vector<float>, 2> out;
-    for (const Eigen::Matrix4d& camera : cameras)
-      for (int k = 0; k < 3; ++k) {
-        const Eigen::Vector3d at = frame.turn * ((camera * place.homogeneous()).head<3>() - frame.centre) * scale;
-        out[0].push_back(static_cast<float>(at[k]));
-        out[1].push_back(static_cast<float>((frame.turn * camera.topLeftCorner<3, 3>() * way)[k]));
-      }
-    return out;
-  };
-  const auto [origins, directions] = of_cameras(given);
-  const std::array<std::vector<float>, 2> there = of_cameras(want);
-  std::vector<int32_t> photo(given.size());
-  std::iota(photo.begin(), photo.end(), 0);
-  const PhotoRays rays =
-      poses.moved({from_host(origins, {count, 3}), from_host(directions, {count, 3}), from_host(photo, {count})},
-                  from_host(rows, {count, 12}), scale);
-  const std::vector<float> from = rays.origins.to_host(), towards = rays.directions.to_host();
-  for (size_t i = 0; i < from.size(); ++i) {
-    CHECK(std::abs(from[i] - there[0][i]) < 1e-4);
-    CHECK(std::abs(towards[i] - there[1][i]) < 1e-4);
-  }
+  const std::vector<float> there = poses.moved(from_host(rows, {count, 12}), scale).to_host();
+  for (size_t i = 0; i < there.size(); ++i) CHECK(there[i] == doctest::Approx(wanted[i]).epsilon(1e-4));
 }
 
 namespace {
@@ -267,7 +254,7 @@ void check_poses_come_back(const std::string& name, Settings settings, int64_t s
   settings.emplace_back("poses.refine", "true");
   const auto method = trained(disturbed(scene), name, settings, steps);
   const Errors before = errors_of(aligned(training_poses(disturbed(scene)), truth), truth);
-  const Errors after = errors_of(aligned(as<RefinesPoses>(*method)->refined_poses(), truth), truth);
+  const Errors after = errors_of(aligned(as<RefinesCameras>(*method)->refined_poses(0), truth), truth);
   MESSAGE(before.degrees, " degrees and ", before.distance, " before, ", after.degrees, " and ", after.distance,
           " after");
   CHECK(after.degrees < most.turns * before.degrees);
@@ -319,7 +306,7 @@ TEST_CASE("splat: poses come to where the photos show what the gaussians show") 
   load_data(*method, begun, painted(load_images(scene, Split::train), *model, scene));
   learn_alone(*method, "poses.", *model, 600);
   const Errors before = errors_of(training_poses(begun), truth);
-  const Errors after = errors_of(as<RefinesPoses>(*method)->refined_poses(), truth);
+  const Errors after = errors_of(as<RefinesCameras>(*method)->refined_poses(0), truth);
   MESSAGE(before.degrees, " degrees and ", before.distance, " before, ", after.degrees, " and ", after.distance,
           " after");
   CHECK(after.degrees < 0.2 * before.degrees);

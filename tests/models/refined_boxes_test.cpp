@@ -248,17 +248,6 @@ void check_boxes_come_back(const std::string& name, Settings settings, const std
   CHECK(along < 0.3);  // photos alone hardly tell how far away a box is
 }
 
-const Settings kPaintedPlanes = {{"decoder.use", "false"},    {"actors.symmetric", "false"}, {"shadows", "false"},
-                                 {"steps.background", "0.5"}, {"steps.actor", "0.1"},        {"steps.sky", "4"},
-                                 {"image.upsamplings", "0"},  {"batch.patches", "4"},        {"batch.patch_side", "16"},
-                                 {"batch.lidar_rays", "0"},   {"background.side", "64"}};
-
-Settings painted_planes(const Settings& more) {
-  Settings settings = small_settings("genassets");
-  for (const Settings& all : {kPaintedPlanes, more}) settings.insert(settings.end(), all.begin(), all.end());
-  return settings;
-}
-
 }  // namespace
 
 TEST_CASE("neurad: boxes that were shifted across the view come back") {

@@ -9,10 +9,11 @@
 
 #include "models/data/read_scene.h"
 #include "models/data/refined_log.h"
+#include "models/methods/camera_refinement.h"
 #include "models/methods/registry.h"
 #include "models/street/followed_rays.h"
 #include "models/synth/street_log.h"
-#include "models/train/refines_poses.h"
+#include "models/train/refines_cameras.h"
 #include "tests/models/learned_cameras.h"
 
 using namespace cloam;
@@ -180,28 +181,94 @@ std::vector<Eigen::Matrix4d> poses_of(const Scene& scene) {
 
 }  // namespace
 
-TEST_CASE("neurad: turns of photos come to where they show what the field shows") {
+TEST_CASE(
+    "rays of a log's photos begin and go where their cameras were learned to stand and see, those of LiDAR stay") {
+  const Folder folder;
+  Scene log = toy_street(folder.path, {.frames = 2});
+  log.cameras.push_back(log.cameras[0]);
+  log.frames[1].camera = 1;
+  Eigen::Matrix4d log_from_world = Eigen::Matrix4d::Identity();
+  log_from_world.topLeftCorner<3, 3>() = Eigen::AngleAxisd(0.4, Vector3d(1, -2, 2) / 3).toRotationMatrix();
+  log_from_world.topRightCorner<3, 1>() = Vector3d(3, -1, 2);
+  LogCameras cameras;
+  Params parameters;
+  cameras.build({{.refine = true}, {.refine = true}}, log, log_from_world, parameters, "log0.");
+  // A shift brings a turn along that keeps in place what is 15 m away; shifts are in units of 5 m.
+  const Vector3d turn(0.02, -0.03, 0.05), shift(0.04, 0.06, -0.05), along(shift.y() / 3, -shift.x() / 3, 0);
+  const double factor = 1.1;
+  const auto second_row = [&](const Vector3d& values) {
+    return from_host(std::vector<float>{0, 0, 0, static_cast<float>(values.x()), static_cast<float>(values.y()),
+                                        static_cast<float>(values.z())},
+                     {2, 3});
+  };
+  assign({{parameters.at("log0.poses.turns"), second_row(turn)},
+          {parameters.at("log0.poses.shifts"), second_row(shift)},
+          {parameters.at("log0.intrinsics.log_focals"),
+           from_host(std::vector<float>{0, static_cast<float>(std::log(factor))}, {2, 1})}});
+  const Vector3d whole = turn + along;
+  Eigen::Matrix4d move = Eigen::Matrix4d::Identity();
+  move.topLeftCorner<3, 3>() =
+      Eigen::AngleAxisd(2 * std::atan(whole.norm() / 2), whole.normalized()).toRotationMatrix();
+  move.topRightCorner<3, 1>() = 5 * shift;
+  CHECK((cameras.poses()[1] - log.frames[1].world_from_camera * move).norm() < 1e-5);
+  CHECK(cameras.focal_factors()[1] == doctest::Approx(factor));
+
+  // One ray from beside each camera, in its axes, and one of the LiDAR.
+  const Vector3d place(0.1, -0.2, 0.3), way = Vector3d(0.4, -0.3, 1).normalized();
+  RayList rays;
+  rays.times = {0};
+  for (const Frame& frame : log.frames) {
+    const Eigen::Matrix4d log_from_camera = log_from_world * frame.world_from_camera;
+    rays.add((log_from_camera * place.homogeneous()).head<3>(), log_from_camera.topLeftCorner<3, 3>() * way);
+  }
+  rays.add({1, 2, 3}, {0.6, 0, 0.8});
+  const RaysInStreet seen = cameras.moved(rays, {{0, 1}, {1, 1}});
+  const std::vector<float> origins = seen.origins.to_host(), directions = seen.directions.to_host();
+  const Eigen::Matrix4d learned = log_from_world * log.frames[1].world_from_camera * move;
+  const Vector3d narrow = Vector3d(way.x() / factor, way.y() / factor, way.z()).normalized();
+  CHECK((row_of(origins, 1) - (learned * place.homogeneous()).head<3>()).norm() < 1e-5);
+  CHECK((row_of(directions, 1) - learned.topLeftCorner<3, 3>() * narrow).norm() < 1e-5);
+  for (const size_t ray : {0, 2}) {
+    CHECK((row_of(origins, ray) - row_of(rays.origins, ray)).norm() < 1e-5);
+    CHECK((row_of(directions, ray) - row_of(rays.directions, ray)).norm() < 1e-6);
+  }
+}
+
+namespace {
+
+/// Photos that are shown by a field that is known, their poses disturbed, and how far those come back.
+void check_turns_come_back(const std::string& name, Settings settings, const std::string& prefix, int64_t steps) {
   const Folder folder;
   Scene street = toy_street(folder.path, {.frames = 3, .width = 64, .height = 48});
   // Things at several distances: what tells a shift from a turn.
   street.actors = {toy_actor("a", {2, 4, 4}, 7, -2.5), toy_actor("b", {2, 3, 3}, 12, 3),
                    toy_actor("c", {2, 3, 6}, 18, 0)};
-  Settings settings = painted_neurad();
   settings.insert(settings.end(), {{"poses.refine", "true"}, {"poses.rate", "3e-3"}, {"poses.warm_up", "0"}});
-  const auto model = configured("neurad", settings);
+  const auto model = configured(name, settings);
   model->build({street}, 7);
   load_data(*model, street, toy_pixels(street));
   make_painted(*model);
   const Scene begun = disturbed(street);
-  const auto method = configured("neurad", settings);
+  const auto method = configured(name, settings);
   method->build({begun}, 7);
   load_data(*method, begun, painted(toy_pixels(street), *model, street));
-  learn_alone(*method, "poses.", *model, 250);
+  learn_alone(*method, prefix + "poses.", *model, steps);
   const auto [degrees, metres] = errors_of(poses_of(begun), street);
-  const auto [degrees_left, metres_left] = errors_of(as<RefinesPoses>(*method)->refined_poses(), street);
+  const auto [degrees_left, metres_left] = errors_of(as<RefinesCameras>(*method)->refined_poses(0), street);
   MESSAGE(degrees, " degrees and ", metres, " m before, ", degrees_left, " and ", metres_left, " after");
   CHECK(degrees_left < 0.4 * degrees);
   CHECK(metres_left < 2 * metres);  // about a pixel: shifts do not come back, but they do not run away
+}
+
+}  // namespace
+
+TEST_CASE("neurad: turns of photos come to where they show what the field shows") {
+  check_turns_come_back("neurad", painted_neurad(), "", 250);
+}
+
+TEST_CASE("genassets: turns of photos come to where they show what the field shows, from patches and whole images") {
+  check_turns_come_back("genassets", painted_planes({}), "log0.", 250);
+  check_turns_come_back("genassets", painted_planes({{"batch.whole_images", "true"}}), "log0.", 250);
 }
 
 TEST_CASE("a log is written with learned poses of its photos, and read with them") {
