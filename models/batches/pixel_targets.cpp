@@ -2,7 +2,6 @@
 #include "models/batches/pixel_targets.h"
 
 #include "models/batches/own_rows.h"
-#include "runtime/error.h"
 
 namespace cloam {
 namespace {
@@ -10,13 +9,6 @@ namespace {
 constexpr float kLeastDepth = 1e-6f;  // in units of any kind: no sum of two lengths is less
 
 }  // namespace
-
-void check_pixel_settings(const std::string& loss, const std::string& background) {
-  if (loss != "square" && loss != "charbonnier")
-    throw Error(Fault::usage, text("setting train.loss: \"", loss, "\", want square or charbonnier"));
-  if (background != "auto" && background != "white" && background != "random" && background != "none")
-    throw Error(Fault::usage, text("setting background: \"", background, "\", want auto, white, random or none"));
-}
 
 Tensor background_of(const BackgroundKind& which, int64_t rays, const RandomKey& key, const Share& share) {
   const bool random = which.kind == "random" || (which.kind == "auto" && which.is_random_auto);

@@ -4,8 +4,9 @@
 
 namespace cloam {
 
-/// Of the settings train.loss and background. Fault::usage for an unknown word.
-void check_pixel_settings(const std::string& loss, const std::string& background);
+/// What the settings train.loss and background can be.
+inline const std::vector<std::string> kPixelLosses = {"square", "charbonnier"},
+                                      kBackgrounds = {"auto", "white", "random", "none"};
 
 struct BackgroundKind {
   std::string kind;     // auto, white, random or none

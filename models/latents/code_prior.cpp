@@ -18,16 +18,13 @@ namespace {
 constexpr float kMinTime = 0.02f, kMaxTime = 0.98f;  // of all diffusion times: DreamFusion's
 constexpr double kNormDecay = 0.99;
 constexpr int64_t kMeasuring = 16;  // steps: a term of early times is hundreds of times smaller than one of late times
-constexpr char kDiffusion[] = "diffusion", kClassMean[] = "class-mean", kNearest[] = "nearest";
+constexpr char kDiffusion[] = "diffusion", kNearest[] = "nearest";
 constexpr uint64_t kTimesSeed = 0x7072696f72;  // apart from the numbers that choose what a step sees
 
 }  // namespace
 
 CodePrior::CodePrior(const CodeDenoiser& denoiser, const CodePriorOptions& options, uint64_t seed)
     : denoiser_(denoiser), options_(options), seed_(seed) {
-  if (options.start != kDiffusion && options.start != kClassMean && options.start != kNearest)
-    throw Error(Fault::usage, text("setting prior.start is ", options.start, ", want ", kDiffusion, ", ", kClassMean,
-                                   " or ", kNearest));
   if (options.start != kDiffusion) options_.weight = 0;
 }
 

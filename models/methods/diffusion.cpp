@@ -76,7 +76,8 @@ void Diffusion::configure(Config& c) {
   c.bind("unet.groups", o.groups, "groups of the U-Net's group norms", {1, 4096});
   c.bind("beyond.wiener", o.wiener,
          "the U-Net adds to the Wiener denoiser of the training codes, which knows their means and covariance");
-  c.bind("schedule.betas", o.betas, "noise schedule: linear, cosine or scaled-linear");
+  c.bind("schedule.betas", o.betas, "noise schedule: linear, cosine or scaled-linear",
+         {"linear", "cosine", "scaled-linear"});
   c.bind("schedule.timesteps", o.timesteps, "timesteps of the noise schedule", {2, 100000});
   c.bind("batch.codes", o.batch, "codes per step", {1, 1 << 20});
   c.bind("condition.drop", o.drop,

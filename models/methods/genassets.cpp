@@ -93,7 +93,8 @@ void GenAssets::configure(Config& c) {
   c.bind("prior.noise", o.prior.noise,
          "standard deviation of the initial noise; 0: start at the mean, 1: a full sample", {0, 1});
   c.bind("prior.start", o.prior.start,
-         "codes of one image: found by diffusion, or, to compare with, class-mean or nearest training codes");
+         "codes of one image: found by diffusion, or, to compare with, class-mean or nearest training codes",
+         {"diffusion", "class-mean", "nearest"});
   c.bind("perceptual.weights", o.perceptual_weights,
          "file with weights of a pretrained network; empty: random features");
   // What the paper does not have, each with a switch (docs/methods/genassets.md, "Where we differ").

@@ -24,10 +24,11 @@ void Nerf::configure(Config& c) {
   NerfConfig& o = config_;
   c.bind("space.kind", o.space,
          "auto, contract (unbounded scenes) or ndc (photos that all look one way; auto: where LLFF's depths lie beside "
-         "them)");
+         "them)",
+         {"auto", "contract", "ndc"});
   c.bind("space.nearest", o.nearest,
          "ndc: distance of the nearest thing, in units of the poses; 0: as the capture says", {0, 1e7});
-  c.bind("field.kind", o.field.kind, "radiance field: hash, frequency or triplane");
+  c.bind("field.kind", o.field.kind, "radiance field: hash, frequency or triplane", {"hash", "frequency", "triplane"});
   c.bind("field.levels", o.field.levels, "hash grid: levels", {1, 32});
   c.bind("field.features", o.field.features, "hash grid: features per level (1, 2 or 4)", {1, 4});
   c.bind("field.log2_rows", o.field.log2_rows, "hash grid: log2 of the table rows per level", {1, 28});
@@ -41,8 +42,9 @@ void Nerf::configure(Config& c) {
          "frequency encoding: frequencies of the direction", {0, 32});
   c.bind("field.plane_channels", o.field.plane_channels, "tri-plane: channels per plane", {1, 1024});
   c.bind("field.plane_side", o.field.plane_side, "tri-plane: texels per axis", {2, 8192});
-  c.bind("sampling", o.sampling, "occupancy (march through a grid), importance (coarse and fine network) or uniform");
-  c.bind("background", o.background, "background colour: auto, white, random or none");
+  c.bind("sampling", o.sampling, "occupancy (march through a grid), importance (coarse and fine network) or uniform",
+         {"occupancy", "importance", "uniform"});
+  c.bind("background", o.background, "background colour: auto, white, random or none", kBackgrounds);
   c.bind("batch.rays", o.batch_rays, "rays per step (occupancy sampling: initially)", {1, 1 << 22});
   c.bind("batch.samples", o.batch_samples, "occupancy sampling: target samples per step", {1, 1 << 28});
   c.bind("samples.coarse", o.coarse_samples, "importance and uniform sampling: stratified samples per ray", {1, 4096});
@@ -61,13 +63,12 @@ void Nerf::configure(Config& c) {
          kStepsOrNone);
   c.bind("weight.distortion", o.distortion, "weight of the distortion loss");
   c.bind("weight.depth", o.depth, "weight of the difference from depth maps, where there are any");
-  c.bind("train.loss", o.loss, "pixel loss: square or charbonnier");
+  c.bind("train.loss", o.loss, "pixel loss: square or charbonnier", kPixelLosses);
   bind_cameras(c, o.cameras);
 }
 
 void Nerf::build(const Scenes& scenes, uint64_t seed) {
   if (scenes.size() != 1) throw Error(Fault::usage, text("nerf trains on one capture, not ", scenes.size()));
-  check_pixel_settings(config_.loss, config_.background);
   seed_ = seed;
   has_alpha_ = scenes.front().has_alpha;
   renderer_ = std::make_unique<NerfRenderer>(config_, scenes.front(), Scope{params_, "", seed});

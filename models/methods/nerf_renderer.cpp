@@ -29,10 +29,7 @@ constexpr float kMinStep = 1e-5f;  // normalised units: a ray takes 100,000 of t
 SceneFrame frame_of(const NerfConfig& config, const Scene& scene) {
   if (config.space == "ndc" || (config.space == "auto" && fits_ndc(scene))) return fit_ndc(scene, config.nearest);
   SceneFrame frame = fit_scene(scene);
-  if (config.space == "auto") return frame;
-  if (config.space != "contract")
-    throw Error(Fault::usage, text("setting space.kind: \"", config.space, "\", want auto, contract or ndc"));
-  if (!frame.contract)
+  if (config.space == "contract" && !frame.contract)
     throw Error(Fault::usage, "setting space.kind: contract is for captures without a box of their own: use auto");
   return frame;
 }
@@ -48,9 +45,6 @@ Tensor points_of(const RaySamples& samples, const Rays& path, bool contract) {
 
 NerfRenderer::NerfRenderer(const NerfConfig& config, const Scene& scene, const Scope& root)
     : config_(config), frame_(frame_of(config, scene)) {
-  if (config.sampling != "occupancy" && config.sampling != "importance" && config.sampling != "uniform")
-    throw Error(Fault::usage,
-                text("setting sampling: \"", config.sampling, "\", want occupancy, importance or uniform"));
   if (config.min_step > 0 && config.min_step < kMinStep)
     throw Error(Fault::usage, text("setting march.min_step: ", config.min_step, ", want 0 or ", kMinStep, " to 1"));
   field_ = make_field(root / "field", config.field);

@@ -21,7 +21,8 @@ void Splat::configure(Config& c) {
   SplatConfig& o = config_;
   c.bind("initial", o.initial, "initial Gaussians: auto, points, lidar, depths, random, or a file of points or splats");
   c.bind("initial.random", o.initial_random, "number of random initial Gaussians", {1, 1 << 28});
-  c.bind("background", o.background, "background colour: auto, black, white or random");
+  c.bind("background", o.background, "background colour: auto, black, white or random",
+         {"auto", "black", "white", "random"});
   c.bind("antialiased", o.antialiased, "reduce opacities to make up for the pixel filter (Mip-Splatting)");
   c.bind("near", o.near, "near plane, relative to the cameras' radius");
   bind_harmonics(c, o.harmonics);
@@ -36,9 +37,6 @@ void Splat::configure(Config& c) {
 
 void Splat::build(const Scenes& scenes, uint64_t seed) {
   if (scenes.size() != 1) throw Error(Fault::usage, text("splat trains on one capture, not ", scenes.size()));
-  const std::string& colour = config_.background;
-  if (colour != "auto" && colour != "black" && colour != "white" && colour != "random")
-    throw Error(Fault::usage, text("setting background: \"", colour, "\", want auto, black, white or random"));
   const Scene& scene = scenes.front();
   region_ = camera_region(scene);
   common_.up = scene.up;

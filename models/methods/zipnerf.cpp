@@ -22,7 +22,7 @@ void ZipNerf::configure(Config& c) {
   c.bind("grid.coarsest", o.field.grid.coarsest, "cells per axis at the coarsest level of all grids", {1, 1 << 16});
   c.bind("grid.finest", o.field.grid.finest, "cells per axis at the finest level", {1, 1 << 20});
   c.bind("field.width", o.field.width, "width of the density network", {1, 4096});
-  c.bind("field.density", o.field.density, "activation of the density: softplus or exp");
+  c.bind("field.density", o.field.density, "activation of the density: softplus or exp", {"softplus", "exp"});
   c.bind("field.bottleneck", o.field.bottleneck, "features that it gives to the colour network", {1, 4096});
   c.bind("field.colour_width", o.field.colour_width, "width of the colour network", {1, 4096});
   for (size_t i = 0; i < o.proposals.size(); i++) {
@@ -39,11 +39,11 @@ void ZipNerf::configure(Config& c) {
   c.bind("sampling.proposal_multisamples", o.proposal_multisamples, "the same of proposals", {1, 6});
   c.bind("sampling.downweight", o.downweight, "levels finer than a place is wide count less");
   c.bind("sampling.pixel_rays", o.pixel_rays, "rays a pixel of pictures: 1 or 4", {1, 4});
-  c.bind("background", o.background, "background colour: auto, white, random or none");
+  c.bind("background", o.background, "background colour: auto, white, random or none", kBackgrounds);
   c.bind("batch.rays", o.batch_rays, "rays a step", {1, 1 << 22});
   c.bind("batch.coarse", o.coarse,
          "share of the rays that see squares of 2x2 or 4x4 pixels, as those of smaller photos", {0, 1});
-  c.bind("train.loss", o.loss, "pixel loss: square or charbonnier");
+  c.bind("train.loss", o.loss, "pixel loss: square or charbonnier", kPixelLosses);
   c.bind("weight.interlevel", o.interlevel, "weight of the anti-aliased interlevel loss");
   c.bind("weight.distortion", o.distortion, "weight of the distortion loss");
   c.bind("weight.decay", o.decay, "weight of the grids' mean squares");

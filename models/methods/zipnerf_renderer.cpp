@@ -50,9 +50,6 @@ void check(const ZipNerfConfig& c) {
   for (const auto& [name, count] : places)
     if (count != 6 && count != 1)
       throw Error(Fault::usage, text("setting sampling.", name, ": ", count, ", want 6 or 1"));
-  if (c.field.density != "softplus" && c.field.density != "exp")
-    throw Error(Fault::usage, text("setting field.density: ", c.field.density, ", want softplus or exp"));
-  check_pixel_settings(c.loss, c.background);
   if (c.pixel_rays != 4 && c.pixel_rays != 1)
     throw Error(Fault::usage, text("setting sampling.pixel_rays: ", c.pixel_rays, ", want 1 or 4"));
 }

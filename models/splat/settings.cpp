@@ -41,7 +41,7 @@ int degree_at(const HarmonicSteps& harmonics, const Progress& progress) {
 }
 
 void bind_growth(Config& c, GrowthOptions& g) {
-  c.bind("growth.strategy", g.strategy, "densify (the paper) or mcmc");
+  c.bind("growth.strategy", g.strategy, "densify (the paper) or mcmc", {"densify", "mcmc"});
   c.bind("growth.start", g.from, "step after which the number of Gaussians may change", kStepsOrNone);
   c.bind("growth.every", g.every, "steps between changes of the number of Gaussians", kSteps);
   c.bind("growth.max", g.max_count, "largest number of Gaussians", {1, 1 << 28});

@@ -44,8 +44,8 @@ void Config::bind(const std::string& key, float& variable, const std::string& he
 void Config::bind(const std::string& key, bool& variable, const std::string& help) {
   add({key, help, variable}, [&variable](const ConfigValue& v) { variable = std::get<bool>(v); });
 }
-void Config::bind(const std::string& key, std::string& variable, const std::string& help) {
-  add({key, help, variable}, [&variable](const ConfigValue& v) { variable = std::get<std::string>(v); });
+void Config::bind(const std::string& key, std::string& variable, const std::string& help, const KnownWords& words) {
+  add({key, help, variable, {}, words}, [&variable](const ConfigValue& v) { variable = std::get<std::string>(v); });
 }
 
 namespace {
@@ -71,10 +71,19 @@ T number(const ConfigEntry& entry, const std::string& value) {
   return out;
 }
 
+std::string word(const ConfigEntry& entry, const std::string& value) {
+  const KnownWords& words = entry.words;
+  if (words.empty() || std::find(words.begin(), words.end(), value) != words.end()) return value;
+  std::string all = words.front();
+  for (size_t i = 1; i < words.size(); ++i) all += (i + 1 < words.size() ? ", " : " or ") + words[i];
+  throw Error(Fault::usage, text("setting ", entry.key, ": \"", value.substr(0, kShown), "\", want ", all,
+                                 did_you_mean(value, words)));
+}
+
 ConfigValue parse(const ConfigEntry& entry, const std::string& value) {
   if (std::holds_alternative<int64_t>(entry.value)) return number<int64_t>(entry, value);
   if (std::holds_alternative<double>(entry.value)) return number<double>(entry, value);
-  if (std::holds_alternative<std::string>(entry.value)) return value;
+  if (std::holds_alternative<std::string>(entry.value)) return word(entry, value);
   if (value == "true" || value == "on" || value == "1") return true;
   if (value == "false" || value == "off" || value == "0") return false;
   throw Error(Fault::usage, text("setting ", entry.key, ": \"", value.substr(0, kShown), "\", want true or false"));

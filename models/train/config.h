@@ -23,10 +23,14 @@ constexpr NumberRange kShareBelowOne = {0, 0.9999};
 constexpr NumberRange kSteps = {1, 1 << 30}, kStepsOrNone = {0, 1 << 30};
 constexpr NumberRange kMetres = {0.001, 1000};  // between samples, of a voxel
 
+/// What a setting of a few words can be.
+using KnownWords = std::vector<std::string>;
+
 struct ConfigEntry {
   std::string key, help;
   ConfigValue value;
   NumberRange range = {-kNoLimit, kNoLimit};  // of a number
+  KnownWords words = {};                      // of text; none: any
   std::string origin = "default";             // default | preset NAME | file F | --set
 };
 
@@ -39,10 +43,11 @@ class Config {
   void bind(const std::string& key, int& variable, const std::string& help, const NumberRange& range);
   void bind(const std::string& key, float& variable, const std::string& help, const NumberRange& range = kFromZero);
   void bind(const std::string& key, bool& variable, const std::string& help);
-  void bind(const std::string& key, std::string& variable, const std::string& help);
+  /// Without words: any text.
+  void bind(const std::string& key, std::string& variable, const std::string& help, const KnownWords& words = {});
   /// Parses `value` as the type of the setting. Old names are known, too (old_names.h).
-  /// Fault::usage for an unknown key (with the nearest one), a bad value,
-  /// and a number outside of its range.
+  /// Fault::usage for an unknown key (with the nearest one), a bad value, a number outside of its range and a word that
+  /// is none of those known.
   void set(const std::string& given, const std::string& value, const std::string& origin);
   /// The same for a setting that a run was trained with: those that are gone (old_names.h) are left out.
   /// Fault::data for one that is gone with a value that this version cannot behave as.

@@ -287,7 +287,7 @@ TEST_CASE("prior: what cannot be is an error that names it") {
   fails({{"weight.prior", "-1"}}, "weight.prior");
   fails({{"prior.guidance", "nan"}}, "prior.guidance");
   fails({{"prior.noise", "-1"}}, "prior.noise");
-  fails({{"prior.start", "mean"}}, "prior.start is mean, want diffusion, class-mean or nearest");
+  fails({{"prior.start", "mean"}}, "prior.start: \"mean\", want diffusion, class-mean or nearest");
   fails({{"prior.start", "nearest"}}, "the codes that the prior learned from are not loaded");
   fails({{"prior.steps", "1001"}}, "1001 denoising steps");
   CHECK_THROWS_WITH_AS(require<TakesPrior>(*make_method("nerf"), "nerf", "--prior"),

@@ -272,7 +272,7 @@ TEST_CASE("a checkpoint of another shape is refused with the names that do not f
 
 TEST_CASE("nerf: an unknown pixel loss or background is named") {
   for (const auto& [key, value] : Settings{{"train.loss", "l1"}, {"background", "pink"}}) {
-    auto method = configured("nerf", {{key, value}});
-    CHECK_THROWS_WITH_AS(method->build({Scene()}, 1), doctest::Contains((key + ": \"" + value).c_str()), Error);
+    const Settings settings = {{key, value}};
+    CHECK_THROWS_WITH_AS(configured("nerf", settings), doctest::Contains((key + ": \"" + value).c_str()), Error);
   }
 }

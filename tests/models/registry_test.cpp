@@ -62,3 +62,18 @@ TEST_CASE("ablations differ from genassets-small in what they leave out alone") 
     CHECK(find_preset("genassets-small-" + name).steps == find_preset("genassets-small").steps);
   }
 }
+
+TEST_CASE("a setting of a few words takes each of them and names them and the nearest for any other") {
+  Config config;
+  std::string kind = "auto", file;
+  config.bind("space.kind", kind, "where it is", {"auto", "contract", "ndc"});
+  config.bind("file", file, "any text");
+  config.set("space.kind", "ndc", "--set");
+  CHECK(kind == "ndc");
+  config.set("file", "contrast", "--set");
+  CHECK(file == "contrast");
+  CHECK_THROWS_WITH_AS(config.set("space.kind", "contrast", "--set"),
+                       doctest::Contains("setting space.kind: \"contrast\", want auto, contract or ndc"), Error);
+  CHECK_THROWS_WITH_AS(config.set("space.kind", "contrast", "--set"), doctest::Contains("contract?"), Error);
+  CHECK(kind == "ndc");
+}

@@ -393,7 +393,7 @@ TEST_CASE("zipnerf: settings that it cannot have are named") {
                                            {"field.density", "relu"},
                                            {"train.loss", "l1"},
                                            {"background", "pink"}}) {
-    auto method = configured("zipnerf", {{key, value}});
-    CHECK_THROWS_WITH_AS(method->build({Scene()}, 1), doctest::Contains(key.c_str()), Error);
+    const Settings settings = {{key, value}};
+    CHECK_THROWS_WITH_AS(configured("zipnerf", settings)->build({Scene()}, 1), doctest::Contains(key.c_str()), Error);
   }
 }
