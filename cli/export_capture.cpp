@@ -1,4 +1,4 @@
-// `export --format capture`: photos with the poses and focal lengths, or a log with the boxes or poses that a run
+// `export --format capture`: photos with the poses and focal lengths, or a log with those and the boxes, that a run
 // learned.
 #include <fmt/format.h>
 
@@ -102,7 +102,7 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
   if (!photos.focals.empty())
     for (const Frame& frame : learned.frames)
       refined.focals[frame.sensor] = photos.focals.at(static_cast<std::size_t>(frame.camera));
-  const bool as_log = photos.poses.empty() ? can_be_refined(listed) : can_hold_poses(listed);
+  const bool as_log = can_hold_cameras(listed);
   if (as_log)
     write_refined_log(request.out, listed, refined);
   else
@@ -164,10 +164,10 @@ int export_capture(const RestoredRun& run, const ExportRequest& request, const C
                                    run.scenes.size(), " logs, and one log is written\n  fix: train on that log alone"));
   if (moved_photos) return export_photos(run, photos, request, common);
   if (!photos.actors.empty()) return export_log(run, photos.actors, request, common);
-  throw Error(Fault::usage,
-              text("--format capture: ", request.run,
-                   " learned neither poses, focal lengths nor boxes\n  fix: cloam train ", run.record.method,
-                   " DATA --set poses.refine=true, intrinsics.refine=true or, of a driving log, actors.refine=true"));
+  throw Error(Fault::usage, text("--format capture: ", request.run,
+                                 " learned neither poses, focal lengths nor boxes\n  fix: cloam train ",
+                                 run.record.method, " DATA --set poses.refine=true or intrinsics.refine=true",
+                                 as<RefinesBoxes>(*run.method) ? " or actors.refine=true" : ""));
 }
 
 }  // namespace cloam

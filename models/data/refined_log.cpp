@@ -99,14 +99,12 @@ std::vector<fs::path> files_below(const fs::path& root) {
 
 }  // namespace
 
-bool can_be_refined(const Scene& log) { return log.format == "PandaSet"; }
-
-bool can_hold_poses(const Scene& log) {
-  return can_be_refined(log) && !log.recording.front_from_lidar && log.recording.image_stamp == 0;
+bool can_hold_cameras(const Scene& log) {
+  return log.format == "PandaSet" && !log.recording.front_from_lidar && log.recording.image_stamp == 0;
 }
 
 void write_refined_log(const fs::path& folder, const Scene& log, const RefinedLog& refined) {
-  if (!can_be_refined(log))
+  if (log.format != "PandaSet")
     throw Error(Fault::usage, text("boxes and cameras of a log in the layout of ", log.format,
                                    " cannot be written, only those of PandaSet's layout"));
   const BoxesOfSteps boxes = boxes_of_steps(refined.actors);

@@ -23,11 +23,10 @@ struct RefinedLog {
 /// Fault::usage for a log of another layout; Fault::write.
 void write_refined_log(const std::filesystem::path& folder, const Scene& log, const RefinedLog& refined);
 
-/// Whether `log` has a layout in which it can be written anew.
-bool can_be_refined(const Scene& log);
-/// Whether that can be with other poses of its photos, and all else is read from it as before. Not where sweeps take
-/// their poses from the front camera, and where a photo lies between two entries of poses.json
+/// Whether `log` can be written with other poses of its photos or other focal lengths, and all else is read from it as
+/// before. Not where its layout is another than PandaSet's, where sweeps take their poses from the front camera (the
+/// real PandaSet, whose car is known by its focal lengths), and where a photo lies between two entries of poses.json
 /// (Recording::image_stamp).
-bool can_hold_poses(const Scene& log);
+bool can_hold_cameras(const Scene& log);
 
 }  // namespace cloam

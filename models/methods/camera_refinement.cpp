@@ -42,8 +42,8 @@ std::vector<Figure> CameraRefinement::figures() const {
 
 void LogCameras::build(const CameraSettings& settings, const Scene& scene, const Eigen::Matrix4d& log_from_world,
                        Params& parameters, const std::string& prefix) {
-  CameraRefinement::build(settings, scene, parameters, prefix, kPoseScaleOfLogs);
-  if (!on()) return;
+  learned_.build(settings, scene, parameters, prefix, kPoseScaleOfLogs);
+  if (!learned_.on()) return;
   SceneFrame log;
   log.turn = log_from_world.topLeftCorner<3, 3>();
   log.centre = log_from_world.inverse().topRightCorner<3, 1>();
@@ -68,8 +68,9 @@ RaysInStreet LogCameras::moved(const RayList& rays, const std::vector<RaysOfPhot
   }
   if (photo.empty()) return given;
   const auto seen = static_cast<int64_t>(photo.size());
+  const auto [poses, narrowing] = learned_.of_pixels(given_, 1);
   const Tensor whose = from_host(photo, {seen}), from = gather_rows(given_, whose),
-               to = poses_.on() ? gather_rows(poses_.moved(given_, 1), whose) : from;
+               to = poses ? gather_rows(poses, whose) : from;
   const auto axes = [&](const Tensor& of) { return reshape(slice(of, 1, 0, 9), {seen, 3, 3}); };
   const auto place = [&](const Tensor& of) { return slice(of, 1, 9, 12); };
   const auto in_camera = [&](const Tensor& v) { return sum(axes(from) * unsqueeze(v, 2), {{1}}); };
@@ -79,8 +80,8 @@ RaysInStreet LogCameras::moved(const RayList& rays, const std::vector<RaysOfPhot
     return concat({of, slice(all, 0, seen, count)}, 0);
   };
   Tensor towards = in_camera(own(given.directions));
-  if (focals_.on()) {
-    const Tensor narrow = gather_rows(focals_.narrowing(), from_host(camera, {seen}));
+  if (narrowing) {
+    const Tensor narrow = gather_rows(narrowing, from_host(camera, {seen}));
     towards = concat({slice(towards, 1, 0, 2) * narrow, slice(towards, 1, 2, 3)}, 1);
     towards = towards / sqrt(sum(square(towards), {{1}, true}));
   }

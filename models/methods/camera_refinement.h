@@ -8,8 +8,8 @@
 namespace cloam {
 
 struct CameraSettings {
-  PoseSettings poses;
-  FocalSettings focals;
+  PoseSettings poses = {};
+  FocalSettings focals = {};
 };
 /// Declares the settings.
 void bind_cameras(Config& config, CameraSettings& settings);
@@ -30,7 +30,7 @@ class CameraRefinement {
   std::vector<Eigen::Matrix4d> poses() const { return poses_.poses(); }
   std::vector<double> focal_factors() const { return focals_.factors(); }
 
- protected:
+ private:
   PoseRefinement poses_;
   FocalRefinement focals_;
 };
@@ -45,16 +45,20 @@ struct RaysInStreet {
   Tensor origins, directions;
 };
 
-/// The same of a driving log, whose rays are in lists.
-class LogCameras : public CameraRefinement {
+/// The same of a driving log, whose rays are in lists. Of a rolling shutter each row's rays go with the pose of the
+/// middle row; a learned focal length narrows them in its axes, too.
+class LogCameras {
  public:
   /// log_from_world: to the axes of the rays.
   void build(const CameraSettings& settings, const Scene& scene, const Eigen::Matrix4d& log_from_world,
              Params& parameters, const std::string& prefix = "");
+  /// What the log's photos and cameras learned.
+  const CameraRefinement& learned() const { return learned_; }
   /// Those of photos, with which the list begins, as their cameras are learned to see; all others as they are.
   RaysInStreet moved(const RayList& rays, const std::vector<RaysOfPhoto>& photos) const;
 
  private:
+  CameraRefinement learned_;
   Tensor given_;                               // [N,12] of the training photos, axes of the log
   std::vector<int32_t> photo_of_, camera_of_;  // of each frame: place among them, and among Scene::cameras
 };

@@ -31,7 +31,7 @@ void FocalRefinement::build(const FocalSettings& settings, const Scene& scene, P
       throw Error(
           Fault::usage,
           "setting intrinsics.refine: looked for pinholes and OpenCV lenses, found a fisheye or FOV lens, whose "
-          "focal length is learned by none\n  fix: leave it out, or undistort the photos with `colmap "
+          "focal length is learned by none\n  fix: leave it out, or, of a capture, undistort the photos with `colmap "
           "image_undistorter`");
   parameters_ = &parameters;
   const auto count = static_cast<int64_t>(scene.cameras.size());

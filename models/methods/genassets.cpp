@@ -189,11 +189,11 @@ std::vector<Actor> GenAssets::refined_actors(int log) const {
 }
 
 std::vector<Eigen::Matrix4d> GenAssets::refined_poses(int log) const {
-  return model_->logs().at(static_cast<size_t>(log)).cameras.poses();
+  return model_->logs().at(static_cast<size_t>(log)).cameras.learned().poses();
 }
 
 std::vector<double> GenAssets::focal_factors(int log) const {
-  return model_->logs().at(static_cast<size_t>(log)).cameras.focal_factors();
+  return model_->logs().at(static_cast<size_t>(log)).cameras.learned().focal_factors();
 }
 
 TensorMap GenAssets::state() const {

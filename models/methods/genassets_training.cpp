@@ -77,7 +77,7 @@ ParameterGroups GenAssetsTraining::groups(bool denoised) const {
     const LogSource* data = model_.logs()[i].data.get();
     detail.frozen = data && data->images() == 1;
     model_.logs()[i].boxes.add_groups(groups, true);
-    model_.logs()[i].cameras.add_groups(groups);
+    model_.logs()[i].cameras.learned().add_groups(groups);
   }
   return groups;
 }
@@ -198,7 +198,7 @@ StreetStep GenAssetsTraining::on_patches(const StreetLog& log, HostRandom& rando
   std::vector<RaysOfPhoto> parts;
   for (const PhotoOf& of : photos.of) parts.push_back({of.frame, patch_rays / static_cast<int64_t>(photos.of.size())});
   if (object.truth) parts.push_back({object.of.front().frame, camera_rays - patch_rays});
-  if (log.cameras.on()) how.rays = log.cameras.moved(rays, parts);
+  if (log.cameras.learned().on()) how.rays = log.cameras.moved(rays, parts);
   const RenderedRays seen = model_.render(model_.street(log, rays), rays, how, true);
   const auto image_of = [&](int64_t begin, int64_t end, const Photographed& photo) {
     const int64_t rows = photo.truth.dim(2) / model_.scale(), columns = photo.truth.dim(3) / model_.scale();
@@ -234,7 +234,7 @@ StreetStep GenAssetsTraining::on_patches(const StreetLog& log, HostRandom& rando
   step.figures.push_back(count("samples", samples * progress.share.ranks));
   step.figures.push_back(count("actors", seen.assets.planes ? seen.assets.planes.dim(1) : 0));
   for (const Figure& figure : log.boxes.figures()) step.figures.push_back(figure);
-  for (const Figure& figure : log.cameras.figures()) step.figures.push_back(figure);
+  for (const Figure& figure : log.cameras.learned().figures()) step.figures.push_back(figure);
   step.figures.push_back(
       {"lit", skipped_ ? (samples_ + 1) / (marched_ + 1) : static_cast<double>(lit_permille) / 1000});
   return {std::move(step), seen.assets.codes};
@@ -266,7 +266,7 @@ struct GenAssetsTraining::WholeImage {
     const StreetModel& model = training.model_;
     const RayList part = part_of(rays, begin, end_of(begin));
     Sampling as = how;
-    if (log.cameras.on()) as.rays = log.cameras.moved(part, {{photo.of.front().frame, part.count()}});
+    if (log.cameras.learned().on()) as.rays = log.cameras.moved(part, {{photo.of.front().frame, part.count()}});
     return model.render(model.street(log, rays), part, as, true, &given);
   }
   void look();
@@ -385,7 +385,7 @@ StreetStep GenAssetsTraining::in_tiles(const StreetLog& log, HostRandom& random,
     step.figures.push_back({"lidar_m", 0, found[1]});
   }
   for (const Figure& figure : log.boxes.figures()) step.figures.push_back(figure);
-  for (const Figure& figure : log.cameras.figures()) step.figures.push_back(figure);
+  for (const Figure& figure : log.cameras.learned().figures()) step.figures.push_back(figure);
   step.gradients = sums.sums();
   if (!planes) return {std::move(step), {}};
   const Tensor by_planes = step.gradients.back();

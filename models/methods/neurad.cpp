@@ -179,7 +179,7 @@ ParameterGroups Neurad::groups() const {
   groups.push_back({"actors.", c.rate_grids, schedule});
   groups.back().sparse = true;
   boxes_.add_groups(groups);
-  cameras_.add_groups(groups);
+  cameras_.learned().add_groups(groups);
   return groups;
 }
 
@@ -230,7 +230,7 @@ Neurad::Batch Neurad::draw_batch(const Progress& progress) const {
 }
 
 void Neurad::move_rays(const Batch& batch, NeuradSampling& how) const {
-  if (!cameras_.on() || batch.photos.of.empty()) return;
+  if (!cameras_.learned().on() || batch.photos.of.empty()) return;
   const auto each = batch.of_photos / static_cast<int64_t>(batch.photos.of.size());
   std::vector<RaysOfPhoto> photos;
   for (const PhotoOf& of : batch.photos.of) photos.push_back({of.frame, each});
@@ -309,7 +309,7 @@ Step Neurad::step(const Progress& progress, const Tensors& wanted) {
   if (metres) step.figures.push_back({"lidar_m", 0, metres});
   step.figures.insert(step.figures.end(), figures.begin(), figures.end());
   for (const Figure& figure : boxes_.figures()) step.figures.push_back(figure);
-  for (const Figure& figure : cameras_.figures()) step.figures.push_back(figure);
+  for (const Figure& figure : cameras_.learned().figures()) step.figures.push_back(figure);
   step.figures.push_back({"samples", static_cast<double>(seen.samples.t.dim(0) * progress.share.ranks)});
   step.figures.push_back({"marched", static_cast<double>(seen.marched * progress.share.ranks)});
   step.weight = static_cast<double>(progress.share.size(config_.patches)) / config_.patches;

@@ -23,7 +23,7 @@ namespace cloam {
 struct NeuradConfig {
   NeuradOptions street;
   BoxSettings boxes;
-  CameraSettings cameras;
+  CameraSettings cameras{.poses = kPosesOfLogs};
   bool rolling_shutter = true;  // rows of photos are seen when they were exposed
   int patches = 40, patch_side = 32, lidar_rays = 16384;
   float weight_rgb = 5, weight_perceptual = 0.05f, weight_lidar = 0.01f, weight_line_of_sight = 0.01f;
@@ -63,8 +63,8 @@ class Neurad final : public Method,
   Picture render_asset(const AssetName& asset, const Camera& camera, const Eigen::Matrix4d& box_from_camera) override;
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
   void take_actors(const Scenes& scenes) override;
-  std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.poses(); }
-  std::vector<double> focal_factors(int) const override { return cameras_.focal_factors(); }
+  std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.learned().poses(); }
+  std::vector<double> focal_factors(int) const override { return cameras_.learned().focal_factors(); }
   std::vector<Actor> refined_actors(int) const override { return boxes_.refined(model_->scene()->actors); }
 
  private:

@@ -27,7 +27,7 @@ Tensor mean_length(const Tensor& vectors) { return mean(sqrt(sum(square(vectors)
 void bind_poses(Config& c, PoseSettings& o) {
   c.bind("poses.refine", o.refine, "learn the poses of the training photos, which begin as given");
   c.bind("poses.rate", o.rate,
-         "poses: learning rate of turns (radians) and shifts (parts of the distance to what is seen; in logs: of 5 m)");
+         "poses: learning rate of turns (radians) and shifts (parts of the distance to what is seen; streets: of 5 m)");
   c.bind("poses.final_rate", o.final_rate, "poses: learning rate at the last step, as a fraction of poses.rate");
   c.bind("poses.warm_up", o.warm_up, "poses: steps in which their learning rate grows to poses.rate", kStepsOrNone);
 }

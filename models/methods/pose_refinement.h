@@ -25,13 +25,15 @@ struct PoseSettings {
   int warm_up = 200;                       // steps: at first a scene says nothing about poses
 };
 
+/// Of methods of streets, whose steps see a few of hundreds of photos.
+constexpr PoseSettings kPosesOfLogs = {.rate = 1e-2f};
 void bind_poses(Config& config, PoseSettings& settings);
 
 /// In scene units: of shifts, and how far away what the photos show is.
 struct PoseScale {
   double unit, distance;
 };
-/// Of driving logs, metres: a calibration that is off by a degree is off by a decimetre rather than by what things are
+/// Of the same, metres: a calibration that is off by a degree is off by a decimetre rather than by what things are
 /// away.
 constexpr PoseScale kPoseScaleOfLogs = {.unit = 5, .distance = 15};
 

@@ -22,7 +22,7 @@ struct StreetGaussiansConfig {
   int sky_side = 1024;   // pixels of a face of the sky
   bool exposure = true;  // a gain and an offset a camera and channel
   BoxSettings boxes{.refine = true};
-  CameraSettings cameras;
+  CameraSettings cameras{.poses = kPosesOfLogs};
   float flip = 0;           // how often a step sees an actor mirrored
   int waves = 5;            // of an actor's base colour in time, the constant one included
   int actors_max = 300000;  // gaussians of all actors

@@ -57,12 +57,25 @@ TEST_CASE("learned poses and focal lengths of a log's photos are a log") {
     const Scene given = read_scene(small_street()), learned = read_scene(out);
     CHECK(learned.frames.size() == 3);
     CHECK(learned.sweeps.size() == given.sweeps.size());
-    CHECK((learned.frames[0].world_from_camera - given.frames[0].world_from_camera).norm() > 0);
+    CHECK((learned.frames[0].world_from_camera - given.frames[0].world_from_camera).norm() > 1e-5);
+    CHECK((learned.sweeps[0].world_from_lidar - given.sweeps[0].world_from_lidar).norm() == 0);
     const double factor = learned.cameras[0].fx / given.cameras[0].fx;
     CHECK((std::abs(factor - 1) > 1e-6) == focals);
     CHECK(learned.cameras[0].fy / given.cameras[0].fy == doctest::Approx(factor));
     CHECK(learned.cameras[0].cx == given.cameras[0].cx);
   }
+}
+
+TEST_CASE("a capture is not written of a run that learned the cameras of two logs") {
+  const fs::path run = scratch() / "two-logs", out = scratch() / "two-logs-out", log = small_street();
+  const Outcome trained =
+      cloam_with({"train", "genassets", log.string(), log.string(), "-o", run.string(), "--preset", "genassets-small",
+                  "--steps", "1", "--set", "intrinsics.refine=true", "--pictures", "off"});
+  REQUIRE_MESSAGE(trained.code == 0, trained.err);
+  const Outcome outcome = cloam_with({"export", run.string(), "--format", "capture", "-o", out.string()});
+  CHECK(outcome.code == 2);
+  CHECK_MESSAGE(contains(outcome.err, "learned the cameras or boxes of 2 logs"), outcome.err);
+  CHECK(!fs::exists(out));
 }
 
 TEST_CASE("a run that left poses as they are has no capture to write") {

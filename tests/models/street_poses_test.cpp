@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <random>
 
 #include "models/data/read_scene.h"
@@ -184,9 +185,10 @@ std::vector<Eigen::Matrix4d> poses_of(const Scene& scene) {
 TEST_CASE(
     "rays of a log's photos begin and go where their cameras were learned to stand and see, those of LiDAR stay") {
   const Folder folder;
-  Scene log = toy_street(folder.path, {.frames = 2});
+  Scene log = toy_street(folder.path, {.frames = 3});
   log.cameras.push_back(log.cameras[0]);
-  log.frames[1].camera = 1;
+  log.frames[0].split = Split::test;
+  log.frames[2].camera = 1;
   Eigen::Matrix4d log_from_world = Eigen::Matrix4d::Identity();
   log_from_world.topLeftCorner<3, 3>() = Eigen::AngleAxisd(0.4, Vector3d(1, -2, 2) / 3).toRotationMatrix();
   log_from_world.topRightCorner<3, 1>() = Vector3d(3, -1, 2);
@@ -210,21 +212,22 @@ TEST_CASE(
   move.topLeftCorner<3, 3>() =
       Eigen::AngleAxisd(2 * std::atan(whole.norm() / 2), whole.normalized()).toRotationMatrix();
   move.topRightCorner<3, 1>() = 5 * shift;
-  CHECK((cameras.poses()[1] - log.frames[1].world_from_camera * move).norm() < 1e-5);
-  CHECK(cameras.focal_factors()[1] == doctest::Approx(factor));
+  CHECK((cameras.learned().poses()[1] - log.frames[2].world_from_camera * move).norm() < 1e-5);
+  CHECK(cameras.learned().focal_factors()[1] == doctest::Approx(factor));
 
   // One ray from beside each camera, in its axes, and one of the LiDAR.
   const Vector3d place(0.1, -0.2, 0.3), way = Vector3d(0.4, -0.3, 1).normalized();
   RayList rays;
   rays.times = {0};
-  for (const Frame& frame : log.frames) {
+  for (const size_t i : {1, 2}) {
+    const Frame& frame = log.frames[i];
     const Eigen::Matrix4d log_from_camera = log_from_world * frame.world_from_camera;
     rays.add((log_from_camera * place.homogeneous()).head<3>(), log_from_camera.topLeftCorner<3, 3>() * way);
   }
   rays.add({1, 2, 3}, {0.6, 0, 0.8});
-  const RaysInStreet seen = cameras.moved(rays, {{0, 1}, {1, 1}});
+  const RaysInStreet seen = cameras.moved(rays, {{1, 1}, {2, 1}});
   const std::vector<float> origins = seen.origins.to_host(), directions = seen.directions.to_host();
-  const Eigen::Matrix4d learned = log_from_world * log.frames[1].world_from_camera * move;
+  const Eigen::Matrix4d learned = log_from_world * log.frames[2].world_from_camera * move;
   const Vector3d narrow = Vector3d(way.x() / factor, way.y() / factor, way.z()).normalized();
   CHECK((row_of(origins, 1) - (learned * place.homogeneous()).head<3>()).norm() < 1e-5);
   CHECK((row_of(directions, 1) - learned.topLeftCorner<3, 3>() * narrow).norm() < 1e-5);
@@ -271,6 +274,32 @@ TEST_CASE("genassets: turns of photos come to where they show what the field sho
   check_turns_come_back("genassets", painted_planes({{"batch.whole_images", "true"}}), "log0.", 250);
 }
 
+TEST_CASE("genassets: LiDAR's rays stay where they are when the cameras move, those of patches and objects do not") {
+  const Folder folder;
+  Scene street = toy_street(folder.path, {.frames = 3, .width = 64, .height = 48});
+  street.actors = {toy_actor("a", {2, 4, 4}, 7, -2.5), toy_actor("b", {2, 3, 3}, 12, 3)};
+  const auto method = configured("genassets", painted_planes({{"poses.refine", "true"},
+                                                              {"batch.lidar_rays", "32"},
+                                                              {"batch.objects", "1"},
+                                                              {"weight.perceptual", "0.1"}}));
+  method->build({street}, 7);
+  load_data(*method, street, toy_pixels(street));
+  make_painted(*method);
+  const auto figures = [&] {
+    const Step step = method->step({4, 10, 7, {}}, {});
+    std::map<std::string, double> out = {{"loss", double{step.loss.item()}}};
+    for (const Figure& figure : step.figures) out[figure.name] = figure.value();
+    return out;
+  };
+  const auto before = figures();
+  put(*method, "log0.poses.shifts", std::vector<float>(9, 0.1f));  // half a metre along each axis
+  const auto after = figures();
+  CHECK(after.at("lidar_m") == doctest::Approx(before.at("lidar_m")).epsilon(1e-4));
+  CHECK(before.at("lidar_m") > 0);
+  CHECK(before.at("lidar_m") < 1);
+  CHECK(std::abs(after.at("loss") - before.at("loss")) > 1e-3 * before.at("loss"));
+}
+
 TEST_CASE("a log is written with learned poses of its photos, and read with them") {
   const Folder folder;
   StreetLogOptions options;
@@ -280,6 +309,7 @@ TEST_CASE("a log is written with learned poses of its photos, and read with them
   const Scene given = read_scene(folder.path / "given");
   const Scene learned = disturbed(given);
   RefinedLog refined;
+  refined.focals = {{"front_left_camera", 1.25}};
   for (const Frame& frame : learned.frames)
     if (frame.step == 1 || frame.sensor == "front_camera") refined.poses[frame.name] = frame.world_from_camera;
   write_refined_log(folder.path / "refined", given, refined);
@@ -290,6 +320,12 @@ TEST_CASE("a log is written with learned poses of its photos, and read with them
     const auto found = refined.poses.find(again.frames[i].name);
     const Eigen::Matrix4d& want = found == refined.poses.end() ? given.frames[i].world_from_camera : found->second;
     CHECK((again.frames[i].world_from_camera - want).norm() < 1e-9);
+    const auto camera_of = [&](const Scene& scene) {
+      return scene.cameras[static_cast<size_t>(scene.frames[i].camera)];
+    };
+    const double factor = again.frames[i].sensor == "front_left_camera" ? 1.25 : 1;
+    CHECK(camera_of(again).fx == doctest::Approx(factor * camera_of(given).fx));
+    CHECK(camera_of(again).fy == doctest::Approx(factor * camera_of(given).fy));
   }
   CHECK((again.sweeps[1].world_from_lidar - given.sweeps[1].world_from_lidar).norm() < 1e-12);
 }
@@ -299,12 +335,12 @@ TEST_CASE("a log whose sweeps would move with its photos is not written with oth
   StreetLogOptions options;
   options.frames = 2, options.width = 32, options.height = 18, options.beams = 4;
   write_street_log(folder.path / "log", options);
-  CHECK(can_hold_poses(read_scene(folder.path / "log")));
+  CHECK(can_hold_cameras(read_scene(folder.path / "log")));
   Scene follows = read_scene(folder.path / "log"), late = follows, other = follows;
   follows.recording.front_from_lidar = Eigen::Matrix4d::Identity();
-  CHECK_FALSE(can_hold_poses(follows));
+  CHECK_FALSE(can_hold_cameras(follows));
   late.recording.image_stamp = 0.01;
-  CHECK_FALSE(can_hold_poses(late));
+  CHECK_FALSE(can_hold_cameras(late));
   other.format = "KITTI";
-  CHECK_FALSE(can_hold_poses(other));
+  CHECK_FALSE(can_hold_cameras(other));
 }
