@@ -53,7 +53,7 @@ Measure:
 
 DATA is a folder that process made, one with a COLMAP model, transforms.json (instant-ngp, nerfstudio) or
 transforms_train.json (NeRF-synthetic), poses_bounds.npy (LLFF), or a driving log (PandaSet, KITTI raw,
-nuScenes, rig.json).
+nuScenes, Waymo as plain files, rig.json).
 "cloam help COMMAND" shows examples and options.
 )";
 

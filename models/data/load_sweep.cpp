@@ -2,9 +2,12 @@
 #include "models/data/load_sweep.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <optional>
 
 #include "models/data/data_frame.h"
+#include "models/data/waymo.h"
 #include "models/io/bytes.h"
 #include "models/io/npy.h"
 #include "models/io/ply.h"
@@ -71,6 +74,29 @@ Columns read_nuscenes_points(const fs::path& path, const Sweep&) {
   return columns;
 }
 
+// Waymo: places from the first return's LiDAR, of the one on the roof alone; the others see a few metres.
+Columns read_waymo_points(const fs::path& path) {
+  const auto bytes = read_file(path, kMaxSweepBytes);
+  constexpr std::size_t size = kWaymoPointNumbers * sizeof(float);
+  if (bytes.size() % size != 0)
+    bad_data(path.string(), ": holds ", bytes.size(), " bytes, want a multiple of ", size,
+             " (14 float32 a point); the file is damaged or truncated");
+  ByteReader reader(bytes, path.string());
+  Columns columns;
+  std::optional<Eigen::Vector3d> lidar;
+  while (reader.remaining() > 0) {
+    std::array<double, kWaymoPointNumbers> row;
+    for (double& number : row) number = double(reader.little<float>("a point"));
+    if (row[13] != 0) continue;
+    if (!lidar) lidar = Eigen::Vector3d(row[0], row[1], row[2]);
+    columns.x.push_back(row[3] - lidar->x());
+    columns.y.push_back(row[4] - lidar->y());
+    columns.z.push_back(row[5] - lidar->z());
+    columns.intensity.push_back(row[11]);
+  }
+  return columns;
+}
+
 // From 0 to 255 where any is above 1.
 void scale_intensity(std::vector<double>& values) {
   const bool bytes = std::any_of(values.begin(), values.end(), [](double value) { return value > 1; });
@@ -125,7 +151,9 @@ constexpr PointReader kPointReaders[] = {
     {".bin", read_kitti_points},     {".npy", read_npy_points},        {".ply", read_ply_points},
 };
 
-Columns read_columns(const fs::path& path, const Sweep& sweep) {
+Columns read_columns(const Scene& scene, const Sweep& sweep) {
+  const fs::path path = scene.root / sweep.file;
+  if (scene.format == "Waymo") return read_waymo_points(path);
   const auto reader = std::find_if(std::begin(kPointReaders), std::end(kPointReaders), [&](const PointReader& known) {
     return path.filename().string().ends_with(known.ending);
   });
@@ -137,7 +165,7 @@ Columns read_columns(const fs::path& path, const Sweep& sweep) {
 }  // namespace
 
 LidarPoints load_sweep(const Scene& scene, const Sweep& sweep) {
-  const Columns columns = read_columns(scene.root / sweep.file, sweep);
+  const Columns columns = read_columns(scene, sweep);
   const Eigen::Matrix4d world_from_points =
       sweep.points_in_world ? Eigen::Matrix4d::Identity().eval() : sweep.world_from_lidar;
   LidarPoints points;

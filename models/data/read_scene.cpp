@@ -16,6 +16,7 @@
 #include "models/data/phone_apps.h"
 #include "models/data/rig.h"
 #include "models/data/transforms_json.h"
+#include "models/data/waymo.h"
 #include "models/io/image.h"
 #include "models/io/paths.h"
 #include "models/io/words.h"
@@ -37,6 +38,8 @@ constexpr SceneReader kReaders[] = {
     {"PandaSet", "camera/*_camera/poses.json, lidar/poses.json (PandaSet)", is_pandaset, read_pandaset},
     {"rig", "rig.json (your own recordings: docs/formats.md)", is_rig, read_rig},
     {"nuScenes", "v1.0-*/sample_data.json beside samples/ (nuScenes)", is_nuscenes, read_nuscenes},
+    {"Waymo", "ego_pose/000.txt, extrinsics/0.txt beside images/ and lidar/ (Waymo, as DriveStudio writes it)",
+     is_waymo, read_waymo},
     {"KITTI", "image_02/data, velodyne_points/data, oxts/data in a drive's folder (KITTI raw)", is_kitti, read_kitti},
 };
 

@@ -37,6 +37,8 @@ const std::pair<const char*, int> kBeginnings[] = {
     {"vehicle.bicycle", 5},
     {"vehicle.motorcycle", 6},
     {"human.pedestrian", 7},
+    {"vehicle.trailer", kAssetClassCount - 1},
+    {"vehicle", 0},  // Waymo: of any kind, most are cars
 };
 
 /// Does a label begin with these words? Whole ones: "Personal Mobility Device" is no person.
