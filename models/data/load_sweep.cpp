@@ -75,7 +75,7 @@ Columns read_nuscenes_points(const fs::path& path, const Sweep&) {
 }
 
 // Waymo: places from the first return's LiDAR, of the one on the roof alone; the others see a few metres.
-Columns read_waymo_points(const fs::path& path) {
+Columns read_waymo_points(const fs::path& path, const Sweep&) {
   const auto bytes = read_file(path, kMaxSweepBytes);
   constexpr std::size_t size = kWaymoPointNumbers * sizeof(float);
   if (bytes.size() % size != 0)
@@ -142,20 +142,22 @@ bool is_of_ego(const Eigen::Vector3d& from_lidar, const std::optional<CarBox>& c
 }
 
 struct PointReader {
+  const char* format;  // of the scene; "": any
   const char* ending;  // of the file's name
   Columns (*read)(const fs::path& path, const Sweep& sweep);
 };
 
 constexpr PointReader kPointReaders[] = {
-    {".gz", read_data_frame_points}, {".pkl", read_data_frame_points}, {".pcd.bin", read_nuscenes_points},
-    {".bin", read_kitti_points},     {".npy", read_npy_points},        {".ply", read_ply_points},
+    {"Waymo", ".bin", read_waymo_points},   {"", ".gz", read_data_frame_points}, {"", ".pkl", read_data_frame_points},
+    {"", ".pcd.bin", read_nuscenes_points}, {"", ".bin", read_kitti_points},     {"", ".npy", read_npy_points},
+    {"", ".ply", read_ply_points},
 };
 
 Columns read_columns(const Scene& scene, const Sweep& sweep) {
   const fs::path path = scene.root / sweep.file;
-  if (scene.format == "Waymo") return read_waymo_points(path);
   const auto reader = std::find_if(std::begin(kPointReaders), std::end(kPointReaders), [&](const PointReader& known) {
-    return path.filename().string().ends_with(known.ending);
+    const bool of_format = known.format[0] == 0 || scene.format == known.format;
+    return of_format && path.filename().string().ends_with(known.ending);
   });
   if (reader != std::end(kPointReaders)) return reader->read(path, sweep);
   bad_data(path.string(),
