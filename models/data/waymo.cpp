@@ -1,6 +1,8 @@
 // See waymo.h. Axes: car and boxes x forward, y left, z up; so are those of cameras in Waymo's own calibration.
 #include "models/data/waymo.h"
 
+#include <fmt/format.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -29,17 +31,12 @@ constexpr double kFarthestOfLog = 1e5;  // metres from where the car is at first
 constexpr const char* kCameras[] = {"front_camera", "front_left_camera", "front_right_camera", "left_camera",
                                     "right_camera"};
 
-/// "007" as DriveStudio numbers frames.
-std::string number_of(int step) {
-  const std::string digits = std::to_string(step);
-  return std::string(digits.size() < 3 ? 3 - digits.size() : 0, '0') + digits;
-}
+std::string frame_name(int step) { return fmt::format("{:03}", step); }
 
 /// The numbers of a file that NumPy's savetxt wrote. Fault::data for fewer than `count` and for what is no number.
 std::vector<double> numbers_in(const fs::path& root, const std::string& file, std::size_t count) {
   const auto bytes = read_file(root / file, kMostText);
-  std::string content(bytes.begin(), bytes.end());
-  std::replace(content.begin(), content.end(), '\n', ' ');
+  const std::string content(bytes.begin(), bytes.end());
   std::vector<double> numbers;
   std::string_view rest = content;
   while (numbers.size() < count) {
@@ -105,7 +102,7 @@ class WaymoReader {
     }
   }
 
-  /// Waymo's camera axes have z up, others (nuPlan's in the same layout) z forward.
+  /// Waymo's camera axes have z up; OpenCV's, with z forward, are read, too.
   Eigen::Matrix4d car_from_camera(int camera) const {
     const std::string file = text("extrinsics/", camera, ".txt");
     const Eigen::Matrix4d given = rigid(matrix_of(numbers_in(scene_.root, file, 16)), file);
@@ -132,10 +129,10 @@ class WaymoReader {
     int listed = -1;
     for (const auto& [step, world_from_car] : world_from_car_) {
       ++scene_.frames_listed;
-      std::string image = text("images/", number_of(step), "_", camera, ".jpg");
+      std::string image = text("images/", frame_name(step), "_", camera, ".jpg");
       if (!has_file(scene_.root / image)) image.replace(image.size() - 3, 3, "png");
       if (!has_file(scene_.root / image)) {
-        log_.missing(text("images/", number_of(step), "_", camera, ".jpg"));
+        log_.missing(text("images/", frame_name(step), "_", camera, ".jpg"));
         continue;
       }
       log_.guarded("frame", [&] {
@@ -153,7 +150,7 @@ class WaymoReader {
   }
 
   void read_sweep(int step, const Eigen::Matrix4d& world_from_car) {
-    const std::string file = text("lidar/", number_of(step), ".bin");
+    const std::string file = text("lidar/", frame_name(step), ".bin");
     if (!has_file(scene_.root / file)) return log_.missing(file);
     log_.guarded("sweep", [&] {
       const Eigen::Vector3d place = lidar_place(scene_.root / file, file);

@@ -1,5 +1,5 @@
-// The Waymo Open Dataset as plain files: a folder of one drive, as DriveStudio and EmerNeRF write it from Waymo's own
-// (their preprocessing for Waymo), and as Street Gaussians, PVG and OmniRe read it there.
+// The Waymo Open Dataset as plain files: a folder of one drive, as DriveStudio (Chen et al. 2024, "OmniRe") writes it
+// from Waymo's own; github.com/ziyc/drivestudio, datasets/waymo.
 #pragma once
 #include "models/data/reader.h"
 
