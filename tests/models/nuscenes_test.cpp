@@ -3,19 +3,17 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Geometry>
-#include <cstdlib>
 #include <nlohmann/json.hpp>
 
 #include "models/data/check_log.h"
 #include "models/data/load_images.h"
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
-#include "models/io/image.h"
 #include "models/io/json.h"
 #include "models/scene/asset_class.h"
 #include "models/scene/split.h"
 #include "tests/models/errors.h"
-#include "tests/models/folder.h"
+#include "tests/models/written_by_python.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -107,22 +105,8 @@ with open("truth.json", "w") as file:
     json.dump(truth, file)
 )py";
 
-struct DataSet {
-  Folder folder;
-  fs::path root;
-  bool made = false;
-
-  DataSet() : root(fs::canonical(folder.path)) {
-    write_text(root / "write.py", kProgram);
-    made = std::system(("cd '" + root.string() + "' && /usr/bin/python3 write.py").c_str()) == 0;
-    if (!made) return;
-    const Json all = truth();
-    for (const auto& [name, pixels] : all.at("pixels").items()) {
-      fs::create_directories((root / name).parent_path());
-      write_jpeg(root / name, {160, 90, 3, std::vector<std::uint8_t>(160 * 90 * 3, 90)});
-    }
-  }
-  Json truth() const { return parse_json_file(root / "truth.json"); }
+struct DataSet : WrittenByPython {
+  DataSet() : WrittenByPython(kProgram) {}
   fs::path table(const std::string& name) const { return root / "v1.0-mini" / (name + ".json"); }
   Scene read() const { return read_scene(root / "scene-0061"); }
   /// Of the scene, once the first `from` in the table is `to`; the table is restored.
@@ -137,16 +121,6 @@ struct DataSet {
     return error;
   }
 };
-
-bool no_python() {
-  if (std::system("/usr/bin/python3 -c 'import json' >/dev/null 2>&1") == 0) return false;
-  MESSAGE("skipped: no python3");
-  return true;
-}
-
-Eigen::Vector3d vector_of(const Json& json) {
-  return {json[0].get<double>(), json[1].get<double>(), json[2].get<double>()};
-}
 
 }  // namespace
 

@@ -3,27 +3,24 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Geometry>
-#include <cstdlib>
 #include <nlohmann/json.hpp>
 
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
-#include "models/io/image.h"
 #include "models/io/json.h"
 #include "models/scene/asset_class.h"
 #include "models/scene/split.h"
 #include "tests/models/errors.h"
-#include "tests/models/folder.h"
+#include "tests/models/written_by_python.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
 
 namespace {
 
-// The car drives along a bend, three frames; two cameras, one of them with
-// Waymo's axes (x forward, y left, z up) and lens terms, a
-// LiDAR on the roof and one on the bumper, a car ahead. truth.json has what cloam is to find: landmarks from the car's
-// first place, the pixels that they have in each image, the other car.
+// The car drives along a bend, three frames; two cameras, one of them with Waymo's axes (x forward, y left, z up) and
+// lens terms, a LiDAR on the roof and one on the bumper, a car ahead. truth.json has what cloam is to find: landmarks
+// from the car's first place, the pixels that they have in each image, the other car.
 const char* const kProgram = R"py(
 import json, math, os, struct
 
@@ -97,22 +94,8 @@ with open("truth.json", "w") as file:
     json.dump(truth, file)
 )py";
 
-struct Drive {
-  Folder folder;
-  fs::path root;
-  bool made = false;
-
-  Drive() : root(fs::canonical(folder.path)) {
-    write_text(root / "write.py", kProgram);
-    made = std::system(("cd '" + root.string() + "' && /usr/bin/python3 write.py").c_str()) == 0;
-    if (!made) return;
-    const Json all = truth();
-    for (const auto& [name, pixels] : all.at("pixels").items()) {
-      fs::create_directories((root / name).parent_path());
-      write_jpeg(root / name, {160, 90, 3, std::vector<std::uint8_t>(160 * 90 * 3, 90)});
-    }
-  }
-  Json truth() const { return parse_json_file(root / "truth.json"); }
+struct Drive : WrittenByPython {
+  Drive() : WrittenByPython(kProgram) {}
   /// Of the drive once that file has other content.
   std::string error_with(const char* file, const std::string& content) const {
     const std::string before = content_of(root / file);
@@ -125,16 +108,6 @@ struct Drive {
     return error;
   }
 };
-
-bool no_python() {
-  if (std::system("/usr/bin/python3 -c 'import json' >/dev/null 2>&1") == 0) return false;
-  MESSAGE("skipped: no python3");
-  return true;
-}
-
-Eigen::Vector3d vector_of(const Json& json) {
-  return {json[0].get<double>(), json[1].get<double>(), json[2].get<double>()};
-}
 
 }  // namespace
 
