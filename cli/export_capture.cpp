@@ -1,4 +1,4 @@
-// `export --format capture`: photos with the poses and focal lengths, or a log with those and the boxes, that a run
+// `export --format capture`: photos with the poses and lenses, or a log with those and the boxes, that a run
 // learned.
 #include <fmt/format.h>
 
@@ -28,7 +28,7 @@ Scene scene_as_listed(const RestoredRun& run, const std::string& folder) {
 /// What a run learned of its photos.
 struct LearnedPhotos {
   std::vector<Eigen::Matrix4d> poses;  // of the training photos; empty: as given
-  std::vector<double> focals;          // factors, of Scene::cameras; empty: as given
+  std::vector<LensChange> lenses;      // of Scene::cameras; empty: as given
   std::vector<Actor> actors;           // of a log, where its boxes were learned; else empty
 };
 
@@ -52,14 +52,21 @@ Moved move_photos(Scene& scene, const std::map<std::string, Eigen::Matrix4d>& po
   return out;
 }
 
-/// Percent, in the mean.
-double change_focals(Scene& scene, const std::vector<double>& factors) {
-  double percent = 0;
-  for (std::size_t i = 0; i < factors.size(); ++i) {
-    scene.cameras.at(i) = with_focal(scene.cameras[i], factors[i]);
-    percent += 100 * std::abs(factors[i] - 1) / static_cast<double>(factors.size());
+/// In the mean over the lenses that changed.
+struct ChangedLenses {
+  double focal_percent = 0, centre_pixels = 0;
+};
+
+ChangedLenses change_lenses(Scene& scene, const std::vector<LensChange>& changes) {
+  ChangedLenses out;
+  const auto count = static_cast<double>(changes.size());
+  for (std::size_t i = 0; i < changes.size(); ++i) {
+    const Camera given = scene.cameras.at(i);
+    Camera& camera = scene.cameras[i] = with_lens(given, changes[i]);
+    out.focal_percent += 100 * std::abs(changes[i].focal - 1) / count;
+    out.centre_pixels += std::hypot(camera.cx - given.cx, camera.cy - given.cy) / count;
   }
-  return percent;
+  return out;
 }
 
 /// Metres that the learned boxes are from those given, of the boxes that moved.
@@ -87,7 +94,7 @@ MovedBoxes moved_boxes(const std::vector<Actor>& learned, const std::vector<Acto
           fmt::format("{} refined boxes, {:.3f} m (median) from where they were given", shifts.size(), median)};
 }
 
-/// The photos of a run that learned their poses or focal lengths, as a log if that can hold them, else as a capture.
+/// The photos of a run that learned their poses or lenses, as a log if that can hold them, else as a capture.
 int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const ExportRequest& request,
                   const Common& common) {
   const Scene& learned = run.scenes.front();
@@ -98,10 +105,10 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
       refined.poses[learned.frames[frame].name] = photos.poses.at(refined.poses.size());
   Scene scene = listed;
   const Moved moved = move_photos(scene, refined.poses);
-  const double percent = change_focals(scene, photos.focals);
-  if (!photos.focals.empty())
+  const ChangedLenses lenses = change_lenses(scene, photos.lenses);
+  if (!photos.lenses.empty())
     for (const Frame& frame : learned.frames)
-      refined.focals[frame.sensor] = photos.focals.at(static_cast<std::size_t>(frame.camera));
+      refined.lenses[frame.sensor] = photos.lenses.at(static_cast<std::size_t>(frame.camera));
   const bool as_log = can_hold_cameras(listed);
   if (as_log)
     write_refined_log(request.out, listed, refined);
@@ -116,7 +123,8 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
                            {"refined", refined.poses.size()},
                            {"turned_degrees", moved.degrees},
                            {"shifted", moved.shift},
-                           {"focal_percent", percent}};
+                           {"focal_percent", lenses.focal_percent},
+                           {"centre_pixels", lenses.centre_pixels}};
     if (with_boxes) told.update({{"boxes_refined", boxes.count}, {"median_shift_m", boxes.median}});
     put_json(told);
   }
@@ -126,7 +134,9 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
                          refined.poses.size(), moved.degrees, moved.shift, scene.metric ? "metres" : "scene units");
   if (!refined.poses.empty() && refined.poses.size() < scene.frames.size())
     words += "; photos that were held out have those given";
-  if (!photos.focals.empty()) words += fmt::format("; focal lengths {:.2f} % from those given", percent);
+  if (lenses.focal_percent > 0) words += fmt::format("; focal lengths {:.2f} % from those given", lenses.focal_percent);
+  if (lenses.centre_pixels > 0)
+    words += fmt::format("; principal points {:.2f} pixels from those given", lenses.centre_pixels);
   if (with_boxes) words += "; " + boxes.words;
   if (listed.is_log && !as_log) words += "; photos alone, without the log's LiDAR and boxes";
   say(common, words);
@@ -155,19 +165,19 @@ int export_capture(const RestoredRun& run, const ExportRequest& request, const C
   LearnedPhotos photos;
   if (const auto* refines = as<RefinesCameras>(*run.method)) {
     photos.poses = refines->refined_poses(0);
-    photos.focals = refines->focal_factors(0);
+    photos.lenses = refines->lens_changes(0);
   }
   if (const auto* refines = as<RefinesBoxes>(*run.method)) photos.actors = refines->refined_actors(0);
-  const bool moved_photos = !photos.poses.empty() || !photos.focals.empty();
+  const bool moved_photos = !photos.poses.empty() || !photos.lenses.empty();
   if ((moved_photos || !photos.actors.empty()) && run.scenes.size() > 1)
     throw Error(Fault::usage, text("--format capture: ", request.run, " learned the cameras or boxes of ",
                                    run.scenes.size(), " logs, and one log is written\n  fix: train on that log alone"));
   if (moved_photos) return export_photos(run, photos, request, common);
   if (!photos.actors.empty()) return export_log(run, photos.actors, request, common);
-  throw Error(Fault::usage, text("--format capture: ", request.run,
-                                 " learned neither poses, focal lengths nor boxes\n  fix: cloam train ",
-                                 run.record.method, " DATA --set poses.refine=true or intrinsics.refine=true",
-                                 as<RefinesBoxes>(*run.method) ? " or actors.refine=true" : ""));
+  throw Error(Fault::usage,
+              text("--format capture: ", request.run, " learned neither poses, lenses nor boxes\n  fix: cloam train ",
+                   run.record.method, " DATA --set poses.refine=true or intrinsics.refine=true",
+                   as<RefinesBoxes>(*run.method) ? " or actors.refine=true" : ""));
 }
 
 }  // namespace cloam

@@ -103,11 +103,9 @@ PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& s
   out.rgba = seen.rgba;
   out.used = seen.used;
   Tensor towards = seen.directions;
-  if (learned.narrowing) {
-    const Tensor own = gather_rows(learned.narrowing, column(3));
-    towards = unit(concat({slice(towards, 1, 0, 2) * own, slice(towards, 1, 2, 3)}, 1));
-    out.widths = out.widths * reshape(stop_gradient(own), out.widths.shape());
-  }
+  const LearnedLenses lenses = lenses_of(learned.lenses, column(3));
+  if (!lenses.given()) towards = unit(directions_through(lenses, towards));
+  if (lenses.focals) out.widths = out.widths / reshape(stop_gradient(lenses.focals), out.widths.shape());
   out.rays = world_rays(towards, gather_rows(learned.poses ? learned.poses : poses_, frame), frame_, range_);
   if (depth_) {
     const Tensor ahead = reshape(slice(towards, 1, 2, 3), {share.size(count)});

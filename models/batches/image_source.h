@@ -3,6 +3,7 @@
 #pragma once
 #include "models/io/share.h"
 #include "models/render/rays.h"
+#include "models/scene/learned_lenses.h"
 #include "models/scene/photo_store.h"
 
 namespace cloam {
@@ -17,8 +18,8 @@ struct PixelBatch {
 
 /// What is learned of photos in the place of what was given; empty handles: as given.
 struct LearnedCameras {
-  Tensor poses = {};      // [N,12] as PixelSource::poses()
-  Tensor narrowing = {};  // [C,1] of Scene::cameras: times x and y of directions (z = 1)
+  Tensor poses = {};          // [N,12] as PixelSource::poses()
+  LearnedLenses lenses = {};  // of Scene::cameras
 };
 
 /// Squares of photos by their pixels in row-major order: of 4 a side, or of fewer that come more than once.

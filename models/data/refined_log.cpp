@@ -84,8 +84,13 @@ Json moved(const PoseTrack& track, const std::map<int, Eigen::Matrix4d>& moves) 
   return entries;
 }
 
-Json widened(Json intrinsics, double factor) {
-  for (const char* length : {"fx", "fy"}) intrinsics[length] = factor * intrinsics.at(length).get<double>();
+Json changed(Json intrinsics, const LensChange& change) {
+  Camera camera;
+  const std::array<std::pair<const char*, double*>, 4> lengths = {
+      {{"fx", &camera.fx}, {"fy", &camera.fy}, {"cx", &camera.cx}, {"cy", &camera.cy}}};
+  for (const auto& [name, length] : lengths) *length = intrinsics.at(name).get<double>();
+  camera = with_lens(camera, change);
+  for (const auto& [name, length] : lengths) intrinsics[name] = *length;
   return intrinsics;
 }
 
@@ -115,8 +120,8 @@ void write_refined_log(const fs::path& folder, const Scene& log, const RefinedLo
       commit_text(folder / name, moved(track, camera->second).dump(1) + "\n");
       continue;
     }
-    if (const auto focal = refined.focals.find(camera_of(name, "intrinsics.json")); focal != refined.focals.end()) {
-      commit_text(folder / name, widened(parse_json_file(log.root / name), focal->second).dump(1) + "\n");
+    if (const auto lens = refined.lenses.find(camera_of(name, "intrinsics.json")); lens != refined.lenses.end()) {
+      commit_text(folder / name, changed(parse_json_file(log.root / name), lens->second).dump(1) + "\n");
       continue;
     }
     const auto found = boxes.find(step_of_cuboids(name));

@@ -1,4 +1,4 @@
-// A driving log once more, with other boxes or other poses or focal lengths of its cameras.
+// A driving log once more, with other boxes or other poses or lenses of its cameras.
 #pragma once
 #include <filesystem>
 #include <map>
@@ -13,17 +13,17 @@ namespace cloam {
 struct RefinedLog {
   std::vector<Actor> actors = {};                     // those of its boxes that moved or may have, by id and step
   std::map<std::string, Eigen::Matrix4d> poses = {};  // world_from_camera by Frame::name
-  std::map<std::string, double> focals = {};          // by Frame::sensor, over those given
+  std::map<std::string, LensChange> lenses = {};      // by Frame::sensor
 };
 
 /// Writes `log`, which has PandaSet's layout, into `folder`: all files are linked or copied. In the cuboids position
 /// and yaw of every box that `refined` has are those given there; other rows and columns stay, but for columns of a
 /// kind that we do not read (dates, categories). In a camera's poses.json the entry of a photo moves as its pose did,
-/// in the camera's axes; in its intrinsics.json fx and fy are those given times its factor.
+/// in the camera's axes; its intrinsics.json has the changed lens (with_lens).
 /// Fault::usage for a log of another layout; Fault::write.
 void write_refined_log(const std::filesystem::path& folder, const Scene& log, const RefinedLog& refined);
 
-/// Whether `log` can be written with other poses of its photos or other focal lengths, and all else is read from it as
+/// Whether `log` can be written with other poses of its photos or other lenses, and all else is read from it as
 /// before. Not where its layout is another than PandaSet's, where sweeps take their poses from the front camera (the
 /// real PandaSet, whose car is known by its focal lengths), and where a photo lies between two entries of poses.json
 /// (Recording::image_stamp).

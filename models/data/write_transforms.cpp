@@ -6,6 +6,7 @@
 
 #include "models/data/poses.h"
 #include "models/io/commit.h"
+#include "models/scene/point_ply.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -93,6 +94,10 @@ void write_transforms(const fs::path& folder, const Scene& scene) {
     (tests && apart ? test : train)["frames"].push_back(frame);
   }
   if (!names.empty() && !apart) train["test_filenames"] = names;
+  if (scene.cloud.count() > 0) {
+    train["ply_file_path"] = "points.ply";
+    write_point_ply(folder / "points.ply", scene.cloud);
+  }
   if (!apart) return commit_text(folder / "transforms.json", train.dump(1) + "\n");
   if (!names.empty()) commit_text(folder / "transforms_test.json", test.dump(1) + "\n");
   commit_text(folder / "transforms_train.json", train.dump(1) + "\n");

@@ -10,33 +10,33 @@ namespace cloam {
 
 void bind_cameras(Config& config, CameraSettings& settings) {
   bind_poses(config, settings.poses);
-  bind_focals(config, settings.focals);
+  bind_lenses(config, settings.lenses);
 }
 
 void CameraRefinement::build(const CameraSettings& settings, const Scene& scene, Params& parameters,
                              const std::string& prefix, const std::optional<PoseScale>& scale) {
   poses_.build(settings.poses, scene, parameters, prefix, scale);
-  focals_.build(settings.focals, scene, parameters, prefix);
+  lenses_.build(settings.lenses, scene, parameters, prefix);
 }
 
 void CameraRefinement::add_groups(ParameterGroups& groups) const {
   poses_.add_group(groups);
-  focals_.add_group(groups);
+  lenses_.add_group(groups);
 }
 
 LearnedCameras CameraRefinement::of_pixels(const Tensor& poses, double scale) const {
-  return {poses_.on() ? poses_.moved(poses, scale) : Tensor(), focals_.narrowing()};
+  return {poses_.on() ? poses_.moved(poses, scale) : Tensor(), lenses_.lenses()};
 }
 
 ViewMove CameraRefinement::move_of(std::size_t photo, int camera) const {
   ViewMove move = poses_.move_of(photo);
-  move.widening = focals_.widening(camera);
+  move.lens = lenses_.lens(camera);
   return move;
 }
 
 std::vector<Figure> CameraRefinement::figures() const {
   std::vector<Figure> out = poses_.figures();
-  for (const Figure& figure : focals_.figures()) out.push_back(figure);
+  for (const Figure& figure : lenses_.figures()) out.push_back(figure);
   return out;
 }
 
@@ -68,7 +68,7 @@ RaysInStreet LogCameras::moved(const RayList& rays, const std::vector<RaysOfPhot
   }
   if (photo.empty()) return given;
   const auto seen = static_cast<int64_t>(photo.size());
-  const auto [poses, narrowing] = learned_.of_pixels(given_, 1);
+  const auto [poses, lenses] = learned_.of_pixels(given_, 1);
   const Tensor whose = from_host(photo, {seen}), from = gather_rows(given_, whose),
                to = poses ? gather_rows(poses, whose) : from;
   const auto axes = [&](const Tensor& of) { return reshape(slice(of, 1, 0, 9), {seen, 3, 3}); };
@@ -80,9 +80,8 @@ RaysInStreet LogCameras::moved(const RayList& rays, const std::vector<RaysOfPhot
     return concat({of, slice(all, 0, seen, count)}, 0);
   };
   Tensor towards = in_camera(own(given.directions));
-  if (narrowing) {
-    const Tensor narrow = gather_rows(narrowing, from_host(camera, {seen}));
-    towards = concat({slice(towards, 1, 0, 2) * narrow, slice(towards, 1, 2, 3)}, 1);
+  if (!lenses.given()) {
+    towards = directions_through(lenses_of(lenses, from_host(camera, {seen})), towards);
     towards = towards / sqrt(sum(square(towards), {{1}, true}));
   }
   return {with_others(place(to) + in_log(in_camera(own(given.origins) - place(from))), given.origins),

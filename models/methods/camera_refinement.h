@@ -1,25 +1,25 @@
-// What is learned of cameras with the scene: where photos were taken, and how long lenses are.
+// What is learned of cameras with the scene: where photos were taken, and through which lenses.
 #pragma once
 #include "models/batches/image_source.h"
 #include "models/batches/log_source.h"
-#include "models/methods/focal_refinement.h"
+#include "models/methods/lens_refinement.h"
 #include "models/methods/pose_refinement.h"
 
 namespace cloam {
 
 struct CameraSettings {
   PoseSettings poses = {};
-  FocalSettings focals = {};
+  LensSettings lenses = {};
 };
 /// Declares the settings.
 void bind_cameras(Config& config, CameraSettings& settings);
 
 class CameraRefinement {
  public:
-  /// Of the scene's training photos and cameras: PoseRefinement::build and FocalRefinement::build.
+  /// Of the scene's training photos and cameras: PoseRefinement::build and LensRefinement::build.
   void build(const CameraSettings& settings, const Scene& scene, Params& parameters, const std::string& prefix = "",
              const std::optional<PoseScale>& scale = {});
-  bool on() const { return poses_.on() || focals_.on(); }
+  bool on() const { return poses_.on() || lenses_.on(); }
   void add_groups(ParameterGroups& groups) const;
   /// As PixelSource::draw takes them. poses: its own, [N,12]; scale: units of them in a scene unit.
   LearnedCameras of_pixels(const Tensor& poses, double scale) const;
@@ -28,11 +28,11 @@ class CameraRefinement {
   std::vector<Figure> figures() const;
   /// As RefinesCameras has them.
   std::vector<Eigen::Matrix4d> poses() const { return poses_.poses(); }
-  std::vector<double> focal_factors() const { return focals_.factors(); }
+  std::vector<LensChange> lens_changes() const { return lenses_.changes(); }
 
  private:
   PoseRefinement poses_;
-  FocalRefinement focals_;
+  LensRefinement lenses_;
 };
 
 /// Rays of a list that are of one photo, one after the other.
@@ -46,7 +46,7 @@ struct RaysInStreet {
 };
 
 /// The same of a driving log, whose rays are in lists. Of a rolling shutter each row's rays go with the pose of the
-/// middle row; a learned focal length narrows them in its axes, too.
+/// middle row; a learned lens bends them in its axes, too.
 class LogCameras {
  public:
   /// log_from_world: to the axes of the rays.

@@ -192,8 +192,8 @@ std::vector<Eigen::Matrix4d> GenAssets::refined_poses(int log) const {
   return model_->logs().at(static_cast<size_t>(log)).cameras.learned().poses();
 }
 
-std::vector<double> GenAssets::focal_factors(int log) const {
-  return model_->logs().at(static_cast<size_t>(log)).cameras.learned().focal_factors();
+std::vector<LensChange> GenAssets::lens_changes(int log) const {
+  return model_->logs().at(static_cast<size_t>(log)).cameras.learned().lens_changes();
 }
 
 TensorMap GenAssets::state() const {

@@ -61,7 +61,7 @@ class GenAssets final : public Method,
   void take_actors(const Scenes& scenes) override;
   std::vector<Actor> refined_actors(int log) const override;
   std::vector<Eigen::Matrix4d> refined_poses(int log) const override;
-  std::vector<double> focal_factors(int log) const override;
+  std::vector<LensChange> lens_changes(int log) const override;
   void adopt_networks(const TensorMap& parameters) override;
   void adopt_prior(const CodeDenoiser& denoiser) override;
   std::vector<AssetName> show_assets(const std::vector<NewAsset>& assets) override;

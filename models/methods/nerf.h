@@ -38,7 +38,7 @@ class Nerf final : public Method,
   std::vector<RaySample> samples(const View& view, int row) override;
   DensityField density_field() const override { return renderer_->density_field(); }
   std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.poses(); }
-  std::vector<double> focal_factors(int) const override { return cameras_.focal_factors(); }
+  std::vector<LensChange> lens_changes(int) const override { return cameras_.lens_changes(); }
   TensorMap state() const override;
   void restore(const TensorMap& state) override;
 

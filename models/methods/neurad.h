@@ -64,7 +64,7 @@ class Neurad final : public Method,
   AssetSamples sample_asset(const AssetName& asset, const std::vector<float>& points) override;
   void take_actors(const Scenes& scenes) override;
   std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.learned().poses(); }
-  std::vector<double> focal_factors(int) const override { return cameras_.learned().focal_factors(); }
+  std::vector<LensChange> lens_changes(int) const override { return cameras_.learned().lens_changes(); }
   std::vector<Actor> refined_actors(int) const override { return boxes_.refined(model_->scene()->actors); }
 
  private:

@@ -41,7 +41,7 @@ class Splat final : public Method,
   TensorMap state() const override { return observed_.state(); }
   void restore(const TensorMap& state) override { observed_.restore(state); }
   std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.poses(); }
-  std::vector<double> focal_factors(int) const override { return cameras_.focal_factors(); }
+  std::vector<LensChange> lens_changes(int) const override { return cameras_.lens_changes(); }
   std::vector<std::string> warnings(const Scene& scene) const override;
 
  private:

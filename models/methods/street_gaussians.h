@@ -50,7 +50,7 @@ class StreetGaussians final : public Method,
   Gaussians actor_gaussians(const AssetName& asset) const override;
   void adopt(std::size_t place, const Gaussians& looks) override;
   std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.poses(); }
-  std::vector<double> focal_factors(int) const override { return cameras_.focal_factors(); }
+  std::vector<LensChange> lens_changes(int) const override { return cameras_.lens_changes(); }
   std::vector<Actor> refined_actors(int) const override { return model_->boxes().refined(model_->actors()); }
   void take_actors(const Scenes& scenes) override { model_->take_actors(scenes.at(0).actors); }
 

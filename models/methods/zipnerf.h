@@ -32,7 +32,7 @@ class ZipNerf final : public Method,
   Picture render(const View& view) override;
   DensityField density_field() const override { return renderer_->density_field(); }
   std::vector<Eigen::Matrix4d> refined_poses(int) const override { return cameras_.poses(); }
-  std::vector<double> focal_factors(int) const override { return cameras_.focal_factors(); }
+  std::vector<LensChange> lens_changes(int) const override { return cameras_.lens_changes(); }
 
  private:
   ZipNerfConfig config_;

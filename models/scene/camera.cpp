@@ -134,8 +134,10 @@ Eigen::Vector2d project(const Camera& camera, const Eigen::Vector3d& point_in_ca
   return {camera.fx * at.x() + camera.cx, camera.fy * at.y() + camera.cy};
 }
 
-Camera with_focal(const Camera& camera, double factor) {
+Camera with_lens(const Camera& camera, const LensChange& change) {
   Camera out = camera;
+  const double factor = change.focal;
+  out.cx += camera.fx * change.centre.x(), out.cy += camera.fy * change.centre.y();
   out.fx *= factor, out.fy *= factor;
   // Terms in the second, fourth, ... power of the radius beside 1, and those of the second power alone.
   double even = 1;

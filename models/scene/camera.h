@@ -39,9 +39,14 @@ Eigen::Vector3d direction(const Camera& camera, const Eigen::Vector2d& point);
 /// Where a point in camera axes appears, in pixels. Its z must be positive except for fisheye and fov.
 Eigen::Vector2d project(const Camera& camera, const Eigen::Vector3d& point_in_camera);
 
-/// The camera with focal lengths that many times as long and its distortion in the same place of the picture: a point
-/// that is seen along (x, y, 1) is then seen along (x / factor, y / factor, 1). Of pinhole and opencv alone.
-Camera with_focal(const Camera& camera, double factor);
+/// How a lens differs from the one given.
+struct LensChange {
+  double focal = 1;                 // both focal lengths over those given
+  Eigen::Vector2d centre = {0, 0};  // shift of the principal point, in focal lengths given
+};
+/// The camera with that lens, its distortion in the same place of the picture: a point that is seen along (x, y, 1) is
+/// then seen along ((x, y) - centre) / focal, 1. Of pinhole and opencv alone; shifts of pinholes alone.
+Camera with_lens(const Camera& camera, const LensChange& change);
 
 /// The camera of an image after downscale() of models/io/image.h by the same factor: floored size, lengths divided.
 /// With centres at +0.5 a box of pixels keeps its centre, so no half-pixel shift is needed.

@@ -4,6 +4,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <string>
+
+#include "models/io/commit.h"
+#include "runtime/error.h"
 
 namespace cloam {
 namespace {
@@ -34,6 +38,19 @@ PlyRow point_rows(const PlyHeader& header, PointCloud& cloud) {
       cloud.colours.push_back(paint.size() == 3 ? colour(row[paint[i]], white[i]) : kGrey);
     }
   };
+}
+
+void write_point_ply(const std::filesystem::path& path, const PointCloud& cloud) {
+  std::string bytes = text("ply\nformat binary_little_endian 1.0\nelement vertex ", cloud.count(), "\n");
+  for (const char* name : {"x", "y", "z"}) bytes += text("property float ", name, "\n");
+  for (const char* name : {"red", "green", "blue"}) bytes += text("property uchar ", name, "\n");
+  bytes += "end_header\n";
+  const auto append = [&](const auto* three) { bytes.append(reinterpret_cast<const char*>(three), 3 * sizeof *three); };
+  for (std::size_t i = 0; i < cloud.positions.size(); i += 3) {
+    append(&cloud.positions[i]);
+    append(&cloud.colours[i]);
+  }
+  commit_text(path, bytes);
 }
 
 }  // namespace cloam

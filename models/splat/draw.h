@@ -4,6 +4,7 @@
 
 #include "models/gaussians/gaussians.h"
 #include "models/scene/camera.h"
+#include "models/scene/learned_lenses.h"
 #include "runtime/ops.h"
 #include "runtime/ops/splat.h"
 
@@ -24,7 +25,8 @@ Tensor view_matrix(const Eigen::Matrix4d& world_from_camera);
 struct ViewMove {
   Tensor turned_back;  // [3,3], of a turn in the camera's axes, its inverse
   Tensor shift;        // [3,1] in the camera's axes, scene units, before the turn; there is both or neither
-  Tensor widening;     // [3,1]: times the rows of the view, as if lengths of the lens were longer by it
+  LearnedLenses lens;  // [1,1] and [1,2]
+  bool given() const { return !turned_back && lens.given(); }
 };
 
 struct DrawOptions {

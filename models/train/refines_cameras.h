@@ -1,7 +1,9 @@
-// Capability: where its photos were taken and the focal lengths of its cameras change while it learns.
+// Capability: where its photos were taken and the lenses of its cameras change while it learns.
 #pragma once
 #include <Eigen/Core>
 #include <vector>
+
+#include "models/scene/camera.h"
 
 namespace cloam {
 
@@ -11,9 +13,9 @@ class RefinesCameras {
   /// world_from_camera of the training photos of a scene (its place among the run's) as they were learned, in the order
   /// of frames_of(scene, Split::train); empty where the settings leave poses as they are.
   virtual std::vector<Eigen::Matrix4d> refined_poses(int scene) const = 0;
-  /// Of its Scene::cameras, the focal lengths that were learned over those given (with_focal of models/scene/camera.h);
-  /// empty where the settings leave them as they are.
-  virtual std::vector<double> focal_factors(int scene) const = 0;
+  /// Of its Scene::cameras, how the lenses that were learned differ from those given; empty where the settings leave
+  /// them as they are.
+  virtual std::vector<LensChange> lens_changes(int scene) const = 0;
 };
 
 }  // namespace cloam

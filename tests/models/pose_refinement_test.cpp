@@ -163,7 +163,7 @@ void check_pose_gradients(const std::string& which, const Settings& settings) {
     put(*method, grid->first, rows);
   }
   const Progress progress{1, 10, 7, {}};
-  for (const char* name : {"poses.turns", "poses.shifts", "intrinsics.log_focals"}) {
+  for (const char* name : {"poses.turns", "poses.shifts", "intrinsics.log_focals", "intrinsics.centres"}) {
     CAPTURE(name);
     const Tensor& parameter = method->parameters().at(name);
     const Step step = method->step(progress, {parameter});
@@ -187,9 +187,10 @@ void check_pose_gradients(const std::string& which, const Settings& settings) {
 
 }  // namespace
 
-TEST_CASE("nerf: the loss falls as the gradient in poses and focal lengths says") {
+TEST_CASE("nerf: the loss falls as the gradient in poses and lenses says") {
   check_pose_gradients("nerf", {{"poses.refine", "true"},
                                 {"intrinsics.refine", "true"},
+                                {"intrinsics.centres", "true"},
                                 {"field.kind", "frequency"},
                                 {"field.width", "16"},
                                 {"field.depth", "2"},
@@ -201,9 +202,10 @@ TEST_CASE("nerf: the loss falls as the gradient in poses and focal lengths says"
                                 {"background", "white"}});
 }
 
-TEST_CASE("zipnerf: the loss falls as the gradient in poses and focal lengths says") {
+TEST_CASE("zipnerf: the loss falls as the gradient in poses and lenses says") {
   check_pose_gradients("zipnerf", {{"poses.refine", "true"},
                                    {"intrinsics.refine", "true"},
+                                   {"intrinsics.centres", "true"},
                                    {"grid.levels", "1"},
                                    {"grid.log2_rows", "8"},
                                    {"weight.decay", "0"},
@@ -313,12 +315,15 @@ TEST_CASE("splat: poses come to where the photos show what the gaussians show") 
   CHECK(after.distance < 0.2 * before.distance);
 }
 
-TEST_CASE("a capture that was written is read with the same cameras, poses, splits and images") {
+TEST_CASE("a capture that was written is read with the same cameras, poses, splits, images and points") {
   const Folder folder;
-  const Scene scene = made_scene(folder, 12);
+  Scene scene = made_scene(folder, 12);
+  scene.cloud = {{0, 1.5f, -2, 0.25f, 3e-6f, 7}, {0, 128, 255, 3, 2, 1}};
   write_transforms(folder.path / "again", scene);
   const Scene again = read_scene(folder.path / "again");
   CHECK(again.hints.synthetic_bounds == scene.hints.synthetic_bounds);
+  CHECK(again.cloud.positions == scene.cloud.positions);
+  CHECK(again.cloud.colours == scene.cloud.colours);
   for (const Split split : {Split::train, Split::test}) {
     const std::vector<size_t> was = frames_of(scene, split), is = frames_of(again, split);
     REQUIRE(was.size() == is.size());

@@ -194,26 +194,32 @@ TEST_CASE(
   log_from_world.topRightCorner<3, 1>() = Vector3d(3, -1, 2);
   LogCameras cameras;
   Params parameters;
-  cameras.build({{.refine = true}, {.refine = true}}, log, log_from_world, parameters, "log0.");
+  cameras.build({{.refine = true}, {.refine = true, .centres = true}}, log, log_from_world, parameters, "log0.");
   // A shift brings a turn along that keeps in place what is 15 m away; shifts are in units of 5 m.
   const Vector3d turn(0.02, -0.03, 0.05), shift(0.04, 0.06, -0.05), along(shift.y() / 3, -shift.x() / 3, 0);
   const double factor = 1.1;
+  const Eigen::Vector2d centre(0.03, -0.04);
   const auto second_row = [&](const Vector3d& values) {
     return from_host(std::vector<float>{0, 0, 0, static_cast<float>(values.x()), static_cast<float>(values.y()),
                                         static_cast<float>(values.z())},
                      {2, 3});
   };
-  assign({{parameters.at("log0.poses.turns"), second_row(turn)},
-          {parameters.at("log0.poses.shifts"), second_row(shift)},
-          {parameters.at("log0.intrinsics.log_focals"),
-           from_host(std::vector<float>{0, static_cast<float>(std::log(factor))}, {2, 1})}});
+  assign(
+      {{parameters.at("log0.poses.turns"), second_row(turn)},
+       {parameters.at("log0.poses.shifts"), second_row(shift)},
+       {parameters.at("log0.intrinsics.log_focals"),
+        from_host(std::vector<float>{0, static_cast<float>(std::log(factor))}, {2, 1})},
+       {parameters.at("log0.intrinsics.centres"),
+        from_host(std::vector<float>{0, 0, static_cast<float>(centre.x()), static_cast<float>(centre.y())}, {2, 2})}});
   const Vector3d whole = turn + along;
   Eigen::Matrix4d move = Eigen::Matrix4d::Identity();
   move.topLeftCorner<3, 3>() =
       Eigen::AngleAxisd(2 * std::atan(whole.norm() / 2), whole.normalized()).toRotationMatrix();
   move.topRightCorner<3, 1>() = 5 * shift;
   CHECK((cameras.learned().poses()[1] - log.frames[2].world_from_camera * move).norm() < 1e-5);
-  CHECK(cameras.learned().focal_factors()[1] == doctest::Approx(factor));
+  const LensChange lens = cameras.learned().lens_changes()[1];
+  CHECK(lens.focal == doctest::Approx(factor));
+  CHECK((lens.centre - centre).norm() < 1e-6);
 
   // One ray from beside each camera, in its axes, and one of the LiDAR.
   const Vector3d place(0.1, -0.2, 0.3), way = Vector3d(0.4, -0.3, 1).normalized();
@@ -228,7 +234,9 @@ TEST_CASE(
   const RaysInStreet seen = cameras.moved(rays, {{1, 1}, {2, 1}});
   const std::vector<float> origins = seen.origins.to_host(), directions = seen.directions.to_host();
   const Eigen::Matrix4d learned = log_from_world * log.frames[2].world_from_camera * move;
-  const Vector3d narrow = Vector3d(way.x() / factor, way.y() / factor, way.z()).normalized();
+  const Vector3d narrow =
+      Vector3d((way.x() - centre.x() * way.z()) / factor, (way.y() - centre.y() * way.z()) / factor, way.z())
+          .normalized();
   CHECK((row_of(origins, 1) - (learned * place.homogeneous()).head<3>()).norm() < 1e-5);
   CHECK((row_of(directions, 1) - learned.topLeftCorner<3, 3>() * narrow).norm() < 1e-5);
   for (const size_t ray : {0, 2}) {
@@ -309,7 +317,7 @@ TEST_CASE("a log is written with learned poses of its photos, and read with them
   const Scene given = read_scene(folder.path / "given");
   const Scene learned = disturbed(given);
   RefinedLog refined;
-  refined.focals = {{"front_left_camera", 1.25}};
+  refined.lenses["front_left_camera"] = {1.25, {0.1, -0.05}};
   for (const Frame& frame : learned.frames)
     if (frame.step == 1 || frame.sensor == "front_camera") refined.poses[frame.name] = frame.world_from_camera;
   write_refined_log(folder.path / "refined", given, refined);
@@ -323,9 +331,12 @@ TEST_CASE("a log is written with learned poses of its photos, and read with them
     const auto camera_of = [&](const Scene& scene) {
       return scene.cameras[static_cast<size_t>(scene.frames[i].camera)];
     };
-    const double factor = again.frames[i].sensor == "front_left_camera" ? 1.25 : 1;
-    CHECK(camera_of(again).fx == doctest::Approx(factor * camera_of(given).fx));
-    CHECK(camera_of(again).fy == doctest::Approx(factor * camera_of(given).fy));
+    const Camera was = camera_of(given), is = camera_of(again);
+    const bool changed = again.frames[i].sensor == "front_left_camera";
+    CHECK(is.fx == doctest::Approx(changed ? 1.25 * was.fx : was.fx));
+    CHECK(is.fy == doctest::Approx(changed ? 1.25 * was.fy : was.fy));
+    CHECK(is.cx == doctest::Approx(changed ? was.cx + 0.1 * was.fx : was.cx));
+    CHECK(is.cy == doctest::Approx(changed ? was.cy - 0.05 * was.fy : was.cy));
   }
   CHECK((again.sweeps[1].world_from_lidar - given.sweeps[1].world_from_lidar).norm() < 1e-12);
 }
