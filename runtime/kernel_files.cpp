@@ -21,6 +21,7 @@ namespace fs = std::filesystem;
 
 constexpr char kStamp[] = "cloam-checked";  // its time is that of the last check
 constexpr time_t kSettled = 120;  // seconds after which a file is on the disk: before, a power cut may empty it
+constexpr time_t kLongest = 600;  // seconds that compiling for one size takes at most
 
 template <class Number>
 bool read_at(std::ifstream& file, uint64_t at, Number& out) {
@@ -89,11 +90,17 @@ std::vector<fs::path> folders_of_pocl(const fs::path& in, size_t least, size_t m
   return out;
 }
 
+/// A kernel's folder gets another one for each size before that is compiled: those that got none lately hold nothing
+/// that changed. Caches grow to thousands of kernels, and each start of a program looks.
 bool is_damaged(const fs::path& program, time_t since) {
   std::error_code error;
   for (fs::recursive_directory_iterator entry(program, error), end; !error && entry != end; entry.increment(error)) {
     const fs::path& path = entry->path();
     struct stat found {};
+    if (entry.depth() == 0 && entry->is_directory(error)) {
+      if (::stat(path.c_str(), &found) == 0 && found.st_mtime < since - kLongest) entry.disable_recursion_pending();
+      continue;
+    }
     const bool is_kernel = path.extension() == ".so" || path.filename() == "program.bc";
     if (!is_kernel || ::lstat(path.c_str(), &found) != 0 || !S_ISREG(found.st_mode) || found.st_ctime < since) continue;
     if (!is_whole(path, static_cast<uint64_t>(found.st_size))) return true;
