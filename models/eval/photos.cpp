@@ -6,6 +6,7 @@
 #include <set>
 
 #include "models/runs/captures.h"
+#include "models/train/refines_cameras.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -115,6 +116,23 @@ Photos other_photos(const RestoredRun& run, const EvalRequest& request, const Li
   return photos;
 }
 
+/// Photos are seen through the lenses that the run learned of their cameras; cameras with the same numbers are one.
+void take_learned_lenses(const RestoredRun& run, Photos& photos) {
+  const auto* refines = as<RefinesCameras>(*run.method);
+  if (!refines) return;
+  const std::vector<LensChange> changes = refines->lens_changes(photos.index);
+  const std::vector<Camera>& known = run.scenes.at(static_cast<std::size_t>(photos.index)).cameras;
+  const std::vector<Camera> given = photos.measured.cameras;  // some photos share one
+  for (const FramePixels& photo : photos.measured.frames) {
+    const Frame& frame = photos.scene.frames[photo.frame];
+    const auto found = std::ranges::find(known, photos.scene.cameras[static_cast<std::size_t>(frame.camera)]);
+    if (changes.empty() || found == known.end()) continue;
+    const auto place = static_cast<std::size_t>(photo.camera);
+    photos.measured.cameras[place] =
+        with_lens(given[place], changes.at(static_cast<std::size_t>(found - known.begin())));
+  }
+}
+
 }  // namespace
 
 std::string protocol_of(const RestoredRun& run, const EvalRequest& request) {
@@ -148,6 +166,7 @@ Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t
       request.other.empty() ? own_photos(run, request, index, listener) : other_photos(run, request, listener);
   if (request.other.empty()) photos.index = static_cast<int>(index);
   photos.options = options_of(run);
+  take_learned_lenses(run, photos);
   for (const std::string& warning : photos.measured.warnings) listener.warn(warning);
   return photos;
 }

@@ -46,6 +46,13 @@ TEST_CASE("lenses that a run learned are those of the capture") {
   CHECK(std::abs(100 * std::abs(learned.fx / given.fx - 1) - percent) < 1e-3);
   CHECK(std::abs(learned.fx / given.fx - learned.fy / given.fy) < 1e-6);
   CHECK(std::abs(std::hypot(learned.cx - given.cx, learned.cy - given.cy) - pixels) < 1e-3);
+  // The run's own held-out photos are measured through them, as those of the capture are.
+  const Outcome own = cloam_with({"eval", run.string(), "--json"}),
+                other = cloam_with({"eval", run.string(), "--data", capture.string(), "--json"});
+  REQUIRE_MESSAGE(own.code == 0, own.err);
+  REQUIRE_MESSAGE(other.code == 0, other.err);
+  CHECK(nlohmann::json::parse(own.out).at("psnr").get<double>() ==
+        doctest::Approx(nlohmann::json::parse(other.out).at("psnr").get<double>()));
 }
 
 TEST_CASE("learned poses and lenses of a log's photos are a log") {
