@@ -2,6 +2,7 @@
 #include "models/eval/photos.h"
 
 #include <algorithm>
+#include <map>
 #include <numeric>
 #include <set>
 
@@ -133,6 +134,20 @@ void take_learned_lenses(const RestoredRun& run, Photos& photos) {
   }
 }
 
+/// Training photos stand where the run learned that they were taken.
+void take_learned_poses(const RestoredRun& run, Photos& photos) {
+  const auto* refines = as<RefinesCameras>(*run.method);
+  if (!refines) return;
+  const Scene& trained = run.scenes.at(static_cast<std::size_t>(photos.index));
+  std::map<std::string, Eigen::Matrix4d> learned;
+  const std::vector<Eigen::Matrix4d> poses = refines->refined_poses(photos.index);
+  if (poses.empty()) return;
+  for (const std::size_t frame : frames_of(trained, Split::train))
+    learned[trained.frames[frame].name] = poses.at(learned.size());
+  for (Frame& frame : photos.scene.frames)
+    if (const auto found = learned.find(frame.name); found != learned.end()) frame.world_from_camera = found->second;
+}
+
 }  // namespace
 
 std::string protocol_of(const RestoredRun& run, const EvalRequest& request) {
@@ -164,7 +179,10 @@ void take_own_data(RestoredRun& run, EvalRequest& request, const Listener& liste
 Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t index, const Listener& listener) {
   Photos photos =
       request.other.empty() ? own_photos(run, request, index, listener) : other_photos(run, request, listener);
-  if (request.other.empty()) photos.index = static_cast<int>(index);
+  if (request.other.empty()) {
+    photos.index = static_cast<int>(index);
+    take_learned_poses(run, photos);
+  }
   photos.options = options_of(run);
   take_learned_lenses(run, photos);
   for (const std::string& warning : photos.measured.warnings) listener.warn(warning);

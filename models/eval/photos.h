@@ -44,8 +44,8 @@ void take_own_data(RestoredRun& run, EvalRequest& request, const Listener& liste
 
 /// The run's own photos: those that the protocol measures or that the run held out, else those it was trained on.
 /// With --data those of another folder in the same coordinates, of which it takes the test split, else all. The guesses
-/// are always made from the run's own training photos. Cameras have the lenses that the run learned of them. Tells what
-/// is odd as warnings.
+/// are always made from the run's own training photos. Cameras have the lenses, and the run's own photos
+/// the poses, that it learned. Tells what is odd as warnings.
 Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t index, const Listener& listener);
 
 }  // namespace cloam
