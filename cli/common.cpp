@@ -62,24 +62,35 @@ namespace {
 /// terminal a line is rewritten; elsewhere one says that it began and one, before the next news, that it is done.
 struct BuildNews {
   double seen = 0, compiling = 0;  // seconds of all builds so far; of those that the driver did not have
+  int64_t built = 0, kernels = 0;  // in all builds so far, in those
+  bool compiled = false;           // so was the last one
   double from = 1;                 // seconds of compiling that are news
   bool open = false;
 
   void tell(const DeviceStats& stats) {
     constexpr double kKept = 0.15;  // seconds: PoCL looks up in 0.03 what takes it half a second to compile
     const double took = stats.build_seconds - std::exchange(seen, stats.build_seconds);
-    if (took > kKept) compiling += took;
+    count_last(stats);
+    compiled = took > kKept;
+    if (compiled) compiling += took;
     if (compiling < from) return;
     if (isatty(STDERR_FILENO)) {
       std::fprintf(stderr, "\rcompiling kernels: %lld, kept for the next run \033[K\r",
-                   static_cast<long long>(stats.kernels_built));
+                   static_cast<long long>(kernels));
     } else if (!std::exchange(open, true)) {
       std::fprintf(stderr, "compiling kernels for this device (kept for the next run) ...\n");
     }
   }
+  /// The kernels of a build are counted after it was told.
+  void count_last(const DeviceStats& stats) {
+    const int64_t more = stats.kernels_built - std::exchange(built, stats.kernels_built);
+    if (compiled) kernels += more;
+  }
   void end() {
     if (!std::exchange(open, false)) return;
-    std::fprintf(stderr, "compiled %lld kernels in %s\n", static_cast<long long>(device_stats().kernels_built),
+    count_last(device_stats());
+    compiled = false;
+    std::fprintf(stderr, "compiled %lld kernels in %s\n", static_cast<long long>(kernels),
                  words_for_seconds(compiling).c_str());
     from = compiling + 1;
   }

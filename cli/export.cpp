@@ -293,7 +293,7 @@ Command add_export(CLI::App& program) {
         add("-o,--out", r.out, "Output file; a folder for turntables, all actors, a prior and a capture").required();
         add("--format", r.format,
             "Surfaces and actors: glb, obj or ply (mesh); actors: turntable (PNG and GIF); Gaussians: ply, splat, spz, "
-            "glb; anything: points (.ply); diffusion: prior; learned poses, focal lengths or boxes: capture (default: "
+            "glb; anything: points (.ply); diffusion: prior; learned poses, lenses or boxes: capture (default: "
             "by the file's name)",
             one_of({"glb", "obj", "ply", "turntable", "splat", "spz", kPoints, kPrior, kCapture}));
         add("--actor", r.actor, "Actor to export, [LOG:]ID (all)");

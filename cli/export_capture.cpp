@@ -52,7 +52,7 @@ Moved move_photos(Scene& scene, const std::map<std::string, Eigen::Matrix4d>& po
   return out;
 }
 
-/// In the mean over the lenses that changed.
+/// In the mean over all lenses; pixels of the photos as they are listed.
 struct ChangedLenses {
   double focal_percent = 0, centre_pixels = 0;
 };
@@ -174,10 +174,10 @@ int export_capture(const RestoredRun& run, const ExportRequest& request, const C
                                    run.scenes.size(), " logs, and one log is written\n  fix: train on that log alone"));
   if (moved_photos) return export_photos(run, photos, request, common);
   if (!photos.actors.empty()) return export_log(run, photos.actors, request, common);
-  throw Error(Fault::usage,
-              text("--format capture: ", request.run, " learned neither poses, lenses nor boxes\n  fix: cloam train ",
-                   run.record.method, " DATA --set poses.refine=true or intrinsics.refine=true",
-                   as<RefinesBoxes>(*run.method) ? " or actors.refine=true" : ""));
+  throw Error(Fault::usage, text("--format capture: ", request.run,
+                                 " learned neither poses, lenses nor boxes\n  fix: cloam train ", run.record.method,
+                                 " DATA --set poses.refine=true, intrinsics.refine=true or intrinsics.centres=true",
+                                 as<RefinesBoxes>(*run.method) ? " or actors.refine=true" : ""));
 }
 
 }  // namespace cloam

@@ -102,7 +102,13 @@ PreviewFrame preview_frame(const Captures& captures) {
   PreviewFrame preview{photo,
                        view_of(frame, photos.listed().cameras[static_cast<std::size_t>(photo.camera)],
                                any ? static_cast<int>(held_out - captures.begin()) : 0),
-                       frame.image, any};
+                       frame.image,
+                       any,
+                       frame.camera,
+                       0};
+  const std::vector<std::size_t> trained = frames_of(capture.scene, Split::train);
+  if (!any)
+    preview.place = static_cast<std::size_t>(std::ranges::find(trained, std::size_t{photo.frame}) - trained.begin());
   const double scale = static_cast<double>(kLargestPreview) / std::max(photo.width, photo.height);
   if (scale < 1) shrink(preview, scale);
   return preview;
@@ -128,9 +134,19 @@ double Previews::cost(double allowed) {
   return cost_ *= scale * scale;
 }
 
+View Previews::view_now() const {
+  View view = frame_.view;
+  if (!cameras_) return view;
+  const std::vector<LensChange> lenses = cameras_->lens_changes(view.scene);
+  if (!lenses.empty()) view.camera = with_lens(view.camera, lenses.at(static_cast<std::size_t>(frame_.camera)));
+  const std::vector<Eigen::Matrix4d> poses = cameras_->refined_poses(view.scene);
+  if (!frame_.held_out && !poses.empty()) view.world_from_camera = poses.at(frame_.place);
+  return view;
+}
+
 fs::path Previews::make(int64_t step) {
   const double begun = steady_seconds();
-  const Picture picture = method_.render(frame_.view);
+  const Picture picture = method_.render(view_now());
   const std::vector<float> truth = on_white(frame_.photo);
   const ImageScore score = score_image(picture.rgb, truth, frame_.photo);
   const int w = picture.width, h = picture.height;

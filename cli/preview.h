@@ -8,6 +8,8 @@
 #include "cli/progress.h"
 #include "models/runs/captures.h"
 #include "models/scene/view.h"
+#include "models/train/capability.h"
+#include "models/train/refines_cameras.h"
 #include "models/train/renders_views.h"
 
 namespace cloam {
@@ -45,13 +47,20 @@ struct PreviewFrame {
   View view;
   std::string name;
   bool held_out = false;
+  int camera = 0;         // among Scene::cameras
+  std::size_t place = 0;  // of a photo that was trained on, among those
 };
 PreviewFrame preview_frame(const Captures& captures);
 
 class Previews {
  public:
-  Previews(RendersViews& method, PreviewFrame frame, std::filesystem::path run, EventLog& log)
-      : method_(method), frame_(std::move(frame)), run_(std::move(run)), log_(log) {}
+  /// method: RendersViews.
+  Previews(Method& method, PreviewFrame frame, std::filesystem::path run, EventLog& log)
+      : method_(*as<RendersViews>(method)),
+        cameras_(as<RefinesCameras>(method)),
+        frame_(std::move(frame)),
+        run_(std::move(run)),
+        log_(log) {}
   /// RUN/preview/step_NNNNNN.png and its event; older ones are thinned out, so that no more than 100 stay. Changes
   /// nothing of the training. The file. Errors of the device and Fault::write.
   std::filesystem::path make(int64_t step);
@@ -62,9 +71,12 @@ class Previews {
 
  private:
   double probed_cost();
+  /// As what was learned of its camera until now shows it.
+  View view_now() const;
 
   double cost_ = 0;
   RendersViews& method_;
+  const RefinesCameras* cameras_;
   PreviewFrame frame_;
   std::filesystem::path run_;
   EventLog& log_;

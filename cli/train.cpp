@@ -195,8 +195,8 @@ int train_in_folder(TrainJob& job, Captures captures, const std::vector<DataNow>
   job.source.reset();  // loaded long since, and large
   const PreviewWish wish = request.pictures == "off" ? PreviewWish{true} : preview_wish(request.preview_every);
   std::optional<Previews> previews;
-  if (auto* renders = as<RendersViews>(*job.method); renders && !captures.empty() && !wish.off)
-    previews.emplace(*renders, preview_frame(captures), job.folder, log);
+  if (as<RendersViews>(*job.method) && !captures.empty() && !wish.off)
+    previews.emplace(*job.method, preview_frame(captures), job.folder, log);
   if (Scenes given = give_data_with_news(job, std::move(captures), view); !given.empty()) scenes = std::move(given);
   meet(ranks());  // the others have looked at the folder as it was
   const FolderLock lock(job.folder);

@@ -98,7 +98,7 @@ bool is_damaged(const fs::path& program, time_t since) {
     const fs::path& path = entry->path();
     struct stat found {};
     if (entry.depth() == 0 && entry->is_directory(error)) {
-      if (::stat(path.c_str(), &found) == 0 && found.st_mtime < since - kLongest) entry.disable_recursion_pending();
+      if (::stat(path.c_str(), &found) == 0 && found.st_ctime < since - kLongest) entry.disable_recursion_pending();
       continue;
     }
     const bool is_kernel = path.extension() == ".so" || path.filename() == "program.bc";

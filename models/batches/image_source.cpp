@@ -104,7 +104,7 @@ PixelBatch PixelSource::draw(int64_t count, const RandomKey& key, const Share& s
   out.used = seen.used;
   Tensor towards = seen.directions;
   const LearnedLenses lenses = lenses_of(learned.lenses, column(3));
-  if (!lenses.given()) towards = unit(directions_through(lenses, towards));
+  if (!lenses.as_given()) towards = unit(directions_through(lenses, towards));
   if (lenses.focals) out.widths = out.widths / reshape(stop_gradient(lenses.focals), out.widths.shape());
   out.rays = world_rays(towards, gather_rows(learned.poses ? learned.poses : poses_, frame), frame_, range_);
   if (depth_) {

@@ -163,16 +163,17 @@ void keep_image(TurnedLog& turned, const Photos& photos) {
 }
 
 /// One log with its actors turned by one angle, into the log's result.
-void measure_turned(Method& method, const Photos& photos, const TurnedLog& turned, Evaluator& evaluator,
+void measure_turned(const RestoredRun& run, const Photos& photos, const TurnedLog& turned, Evaluator& evaluator,
                     SceneResult& result) {
-  const Pixels pixels = load_images(turned.scene, Split::test, photos.options);
+  Pixels pixels = load_images(turned.scene, Split::test, photos.options);
+  take_learned_lenses(run, turned.scene, photos.index, pixels);
   const Baselines baselines(photos.train_scene, photos.train);
   const ActorMasks masks(turned.scene, turned.has_truth);
   std::vector<std::string> names = names_of(photos, turned.scene, pixels, true);
   for (std::string& name : names) name = text("rot", turned.degrees, "_", name);
   result.truth_masks += with_truth(masks, turned.scene, pixels);
   auto images =
-      evaluator.measure(method, {photos.index, turned.scene, pixels, baselines, &masks}, names, turned.has_truth);
+      evaluator.measure(*run.method, {photos.index, turned.scene, pixels, baselines, &masks}, names, turned.has_truth);
   for (ImageScore& image : images) image.degrees = turned.degrees;
   result.images.insert(result.images.end(), images.begin(), images.end());
 }
@@ -206,7 +207,7 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
         evaluator.listener.warn(
             photos.name + ": truth/ has no images of turned actors: renders are shown beside the original images");
       if (frames_of(turned.scene, Split::test).empty()) continue;
-      measure_turned(*run.method, photos, turned, evaluator, result.scenes[i]);
+      measure_turned(run, photos, turned, evaluator, result.scenes[i]);
     }
     if (degrees == 0) evaluator.as_recorded = evaluator.rendered.rows();
   }

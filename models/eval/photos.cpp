@@ -5,6 +5,7 @@
 #include <map>
 #include <numeric>
 #include <set>
+#include <utility>
 
 #include "models/runs/captures.h"
 #include "models/train/refines_cameras.h"
@@ -117,23 +118,6 @@ Photos other_photos(const RestoredRun& run, const EvalRequest& request, const Li
   return photos;
 }
 
-/// Photos are seen through the lenses that the run learned of their cameras; cameras with the same numbers are one.
-void take_learned_lenses(const RestoredRun& run, Photos& photos) {
-  const auto* refines = as<RefinesCameras>(*run.method);
-  if (!refines) return;
-  const std::vector<LensChange> changes = refines->lens_changes(photos.index);
-  const std::vector<Camera>& known = run.scenes.at(static_cast<std::size_t>(photos.index)).cameras;
-  const std::vector<Camera> given = photos.measured.cameras;  // some photos share one
-  for (const FramePixels& photo : photos.measured.frames) {
-    const Frame& frame = photos.scene.frames[photo.frame];
-    const auto found = std::ranges::find(known, photos.scene.cameras[static_cast<std::size_t>(frame.camera)]);
-    if (changes.empty() || found == known.end()) continue;
-    const auto place = static_cast<std::size_t>(photo.camera);
-    photos.measured.cameras[place] =
-        with_lens(given[place], changes.at(static_cast<std::size_t>(found - known.begin())));
-  }
-}
-
 /// Training photos stand where the run learned that they were taken.
 void take_learned_poses(const RestoredRun& run, Photos& photos) {
   const auto* refines = as<RefinesCameras>(*run.method);
@@ -176,6 +160,26 @@ void take_own_data(RestoredRun& run, EvalRequest& request, const Listener& liste
   }
 }
 
+std::size_t take_learned_lenses(const RestoredRun& run, const Scene& scene, int index, Pixels& photos) {
+  const auto* refines = as<RefinesCameras>(*run.method);
+  const std::vector<LensChange> changes = refines ? refines->lens_changes(index) : std::vector<LensChange>();
+  if (changes.empty()) return 0;
+  std::size_t unknown = 0;
+  const std::vector<Camera>& known = run.scenes.at(static_cast<std::size_t>(index)).cameras;
+  const std::vector<Camera> given = std::exchange(photos.cameras, {});
+  for (FramePixels& photo : photos.frames) {
+    Camera camera = given[static_cast<std::size_t>(photo.camera)];
+    const int listed = scene.frames[photo.frame].camera;
+    const auto found = std::ranges::find(known, scene.cameras[static_cast<std::size_t>(listed)]);
+    if (found == known.end())
+      ++unknown;
+    else
+      camera = with_lens(camera, changes.at(static_cast<std::size_t>(found - known.begin())));
+    photo.camera = find_or_add(photos.cameras, camera);
+  }
+  return unknown;
+}
+
 Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t index, const Listener& listener) {
   Photos photos =
       request.other.empty() ? own_photos(run, request, index, listener) : other_photos(run, request, listener);
@@ -184,7 +188,11 @@ Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t
     take_learned_poses(run, photos);
   }
   photos.options = options_of(run);
-  take_learned_lenses(run, photos);
+  if (const std::size_t unknown = take_learned_lenses(run, photos.scene, photos.index, photos.measured); unknown > 0)
+    listener.warn(text(photos.name, ": ", unknown, " of ", photos.measured.frames.size(),
+                       " images are of cameras with other numbers than the run's: they are seen through the lenses "
+                       "given, not through those that the run learned"));
+  take_learned_lenses(run, photos.train_scene, photos.index, photos.train);
   for (const std::string& warning : photos.measured.warnings) listener.warn(warning);
   return photos;
 }

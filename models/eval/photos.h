@@ -48,4 +48,8 @@ void take_own_data(RestoredRun& run, EvalRequest& request, const Listener& liste
 /// the poses, that it learned. Tells what is odd as warnings.
 Photos photos_of(const RestoredRun& run, const EvalRequest& request, std::size_t index, const Listener& listener);
 
+/// Photos of `scene` get the lenses that the run learned of their cameras. index: of the run's scene, whose cameras are
+/// known by their numbers; others stay as given. How many photos have such.
+std::size_t take_learned_lenses(const RestoredRun& run, const Scene& scene, int index, Pixels& photos);
+
 }  // namespace cloam

@@ -80,7 +80,7 @@ RaysInStreet LogCameras::moved(const RayList& rays, const std::vector<RaysOfPhot
     return concat({of, slice(all, 0, seen, count)}, 0);
   };
   Tensor towards = in_camera(own(given.directions));
-  if (!lenses.given()) {
+  if (!lenses.as_given()) {
     towards = directions_through(lenses_of(lenses, from_host(camera, {seen})), towards);
     towards = towards / sqrt(sum(square(towards), {{1}, true}));
   }

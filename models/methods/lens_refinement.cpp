@@ -1,7 +1,9 @@
 // See lens_refinement.h.
 #include "models/methods/lens_refinement.h"
 
+#include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "runtime/error.h"
 #include "runtime/ops.h"
@@ -14,20 +16,28 @@ constexpr char kGroup[] = "intrinsics.", kFocals[] = "intrinsics.log_focals", kC
 constexpr float kLensFinalRate = 0.01f;
 constexpr int kLensWarmUp = 200;  // steps
 
+/// Fault::usage where `cannot` holds of a camera. what: "a fisheye lens, of which ...".
+void refuse(const Scene& scene, const std::string& settings, const std::string& what,
+            const std::function<bool(const Camera&)>& cannot) {
+  const auto is_one = [&](const Frame& f) { return cannot(scene.cameras[static_cast<size_t>(f.camera)]); };
+  const auto first = std::ranges::find_if(scene.frames, is_one);
+  if (first == scene.frames.end()) return;
+  throw Error(Fault::usage, text("setting ", settings, ", of the camera of ", first->name, " (",
+                                 std::ranges::count_if(scene.cameras, cannot), " of ", scene.cameras.size(),
+                                 " cameras): ", what, "\n  fix: leave ", settings,
+                                 " out, or, of a capture, undistort the photos with `colmap image_undistorter`"));
+}
+
 void require_lenses(const LensSettings& settings, const Scene& scene) {
-  for (const Camera& camera : scene.cameras) {
-    if (camera.model == CameraModel::fisheye || camera.model == CameraModel::fov)
-      throw Error(
-          Fault::usage,
-          text("setting intrinsics.", settings.refine ? "refine" : "centres",
-               ": looked for pinholes and OpenCV lenses, found a fisheye or FOV lens, of which nothing is learned\n  "
-               "fix: leave it out, or, of a capture, undistort the photos with `colmap image_undistorter`"));
-    if (settings.centres && camera.model != CameraModel::pinhole)
-      throw Error(
-          Fault::usage,
-          "setting intrinsics.centres: looked for pinholes, found a lens with distortion, which would move with "
-          "its principal point\n  fix: leave it out, or undistort the photos with `colmap image_undistorter`");
-  }
+  const std::string both = settings.refine && settings.centres ? "intrinsics.refine and intrinsics.centres"
+                           : settings.refine                   ? "intrinsics.refine"
+                                                               : "intrinsics.centres";
+  refuse(scene, both, "looked for pinholes and OpenCV lenses, found a fisheye or FOV lens, of which nothing is learned",
+         [](const Camera& c) { return c.model == CameraModel::fisheye || c.model == CameraModel::fov; });
+  if (settings.centres)
+    refuse(scene, "intrinsics.centres",
+           "looked for pinholes, found a lens with distortion, which would move with its principal point",
+           [](const Camera& c) { return c.model != CameraModel::pinhole; });
 }
 
 }  // namespace

@@ -42,7 +42,7 @@ void require_room(const StreetStartOptions& start, size_t actors) {
 /// Directions [P,3] of a camera that moved, in the axes of where it was given.
 Tensor directions_in(const ViewMove& move, const Tensor& directions) {
   Tensor out = directions;
-  if (!move.lens.given()) out = directions_through(move.lens, out);
+  if (!move.lens.as_given()) out = directions_through(move.lens, out);
   if (move.turned_back) out = matmul(out, move.turned_back);
   return stop_gradient(out);
 }

@@ -8,7 +8,7 @@ namespace cloam {
 struct LearnedLenses {
   Tensor focals = {};   // [C,1]: focal lengths over those given
   Tensor centres = {};  // [C,2]: shifts of principal points, in focal lengths given
-  bool given() const { return !focals && !centres; }
+  bool as_given() const { return !focals && !centres; }
 };
 
 /// Of [R] things their lenses. camera: int32 [R], rows of `lenses`.

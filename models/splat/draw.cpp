@@ -46,7 +46,7 @@ MovedViews moved(const Tensor& views, const ViewMove& move) {
   Tensor across = slice(out.views, 1, 0, 2);
   if (move.lens.focals) across = across * move.lens.focals;
   if (move.lens.centres) across = across + reshape(move.lens.centres, {2, 1}) * ahead;
-  if (!move.lens.given()) out.views = concat({across, ahead}, 1);
+  if (!move.lens.as_given()) out.views = concat({across, ahead}, 1);
   return out;
 }
 

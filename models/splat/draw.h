@@ -26,7 +26,7 @@ struct ViewMove {
   Tensor turned_back;  // [3,3], of a turn in the camera's axes, its inverse
   Tensor shift;        // [3,1] in the camera's axes, scene units, before the turn; there is both or neither
   LearnedLenses lens;  // [1,1] and [1,2]
-  bool given() const { return !turned_back && lens.given(); }
+  bool as_given() const { return !turned_back && lens.as_given(); }
 };
 
 struct DrawOptions {

@@ -39,7 +39,7 @@ Projection projection_of(const ThingsModel& things, const Placements& at, const 
   const int64_t count = at.standings.poses.dim(0);
   const Tensor placed = place_things(at.standings, view);
   MovedViews seen{reshape(slice(placed, 1, 0, 12), {count, 3, 4}), slice(placed, 1, 12, 15)};
-  if (!options.move.given()) seen = moved(seen.views, options.move);
+  if (!options.move.as_given()) seen = moved(seen.views, options.move);
   Harmonics colours = harmonics;
   if (things.waves) colours.first = add_waves(colours.first, {things.waves, at.heights, things.owners});
   return {splat_project(cloud, seen.views, lens_of(camera, options), things.owners),

@@ -24,17 +24,16 @@ fs::path damaged_program(const fs::path& folder, char letter) {
 
 }  // namespace
 
-TEST_CASE("kernels that are cut off are removed once; after a check those alone that PoCL compiled since") {
+TEST_CASE("kernels that are cut off are removed once; after a check those alone that changed since") {
   const fs::path folder = fs::temp_directory_path() / ("cloam-kernel-files-" + std::to_string(::getpid()));
   const fs::path first = damaged_program(folder, 'A');
-  const auto long_ago = fs::file_time_type::clock::now() - std::chrono::hours(3);
-  fs::last_write_time(first / "scale", long_ago);
   CHECK(remove_damaged_kernels(folder) == 1);
   CHECK(!fs::exists(first));
-  const fs::path old = damaged_program(folder, 'B'), fresh = damaged_program(folder, 'C');
-  fs::last_write_time(old / "scale", long_ago);
-  CHECK(remove_damaged_kernels(folder) == 1);
-  CHECK(fs::exists(old));
-  CHECK(!fs::exists(fresh));
+  const fs::path second = damaged_program(folder, 'B');
+  fs::last_write_time(folder / "cloam-checked", fs::file_time_type::clock::now() + std::chrono::hours(1));
+  CHECK(remove_damaged_kernels(folder) == 0);
+  CHECK(fs::exists(second));
+  CHECK(remove_damaged_kernels(folder) == 1);  // the last check was noted for now
+  CHECK(!fs::exists(second));
   fs::remove_all(folder);
 }
