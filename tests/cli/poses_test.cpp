@@ -50,9 +50,10 @@ void check_measured_as(const fs::path& capture, const fs::path& run) {
 
 TEST_CASE("lenses that a run learned are those of the capture") {
   const fs::path run = scratch() / "focals", capture = scratch() / "focals-capture";
-  const Outcome trained = cloam_with(small_training(small_scene(), run,
-                                                    {"--steps", "20", "--set", "intrinsics.refine=true", "--set",
-                                                     "intrinsics.centres=true", "--set", "intrinsics.rate=0.1"}));
+  const Outcome trained =
+      cloam_with(small_training(small_scene(), run,
+                                {"--steps", "20", "--set", "intrinsics.refine=true", "--set", "intrinsics.centres=true",
+                                 "--set", "intrinsics.rate=0.1", "--preview-every", "20"}));
   REQUIRE_MESSAGE(trained.code == 0, trained.err);
   const Outcome written = cloam_with({"export", run.string(), "--format", "capture", "-o", capture.string(), "--json"});
   REQUIRE_MESSAGE(written.code == 0, written.err);
@@ -66,6 +67,13 @@ TEST_CASE("lenses that a run learned are those of the capture") {
   CHECK(std::abs(learned.fx / given.fx - learned.fy / given.fy) < 1e-6);
   CHECK(std::abs(std::hypot(learned.cx - given.cx, learned.cy - given.cy) - pixels) < 1e-3);
   check_measured_as(capture, run);
+  // So is the preview of the last step.
+  const std::string events = content_of(run / "metrics.jsonl");
+  const std::size_t from = events.rfind('\n', events.rfind("\"event\":\"eval\"")) + 1;
+  const auto preview = nlohmann::json::parse(events.substr(from, events.find('\n', from) - from));
+  CHECK(preview.at("step") == 20);
+  const auto first = nlohmann::json::parse(content_of(run / "eval/eval.json")).at("per_image").at(0);
+  CHECK(preview.at("psnr").get<double>() == doctest::Approx(first.at("psnr").get<double>()));
 }
 
 TEST_CASE("learned poses and lenses of a log's photos are a log") {
