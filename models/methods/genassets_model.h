@@ -40,7 +40,7 @@ struct StreetModelOptions {
   int background_side = 256;                     // texels
   float near = 0.1f;                             // metres around a LiDAR's return where matter belongs
   BoxSettings boxes;
-  CameraSettings cameras{.poses = kPosesOfLogs};
+  CameraSettings cameras;  // poses at the rate of captures: patches say little, and faster ones wander
 };
 
 /// An actor of a log; or, with the number of logs, a generated asset.

@@ -25,7 +25,7 @@ struct PoseSettings {
   int warm_up = 200;                       // steps: at first a scene says nothing about poses
 };
 
-/// Of methods of streets, whose steps see a few of hundreds of photos.
+/// Of neurad and street-gaussians, whose steps see a few of hundreds of photos.
 constexpr PoseSettings kPosesOfLogs = {.rate = 1e-2f};
 void bind_poses(Config& config, PoseSettings& settings);
 
