@@ -27,9 +27,9 @@ Scene scene_as_listed(const RestoredRun& run, const std::string& folder) {
 
 /// What a run learned of its photos.
 struct LearnedPhotos {
-  std::vector<Eigen::Matrix4d> poses;  // of the training photos; empty: as given
-  std::vector<LensChange> lenses;      // of Scene::cameras; empty: as given
-  std::vector<Actor> actors;           // of a log, where its boxes were learned; else empty
+  std::map<std::string, Eigen::Matrix4d> poses;  // of the training photos by name; empty: as given
+  std::vector<LensChange> lenses;                // of Scene::cameras; empty: as given
+  std::vector<Actor> actors;                     // of a log, where its boxes were learned; else empty
 };
 
 /// Of the photos that were moved, how far in the mean.
@@ -99,10 +99,7 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
                   const Common& common) {
   const Scene& learned = run.scenes.front();
   const Scene listed = scene_as_listed(run, request.run);
-  RefinedLog refined{photos.actors, {}, {}};
-  if (!photos.poses.empty())
-    for (const std::size_t frame : frames_of(learned, Split::train))
-      refined.poses[learned.frames[frame].name] = photos.poses.at(refined.poses.size());
+  RefinedLog refined{photos.actors, photos.poses, {}};
   Scene scene = listed;
   const Moved moved = move_photos(scene, refined.poses);
   const ChangedLenses lenses = change_lenses(scene, photos.lenses);
@@ -164,7 +161,7 @@ int export_capture(const RestoredRun& run, const ExportRequest& request, const C
     throw Error(Fault::usage, "--out: " + problem);
   LearnedPhotos photos;
   if (const auto* refines = as<RefinesCameras>(*run.method)) {
-    photos.poses = refines->refined_poses(0);
+    photos.poses = poses_by_name(*refines, run.scenes.front(), 0);
     photos.lenses = refines->lens_changes(0);
   }
   if (const auto* refines = as<RefinesBoxes>(*run.method)) photos.actors = refines->refined_actors(0);

@@ -2,7 +2,6 @@
 #include "models/eval/photos.h"
 
 #include <algorithm>
-#include <map>
 #include <numeric>
 #include <set>
 #include <utility>
@@ -122,12 +121,7 @@ Photos other_photos(const RestoredRun& run, const EvalRequest& request, const Li
 void take_learned_poses(const RestoredRun& run, Photos& photos) {
   const auto* refines = as<RefinesCameras>(*run.method);
   if (!refines) return;
-  const Scene& trained = run.scenes.at(static_cast<std::size_t>(photos.index));
-  std::map<std::string, Eigen::Matrix4d> learned;
-  const std::vector<Eigen::Matrix4d> poses = refines->refined_poses(photos.index);
-  if (poses.empty()) return;
-  for (const std::size_t frame : frames_of(trained, Split::train))
-    learned[trained.frames[frame].name] = poses.at(learned.size());
+  const auto learned = poses_by_name(*refines, run.scenes.at(static_cast<std::size_t>(photos.index)), photos.index);
   for (Frame& frame : photos.scene.frames)
     if (const auto found = learned.find(frame.name); found != learned.end()) frame.world_from_camera = found->second;
 }

@@ -1,9 +1,12 @@
 // Capability: where its photos were taken and the lenses of its cameras change while it learns.
 #pragma once
 #include <Eigen/Core>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "models/scene/camera.h"
+#include "models/scene/scene.h"
 
 namespace cloam {
 
@@ -17,5 +20,8 @@ class RefinesCameras {
   /// them as they are.
   virtual std::vector<LensChange> lens_changes(int scene) const = 0;
 };
+
+/// The refined poses by Frame::name. trained: that scene, as the method was built of it.
+std::map<std::string, Eigen::Matrix4d> poses_by_name(const RefinesCameras& method, const Scene& trained, int scene);
 
 }  // namespace cloam
