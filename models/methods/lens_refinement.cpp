@@ -16,27 +16,31 @@ constexpr char kGroup[] = "intrinsics.", kFocals[] = "intrinsics.log_focals", kC
 constexpr float kLensFinalRate = 0.01f;
 constexpr int kLensWarmUp = 200;  // steps
 
-/// Fault::usage where `cannot` holds of a camera. what: "a fisheye lens, of which ...".
-void refuse(const Scene& scene, const std::string& settings, const std::string& what,
-            const std::function<bool(const Camera&)>& cannot) {
-  const auto is_one = [&](const Frame& f) { return cannot(scene.cameras[static_cast<size_t>(f.camera)]); };
-  const auto first = std::ranges::find_if(scene.frames, is_one);
+/// Why some lenses cannot be learned.
+struct Refusal {
+  const char *settings, *wanted, *found, *reason;
+};
+
+/// Fault::usage where `is_refused` holds of a camera of some photo.
+void refuse(const Scene& scene, const Refusal& why, const std::function<bool(const Camera&)>& is_refused) {
+  const auto first = std::ranges::find_if(
+      scene.frames, [&](const Frame& f) { return is_refused(scene.cameras[static_cast<size_t>(f.camera)]); });
   if (first == scene.frames.end()) return;
-  throw Error(Fault::usage, text("setting ", settings, ", of the camera of ", first->name, " (",
-                                 std::ranges::count_if(scene.cameras, cannot), " of ", scene.cameras.size(),
-                                 " cameras): ", what, "\n  fix: leave ", settings,
+  throw Error(Fault::usage, text("setting ", why.settings, ": looked for ", why.wanted, ", found ", why.found, " (",
+                                 first->name, "; ", std::ranges::count_if(scene.cameras, is_refused), " of ",
+                                 scene.cameras.size(), " cameras), ", why.reason, "\n  fix: leave ", why.settings,
                                  " out, or, of a capture, undistort the photos with `colmap image_undistorter`"));
 }
 
 void require_lenses(const LensSettings& settings, const Scene& scene) {
-  const std::string both = settings.refine && settings.centres ? "intrinsics.refine and intrinsics.centres"
-                           : settings.refine                   ? "intrinsics.refine"
-                                                               : "intrinsics.centres";
-  refuse(scene, both, "looked for pinholes and OpenCV lenses, found a fisheye or FOV lens, of which nothing is learned",
+  refuse(scene,
+         {"intrinsics.refine or intrinsics.centres", "pinholes and OpenCV lenses", "a fisheye or FOV lens",
+          "which no method learns"},
          [](const Camera& c) { return c.model == CameraModel::fisheye || c.model == CameraModel::fov; });
   if (settings.centres)
-    refuse(scene, "intrinsics.centres",
-           "looked for pinholes, found a lens with distortion, which would move with its principal point",
+    refuse(scene,
+           {"intrinsics.centres", "pinholes", "a lens with distortion",
+            "whose distortion would move with the principal point"},
            [](const Camera& c) { return c.model != CameraModel::pinhole; });
 }
 
@@ -81,10 +85,7 @@ LearnedLenses LensRefinement::lenses() const {
 }
 
 LearnedLenses LensRefinement::lens(int camera) const {
-  LearnedLenses out = lenses();
-  for (Tensor* of : {&out.focals, &out.centres})
-    if (*of) *of = slice(*of, 0, camera, int64_t{camera} + 1);
-  return out;
+  return on() ? lenses_of(lenses(), from_host(std::vector<int32_t>{camera}, {1})) : LearnedLenses();
 }
 
 std::vector<Figure> LensRefinement::figures() const {

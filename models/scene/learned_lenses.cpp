@@ -18,4 +18,12 @@ Tensor directions_through(const LearnedLenses& lenses, const Tensor& directions)
   return concat({across, ahead}, 1);
 }
 
+Tensor views_through(const LearnedLenses& lens, const Tensor& views) {
+  Tensor across = slice(views, 1, 0, 2);
+  const Tensor ahead = slice(views, 1, 2, 3);
+  if (lens.focals) across = across * lens.focals;
+  if (lens.centres) across = across + reshape(lens.centres, {2, 1}) * ahead;
+  return concat({across, ahead}, 1);
+}
+
 }  // namespace cloam

@@ -17,4 +17,8 @@ LearnedLenses lenses_of(const LearnedLenses& lenses, const Tensor& camera);
 /// Where [R,3] directions in camera axes, of lenses as given, point through those learned: one, or one for each.
 Tensor directions_through(const LearnedLenses& lenses, const Tensor& directions);
 
+/// Its inverse: [N,3,4] rows of camera_from_thing, so that a camera of the lens as given shows what one of the learned
+/// lens does.
+Tensor views_through(const LearnedLenses& lens, const Tensor& views);
+
 }  // namespace cloam

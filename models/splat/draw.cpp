@@ -42,11 +42,7 @@ MovedViews moved(const Tensor& views, const ViewMove& move) {
     out.views = permute(reshape(matmul(move.turned_back, side_by_side), {3, count, 4}), {1, 0, 2});
   }
   out.eyes = -sum(slice(out.views, 2, 0, 3) * slice(out.views, 2, 3, 4), {{1}});  // -R' t
-  const Tensor ahead = slice(out.views, 1, 2, 3);
-  Tensor across = slice(out.views, 1, 0, 2);
-  if (move.lens.focals) across = across * move.lens.focals;
-  if (move.lens.centres) across = across + reshape(move.lens.centres, {2, 1}) * ahead;
-  if (!move.lens.as_given()) out.views = concat({across, ahead}, 1);
+  if (!move.lens.as_given()) out.views = views_through(move.lens, out.views);
   return out;
 }
 
