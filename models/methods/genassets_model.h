@@ -40,7 +40,7 @@ struct StreetModelOptions {
   int background_side = 256;                     // texels
   float near = 0.1f;                             // metres around a LiDAR's return where matter belongs
   BoxSettings boxes;
-  CameraSettings cameras;  // poses at the rate of captures: patches say little, and faster ones wander
+  CameraSettings cameras;  // poses at the rate of captures: at that of kPosesOfLogs they drift away
 };
 
 /// An actor of a log; or, with the number of logs, a generated asset.
