@@ -10,10 +10,12 @@
 #include <numbers>
 
 #include "cli/export.h"
+#include "cli/stop_signal.h"
 #include "models/data/refined_log.h"
 #include "models/data/write_transforms.h"
 #include "models/methods/registry.h"
 #include "models/runs/captures.h"
+#include "models/runs/recorded_log.h"
 #include "models/street/refines_boxes.h"
 #include "models/train/refines_cameras.h"
 #include "runtime/error.h"
@@ -21,8 +23,11 @@
 namespace cloam {
 namespace {
 
+/// All of it, also what the run did not learn from: test photos, and boxes of what is no actor.
 Scene scene_as_listed(const RestoredRun& run, const std::string& folder) {
-  return read_scene_as_listed(find_data(folder, run.record.data.front()), reading_for(run.record, false, false));
+  Reading how = reading_for(run.record, false, false);
+  how.actors = ActorChoice::all;
+  return read_scene_as_listed(find_data(folder, run.record.data.front()), how);
 }
 
 /// What a run learned of its photos.
@@ -94,7 +99,25 @@ MovedBoxes moved_boxes(const std::vector<Actor>& learned, const std::vector<Acto
           fmt::format("{} refined boxes, {:.3f} m (median) from where they were given", shifts.size(), median)};
 }
 
-/// The photos of a run that learned their poses or lenses, as a log if that can hold them, else as a capture.
+void move_boxes(Scene& log, const std::vector<Actor>& learned) {
+  for (const Actor& from : learned)
+    for (Actor& to : log.actors)
+      if (to.id == from.id)
+        for (ActorBox& box : to.boxes)
+          if (const ActorBox* other = box_at_step(from, box.step)) box.world_from_box = other->world_from_box;
+}
+
+/// The log with what was learned of it: its own files where they have room for that, else in PandaSet's layout.
+/// moved: `listed` with the cameras that were learned.
+void write_log(const RestoredRun& run, const Scene& listed, Scene moved, const RefinedLog& refined,
+               const ExportRequest& request, const Common& common) {
+  if (has_room_for(refined, listed)) return write_refined_log(request.out, listed, refined);
+  move_boxes(moved, refined.actors);
+  const StopOnSignal signals("finishing this photo or sweep");
+  write_recorded_log(request.out, moved, run.record.reading.skip_bad, listener_of(common));
+}
+
+/// The photos of a run that learned their poses or lenses: a log as a log, others as a capture.
 int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const ExportRequest& request,
                   const Common& common) {
   const Scene& learned = run.scenes.front();
@@ -106,13 +129,12 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
   if (!photos.lenses.empty())
     for (const Frame& frame : learned.frames)
       refined.lenses[frame.sensor] = photos.lenses.at(static_cast<std::size_t>(frame.camera));
-  const bool as_log = can_hold_cameras(listed);
-  if (as_log)
-    write_refined_log(request.out, listed, refined);
+  if (listed.is_log)
+    write_log(run, listed, scene, refined, request, common);
   else
     write_transforms(request.out, scene);
   const MovedBoxes boxes = moved_boxes(photos.actors, learned.actors);
-  const bool with_boxes = as_log && !photos.actors.empty();
+  const bool with_boxes = !photos.actors.empty();
   if (common.json) {
     nlohmann::json told = {{"schema_version", 1},
                            {"path", request.out},
@@ -135,7 +157,6 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
   if (lenses.centre_pixels > 0)
     words += fmt::format("; principal points {:.2f} pixels from those given", lenses.centre_pixels);
   if (with_boxes) words += "; " + boxes.words;
-  if (listed.is_log && !as_log) words += "; photos alone, without the log's LiDAR and boxes";
   say(common, words);
   return 0;
 }
@@ -144,7 +165,8 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
 int export_log(const RestoredRun& run, const std::vector<Actor>& actors, const ExportRequest& request,
                const Common& common) {
   const MovedBoxes boxes = moved_boxes(actors, run.scenes.front().actors);
-  write_refined_log(request.out, scene_as_listed(run, request.run), {actors, {}, {}});
+  const Scene listed = scene_as_listed(run, request.run);
+  write_log(run, listed, listed, {actors, {}, {}}, request, common);
   if (common.json)
     put_json({{"schema_version", 1},
               {"path", request.out},

@@ -104,14 +104,13 @@ std::vector<fs::path> files_below(const fs::path& root) {
 
 }  // namespace
 
-bool can_hold_cameras(const Scene& log) {
-  return log.format == "PandaSet" && !log.recording.front_from_lidar && log.recording.image_stamp == 0;
+bool has_room_for(const RefinedLog& refined, const Scene& log) {
+  const bool cameras_stay = refined.poses.empty() && refined.lenses.empty();
+  const bool cameras_alone = !log.recording.front_from_lidar && log.recording.image_stamp == 0;
+  return log.format == "PandaSet" && (cameras_stay || cameras_alone);
 }
 
 void write_refined_log(const fs::path& folder, const Scene& log, const RefinedLog& refined) {
-  if (log.format != "PandaSet")
-    throw Error(Fault::usage, text("boxes and cameras of a log in the layout of ", log.format,
-                                   " cannot be written, only those of PandaSet's layout"));
   const BoxesOfSteps boxes = boxes_of_steps(refined.actors);
   const MovesOfSteps moves = moves_of(log, refined.poses);
   for (const fs::path& name : files_below(log.root)) {

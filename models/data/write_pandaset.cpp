@@ -13,6 +13,7 @@
 #include "models/data/recording_file.h"
 #include "models/io/commit.h"
 #include "models/io/json.h"
+#include "models/scene/split.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -128,7 +129,48 @@ void write_meta(const fs::path& root, const Scene& log, const std::map<int, doub
   if (log.recording != Recording{}) write_json(root / kRecordingFile, to_json(log.recording));
 }
 
+/// PandaSet's name by a camera's own: the one that looks ahead is front_camera.
+std::map<std::string, std::string> pandaset_names(const Scene& log) {
+  std::vector<std::string> sensors = {front_sensor(log)},
+                           free(std::begin(kPandasetCameras), std::end(kPandasetCameras));
+  for (const Frame& frame : log.frames) {
+    if (std::find(sensors.begin(), sensors.end(), frame.sensor) == sensors.end()) sensors.push_back(frame.sensor);
+  }
+  std::map<std::string, std::string> names;
+  for (const std::string& sensor : sensors) {
+    if (std::erase(free, sensor) > 0) names[sensor] = sensor;
+  }
+  for (const std::string& sensor : sensors) {
+    if (names.contains(sensor)) continue;
+    if (free.empty()) {
+      throw Error(Fault::usage,
+                  text("PandaSet's layout has six cameras, the log has ", sensors.size(),
+                       "\n  fix: leave some out (simulate: --cameras; else a copy of the log without them)"));
+    }
+    names[sensor] = free.front();
+    free.erase(free.begin());
+  }
+  return names;
+}
+
 }  // namespace
+
+PandasetLog as_pandaset(const Scene& log, const std::vector<Camera>& pinholes) {
+  const std::map<std::string, std::string> names = pandaset_names(log);
+  PandasetLog out{log, {}};
+  out.scene.cameras.clear();
+  for (Frame& frame : out.scene.frames) {
+    frame.camera = find_or_add(out.scene.cameras, pinholes.at(static_cast<std::size_t>(frame.camera)));
+    frame.sensor = names.at(frame.sensor);
+  }
+  Recording& recording = out.scene.recording;
+  recording.sweep_stamp = recording.image_stamp = 0;
+  recording.lidar_poses_wrong = false;
+  recording.poses_replaced = 0;
+  for (const auto& [sensor, name] : names)
+    if (sensor != name) out.renamed[sensor] = name;
+  return out;
+}
 
 void write_pandaset_image(const fs::path& root, const Scene& log, const Frame& frame, const Image& image) {
   const fs::path folder = root / "camera" / frame.sensor;

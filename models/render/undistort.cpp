@@ -12,6 +12,7 @@ namespace {
 
 constexpr double kMaxPixels = 4;      // times those of the lens
 constexpr double kSamePlace = 0.01;   // pixels: a lens polynomial that folds back leads elsewhere
+constexpr double kShareStep = 1e-5;   // of a rectangle that is looked for
 constexpr double kMinForward = 1e-6;  // of a direction of length 1
 
 /// Tangents of the angles that are seen, right and down.
@@ -27,6 +28,7 @@ struct Extent {
     top = std::min(top, cut * y);
     bottom = std::max(bottom, cut * y);
   }
+  Extent times(double share) const { return {share * left, share * right, share * top, share * bottom}; }
 };
 
 bool looks_ahead(const Camera& camera, const Eigen::Vector3d& direction) {
@@ -78,6 +80,44 @@ Extent extent_of(const Camera& lens) {
 /// Pixels a unit of tangent at the lens's middle.
 double scale_at_middle(const Camera& lens) {
   return lens.model == CameraModel::fov ? 2 * std::tan(lens.k[0] / 2) / lens.k[0] : 1;
+}
+
+/// Whether the lens sees all of the rectangle's rim, and so its inside: what a lens sees has no holes.
+bool sees_rim(const Camera& lens, const Extent& extent) {
+  constexpr int kPlaces = 64;  // of a side
+  const auto is_seen = [&](double x, double y) { return place_of(lens, {x, y, 1}).has_value(); };
+  for (int i = 0; i <= kPlaces; ++i) {
+    const double x = std::lerp(extent.left, extent.right, double(i) / kPlaces),
+                 y = std::lerp(extent.top, extent.bottom, double(i) / kPlaces);
+    if (!is_seen(x, extent.top) || !is_seen(x, extent.bottom) || !is_seen(extent.left, y) || !is_seen(extent.right, y))
+      return false;
+  }
+  return true;
+}
+
+/// Its image is the rectangle, as fine as the lens at its middle or as kMaxPixels allows; `whole` rounds its sides.
+template <class Whole>
+Camera pinhole_of(const Camera& lens, const Extent& extent, const Whole& whole) {
+  Camera pinhole;
+  pinhole.fx = lens.fx * scale_at_middle(lens);
+  pinhole.fy = lens.fy * scale_at_middle(lens);
+  const double across = extent.right - extent.left, down = extent.bottom - extent.top;
+  if (!(across > 0 && down > 0)) {  // no inverse anywhere: nothing that could be covered
+    pinhole.width = lens.width;
+    pinhole.height = lens.height;
+    pinhole.cx = lens.cx;
+    pinhole.cy = lens.cy;
+    return pinhole;
+  }
+  const double wanted = pinhole.fx * across * pinhole.fy * down;
+  const double shrink = std::min(1.0, std::sqrt(kMaxPixels * lens.width * lens.height / wanted));
+  pinhole.fx *= shrink;
+  pinhole.fy *= shrink;
+  pinhole.width = std::max(1, static_cast<int>(whole(pinhole.fx * across)));
+  pinhole.height = std::max(1, static_cast<int>(whole(pinhole.fy * down)));
+  pinhole.cx = -pinhole.fx * extent.left;
+  pinhole.cy = -pinhole.fy * extent.top;
+  return pinhole;
 }
 
 /// The four pixels around a place and their weights; at the rim a pixel stands for those that are missing.
@@ -173,26 +213,18 @@ std::vector<int> nearest_actors(const Picture& picture, const PixelMap& map) {
 Camera pinhole_around(const Camera& lens) {
   if (lens.model == CameraModel::pinhole) return lens;
   const Extent extent = extent_of(lens);
-  Camera pinhole;
-  pinhole.fx = lens.fx * scale_at_middle(lens);
-  pinhole.fy = lens.fy * scale_at_middle(lens);
-  const double across = extent.right - extent.left, down = extent.bottom - extent.top;
-  if (!(across > 0 && down > 0)) {  // no inverse anywhere: nothing that could be covered
-    pinhole.width = lens.width;
-    pinhole.height = lens.height;
-    pinhole.cx = lens.cx;
-    pinhole.cy = lens.cy;
-    return pinhole;
+  return pinhole_of(lens, extent, [](double pixels) { return std::ceil(pixels - kSamePlace); });
+}
+
+Camera pinhole_within(const Camera& lens) {
+  if (lens.model == CameraModel::pinhole) return lens;
+  const Extent around = extent_of(lens);
+  double seen = 0, unseen = 1;  // shares of `around`
+  while (unseen - seen > kShareStep) {
+    const double share = (seen + unseen) / 2;
+    (sees_rim(lens, around.times(share)) ? seen : unseen) = share;
   }
-  const double wanted = pinhole.fx * across * pinhole.fy * down;
-  const double shrink = std::min(1.0, std::sqrt(kMaxPixels * lens.width * lens.height / wanted));
-  pinhole.fx *= shrink;
-  pinhole.fy *= shrink;
-  pinhole.width = std::max(1, static_cast<int>(std::ceil(pinhole.fx * across - kSamePlace)));
-  pinhole.height = std::max(1, static_cast<int>(std::ceil(pinhole.fy * down - kSamePlace)));
-  pinhole.cx = -pinhole.fx * extent.left;
-  pinhole.cy = -pinhole.fy * extent.top;
-  return pinhole;
+  return pinhole_of(lens, around.times(seen), [](double pixels) { return std::floor(pixels); });
 }
 
 PixelMap pixel_map(const Camera& to, const Camera& from) {

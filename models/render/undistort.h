@@ -13,6 +13,10 @@ constexpr double kWidestPinhole = 70 * 3.14159265358979323846 / 180;
 /// where that would take more than four times the lens's pixels. A pinhole is itself.
 Camera pinhole_around(const Camera& lens);
 
+/// A pinhole whose whole image the lens sees, as large as that allows about the axis; else as pinhole_around. A pinhole
+/// is itself.
+Camera pinhole_within(const Camera& lens);
+
 /// Where one camera sees what the pixels of another show, both from one place.
 struct PixelMap {
   int width = 0, height = 0;

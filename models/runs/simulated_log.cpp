@@ -2,14 +2,13 @@
 #include "models/runs/simulated_log.h"
 
 #include <algorithm>
-#include <map>
 
 #include "models/batches/log_source.h"
 #include "models/data/load_sweep.h"
-#include "models/data/pandaset.h"
 #include "models/data/write_pandaset.h"
 #include "models/io/words.h"
 #include "models/runs/actor_names.h"
+#include "models/runs/recorded_log.h"
 #include "models/scene/split.h"
 #include "models/street/refines_boxes.h"
 #include "models/train/renders_views.h"
@@ -17,29 +16,6 @@
 
 namespace cloam {
 namespace {
-
-/// Cameras of other sources get names that PandaSet has: the one that looks ahead is front_camera.
-std::map<std::string, std::string> pandaset_names(const Scene& log) {
-  std::vector<std::string> sensors = {front_sensor(log)},
-                           free(std::begin(kPandasetCameras), std::end(kPandasetCameras));
-  for (const Frame& frame : log.frames) {
-    if (std::find(sensors.begin(), sensors.end(), frame.sensor) == sensors.end()) sensors.push_back(frame.sensor);
-  }
-  std::map<std::string, std::string> names;
-  for (const std::string& sensor : sensors) {
-    if (std::erase(free, sensor) > 0) names[sensor] = sensor;
-  }
-  for (const std::string& sensor : sensors) {
-    if (names.contains(sensor)) continue;
-    if (free.empty()) {
-      throw Error(Fault::usage,
-                  text("PandaSet's layout has six cameras, the log has ", sensors.size(), "; choose with --cameras"));
-    }
-    names[sensor] = free.front();
-    free.erase(free.begin());
-  }
-  return names;
-}
 
 void keep_cameras(Scene& log, std::vector<std::string> wanted) {
   if (wanted.empty()) return;
@@ -75,23 +51,13 @@ Scene output_log(const RestoredRun& run, const SimulatedLog& wish, const Listene
   if (const auto* refines = as<RefinesBoxes>(*run.method))
     if (auto learned = refines->refined_actors(wish.number); !learned.empty()) log.actors = std::move(learned);
   for (Actor& actor : log.actors) actor.label = seen_label(run, {wish.number, actor.id});
-  // Its times and poses are those of the middles of sweeps and images already.
-  log.recording.sweep_stamp = log.recording.image_stamp = 0;
-  log.recording.lidar_poses_wrong = false;
-  log.recording.poses_replaced = 0;
   keep_cameras(log, wish.cameras);
-  const auto names = pandaset_names(log);
-  const std::vector<Camera> cameras = log.cameras;
-  log.cameras.clear();
-  for (Frame& frame : log.frames) {
-    const Camera& camera = cameras[static_cast<std::size_t>(frame.camera)];
-    frame.camera = find_or_add(log.cameras, output_camera(camera, wish.size, run.record.reading.downscale));
-    frame.sensor = names.at(frame.sensor);
-  }
-  for (const auto& [sensor, name] : names) {
-    if (sensor != name) listener.say(text("the camera ", sensor, " is written as ", name));
-  }
-  return log;
+  std::vector<Camera> cameras;
+  for (const Camera& camera : log.cameras)
+    cameras.push_back(output_camera(camera, wish.size, run.record.reading.downscale));
+  const PandasetLog out = as_pandaset(log, cameras);
+  tell_renamed(out, listener);
+  return out.scene;
 }
 
 LogCount& LogCount::operator+=(const LogCount& more) {

@@ -16,6 +16,7 @@
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
 #include "models/io/image.h"
+#include "models/runs/recorded_log.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
 #include "tests/models/errors.h"
@@ -190,6 +191,30 @@ TEST_CASE("KITTI: images, scans and boxes lie where KITTI's formulas put them") 
   CHECK((velo_from_box - wanted).cwiseAbs().maxCoeff() < 1e-4);
   CHECK(read_scene(drive).frames.size() == kSteps);  // the drive itself
   CHECK(load_images(scene, Split::train).frames.size() == kSteps);
+}
+
+TEST_CASE("KITTI: a drive is written in PandaSet's layout, under its cameras' names") {
+  const Folder folder;
+  write_drive(folder.path / "day");
+  const Scene drive = read_scene(folder.path / "day");
+  std::string said;
+  const Listener listener{[&](const std::string& line) { said += line; }, [](const std::string&) {},
+                          [](const std::function<std::string()>&) {}};
+  write_recorded_log(folder.path / "log", drive, false, listener);
+  CHECK(holds(said, "the camera image_02 is written as front_camera"));
+  const Scene log = read_scene(folder.path / "log");
+  REQUIRE(log.frames.size() == kSteps);
+  for (std::size_t i = 0; i < kSteps; ++i) {
+    CHECK(log.frames[i].sensor == "front_camera");
+    CHECK((log.frames[i].world_from_camera - drive.frames[i].world_from_camera).norm() < 1e-9);
+    CHECK(*log.frames[i].timestamp == doctest::Approx(*drive.frames[i].timestamp).epsilon(1e-15));
+    const Image photo = photo_of(log, log.frames[i]);
+    CHECK((photo.width == 32 && photo.height == 12));
+    CHECK(std::abs(photo.pixels[0] - 100) < 3);
+    CHECK(load_sweep(log, log.sweeps[i]).intensities == std::vector<float>{128.f / 255, 1});
+  }
+  REQUIRE(log.actors.size() == 1);
+  CHECK(log.actors[0].boxes.size() == 2);
 }
 
 TEST_CASE("KITTI: --holdout takes whole steps; check_log finds boxes and times in order") {

@@ -97,6 +97,20 @@ TEST_CASE("a pinhole around a lens sees all that the lens sees") {
   }
 }
 
+TEST_CASE("a pinhole within a lens shows nothing that the lens does not see, and is as large as that allows") {
+  for (const Camera& lens : kLenses) {
+    const Camera within = pinhole_within(lens);
+    CHECK(within.model == CameraModel::pinhole);
+    CHECK(seen(pixel_map(within, lens)).empty());
+    CHECK(within.width * within.height > 0.6 * lens.width * lens.height);
+    // Three pixels more on every side are too many.
+    Camera larger = within;
+    larger.width += 6, larger.height += 6, larger.cx += 3, larger.cy += 3;
+    CHECK_FALSE(seen(pixel_map(larger, lens)).empty());
+  }
+  CHECK(pinhole_within({96, 64, 60, 58, 50, 31}) == Camera{96, 64, 60, 58, 50, 31});
+}
+
 TEST_CASE("a photo through a lens is straightened: the pattern is where its direction says") {
   for (const Camera& lens : kLenses) {
     const Pixels straight = undistorted({{lens}, {photo_of(lens)}, false, {}});

@@ -5,9 +5,11 @@
 #include <Eigen/Geometry>
 #include <nlohmann/json.hpp>
 
+#include "models/data/load_images.h"
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
 #include "models/io/json.h"
+#include "models/runs/recorded_log.h"
 #include "models/scene/asset_class.h"
 #include "models/scene/split.h"
 #include "tests/models/errors.h"
@@ -160,6 +162,67 @@ TEST_CASE("Waymo: images, points and boxes lie where the drive's files put them"
     CHECK((box.world_from_box.col(1).head<3>() - vector_of(there.at("ahead"))).norm() < 1e-6);
     CHECK(box.world_from_box(2, 2) == doctest::Approx(1));
   }
+}
+
+TEST_CASE("Waymo: with other cameras and boxes a drive is written in PandaSet's layout, its photos straight") {
+  if (no_python()) return;
+  const Drive drive;
+  REQUIRE(drive.made);
+  Scene wanted = read_scene(drive.root);
+  wanted.frames[1].world_from_camera.topRightCorner<3, 1>() += Eigen::Vector3d(0.1, 0.2, -0.3);
+  for (Camera& camera : wanted.cameras) camera = with_lens(camera, {1.05, {0, 0}});
+  wanted.actors[0].boxes[2].world_from_box.topRightCorner<3, 1>() += Eigen::Vector3d(0.5, 0, 0);
+  // Photos that show a known function of the direction.
+  const auto red = [](const Eigen::Vector3d& towards) { return 128 + 60 * std::sin(8 * towards.x() / towards.z()); };
+  const auto green = [](const Eigen::Vector3d& towards) { return 128 + 60 * std::cos(9 * towards.y() / towards.z()); };
+  for (const Frame& frame : wanted.frames) {
+    const Camera& lens = wanted.cameras[static_cast<std::size_t>(frame.camera)];
+    Image photo{lens.width, lens.height, 3, {}};
+    for (int i = 0; i < lens.width * lens.height; ++i) {
+      const Eigen::Vector3d towards = direction(lens, {i % lens.width + 0.5, i / lens.width + 0.5});
+      for (const double value : {red(towards), green(towards), 90.0})
+        photo.pixels.push_back(static_cast<std::uint8_t>(std::lround(value)));
+    }
+    write_jpeg(drive.root / frame.image, photo);
+  }
+  std::string warned;
+  const Listener listener{[](const std::string&) {}, [&](const std::string& line) { warned += line; },
+                          [](const std::function<std::string()>&) {}};
+  write_recorded_log(drive.root / "written", wanted, false, listener);
+  CHECK(warned.empty());
+
+  const Scene again = read_scene(drive.root / "written");
+  CHECK(again.format == "PandaSet");
+  CHECK(again.night);
+  CHECK(again.warnings.empty());
+  REQUIRE(again.frames.size() == 6);
+  REQUIRE(again.sweeps.size() == 3);
+  for (std::size_t i = 0; i < 6; ++i) {
+    const Frame &is = again.frames[i], &was = wanted.frames[i];
+    CHECK((is.sensor == was.sensor && is.step == was.step));
+    CHECK((is.world_from_camera - was.world_from_camera).norm() < 1e-9);
+    const Camera& pinhole = again.cameras[static_cast<std::size_t>(is.camera)];
+    CHECK(pinhole.model == CameraModel::pinhole);
+    CHECK(pinhole.fx == doctest::Approx(wanted.cameras[static_cast<std::size_t>(was.camera)].fx));
+    const Image photo = photo_of(again, is);
+    double worst = 0;
+    for (int p = 0; p < photo.width * photo.height; ++p) {
+      const Eigen::Vector3d towards = direction(pinhole, {p % photo.width + 0.5, p / photo.width + 0.5});
+      worst = std::max({worst, std::abs(photo.pixels[std::size_t(3 * p)] - red(towards)),
+                        std::abs(photo.pixels[std::size_t(3 * p + 1)] - green(towards))});
+    }
+    CHECK(worst < 12);  // two times JPEG
+  }
+  for (std::size_t i = 0; i < 3; ++i) {
+    const LidarPoints a = load_sweep(again, again.sweeps[i]), b = load_sweep(wanted, wanted.sweeps[i]);
+    REQUIRE(a.size() == b.size());
+    for (std::size_t k = 0; k < a.positions.size(); ++k) CHECK(std::abs(a.positions[k] - b.positions[k]) < 1e-5);
+    CHECK((again.sweeps[i].world_from_lidar - wanted.sweeps[i].world_from_lidar).norm() < 1e-9);
+  }
+  REQUIRE(again.actors.size() == 1);
+  CHECK(again.actors[0].id == "Kx_7");
+  for (std::size_t b = 0; b < 3; ++b)
+    CHECK((again.actors[0].boxes[b].world_from_box - wanted.actors[0].boxes[b].world_from_box).norm() < 1e-9);
 }
 
 TEST_CASE("Waymo: what is missing or damaged is told by its file") {
