@@ -11,11 +11,13 @@
 
 #include "cli/export.h"
 #include "cli/stop_signal.h"
+#include "models/data/pandaset.h"
 #include "models/data/refined_log.h"
 #include "models/data/write_transforms.h"
 #include "models/methods/registry.h"
 #include "models/runs/captures.h"
 #include "models/runs/recorded_log.h"
+#include "models/scene/split.h"
 #include "models/street/refines_boxes.h"
 #include "models/train/refines_cameras.h"
 #include "runtime/error.h"
@@ -113,6 +115,9 @@ void write_log(const RestoredRun& run, const Scene& listed, Scene moved, const R
                const ExportRequest& request, const Common& common) {
   if (has_room_for(refined, listed)) return write_refined_log(request.out, listed, refined);
   move_boxes(moved, refined.actors);
+  say(common, text(request.out, " is in PandaSet's layout, with photos and LiDAR as they were recorded: ",
+                   listed.format == "PandaSet" ? "sweeps of the log follow its front camera"
+                                               : "that of " + listed.format + " is not written"));
   const StopOnSignal signals("finishing this photo or sweep");
   write_recorded_log(request.out, moved, run.record.reading.skip_bad, listener_of(common));
 }
@@ -129,12 +134,13 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
   if (!photos.lenses.empty())
     for (const Frame& frame : learned.frames)
       refined.lenses[frame.sensor] = photos.lenses.at(static_cast<std::size_t>(frame.camera));
-  if (listed.is_log)
+  const bool as_log = listed.is_log && sensors_of(listed).size() <= std::size(kPandasetCameras);
+  if (as_log)
     write_log(run, listed, scene, refined, request, common);
   else
     write_transforms(request.out, scene);
   const MovedBoxes boxes = moved_boxes(photos.actors, learned.actors);
-  const bool with_boxes = !photos.actors.empty();
+  const bool with_boxes = as_log && !photos.actors.empty();
   if (common.json) {
     nlohmann::json told = {{"schema_version", 1},
                            {"path", request.out},
@@ -157,6 +163,7 @@ int export_photos(const RestoredRun& run, const LearnedPhotos& photos, const Exp
   if (lenses.centre_pixels > 0)
     words += fmt::format("; principal points {:.2f} pixels from those given", lenses.centre_pixels);
   if (with_boxes) words += "; " + boxes.words;
+  if (listed.is_log && !as_log) words += "; photos alone, for a log has at most six cameras in PandaSet's layout";
   say(common, words);
   return 0;
 }

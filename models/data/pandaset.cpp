@@ -222,6 +222,10 @@ class LogReader {
                length = frame.numbers("dimensions.y"), height = frame.numbers("dimensions.z");
     const auto stationary =
         frame.has("stationary") ? frame.numbers("stationary") : std::vector<double>(frame.rows(), 0);
+    const auto tilts = [&](const char* name) {
+      return frame.has(name) ? frame.numbers(name) : std::vector<double>(frame.rows(), 0);
+    };
+    const std::vector<double> pitches = tilts("pitch"), rolls = tilts("roll");
     // What both LiDARs saw has a box from each; sensor 1 is the one that looks ahead.
     const auto sensors =
         frame.has("cuboids.sensor_id") ? frame.numbers("cuboids.sensor_id") : std::vector<double>(frame.rows(), -1);
@@ -231,7 +235,8 @@ class LogReader {
       if (sensors[row] == 1) continue;
       const Eigen::Vector3d size(width[row], length[row], height[row]);
       // Yaw 0 looks along the world's y, as the box's own axes do.
-      const Eigen::Matrix4d pose = pose_from(turn_about_z(yaws[row]), {x[row], y[row], z[row]});
+      const Eigen::Matrix4d pose =
+          pose_from(rotation_of({yaws[row], pitches[row], rolls[row]}), {x[row], y[row], z[row]});
       const std::string where = text(file, ", row ", row, " (", printable(ids[row]), ")");
       const double time =
           sweep == scene_.sweeps.end() ? moment.timestamp : time_of_box(*sweep, pose.topRightCorner<3, 1>());
@@ -254,6 +259,16 @@ class LogReader {
 }  // namespace
 
 std::string pandaset_number(int step) { return fmt::format("{:02}", step); }
+
+CuboidTurn cuboid_turn(const Eigen::Matrix4d& box) {
+  return {std::atan2(-box(0, 1), box(1, 1)), std::asin(std::clamp(box(2, 1), -1.0, 1.0)),
+          std::atan2(-box(2, 0), box(2, 2))};
+}
+
+Eigen::Matrix3d rotation_of(const CuboidTurn& turn) {
+  return turn_about_z(turn.yaw) * Eigen::AngleAxisd(turn.pitch, Eigen::Vector3d::UnitX()).toRotationMatrix() *
+         Eigen::AngleAxisd(turn.roll, Eigen::Vector3d::UnitY()).toRotationMatrix();
+}
 
 bool is_pandaset(const fs::path& root) {
   if (is_file(root / "lidar" / "poses.json")) return true;

@@ -32,13 +32,16 @@ BoxesOfSteps boxes_of_steps(const std::vector<Actor>& actors) {
 DataFrame moved(const DataFrame& cuboids, const std::map<std::string, Eigen::Matrix4d>& boxes) {
   const std::vector<std::string>& ids = cuboids.texts("uuid");
   std::map<std::string, std::vector<double>> columns;
-  for (const char* name : {"position.x", "position.y", "position.z", "yaw"}) columns[name] = cuboids.numbers(name);
+  for (const char* name : {"position.x", "position.y", "position.z", "yaw", "pitch", "roll"})
+    if (cuboids.has(name)) columns[name] = cuboids.numbers(name);
   for (std::size_t row = 0; row < ids.size(); ++row) {
     const auto found = boxes.find(ids[row]);
     if (found == boxes.end()) continue;
     const Eigen::Matrix4d& pose = found->second;
     for (int axis = 0; axis < 3; ++axis) columns[std::string("position.") + "xyz"[axis]][row] = pose(axis, 3);
-    columns["yaw"][row] = std::atan2(pose(1, 0), pose(0, 0));
+    const CuboidTurn turn = cuboid_turn(pose);
+    for (const auto& [name, angle] : {std::pair("yaw", turn.yaw), {"pitch", turn.pitch}, {"roll", turn.roll}})
+      if (const auto column = columns.find(name); column != columns.end()) column->second[row] = angle;
   }
   DataFrame out;
   for (const Column& column : cuboids.columns()) {

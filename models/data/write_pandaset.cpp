@@ -13,7 +13,6 @@
 #include "models/data/recording_file.h"
 #include "models/io/commit.h"
 #include "models/io/json.h"
-#include "models/scene/split.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -22,6 +21,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kFullIntensity = 255;
+constexpr double kUpright = 1e-6;  // radians that boxes may be tilted by and count as upright
 
 void write_json(const fs::path& path, const Json& json) { commit_text(path, json.dump(1) + "\n"); }
 
@@ -54,7 +54,8 @@ void write_camera_tracks(const fs::path& root, const Scene& log) {
     const fs::path folder = root / "camera" / frame.sensor;
     const Camera& camera = log.cameras.at(static_cast<std::size_t>(frame.camera));
     auto& track = tracks[frame.sensor];
-    if (track.empty()) write_intrinsics(folder, camera);
+    // Those of the image that a reader takes the size from.
+    if (track.empty() || frame.step < track.begin()->first) write_intrinsics(folder, camera);
     track[frame.step] = {frame.timestamp.value_or(0), frame.world_from_camera};
   }
   for (const auto& [sensor, track] : tracks) write_track(root / "camera" / sensor, track);
@@ -82,10 +83,19 @@ void write_lidar_track(const fs::path& root, const Scene& log) {
   write_track(root / "lidar", track);
 }
 
+bool has_tilted_boxes(const Scene& log) {
+  return std::ranges::any_of(log.actors, [](const Actor& actor) {
+    return std::ranges::any_of(actor.boxes, [](const ActorBox& box) {
+      const CuboidTurn turn = cuboid_turn(box.world_from_box);
+      return std::max(std::abs(turn.pitch), std::abs(turn.roll)) > kUpright;
+    });
+  });
+}
+
 // The cuboids of one step, a column at a time.
-DataFrame cuboid_frame(const Scene& log, int step) {
+DataFrame cuboid_frame(const Scene& log, int step, bool tilted) {
   std::vector<std::string> ids, labels, motions;
-  std::vector<double> yaws;
+  std::vector<double> yaws, pitches, rolls;
   std::vector<double> positions[3], sizes[3];
   std::vector<std::uint8_t> stationary;
   for (const Actor& actor : log.actors) {
@@ -95,7 +105,10 @@ DataFrame cuboid_frame(const Scene& log, int step) {
     labels.push_back(actor.label);
     motions.push_back(actor.stationary ? "Parked" : "Moving");
     stationary.push_back(actor.stationary);
-    yaws.push_back(std::atan2(box->world_from_box(1, 0), box->world_from_box(0, 0)));
+    const CuboidTurn turn = cuboid_turn(box->world_from_box);
+    yaws.push_back(turn.yaw);
+    pitches.push_back(turn.pitch);
+    rolls.push_back(turn.roll);
     for (int axis = 0; axis < 3; ++axis) {
       positions[axis].push_back(box->world_from_box(axis, 3));
       sizes[axis].push_back(actor.size[axis]);
@@ -106,6 +119,10 @@ DataFrame cuboid_frame(const Scene& log, int step) {
   frame.add({"uuid", std::move(ids)});
   frame.add({"label", std::move(labels)});
   frame.add({"yaw", std::move(yaws)});
+  if (tilted) {
+    frame.add({"pitch", std::move(pitches)});
+    frame.add({"roll", std::move(rolls)});
+  }
   frame.add({"stationary", std::move(stationary)});
   frame.add({"camera_used", std::vector<std::int64_t>(rows, -1)});
   for (int axis = 0; axis < 3; ++axis) frame.add({std::string("position.") + "xyz"[axis], std::move(positions[axis])});
@@ -116,7 +133,7 @@ DataFrame cuboid_frame(const Scene& log, int step) {
   return frame;
 }
 
-// gps.json has a place on Earth for each step; a log that was made has none, and stands at 0, 0.
+// gps.json has a place on Earth for each step; the log says none, and stands at 0, 0.
 void write_meta(const fs::path& root, const Scene& log, const std::map<int, double>& times) {
   Json gps = Json::array(), stamps = Json::array();
   for (const auto& [step, time] : times) {
@@ -129,48 +146,7 @@ void write_meta(const fs::path& root, const Scene& log, const std::map<int, doub
   if (log.recording != Recording{}) write_json(root / kRecordingFile, to_json(log.recording));
 }
 
-/// PandaSet's name by a camera's own: the one that looks ahead is front_camera.
-std::map<std::string, std::string> pandaset_names(const Scene& log) {
-  std::vector<std::string> sensors = {front_sensor(log)},
-                           free(std::begin(kPandasetCameras), std::end(kPandasetCameras));
-  for (const Frame& frame : log.frames) {
-    if (std::find(sensors.begin(), sensors.end(), frame.sensor) == sensors.end()) sensors.push_back(frame.sensor);
-  }
-  std::map<std::string, std::string> names;
-  for (const std::string& sensor : sensors) {
-    if (std::erase(free, sensor) > 0) names[sensor] = sensor;
-  }
-  for (const std::string& sensor : sensors) {
-    if (names.contains(sensor)) continue;
-    if (free.empty()) {
-      throw Error(Fault::usage,
-                  text("PandaSet's layout has six cameras, the log has ", sensors.size(),
-                       "\n  fix: leave some out (simulate: --cameras; else a copy of the log without them)"));
-    }
-    names[sensor] = free.front();
-    free.erase(free.begin());
-  }
-  return names;
-}
-
 }  // namespace
-
-PandasetLog as_pandaset(const Scene& log, const std::vector<Camera>& pinholes) {
-  const std::map<std::string, std::string> names = pandaset_names(log);
-  PandasetLog out{log, {}};
-  out.scene.cameras.clear();
-  for (Frame& frame : out.scene.frames) {
-    frame.camera = find_or_add(out.scene.cameras, pinholes.at(static_cast<std::size_t>(frame.camera)));
-    frame.sensor = names.at(frame.sensor);
-  }
-  Recording& recording = out.scene.recording;
-  recording.sweep_stamp = recording.image_stamp = 0;
-  recording.lidar_poses_wrong = false;
-  recording.poses_replaced = 0;
-  for (const auto& [sensor, name] : names)
-    if (sensor != name) out.renamed[sensor] = name;
-  return out;
-}
 
 void write_pandaset_image(const fs::path& root, const Scene& log, const Frame& frame, const Image& image) {
   const fs::path folder = root / "camera" / frame.sensor;
@@ -197,8 +173,10 @@ void write_pandaset_rest(const fs::path& root, const Scene& log) {
   std::map<int, double> times;
   for (const Sweep& sweep : log.sweeps) times.emplace(sweep.step, sweep.timestamp);
   for (const Frame& frame : log.frames) times.emplace(frame.step, frame.timestamp.value_or(0));
+  const bool tilted = has_tilted_boxes(log);
   for (const auto& [step, time] : times) {
-    write_data_frame(root / "annotations" / "cuboids" / (pandaset_number(step) + ".pkl.gz"), cuboid_frame(log, step));
+    write_data_frame(root / "annotations" / "cuboids" / (pandaset_number(step) + ".pkl.gz"),
+                     cuboid_frame(log, step, tilted));
   }
   write_meta(root, log, times);
 }

@@ -2,9 +2,6 @@
 #pragma once
 #include <filesystem>
 #include <functional>
-#include <map>
-#include <string>
-#include <vector>
 
 #include "models/data/load_sweep.h"
 #include "models/io/image.h"
@@ -17,15 +14,6 @@ struct LogContent {
   std::function<Image(const Frame&)> image;  // RGB, of its camera's size
   std::function<LidarPoints(const Sweep&)> points;
 };
-
-/// A log whose cameras have PandaSet's names.
-struct PandasetLog {
-  Scene scene;
-  std::map<std::string, std::string> renamed;  // the new name by the old one, of cameras that PandaSet does not have
-};
-/// `log` as the layout can hold it, with a pinhole for each of log.cameras. Its times and poses count as those of the
-/// middles of sweeps and images, so nothing is left for a reader to correct. Fault::usage for more than six cameras.
-PandasetLog as_pandaset(const Scene& log, const std::vector<Camera>& pinholes);
 
 /// Writes images, LiDAR, cuboids and meta files of `log` below `root`, each file whole and durably. Times and poses are
 /// written as they are: those of the stamps that log.recording speaks of. Steps run from 0; a

@@ -3,12 +3,16 @@
 
 #include <algorithm>
 #include <chrono>
+#include <mutex>
 
 #include "models/data/load_images.h"
 #include "models/data/load_sweep.h"
 #include "models/data/pandaset.h"
 #include "models/data/reader.h"
+#include "models/data/write_pandaset.h"
 #include "models/io/commit.h"
+#include "models/io/in_parallel.h"
+#include "models/io/paths.h"
 #include "models/io/words.h"
 #include "models/render/undistort.h"
 #include "models/runs/edit_run.h"
@@ -59,24 +63,28 @@ class StraightPhotos {
     const FramePixels& photo = photos_.listed().frames[number];
     const Frame &from = log_.frames[photo.frame], &to = out.frames[number];
     const auto camera = static_cast<std::size_t>(photo.camera);
-    if (maps_[camera].same && is_plain_jpeg(from, pinholes_[camera]))
-      return commit_link(log_.root / from.image, folder / "camera" / to.sensor / (pandaset_number(to.step) + ".jpg"));
+    if (maps_[camera].same && stands_for_itself(from, pinholes_[camera]))
+      return commit_link(log_.root / from.image,
+                         folder / "camera" / to.sensor / (pandaset_number(to.step) + extension_of(from)));
     const FramePixels straight = resample(*photos_[number], maps_[camera]);
     write_pandaset_image(folder, out, to, rgb_of(straight));
   }
 
  private:
-  /// A file that stands for itself in another place, as is.
-  bool is_plain_jpeg(const Frame& frame, const Camera& camera) const {
-    const std::string extension = lower_case(fs::path(frame.image).extension().string());
-    if ((extension != ".jpg" && extension != ".jpeg") || frame.linear.value_or(false) || frame.exposure != 1)
-      return false;
+  static std::string extension_of(const Frame& frame) { return lower_case(fs::path(frame.image).extension().string()); }
+
+  /// Whether a reader makes of the file, in another place, what is made of it here.
+  bool stands_for_itself(const Frame& frame, const Camera& camera) const {
+    const std::string extension = extension_of(frame);
+    if (extension != ".jpg" && extension != ".jpeg" && extension != ".png") return false;
+    if (frame.linear.value_or(false) || frame.exposure != 1) return false;
     const ImageSize stored = peek_image_size(log_.root / frame.image);
     return stored.width == camera.width && stored.height == camera.height;
   }
 
   static Image rgb_of(const FramePixels& photo) {
     Image out{photo.width, photo.height, 3, {}};
+    out.pixels.reserve(photo.rgba.size() / 4 * 3);
     for (std::size_t i = 0; i < photo.rgba.size(); ++i)
       if (i % 4 != 3) out.pixels.push_back(photo.rgba[i]);
     return out;
@@ -88,12 +96,13 @@ class StraightPhotos {
   std::vector<PixelMap> maps_;
 };
 
-/// Tells now and then how far it is.
+/// Tells now and then how far it is; of several threads.
 class LogNews {
  public:
   LogNews(const Listener& listener, std::size_t all) : listener_(listener), all_(all) {}
 
   void next() {
+    const std::lock_guard lock(mutex_);
     ++done_;
     const std::chrono::duration<double> since = Clock::now() - told_, whole = Clock::now() - began_;
     if (since.count() < kSecondsBetweenNews) return;
@@ -101,7 +110,8 @@ class LogNews {
     const double left = whole.count() / static_cast<double>(done_) * static_cast<double>(all_ - done_);
     listener_.say(text("log ", done_, "/", all_, " photos and sweeps, ", words_for_seconds(left), " left"));
   }
-  void check_stop() const {
+  void check_stop() {
+    const std::lock_guard lock(mutex_);
     listener_.check_stop([&] { return text(done_, " of ", all_, " photos and sweeps were written"); });
   }
 
@@ -109,10 +119,52 @@ class LogNews {
   using Clock = std::chrono::steady_clock;
   const Listener& listener_;
   const std::size_t all_;
+  std::mutex mutex_;
   std::size_t done_ = 0;
   const Clock::time_point began_ = Clock::now();
   Clock::time_point told_ = began_;
 };
+
+/// What is written and where from.
+struct RecordedLog {
+  const fs::path& folder;
+  const Scene& log;
+  const StraightPhotos& photos;
+  const Scene& out;  // the log with its photos' pinholes
+};
+
+/// Returns what was dropped, a line each.
+std::vector<std::string> write_parts(const RecordedLog& recorded, bool skip_bad, const Listener& listener) {
+  const std::vector<Sweep>& sweeps = recorded.log.sweeps;
+  LogNews news(listener, recorded.out.frames.size() + sweeps.size());
+  in_parallel(recorded.out.frames.size(), [&](std::size_t i) {
+    news.check_stop();
+    recorded.photos.write(recorded.folder, recorded.out, i);
+    news.next();
+  });
+  std::vector<std::vector<std::string>> dropped(sweeps.size());
+  in_parallel(sweeps.size(), [&](std::size_t i) {
+    news.check_stop();
+    guarded(skip_bad, dropped[i], "sweep dropped",
+            [&] { write_pandaset_sweep(recorded.folder, sweeps[i], load_sweep(recorded.log, sweeps[i])); });
+    news.next();
+  });
+  std::vector<std::string> all;
+  for (std::vector<std::string>& of_sweep : dropped) all.insert(all.end(), of_sweep.begin(), of_sweep.end());
+  return all;
+}
+
+/// What was begun; the folder is new.
+void remove_begun(const fs::path& folder) {
+  std::error_code error;
+  fs::remove_all(folder, error);
+}
+
+/// Where the car was on Earth is no part of a Scene.
+void link_places(const fs::path& folder, const Scene& log) {
+  const fs::path file = "meta/gps.json";
+  if (log.format == "PandaSet" && has_file(log.root / file)) commit_link(log.root / file, folder / file);
+}
 
 }  // namespace
 
@@ -124,34 +176,28 @@ void write_recorded_log(const fs::path& folder, const Scene& given, bool skip_ba
   check_new_folder(folder);
   const Scene log = without_masks(given, listener);
   const StraightPhotos photos(log, skip_bad);
+  for (const std::string& warning : photos.warnings()) listener.warn(warning);
   Scene sound = log;
   sound.frames = photos.frames();
+  if (sound.frames.empty()) throw Error(Fault::data, text(log.root.string(), ": no photo can be read"));
   PandasetLog out = as_pandaset(sound, photos.pinholes());
   // Each sweep has its pose: it follows the front camera no more.
   out.scene.recording.front_from_lidar = {};
   tell_renamed(out, listener);
-  std::vector<std::string> warnings = photos.warnings();
-  LogNews news(listener, sound.frames.size() + log.sweeps.size());
+  std::vector<std::string> dropped;
   try {
-    for (std::size_t i = 0; i < sound.frames.size(); ++i) {
-      news.check_stop();
-      photos.write(folder, out.scene, i);
-      news.next();
-    }
-    for (const Sweep& sweep : log.sweeps) {
-      news.check_stop();
-      guarded(skip_bad, warnings, "sweep dropped",
-              [&] { write_pandaset_sweep(folder, sweep, load_sweep(log, sweep)); });
-      news.next();
-    }
+    dropped = write_parts({folder, log, photos, out.scene}, skip_bad, listener);
+    write_pandaset_rest(folder, out.scene);
+    link_places(folder, log);
   } catch (const Interrupted& interrupted) {
-    std::error_code error;
-    fs::remove_all(folder, error);  // it is new
+    remove_begun(folder);
     throw Interrupted(interrupted.signal(),
                       text(interrupted.what(), "; ", folder.string(), " was incomplete and has been removed"));
+  } catch (...) {
+    remove_begun(folder);
+    throw;
   }
-  write_pandaset_rest(folder, out.scene);
-  for (const std::string& warning : warnings) listener.warn(warning);
+  for (const std::string& warning : dropped) listener.warn(warning);
 }
 
 }  // namespace cloam

@@ -4,7 +4,9 @@
 #include <algorithm>
 
 #include "models/batches/log_source.h"
+#include "models/data/as_pandaset.h"
 #include "models/data/load_sweep.h"
+#include "models/data/pandaset.h"
 #include "models/data/write_pandaset.h"
 #include "models/io/words.h"
 #include "models/runs/actor_names.h"
@@ -19,10 +21,7 @@ namespace {
 
 void keep_cameras(Scene& log, std::vector<std::string> wanted) {
   if (wanted.empty()) return;
-  std::vector<std::string> known;
-  for (const Frame& frame : log.frames) {
-    if (std::find(known.begin(), known.end(), frame.sensor) == known.end()) known.push_back(frame.sensor);
-  }
+  const std::vector<std::string> known = sensors_of(log);
   for (std::string& name : wanted) {
     const auto is_known = [&](const std::string& word) {
       return std::find(known.begin(), known.end(), word) != known.end();
@@ -52,6 +51,9 @@ Scene output_log(const RestoredRun& run, const SimulatedLog& wish, const Listene
     if (auto learned = refines->refined_actors(wish.number); !learned.empty()) log.actors = std::move(learned);
   for (Actor& actor : log.actors) actor.label = seen_label(run, {wish.number, actor.id});
   keep_cameras(log, wish.cameras);
+  if (const std::size_t count = sensors_of(log).size(); count > std::size(kPandasetCameras))
+    throw Error(Fault::usage,
+                text("PandaSet's layout has six cameras, the log has ", count, "\n  fix: choose some with --cameras"));
   std::vector<Camera> cameras;
   for (const Camera& camera : log.cameras)
     cameras.push_back(output_camera(camera, wish.size, run.record.reading.downscale));

@@ -117,4 +117,11 @@ std::string front_sensor(const Scene& scene) {
   return scene.frames.empty() ? "" : scene.frames.front().sensor;
 }
 
+std::vector<std::string> sensors_of(const Scene& scene) {
+  std::vector<std::string> sensors;
+  for (const Frame& frame : scene.frames)
+    if (std::find(sensors.begin(), sensors.end(), frame.sensor) == sensors.end()) sensors.push_back(frame.sensor);
+  return sensors;
+}
+
 }  // namespace cloam

@@ -38,6 +38,8 @@ void apply_image(Scene& scene, const std::string& image);
 /// The camera that looks ahead: "front_camera" (PandaSet), "image_02" (KITTI), "CAM_FRONT" (nuScenes), else that of the
 /// first frame (so a rig lists its front camera first). Empty for a capture without frames.
 std::string front_sensor(const Scene& scene);
+/// The names of the cameras, in the order of their first frames.
+std::vector<std::string> sensors_of(const Scene& scene);
 /// The camera that novel is measured on. A log without it has nothing to measure there (KITTI has none).
 constexpr char kFrontLeftSensor[] = "front_left_camera";
 

@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "models/data/check_log.h"
@@ -10,6 +11,7 @@
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
 #include "models/io/json.h"
+#include "models/runs/recorded_log.h"
 #include "models/scene/asset_class.h"
 #include "models/scene/split.h"
 #include "tests/models/errors.h"
@@ -123,6 +125,47 @@ struct DataSet : WrittenByPython {
 };
 
 }  // namespace
+
+TEST_CASE("nuScenes: a scene is written in PandaSet's layout, and what it shows lies where the tables put it") {
+  if (no_python()) return;
+  const DataSet data;
+  REQUIRE(data.made);
+  const Json truth = data.truth();
+  const Scene given = data.read();
+  std::string said;
+  const Listener listener{[&](const std::string& line) { said += line + "\n"; }, [](const std::string&) {},
+                          [](const std::function<std::string()>&) {}};
+  write_recorded_log(data.root / "written", given, false, listener);
+  CHECK_MESSAGE(holds(said, "CAM_FRONT is written as front_camera"), said);
+  CHECK_MESSAGE(holds(said, "CAM_BACK_LEFT is written as left_camera"), said);
+  const Scene again = read_scene(data.root / "written");
+  REQUIRE(again.frames.size() == given.frames.size());
+  REQUIRE(again.sweeps.size() == given.sweeps.size());
+  int seen = 0;
+  for (const Frame& frame : again.frames) {
+    // Another order of the cameras: the frame of the same sensor and step.
+    const char* sensor = frame.sensor == "front_camera" ? "CAM_FRONT" : "CAM_BACK_LEFT";
+    const auto was =
+        std::ranges::find_if(given.frames, [&](const Frame& f) { return f.sensor == sensor && f.step == frame.step; });
+    REQUIRE(was != given.frames.end());
+    CHECK(*frame.timestamp == doctest::Approx(*was->timestamp).epsilon(1e-14));
+    const Json& pixels = truth.at("pixels").at(was->image);
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      if (pixels[i].empty()) continue;
+      const Eigen::Vector4d at = frame.world_from_camera.inverse() * vector_of(truth.at("landmarks")[i]).homogeneous();
+      const Eigen::Vector2d pixel = project(again.cameras[static_cast<std::size_t>(frame.camera)], at.head<3>());
+      CHECK((pixel - Eigen::Vector2d(pixels[i][0].get<double>(), pixels[i][1].get<double>())).norm() < 1e-3);
+      ++seen;
+    }
+  }
+  CHECK(seen > 40);
+  REQUIRE(again.actors.size() == 1);
+  CHECK(again.actors[0].label == given.actors[0].label);
+  for (const ActorBox& box : again.actors[0].boxes) {
+    const Json& there = truth.at("truck")[static_cast<std::size_t>(box.step)];
+    CHECK((box.world_from_box.topRightCorner<3, 1>() - vector_of(there.at("place"))).norm() < 1e-3);
+  }
+}
 
 TEST_CASE("nuScenes: images, points and boxes lie where the tables put them") {
   if (no_python()) return;

@@ -130,8 +130,10 @@ TEST_CASE("a log that is written in part is removed; one that has no place is to
 
   log.frames = frames;
   log.frames[1].mask = "mask.png";  // is not looked at
-  write_text(log.root / log.frames[2].image, "no photo");
   write_text(log.root / log.sweeps[0].file, "no sweep");
+  CHECK(holds(error_of([&] { write(out); }), log.sweeps[0].file));  // after all photos
+  CHECK_FALSE(fs::exists(out));
+  write_text(log.root / log.frames[2].image, "no photo");
   CHECK(holds(error_of([&] { write(out); }), log.frames[2].image));
   write(out, true);
   CHECK_MESSAGE(holds(more.warned, "1 masks are left out"), more.warned);

@@ -17,6 +17,7 @@
 #include "models/io/image.h"
 #include "models/io/json.h"
 #include "models/io/ply.h"
+#include "models/runs/recorded_log.h"
 #include "models/scene/split.h"
 #include "runtime/error.h"
 #include "tests/models/errors.h"
@@ -105,6 +106,43 @@ void write_rig(const fs::path& root) {
 }
 
 }  // namespace
+
+TEST_CASE("rig: written in PandaSet's layout, boxes are where their actors are at the times of the sweeps") {
+  const Folder folder;
+  write_rig(folder.path / "rig");
+  std::string rig = content_of(folder.path / "rig/rig.json");
+  // The car's boxes 40 ms after the sweeps, and tilted.
+  rig = replaced(
+      rig, "\"timestamp\": 100.0, \"position\": [-2, 1, 4], \"yaw\": 1.5707963267948966}",
+      "\"timestamp\": 100.04, \"world_from_box\": [[0.8, -0.6, 0, 1], [0.6, 0.8, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]}");
+  rig = replaced(rig, "{\"timestamp\": 100.2, \"world_from_box\": " + pose(5, 0, 1),
+                 "{\"timestamp\": 100.14, \"world_from_box\": [[0.8, -0.6, 0, 3], [0.48, 0.64, -0.6, 2], [0.36, 0.48, "
+                 "0.8, 3], [0, 0, 0, 1]]}, {\"timestamp\": 100.24, \"world_from_box\": " +
+                     pose(5, 0, 1));
+  write_text(folder.path / "rig/rig.json", rig);
+  Scene given = read_scene(folder.path / "rig");
+  REQUIRE(given.actors.at(0).boxes.size() == 3);
+  std::string said;
+  const Listener listener{[&](const std::string& line) { said += line + "\n"; }, [](const std::string&) {},
+                          [](const std::function<std::string()>&) {}};
+  write_recorded_log(folder.path / "log", given, false, listener);
+  const Scene log = read_scene(folder.path / "log");
+  REQUIRE(log.actors.size() == 1);
+  for (const Sweep& sweep : log.sweeps) {
+    const auto is = world_from_box_at(log.actors[0], sweep.timestamp),
+               was = world_from_box_at(given.actors[0], sweep.timestamp);
+    REQUIRE((is && was));
+    CHECK((*is - *was).norm() < 1e-6);
+  }
+  CHECK_MESSAGE(holds(said, "the camera front is written as front_camera"), said);
+  Scene lenses = given;
+  lenses.cameras.push_back(lenses.cameras[0]);
+  lenses.cameras.back().fx *= 1.1;
+  lenses.frames[1].camera = 2;
+  CHECK(holds(error_of([&] { write_recorded_log(folder.path / "two", lenses, false, listener); }, Fault::usage),
+              "one lens for each camera"));
+  CHECK_FALSE(fs::exists(folder.path / "two"));
+}
 
 TEST_CASE("rig: images, points and boxes by steps") {
   const Folder folder;
