@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdlib>
 #include <map>
 
@@ -98,7 +99,7 @@ std::vector<std::uint8_t> dithered(const Image& image) {
     for (std::size_t x = 0; x < width; ++x)
       for (std::size_t c = 0; c < 3; ++c) {
         const std::size_t at = 3 * (y * width + x) + c;
-        const int level = std::clamp(static_cast<int>(wanted[at] / 51 + 0.5f), 0, 5);
+        const int level = std::clamp(static_cast<int>(std::lround(wanted[at] / 51)), 0, 5);
         const float left = wanted[at] - 51.f * static_cast<float>(level);
         colours[y * width + x] = static_cast<std::uint8_t>(colours[y * width + x] * (c > 0 ? 6 : 1) + level);
         if (x + 1 < width) wanted[at + 3] += left * 7 / 16;

@@ -153,9 +153,9 @@ class Lister {
   Remark resized_, turned_, left_;
 };
 
-Image photo_in(const std::filesystem::path& root, const Frame& frame) {
+Image photo_in(const std::filesystem::path& root, const Frame& frame, bool opaque = false) {
   const bool is_exr = lower_case(std::filesystem::path(frame.image).extension().string()) == ".exr";
-  return read_photo(root / frame.image, {frame.linear.value_or(is_exr), frame.exposure});
+  return read_photo(root / frame.image, {frame.linear.value_or(is_exr), frame.exposure, opaque});
 }
 
 Image read_mask(const PhotoFile& file, const Image& image, int turn) {
@@ -175,7 +175,7 @@ void forget_unused(FramePixels& photo) {
 /// The photo that was listed as `outline`.
 FramePixels load(const PhotoFile& file, const FramePixels& outline, const LoadOptions& options) {
   FramePixels result = outline;
-  Image full = photo_in(file.root, file.frame);
+  Image full = photo_in(file.root, file.frame, options.downscale == 1);
   const int turn = turn_of(file.camera, full);
   full = upright(full, turn);
   if (file.frame.mask) {

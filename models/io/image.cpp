@@ -128,6 +128,14 @@ std::vector<Value> decode(Decoder& decoder, OIIO::TypeDesc type) {
   return values;
 }
 
+/// RGB with an alpha of 255, without a copy between.
+Bytes decode_opaque(Decoder& decoder) {
+  Bytes values(decoder.spec.image_pixels() * 4, 255);
+  const bool read = decoder.input->read_image(0, 0, 0, 3, OIIO::TypeDesc::UINT8, values.data(), 4);
+  if (!read || decoder.input->has_error()) damaged_image(decoder.path, decoder.input->geterror());
+  return values;
+}
+
 /// A part of an image: columns and rows from x and y on.
 struct Block {
   int x = 0, y = 0, width = 0, height = 0;
@@ -278,6 +286,9 @@ Image read_photo(const std::filesystem::path& path, const PhotoLight& light) {
   image.orientation = orientation_of(decoder);
   if (decoder.format == "openexr" || light.linear || light.exposure != 1) {
     image.pixels = straight_8_bit(decoder, light);
+  } else if (image.channels == 3 && light.opaque) {
+    image.channels = 4;
+    image.pixels = decode_opaque(decoder);
   } else {
     image.pixels = decode<std::uint8_t>(decoder, OIIO::TypeDesc::UINT8);
   }

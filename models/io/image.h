@@ -42,10 +42,11 @@ ImageSize peek_image_size(const std::filesystem::path& path);
 /// by part, so that no more than 64 MB of floats are held at once.
 Image read_image(const std::filesystem::path& path);
 
-/// What a photo's numbers stand for.
+/// What a photo's numbers stand for, and how they are wanted.
 struct PhotoLight {
   bool linear = false;  // proportional to light; false: sRGB
   double exposure = 1;  // how much light they took in
+  bool opaque = false;  // RGB may be read as RGBA with an alpha of 255: quicker than as_rgba of it
 };
 
 /// The photo as sRGB, at an exposure of 1: what is brighter than white is clamped. From the file's own precision,

@@ -1,6 +1,7 @@
 // What image.h does to pixels in memory: smaller, turned, with other channels, made of values.
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "models/io/image.h"
 #include "runtime/error.h"
@@ -157,7 +158,24 @@ Image upright(const Image& image, int orientation) {
   return result;
 }
 
+namespace {
+
+/// Four bytes at once, the last of which is the next pixel's: photos are read during steps, and nearly all are RGB.
+std::vector<std::uint8_t> rgba_of_rgb(const std::vector<std::uint8_t>& rgb) {
+  const std::size_t count = rgb.size() / 3;
+  std::vector<std::uint8_t> rgba(4 * count, 255);
+  for (std::size_t i = 0; i + 1 < count; ++i) {
+    std::memcpy(&rgba[4 * i], &rgb[3 * i], 4);
+    rgba[4 * i + 3] = 255;
+  }
+  if (count > 0) std::memcpy(&rgba[4 * (count - 1)], &rgb[3 * (count - 1)], 3);
+  return rgba;
+}
+
+}  // namespace
+
 std::vector<std::uint8_t> as_rgba(const Image& image) {
+  if (image.channels == 3) return rgba_of_rgb(image.pixels);
   const int channels = image.channels, alpha = channels % 2 == 0 ? channels - 1 : -1;
   const std::size_t count = std::size_t(image.width) * image.height;
   std::vector<std::uint8_t> rgba(4 * count);
