@@ -21,6 +21,7 @@
 #include "runtime/error.h"
 #include "tests/models/errors.h"
 #include "tests/models/folder.h"
+#include "tests/models/told.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -197,11 +198,9 @@ TEST_CASE("KITTI: a drive is written in PandaSet's layout, under its cameras' na
   const Folder folder;
   write_drive(folder.path / "day");
   const Scene drive = read_scene(folder.path / "day");
-  std::string said;
-  const Listener listener{[&](const std::string& line) { said += line; }, [](const std::string&) {},
-                          [](const std::function<std::string()>&) {}};
-  write_recorded_log(folder.path / "log", drive, false, listener);
-  CHECK(holds(said, "the camera image_02 is written as front_camera"));
+  Told told;
+  write_recorded_log(folder.path / "log", drive, false, told.listener());
+  CHECK(holds(told.said, "the camera image_02 is written as front_camera"));
   const Scene log = read_scene(folder.path / "log");
   REQUIRE(log.frames.size() == kSteps);
   for (std::size_t i = 0; i < kSteps; ++i) {

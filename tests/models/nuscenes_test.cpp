@@ -15,6 +15,7 @@
 #include "models/scene/asset_class.h"
 #include "models/scene/split.h"
 #include "tests/models/errors.h"
+#include "tests/models/told.h"
 #include "tests/models/written_by_python.h"
 
 namespace fs = std::filesystem;
@@ -132,12 +133,10 @@ TEST_CASE("nuScenes: a scene is written in PandaSet's layout, and what it shows 
   REQUIRE(data.made);
   const Json truth = data.truth();
   const Scene given = data.read();
-  std::string said;
-  const Listener listener{[&](const std::string& line) { said += line + "\n"; }, [](const std::string&) {},
-                          [](const std::function<std::string()>&) {}};
-  write_recorded_log(data.root / "written", given, false, listener);
-  CHECK_MESSAGE(holds(said, "CAM_FRONT is written as front_camera"), said);
-  CHECK_MESSAGE(holds(said, "CAM_BACK_LEFT is written as left_camera"), said);
+  Told told;
+  write_recorded_log(data.root / "written", given, false, told.listener());
+  CHECK_MESSAGE(holds(told.said, "CAM_FRONT is written as front_camera"), told.said);
+  CHECK_MESSAGE(holds(told.said, "CAM_BACK_LEFT is written as left_camera"), told.said);
   const Scene again = read_scene(data.root / "written");
   REQUIRE(again.frames.size() == given.frames.size());
   REQUIRE(again.sweeps.size() == given.sweeps.size());
@@ -150,13 +149,7 @@ TEST_CASE("nuScenes: a scene is written in PandaSet's layout, and what it shows 
     REQUIRE(was != given.frames.end());
     CHECK(*frame.timestamp == doctest::Approx(*was->timestamp).epsilon(1e-14));
     const Json& pixels = truth.at("pixels").at(was->image);
-    for (std::size_t i = 0; i < pixels.size(); ++i) {
-      if (pixels[i].empty()) continue;
-      const Eigen::Vector4d at = frame.world_from_camera.inverse() * vector_of(truth.at("landmarks")[i]).homogeneous();
-      const Eigen::Vector2d pixel = project(again.cameras[static_cast<std::size_t>(frame.camera)], at.head<3>());
-      CHECK((pixel - Eigen::Vector2d(pixels[i][0].get<double>(), pixels[i][1].get<double>())).norm() < 1e-3);
-      ++seen;
-    }
+    seen += check_landmarks(again, frame, truth.at("landmarks"), pixels);
   }
   CHECK(seen > 40);
   REQUIRE(again.actors.size() == 1);
@@ -193,13 +186,7 @@ TEST_CASE("nuScenes: images, points and boxes lie where the tables put them") {
   int seen = 0;
   for (const Frame& frame : scene.frames) {
     const Json& pixels = truth.at("pixels").at(frame.image);
-    for (std::size_t i = 0; i < pixels.size(); ++i) {
-      if (pixels[i].empty()) continue;
-      const Eigen::Vector4d at = frame.world_from_camera.inverse() * vector_of(truth.at("landmarks")[i]).homogeneous();
-      const Eigen::Vector2d pixel = project(scene.cameras[static_cast<std::size_t>(frame.camera)], at.head<3>());
-      CHECK((pixel - Eigen::Vector2d(pixels[i][0].get<double>(), pixels[i][1].get<double>())).norm() < 1e-3);
-      ++seen;
-    }
+    seen += check_landmarks(scene, frame, truth.at("landmarks"), pixels);
     const double off = *frame.timestamp - scene.sweeps[static_cast<std::size_t>(frame.step)].timestamp;
     CHECK(std::abs(off) < 0.0251);
   }

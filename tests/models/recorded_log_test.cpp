@@ -8,30 +8,16 @@
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
 #include "models/data/refined_log.h"
-#include "models/runs/interrupted.h"
 #include "models/scene/pose.h"
 #include "models/synth/street_log.h"
 #include "tests/models/errors.h"
 #include "tests/models/folder.h"
+#include "tests/models/told.h"
 
 using namespace cloam;
 namespace fs = std::filesystem;
 
 namespace {
-
-/// What a listener was told.
-struct Told {
-  std::string said, warned;
-  int stop_after = 1000;  // questions whether to stop
-
-  Listener listener() {
-    return {[this](const std::string& line) { said += line + "\n"; },
-            [this](const std::string& line) { warned += line + "\n"; },
-            [this](const std::function<std::string()>& done) {
-              if (--stop_after < 0) throw Interrupted(2, done());
-            }};
-  }
-};
 
 /// Like the real PandaSet: its sweeps take their poses from the front camera, and photos are stamped late.
 Scene recorded_street(const fs::path& folder) {

@@ -22,6 +22,7 @@
 #include "runtime/error.h"
 #include "tests/models/errors.h"
 #include "tests/models/folder.h"
+#include "tests/models/told.h"
 
 namespace fs = std::filesystem;
 using namespace cloam;
@@ -122,10 +123,8 @@ TEST_CASE("rig: written in PandaSet's layout, boxes are where their actors are a
   write_text(folder.path / "rig/rig.json", rig);
   Scene given = read_scene(folder.path / "rig");
   REQUIRE(given.actors.at(0).boxes.size() == 3);
-  std::string said;
-  const Listener listener{[&](const std::string& line) { said += line + "\n"; }, [](const std::string&) {},
-                          [](const std::function<std::string()>&) {}};
-  write_recorded_log(folder.path / "log", given, false, listener);
+  Told told;
+  write_recorded_log(folder.path / "log", given, false, told.listener());
   const Scene log = read_scene(folder.path / "log");
   REQUIRE(log.actors.size() == 1);
   for (const Sweep& sweep : log.sweeps) {
@@ -134,12 +133,12 @@ TEST_CASE("rig: written in PandaSet's layout, boxes are where their actors are a
     REQUIRE((is && was));
     CHECK((*is - *was).norm() < 1e-6);
   }
-  CHECK_MESSAGE(holds(said, "the camera front is written as front_camera"), said);
+  CHECK_MESSAGE(holds(told.said, "the camera front is written as front_camera"), told.said);
   Scene lenses = given;
   lenses.cameras.push_back(lenses.cameras[0]);
   lenses.cameras.back().fx *= 1.1;
   lenses.frames[1].camera = 2;
-  CHECK(holds(error_of([&] { write_recorded_log(folder.path / "two", lenses, false, listener); }, Fault::usage),
+  CHECK(holds(error_of([&] { write_recorded_log(folder.path / "two", lenses, false, told.listener()); }, Fault::usage),
               "one lens for each camera"));
   CHECK_FALSE(fs::exists(folder.path / "two"));
 }

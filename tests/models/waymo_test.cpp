@@ -13,6 +13,7 @@
 #include "models/scene/asset_class.h"
 #include "models/scene/split.h"
 #include "tests/models/errors.h"
+#include "tests/models/told.h"
 #include "tests/models/written_by_python.h"
 
 namespace fs = std::filesystem;
@@ -141,13 +142,7 @@ TEST_CASE("Waymo: images, points and boxes lie where the drive's files put them"
   for (const Frame& frame : scene.frames) {
     const Json& pixels = truth.at("pixels").at(frame.image);
     CHECK(*frame.timestamp == doctest::Approx(0.1 * frame.step));
-    for (std::size_t i = 0; i < pixels.size(); ++i) {
-      if (pixels[i].empty()) continue;
-      const Eigen::Vector4d at = frame.world_from_camera.inverse() * vector_of(truth.at("landmarks")[i]).homogeneous();
-      const Eigen::Vector2d pixel = project(scene.cameras[static_cast<std::size_t>(frame.camera)], at.head<3>());
-      CHECK((pixel - Eigen::Vector2d(pixels[i][0].get<double>(), pixels[i][1].get<double>())).norm() < 1e-3);
-      ++seen;
-    }
+    seen += check_landmarks(scene, frame, truth.at("landmarks"), pixels);
   }
   CHECK(seen > 40);
   // Our boxes look along +y, and their x points right.
@@ -185,11 +180,9 @@ TEST_CASE("Waymo: with other cameras and boxes a drive is written in PandaSet's 
     }
     write_jpeg(drive.root / frame.image, photo);
   }
-  std::string warned;
-  const Listener listener{[](const std::string&) {}, [&](const std::string& line) { warned += line; },
-                          [](const std::function<std::string()>&) {}};
-  write_recorded_log(drive.root / "written", wanted, false, listener);
-  CHECK(warned.empty());
+  Told told;
+  write_recorded_log(drive.root / "written", wanted, false, told.listener());
+  CHECK(told.warned.empty());
 
   const Scene again = read_scene(drive.root / "written");
   CHECK(again.format == "PandaSet");

@@ -2,12 +2,13 @@
 #pragma once
 #include <doctest/doctest.h>
 
-#include <Eigen/Core>
+#include <Eigen/Dense>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
 #include "models/io/image.h"
 #include "models/io/json.h"
+#include "models/scene/scene.h"
 #include "tests/models/folder.h"
 
 namespace cloam {
@@ -21,6 +22,20 @@ inline bool no_python() {
 
 inline Eigen::Vector3d vector_of(const Json& json) {
   return {json[0].get<double>(), json[1].get<double>(), json[2].get<double>()};
+}
+
+/// Landmarks are where `pixels` has them in the frame's image: [x, y], or [] where it does not see one. How many it
+/// sees.
+inline int check_landmarks(const Scene& scene, const Frame& frame, const Json& landmarks, const Json& pixels) {
+  int seen = 0;
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    if (pixels[i].empty()) continue;
+    const Eigen::Vector4d at = frame.world_from_camera.inverse() * vector_of(landmarks[i]).homogeneous();
+    const Eigen::Vector2d pixel = project(scene.cameras[static_cast<std::size_t>(frame.camera)], at.head<3>());
+    CHECK((pixel - Eigen::Vector2d(pixels[i][0].get<double>(), pixels[i][1].get<double>())).norm() < 1e-3);
+    ++seen;
+  }
+  return seen;
 }
 
 /// What a program writes into a folder. Its truth.json tells what cloam is to find; each image of "pixels" there is
