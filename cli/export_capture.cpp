@@ -115,9 +115,10 @@ void write_log(const RestoredRun& run, const Scene& listed, Scene moved, const R
                const ExportRequest& request, const Common& common) {
   if (has_room_for(refined, listed)) return write_refined_log(request.out, listed, refined);
   move_boxes(moved, refined.actors);
-  say(common, text(request.out, " is in PandaSet's layout, with photos and LiDAR as they were recorded: ",
-                   listed.format == "PandaSet" ? "sweeps of the log follow its front camera"
-                                               : "that of " + listed.format + " is not written"));
+  say(common,
+      listed.format == "PandaSet"
+          ? "writing all of the log anew: in its own files, other cameras would move the LiDAR or lie between stamps"
+          : "writing the log in PandaSet's layout: cloam does not write that of " + listed.format);
   const StopOnSignal signals("finishing this photo or sweep");
   write_recorded_log(request.out, moved, run.record.reading.skip_bad, listener_of(common));
 }

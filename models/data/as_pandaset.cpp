@@ -45,7 +45,8 @@ double degrees_from(const std::string& front, const std::string& sensor, const S
 std::map<std::string, std::string> pandaset_names(const Scene& log) {
   const std::vector<std::string> sensors = sensors_of(log);
   if (sensors.size() > std::size(kPandasetCameras))
-    throw Error(Fault::usage, text("PandaSet's layout has six cameras, the log has ", sensors.size()));
+    throw Error(Fault::usage, text("PandaSet's layout has six cameras, the log has ", sensors.size(),
+                                   "\n  fix: --cameras of simulate chooses some; else train on a copy without some"));
   const std::string front = front_sensor(log);
   std::map<std::string, std::string> names = {{front, kPandasetCameras[0]}};
   std::set<std::string> taken = {kPandasetCameras[0]};

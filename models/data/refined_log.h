@@ -17,7 +17,7 @@ struct RefinedLog {
 };
 
 /// Writes `log`, of which has_room_for holds, into `folder`: all files are linked or copied. In the cuboids position
-/// and yaw of every box that `refined` has are those given there; other rows and columns stay, but for columns of a
+/// and turn of every box that `refined` has are those given there; other rows and columns stay, but for columns of a
 /// kind that we do not read (dates, categories). In a camera's poses.json the entry of a photo moves as its pose did,
 /// in the camera's axes; its intrinsics.json has the changed lens (with_lens).
 /// Fault::write.

@@ -219,12 +219,12 @@ Camera pinhole_around(const Camera& lens) {
 Camera pinhole_within(const Camera& lens) {
   if (lens.model == CameraModel::pinhole) return lens;
   const Extent around = extent_of(lens);
-  double seen = 0, unseen = 1;  // shares of `around`
-  while (unseen - seen > kShareStep) {
-    const double share = (seen + unseen) / 2;
-    (sees_rim(lens, around.times(share)) ? seen : unseen) = share;
+  double inside = 0, beyond = 1;  // shares of `around`
+  while (beyond - inside > kShareStep) {
+    const double share = (inside + beyond) / 2;
+    (sees_rim(lens, around.times(share)) ? inside : beyond) = share;
   }
-  return pinhole_of(lens, around.times(seen), [](double pixels) { return std::floor(pixels); });
+  return pinhole_of(lens, around.times(inside), [](double pixels) { return std::floor(pixels); });
 }
 
 PixelMap pixel_map(const Camera& to, const Camera& from) {

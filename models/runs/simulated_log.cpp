@@ -6,7 +6,6 @@
 #include "models/batches/log_source.h"
 #include "models/data/as_pandaset.h"
 #include "models/data/load_sweep.h"
-#include "models/data/pandaset.h"
 #include "models/data/write_pandaset.h"
 #include "models/io/words.h"
 #include "models/runs/actor_names.h"
@@ -51,9 +50,6 @@ Scene output_log(const RestoredRun& run, const SimulatedLog& wish, const Listene
     if (auto learned = refines->refined_actors(wish.number); !learned.empty()) log.actors = std::move(learned);
   for (Actor& actor : log.actors) actor.label = seen_label(run, {wish.number, actor.id});
   keep_cameras(log, wish.cameras);
-  if (const std::size_t count = sensors_of(log).size(); count > std::size(kPandasetCameras))
-    throw Error(Fault::usage,
-                text("PandaSet's layout has six cameras, the log has ", count, "\n  fix: choose some with --cameras"));
   std::vector<Camera> cameras;
   for (const Camera& camera : log.cameras)
     cameras.push_back(output_camera(camera, wish.size, run.record.reading.downscale));
