@@ -39,20 +39,14 @@ Tensor used_rows_of(const HashGrid& grid) {
 DownweightedGrid::DownweightedGrid(const Scope& scope, const HashGrid& grid)
     : encoder_(grid),
       table_(scope.uniform("table", hash_grid_table_shape(grid), kZipTableStart)),
-      cells_(from_host(cells_of(grid), {1, grid.levels, 1})),
+      cells_(from_host(cells_of(grid), {grid.levels})),
       used_rows_(used_rows_of(grid)) {}
 
 Tensor DownweightedGrid::operator()(const WideSamples& at) const {
-  const int64_t count = at.points.dim(0), places = at.points.dim(1), levels = encoder_.grid.levels,
-                features = encoder_.grid.features;
+  const int64_t count = at.points.dim(0), places = at.points.dim(1);
   const Tensor read = encoder_(reshape(at.points, {count * places, 3}), table_);
-  if (!at.widths && places == 1) return read;
-  Tensor by_place = reshape(read, {count, places, levels, features});
-  if (at.widths) {
-    const Tensor across = maximum(reshape(at.widths, {count * places, 1, 1}) * cells_, 1e-9f);
-    by_place = by_place * reshape(stop_gradient(erf(std::sqrt(0.125f) / across)), {count, places, levels, 1});
-  }
-  return reshape(mean(by_place, {{1}}), {count, levels * features});
+  if (at.widths) return downweighted_mean(read, at.widths, cells_);
+  return places == 1 ? read : reshape(mean(reshape(read, {count, places, numbers()}), {{1}}), {count, numbers()});
 }
 
 Tensor DownweightedGrid::decay() const {

@@ -27,7 +27,7 @@ class DownweightedGrid {
  private:
   HashGridEncoder encoder_;
   Tensor table_;
-  Tensor cells_;      // [1,levels,1] per axis
+  Tensor cells_;      // [levels] per axis
   Tensor used_rows_;  // [levels,1]: 1 / the numbers of a level that points can read
 };
 

@@ -1,4 +1,4 @@
-// Parts of radiance fields: small networks and hash grids (ops/mlp.cpp, grid.cpp).
+// Parts of radiance fields: small networks and hash grids (ops/mlp.cpp, grid.cpp, downweight.cpp).
 #pragma once
 #include "runtime/ops.h"
 
@@ -29,5 +29,12 @@ class HashGridEncoder {
  private:
   Tensor levels_;
 };
+
+/// Zip-NeRF's mean over the P places at which a wide sample reads a grid (Barron et al. 2023, section 2). features
+/// [S*P, L*F] by place, widths [S,P] of the places in units of the grid, cells [L] an axis of each level -> [S, L*F]:
+/// the mean of erf(1 / sqrt(8 (width cells)^2)) times the features. F is 1, 2 or 4. Differentiable in features alone.
+Tensor downweighted_mean(const Tensor& features, const Tensor& widths, const Tensor& cells);
+/// The same of general ops: its reference.
+Tensor downweighted_mean_composed(const Tensor& features, const Tensor& widths, const Tensor& cells);
 
 }  // namespace cloam

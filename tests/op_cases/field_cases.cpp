@@ -127,6 +127,64 @@ void add_grids(OpCases& rows) {
   rows.push_back(again);
 }
 
+/// Widths from nothing, whose weight is 1 in every level, to a whole cube, which the levels hardly see.
+double width_of(int64_t sample, int64_t place) {
+  return sample == 0 ? 0 : 0.002 * std::pow(2.0, static_cast<double>((3 * sample + place) % 10));
+}
+
+/// Barron et al. 2023, section 2: the mean over places of erf(1 / sqrt(8 s^2 n^2)) times the features.
+double downweighted(const HostArray& features, const Shape& i, int64_t places, const std::vector<float>& cells) {
+  const int64_t each = features.dim(1) / static_cast<int64_t>(cells.size());
+  const double side = cells[static_cast<size_t>(i[1] / each)];
+  double total = 0;
+  for (int64_t place = 0; place < places; place++) {
+    const double across = width_of(i[0], place) * side;
+    const double weight = across > 0 ? std::erf(1 / std::sqrt(8 * across * across)) : 1;
+    total += weight * features.at({i[0] * places + place, i[1]}) / static_cast<double>(places);
+  }
+  return total;
+}
+
+OpCase downweighted_row(int64_t samples, int64_t places, int64_t features, bool composed) {
+  const std::vector<float> cells = {2, 9, 31};
+  std::vector<float> widths;
+  for (int64_t i = 0; i < samples * places; i++) widths.push_back(static_cast<float>(width_of(i / places, i % places)));
+  const std::string label = std::to_string(samples) + "x" + std::to_string(places) + ", " + std::to_string(features);
+  return {.op = composed ? "downweighted_mean_composed" : "downweighted_mean",
+          .label = label,
+          .inputs = {normal({samples * places, 3 * features})},
+          .run =
+              [=](const Tensors& in) {
+                const Tensor across = from_host(widths, {samples, places}), levels = from_host(cells, {3});
+                return composed ? downweighted_mean_composed(in[0], across, levels)
+                                : downweighted_mean(in[0], across, levels);
+              },
+          .reference =
+              [=](const HostArrays& in) {
+                return from_index({samples, in[0].dim(1)},
+                                  [&](const Shape& i) { return downweighted(in[0], i, places, cells); });
+              }};
+}
+
+void add_downweighting(OpCases& rows) {
+  // Samples and places that fill no block and no vector, a sample's places in two vectors, none.
+  rows.push_back(downweighted_row(37, 6, 1, false));
+  rows.push_back(downweighted_row(37, 6, 2, false));
+  rows.push_back(downweighted_row(19, 7, 4, false));
+  rows.push_back(downweighted_row(35, 1, 4, false));
+  rows.push_back(downweighted_row(3, 40, 2, false));
+  rows.push_back(downweighted_row(0, 6, 2, false));
+  rows.push_back(downweighted_row(11, 6, 2, true));
+  OpCase again = downweighted_row(3, 2, 2, false);  // of squares: it is linear itself
+  again.label = "second order";
+  again.second_order = true;
+  again.run = [mean = again.run](const Tensors& in) { return mean({square(in[0])}); };
+  again.reference = [mean = again.reference](const HostArrays& in) {
+    return mean({from_index(in[0].shape, [&](const Shape& i) { return in[0].at(i) * in[0].at(i); })});
+  };
+  rows.push_back(again);
+}
+
 /// Bilinear with half-pixel centres; beyond the outer centres the border value goes on.
 double texture(const std::function<double(int64_t, int64_t)>& texel, int64_t height, int64_t width, double u,
                double v) {
@@ -304,6 +362,7 @@ void add_harmonics(OpCases& rows) {
 void add_field_cases(OpCases& rows) {
   add_perceptrons(rows);
   add_grids(rows);
+  add_downweighting(rows);
   add_images(rows);
   add_sampling(rows);
   add_harmonics(rows);
