@@ -123,7 +123,6 @@ std::vector<Exported> export_all(const RestoredRun& run, const ExportRequest& re
       }
     }
   }
-  if (done.empty()) throw Error(Fault::data, "no actor of the run has a surface: nothing was written");
   return done;
 }
 
@@ -178,6 +177,7 @@ int export_actors(const RestoredRun& run, ExportRequest request, const Common& c
     const std::vector<Exported> done = export_all(run, request, common);
     std::optional<Exported> background;
     if (exports && request.format != "turntable") background = background_file(*exports, request);
+    if (done.empty() && !background) throw Error(Fault::data, "no actor of the run has a surface: nothing was written");
     tell(run.scenes, done, common, background);
     return 0;
   }

@@ -295,7 +295,11 @@ std::string complaint(const CLI::ParseError& error, const CLI::App& program) {
   }
   if (dynamic_cast<const CLI::RequiredError*>(&error))
     return missing(command, name, "cloam " + command.get_name() + " needs");
-  if (dynamic_cast<const CLI::ArgumentMismatch*>(&error)) return missing(command, name, "a value is missing for");
+  if (dynamic_cast<const CLI::ArgumentMismatch*>(&error)) {
+    const CLI::Option* option = command.get_option_no_throw(name);
+    if (option && option->count() > 1) return name + " is given more than once" + help_of(command);
+    return missing(command, name, "a value is missing for");
+  }
   if (dynamic_cast<const CLI::ConversionError*>(&error)) {  // "Could not convert: --seed = 1e99"
     const std::size_t colon = said.find(": "), equals = said.find(" = ");
     if (colon != std::string::npos && equals != std::string::npos && equals > colon)

@@ -106,6 +106,16 @@ void render_all(const RestoredRun& run, const std::vector<NamedView>& views, con
   share_out(ranks(), listener_of(common), {views.size(), make, complete});
 }
 
+[[noreturn]] void nothing_to_render(const char* what, const RestoredRun& run, const RenderRequest& request) {
+  if (!request.step) throw Error(Fault::data, text("no ", what, " to render in the split ", request.split));
+  int last = -1;
+  for (const Scene& scene : run.scenes)
+    for (const Frame& frame : scene.frames) last = std::max(last, scene.is_log ? frame.step : -1);
+  throw Error(Fault::usage,
+              last < 0 ? text("--step ", *request.step, ": the run has photos; driving logs have steps")
+                       : text("--step ", *request.step, ": no ", what, " of that step; the last step is ", last));
+}
+
 /// The sweep that the model would return along the recorded rays.
 void render_sweep(Street& street, const SweepRays& sweep, const fs::path& path) {
   const LidarReturns seen = street.measure(sweep.rays);
@@ -162,7 +172,7 @@ std::size_t render_lidar(const RestoredRun& run, const RenderRequest& request, c
     share_out(ranks(), listener_of(common), {sweeps.size(), make, complete});
     before += sweeps.size();
   }
-  if (before == 0) throw Error(Fault::data, "no sweep to render in the split " + request.split);
+  if (before == 0) nothing_to_render("sweep", run, request);
   return before;
 }
 
@@ -267,7 +277,7 @@ int run_render(const RenderRequest& request, const Common& common) {
                                    run.record.method));
   if (request.lidar) return render_lidar_alone(run, request, common);
   const std::vector<NamedView> views = views_of(run, request);
-  if (views.empty()) throw Error(Fault::data, "no view to render in the split " + request.split);
+  if (views.empty()) nothing_to_render("view", run, request);
   render_all(run, views, request, common);
   if (ranks().rank() > 0) return 0;
   if (request.masks) write_actor_names(run, request);

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <numeric>
 
 #include "models/data/camera_file.h"
@@ -39,6 +40,8 @@ void check_camera_name(const Scene& scene, const std::string& name) {
   for (const Frame& frame : scene.frames)
     if (std::find(names.begin(), names.end(), frame.sensor) == names.end()) names.push_back(frame.sensor);
   if (std::find(names.begin(), names.end(), name) != names.end()) return;
+  if (!scene.is_log)
+    throw Error(Fault::usage, text("--camera-name ", name, ": the run has photos; cameras of driving logs have names"));
   throw Error(Fault::usage,
               text("--camera-name ", name, ": the cameras are ", joined(names), did_you_mean(name, names)));
 }
@@ -75,7 +78,7 @@ std::vector<NamedView> capture_views(const Scene& scene, int index, const Restor
 double time_asked_for(const std::vector<const Frame*>& frames, const std::string& word) {
   const bool after_start = word.starts_with("+");
   double seconds = 0;
-  if (!parse(word.substr(after_start ? 1 : 0), seconds))
+  if (!parse(word.substr(after_start ? 1 : 0), seconds) || !std::isfinite(seconds))
     throw Error(Fault::usage,
                 text("--time ", word, ": want seconds on the log's clock, or +1.5 after its first image"));
   return seconds + (after_start ? frames.front()->timestamp.value_or(0) : 0);

@@ -85,19 +85,26 @@ class Simulation {
     try {
       for (const Report& made : share_out(ranks(), listener, {parts, make, complete}))
         count += unpacked<LogCount>(made).front();
+      if (ranks().rank() == 0) writer.write_rest();
     } catch (const Interrupted& interrupted) {
-      std::error_code error;
-      if (ranks().rank() == 0) fs::remove_all(folder, error);  // it is new
+      remove_new(folder);
       throw Interrupted(interrupted.signal(),
                         text(interrupted.what(), "; ", folder.string(), " was incomplete and has been removed"));
+    } catch (const Error&) {
+      remove_new(folder);
+      throw;
     }
-    if (ranks().rank() == 0) writer.write_rest();
     images_.before += writer.images();
     sweeps_.before += writer.sweeps();
     return count;
   }
 
  private:
+  static void remove_new(const fs::path& folder) {
+    std::error_code error;
+    if (ranks().rank() == 0) fs::remove_all(folder, error);
+  }
+
   /// Images or sweeps of all logs.
   struct Work {
     std::size_t before = 0, all = 0;  // in the logs before those of now
@@ -181,6 +188,8 @@ void check_request(const SimulateRequest& request) {
   check_has_views(read_record(request.run));
   if (request.augment == 0 && !request.prior.empty())
     throw Error(Fault::usage, "--prior makes the vehicles of --augment N, which is not given");
+  if (request.augment == 0 && request.wish != MakerRequest())
+    throw Error(Fault::usage, "--seed and --guidance are of the vehicles of --augment N, which is not given");
   if (request.augment > 0) check_is_prior(read_record(request.prior), request.prior);
   check_new_folder(request.out);
 }
@@ -201,10 +210,17 @@ int run_simulate(SimulateRequest request, const Common& common) {
                                              : fs::path(request.data);
   const Reading how = reading_for(record, !request.data.empty(), request.allow_outside);
   SimulatedLog wish{log, read_scene(data, {how.skip_bad, how.allow_outside}), {}, {}};
+  check_same_data(request.run, record.data.at(static_cast<std::size_t>(log)), wish.recorded);
   if (!request.cameras.empty()) wish.cameras = comma_separated(request.cameras);
   if (!request.size.empty()) wish.size = parse_size(request.size);
   Simulation simulation(request, common, std::move(wish));
   if (logs.size() > 1) say(common, text("log ", log, " (", logs[static_cast<std::size_t>(log)], ") of ", logs.size()));
+  std::optional<FolderLock> lock;
+  if (ranks().rank() == 0) {
+    check_new_folder(request.out);  // another process may have filled it meanwhile
+    lock.emplace(request.out);
+  }
+  meet(ranks());
   return request.augment > 0 ? write_augmented(request, common, log, simulation, stored)
                              : write_one(request, common, simulation, std::move(stored));
 }

@@ -287,6 +287,8 @@ int run_train(TrainRequest request, const Common& given) {
     throw Error(Fault::usage, text("--ranks ", request.planned_ranks,
                                    " predicts and does not train\n  fix: add --dry-run; mpirun -n ",
                                    request.planned_ranks, " cloam train trains on as many devices"));
+  if (request.planned_ranks == 0 && request.link != TrainRequest().link)
+    throw Error(Fault::usage, text("--link ", request.link, " is of the prediction by --dry-run --ranks N"));
   const ProgressStyle style = progress_style(request.progress, common);
   TrainJob job = request.resume ? resumed_job(request) : new_job(request, listener_of(common));
   if (job.finished) return first ? end_finished(job, common) : 0;

@@ -275,15 +275,19 @@ class FrameBuilder {
     return array.objects[static_cast<std::size_t>(i)];
   }
 
-  // Objects that are all numbers are numbers; else texts, with "" for None and NaN.
+  bool may_be_text(const PickleValue& value) const {
+    return value.kind == Kind::none || value.kind == Kind::text || as_number(value);
+  }
+
+  // Objects that are all numbers are numbers; else texts, with "" for None and NaN; other objects are not read.
   ColumnValues object_column(const Array& array, std::int64_t start, std::int64_t step, std::int64_t rows) {
     std::vector<double> values;
     for (std::int64_t i = 0; i < rows; ++i) {
-      const auto value = as_number(object_at(array, start + i * step));
-      if (!value) return as_texts(array, start, step, rows);
-      values.push_back(*value);
+      const PickleValue& object = object_at(array, start + i * step);
+      if (!may_be_text(object)) return {};
+      if (const auto value = as_number(object)) values.push_back(*value);
     }
-    if (rows == 0) return std::vector<std::string>();
+    if (rows == 0 || values.size() < static_cast<std::size_t>(rows)) return as_texts(array, start, step, rows);
     return values;
   }
 

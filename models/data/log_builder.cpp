@@ -5,6 +5,7 @@
 
 #include "models/data/near_misses.h"
 #include "models/data/poses.h"
+#include "models/io/safetensors_header.h"  // printable
 
 namespace cloam {
 namespace {
@@ -21,20 +22,24 @@ LogBuilder::LogBuilder(const std::filesystem::path& root, const char* format, co
 }
 
 void LogBuilder::add(const LabelledBox& labelled, const std::string& where) {
+  guarded("box", [&] { add_sound(labelled, where); });
+}
+
+void LogBuilder::add_sound(const LabelledBox& labelled, const std::string& where) {
   const Eigen::Vector3d& size = labelled.size;
   ActorBox box = labelled.box;
   if (!box.world_from_box.allFinite() || !size.allFinite()) bad_data(where, ": a value is NaN or infinite");
   if (!(size.minCoeff() > 0) || size.maxCoeff() > kLongestBox)
     bad_data(where, ": implausible box size: ", size.x(), " by ", size.y(), " by ", size.z(), " m");
   box.world_from_box = rigid(box.world_from_box, where);
-  Actor& actor = actors_[labelled.id];
+  Actor& actor = actors_[printable(labelled.id)];
   if (!actor.boxes.empty() && actor.boxes.back().step == box.step) {
     ++repeated_;
     return;
   }
   // Boxes of a track may differ a little; the largest holds them all.
   actor.size = actor.size.cwiseMax(size);
-  actor.id = labelled.id;
+  actor.id = printable(labelled.id);
   if (actor.boxes.empty()) actor.label = labelled.label;
   actor.stationary = labelled.stationary;
   actor.boxes.push_back(box);

@@ -37,13 +37,15 @@ class LogBuilder {
   void missing(const std::string& file) { missing_.push_back(file); }
 
   /// Boxes come in the order of their steps; of two of one actor at one step the first stays. Fault::data, with
-  /// `where` at its head, for poses and sizes that no box has.
+  /// `where` at its head, for poses and sizes that no box has; with --skip-bad that box alone is dropped.
   void add(const LabelledBox& labelled, const std::string& where);
 
   /// Warns of sweeps and boxes if there are none. Fault::data without any frame.
   Scene finish(const LookedFor& places);
 
  private:
+  void add_sound(const LabelledBox& labelled, const std::string& where);
+
   ReadOptions options_;
   std::map<std::string, Actor> actors_;
   std::vector<std::string> missing_;

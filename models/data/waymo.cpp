@@ -9,6 +9,7 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "models/data/log_builder.h"
 #include "models/data/poses.h"
@@ -71,6 +72,7 @@ class WaymoReader {
 
   Scene read() {
     read_car();
+    find_gaps();
     for (int camera = 0; camera < static_cast<int>(std::size(kCameras)); ++camera) read_camera(camera);
     for (const auto& [step, pose] : world_from_car_) read_sweep(step, pose);
     if (has_file(scene_.root / kBoxes)) read_boxes();
@@ -100,6 +102,21 @@ class WaymoReader {
         world_from_car_[*step] = pose;
       });
     }
+  }
+
+  /// Images without a pose of the car, and cameras without extrinsics.
+  void find_gaps() {
+    std::set<std::string> wanted;
+    for (const fs::path& entry : entries_of(scene_.root / "images")) {
+      const std::string name = entry.stem().string();
+      const auto step = number_in<int>(name.substr(0, name.find('_')));
+      const auto camera = number_in<int>(name.substr(std::min(name.find('_'), name.size() - 1) + 1));
+      if (!step || !camera || *camera >= static_cast<int>(std::size(kCameras))) continue;
+      wanted.insert(text("ego_pose/", frame_name(*step), ".txt"));
+      wanted.insert(text("extrinsics/", *camera, ".txt"));
+    }
+    for (const std::string& file : wanted)
+      if (!has_file(scene_.root / file)) log_.missing(file);
   }
 
   /// Waymo's camera axes have z up; OpenCV's, with z forward, are read, too.
@@ -176,12 +193,16 @@ class WaymoReader {
     if (steps.size() != poses.size() || steps.size() != sizes.size())
       bad_data(where, ": has ", steps.size(), " entries of frame_idx, ", poses.size(), " of obj_to_world and ",
                sizes.size(), " of box_size, want as many");
-    const std::string id = printable(string(actor, "id", where)), label = printable(string(actor, "class_name", where));
+    const std::string id = string(actor, "id", where), label = printable(string(actor, "class_name", where));
     const Eigen::Matrix3d turn{{0, 1, 0}, {-1, 0, 0}, {0, 0, 1}};
     for (std::size_t i = 0; i < steps.size(); ++i) {
       const std::string place = text(where, ", box ", i);
       const std::vector<double> pose = flat(poses[i], 16, place), size = flat(sizes[i], 3, place);  // length first
-      const int step = static_cast<int>(flat(Json::array({steps[i]}), 1, place)[0]);
+      const double step_given = flat(Json::array({steps[i]}), 1, place)[0];
+      const int last = world_from_car_.empty() ? -1 : world_from_car_.rbegin()->first;
+      if (step_given < 0 || step_given > last)
+        bad_data(place, ": frame_idx is ", step_given, ", the log has the steps 0 to ", last);
+      const int step = static_cast<int>(step_given);
       Eigen::Matrix4d world_from_box = matrix_of(pose) * pose_from(turn, {0, 0, 0});
       world_from_box.topRightCorner<3, 1>() -= origin_;
       log_.add({id, label, {size[1], size[0], size[2]}, false, {step, step / kFramesASecond, world_from_box}}, place);

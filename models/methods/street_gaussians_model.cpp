@@ -192,6 +192,7 @@ Projection StreetGaussiansModel::projection(const View& view, const ViewMove& mo
 }
 
 ThingsModel StreetGaussiansModel::things_of(const std::vector<Standing>& standing) const {
+  if (!has_actors()) return {};
   std::vector<int32_t> rows, owners;
   for (size_t s = 0; s < standing.size(); ++s)
     for (size_t row = 0; row < owners_.size(); ++row)
@@ -219,7 +220,7 @@ StreetGaussiansModel::Shown StreetGaussiansModel::shown(const View& view) const 
   out.actors.assign(static_cast<size_t>(count(kBackgroundPart)), 0);
   std::vector<Standing> standing;
   std::vector<int> numbers;
-  for (size_t a = 0; a < actors_.size() && has_actors(); ++a)
+  for (size_t a = 0; a < actors_.size(); ++a)
     if (const auto pose = world_from_box_at(actors_[a], view.time)) {
       standing.push_back(this->standing(a, *pose, view.time));
       numbers.push_back(static_cast<int>(a) + 1);
@@ -236,7 +237,7 @@ StreetGaussiansModel::Shown StreetGaussiansModel::shown(const View& view) const 
 StreetGaussiansModel::Shown StreetGaussiansModel::alone(std::size_t actor, const Camera& camera,
                                                         const Eigen::Matrix4d& box_from_camera) const {
   const std::vector<Standing> standing = {{actor, Eigen::Matrix4d::Identity(), kMiddle, {}}};
-  const ThingsModel things = has_actors() ? things_of(standing) : ThingsModel();
+  const ThingsModel things = things_of(standing);
   if (!things.owners) return {};
   return {projection_of(things, placements(standing), camera, view_matrix(box_from_camera), options()),
           std::vector<int>(static_cast<size_t>(things.owners.dim(0)), static_cast<int>(actor) + 1)};

@@ -16,6 +16,8 @@
 namespace cloam {
 namespace {
 
+constexpr double kLargestMove = 1e5;  // metres or degrees: beyond it, logs are refused and angles lose their digits
+
 [[noreturn]] void bad_operation(const std::string& given, const std::string& why) {
   throw Error(Fault::usage, text("--actor ", given, ": ", why,
                                  "\n  example: --actor 3f2a:shift=2,0,0,rotate=90\n  see cloam edit --help"));
@@ -94,6 +96,8 @@ ActorEdit ActorEdits::parse(const std::string& operation, const AssetName& actor
   if (name == "replace") return replace_by(before_, find_actor(before_, logs_, operand));
   if (name == "path") return Follow{read_path_file(operand)};
   const std::vector<double> v = numbers_of(operand, name == "shift" ? 3 : 1, given);
+  if (std::any_of(v.begin(), v.end(), [](double number) { return std::abs(number) > kLargestMove; }))
+    bad_operation(given, text(operand, " is more than ", kLargestMove, name == "shift" ? " metres" : " degrees"));
   if (name == "shift") return Shift{{v[0], v[1], v[2]}};
   return Turn{v[0] * std::numbers::pi / 180};
 }

@@ -12,6 +12,7 @@ namespace cloam {
 struct MakerRequest {
   uint64_t seed = 0;
   float guidance = 1;
+  bool operator==(const MakerRequest&) const = default;
 };
 
 class AssetMaker {

@@ -249,6 +249,13 @@ std::string fingerprint(const Scene& scene) {
   return out.str();
 }
 
+void check_same_data(const fs::path& run, const RunData& data, const Scene& now) {
+  const std::string found = fingerprint(now);
+  if (data.fingerprint.empty() || data.fingerprint == found) return;
+  throw Error(Fault::data, text(now.root.string(), " is not what ", run.string(), " was trained on (", data.fingerprint,
+                                "; this has ", found, ")\n  fix: name the run's own data with --data"));
+}
+
 std::vector<fs::path> event_files(const fs::path& folder) {
   std::vector<fs::path> found;
   std::error_code error;

@@ -103,6 +103,9 @@ std::string relative_to_run(const std::filesystem::path& path, const std::filesy
 /// Number, names and sizes of the images, as a short text. Equal after copying the data elsewhere.
 std::string fingerprint(const Scene& scene);
 
+/// Fault::data unless `now` has the images of a capture that the run was trained on.
+void check_same_data(const std::filesystem::path& run, const RunData& data, const Scene& now);
+
 /// The event files for TensorBoard in a run folder, the newest last.
 std::vector<std::filesystem::path> event_files(const std::filesystem::path& folder);
 constexpr char kEventFile[] = "events.out.tfevents.";  // how their names begin

@@ -7,6 +7,7 @@
 
 #include "models/data/load_sweep.h"
 #include "models/data/read_scene.h"
+#include "models/io/commit.h"
 #include "tests/cli/process.h"
 #include "tests/cli/small_street.h"
 
@@ -114,4 +115,24 @@ TEST_CASE("simulate after shift: the boxes move by what was asked for; size and 
     CHECK(change.isApprox(wanted, 1e-6));
   }
   CHECK(cloam_with({"simulate", edited.string(), "-o", (out / "x").string(), "--cameras", "rear"}).code == 2);
+}
+
+TEST_CASE("simulate: another log, a folder in use and a shift out of the world are refused, and nothing is left") {
+  const std::string run = small_street_run().string();
+  const fs::path other = scratch() / "other_street", out = scratch() / "refused_log";
+  fs::copy(small_street(), other, fs::copy_options::recursive);
+  const Scene log = read_scene(other);
+  fs::copy_file(other / log.frames[1].image, other / log.frames[0].image, fs::copy_options::overwrite_existing);
+  const Outcome wrong = cloam_with({"simulate", run, "-o", out.string(), "--data", other.string()});
+  CHECK(wrong.code == 3);
+  CHECK(contains(wrong.err, "is not what"));
+  CHECK_FALSE(fs::exists(out));
+  {
+    const FolderLock lock(out);
+    CHECK(cloam_with({"simulate", run, "-o", out.string()}).code == 2);
+  }
+  CHECK(fs::is_empty(out));
+  const std::string actor = log.actors.front().id;
+  CHECK(cloam_with({"edit", run, "--actor", actor + ":shift=1e30,0,0", "-o", (out / "far").string()}).code == 2);
+  CHECK(cloam_with({"simulate", run, "-o", out.string(), "--seed", "5"}).code == 2);
 }

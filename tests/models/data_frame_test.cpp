@@ -184,7 +184,7 @@ frame = pd.DataFrame({'x': [1.5, -2, 1e300], 'label': ['Car', '', 'Tram / Subway
                       'stationary': [True, False, True], 'y': [0, np.nan, -0.0]})
 odd = frame.assign(small=np.arange(3, dtype=np.int8), half=np.arange(3, dtype=np.float32), none=['a', None, np.nan],
                    mixed=pd.Series([1, 2.5, True], dtype=object), when=pd.Timestamp('2020-01-01'),
-                   group=pd.Categorical(['a', 'b', 'a']))
+                   group=pd.Categorical(['a', 'b', 'a']), notes=[{'a': 1}, 'b', None])
 for protocol in range(2, 6):
     for name, value in [('same', frame), ('odd', odd), ('part', odd[odd.d > -1]), ('none', frame[frame.d > 2**61]),
                         ('sorted', frame.sort_values('x')[['x', 'label']]), ('turned', frame[['y', 'x']].T.T),
@@ -206,6 +206,7 @@ for protocol in range(2, 6):
     CHECK(odd.texts("none") == std::vector<std::string>{"a", "", ""});
     CHECK_THROWS_AS(odd.numbers("when"), Error);
     CHECK_THROWS_AS(odd.texts("group"), Error);
+    CHECK_THROWS_WITH_AS(odd.texts("notes"), doctest::Contains("the column notes does not hold"), Error);
     CHECK(read("part").numbers("x") == std::vector<double>{1.5, 1e300});
     CHECK(read("part").texts("label") == std::vector<std::string>{"Car", "Tram / Subway \xc3\xa9"});
     CHECK(read("none").rows() == 0);

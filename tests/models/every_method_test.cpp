@@ -83,6 +83,15 @@ TEST_CASE("every registered method is built, trained, saved, resumed, evaluated 
   }
 }
 
+TEST_CASE("every method of streets does so on a log without boxes") {
+  const Worlds worlds(std::vector<Actor>{});
+  for (const std::string& name : method_names()) {
+    if (!has<Street>(name)) continue;
+    CAPTURE(name);
+    check_method([&] { return configured(name, small_settings(name)); }, worlds);
+  }
+}
+
 TEST_CASE("the method of CONTRIBUTING.md does what every method does, and learns its image") {
   const Worlds worlds;
   check_method(image_field, worlds);

@@ -154,9 +154,13 @@ TEST_CASE("a box of the LiDAR that looks ahead is dropped, as are those that nob
   CHECK(read_scene(log).actors[0].boxes.size() == kSteps - 1);
   rewrite("cuboids.sensor_id", 0);
   CHECK(read_scene(log).actors[0].boxes.size() == kSteps);
+  const Scene sound = read_scene(log);
   rewrite("yaw", std::nan(""));
   CHECK(holds(error_of([&] { read_scene(log); }), "annotations/cuboids/01.pkl.gz, row 0 (a-uuid)"));
-  CHECK(read_scene(log, {true}).warnings.size() == 1);
+  const Scene left = read_scene(log, {true});
+  CHECK(left.warnings.size() == 1);
+  CHECK(left.actors[0].boxes.size() == kSteps - 1);
+  CHECK(left.actors[1].boxes.size() == sound.actors[1].boxes.size());
   rewrite("yaw", 0);
   rewrite("dimensions.y", -1);
   CHECK(holds(error_of([&] { read_scene(log); }), "implausible box size"));

@@ -235,6 +235,10 @@ TEST_CASE("Waymo: what is missing or damaged is told by its file") {
                                R"({"0": {"id": "a", "class_name": "b", "frame_annotations":
                                    {"frame_idx": [0, 1], "obj_to_world": [], "box_size": []}}})"),
               "has 2 entries of frame_idx, 0 of obj_to_world"));
+  std::string boxes = content_of(drive.root / "instances/instances_info.json");
+  boxes.replace(boxes.find("[0, 1, 2]"), 9, "[0, 1, 1000000000]");
+  CHECK(holds(drive.error_with("instances/instances_info.json", boxes),
+              "instance 0, box 2: frame_idx is 1e+09, the log has the steps 0 to 2"));
   fs::remove(drive.root / "images/001_0.jpg");
   fs::remove(drive.root / "lidar/000.bin");
   const Scene scene = read_scene(drive.root);
@@ -242,4 +246,10 @@ TEST_CASE("Waymo: what is missing or damaged is told by its file") {
   CHECK(scene.sweeps.size() == 2);
   REQUIRE(scene.warnings.size() == 1);
   CHECK(holds(scene.warnings[0], "images/001_0.jpg"));
+  fs::remove(drive.root / "ego_pose/001.txt");
+  fs::remove(drive.root / "extrinsics/1.txt");
+  const Scene gaps = read_scene(drive.root);
+  CHECK(gaps.frames.size() == 2);
+  REQUIRE(gaps.warnings.size() == 1);
+  CHECK(holds(gaps.warnings[0], "ego_pose/001.txt, extrinsics/1.txt"));
 }

@@ -55,15 +55,9 @@ struct Worlds {
   LoadedCheckpoint run;
   std::map<std::string, std::string> run_settings;
 
-  Worlds() {
-    write_synthetic_scene(folder.path / "photos", {3, 1, 16, 3});
-    photos = read_scene(folder.path / "photos");
-    photo_pixels = load_images(photos, Split::train);
-    street = toy_street(folder.path);
-    street.actors = {toy_actor("a", {2, 4, 1.5}, 12, 2), toy_actor("b", {2, 4, 1.5}, 12, -2)};
-    street_pixels = toy_pixels(street);
-    learn_street();
-  }
+  Worlds() { make({toy_actor("a", {2, 4, 1.5}, 12, 2), toy_actor("b", {2, 4, 1.5}, 12, -2)}); }
+  /// With other actors in the street, or none.
+  explicit Worlds(const std::vector<Actor>& actors) { make(actors); }
   const Scene& scene_of(Method& method) const { return as<Street>(method) ? street : photos; }
   const Pixels& pixels_of(Method& method) const { return as<Street>(method) ? street_pixels : photo_pixels; }
   SourceRun source() const {
@@ -83,6 +77,16 @@ struct Worlds {
   }
 
  private:
+  void make(const std::vector<Actor>& actors) {
+    write_synthetic_scene(folder.path / "photos", {3, 1, 16, 3});
+    photos = read_scene(folder.path / "photos");
+    photo_pixels = load_images(photos, Split::train);
+    street = toy_street(folder.path);
+    street.actors = actors;
+    street_pixels = toy_pixels(street);
+    if (!actors.empty()) learn_street();
+  }
+
   void learn_street() {
     const auto method = make_method("genassets");
     Config config;
