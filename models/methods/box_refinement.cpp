@@ -129,7 +129,7 @@ std::array<BoxRefinement::Part, 2> BoxRefinement::parts_at(std::size_t place, co
       after.timestamp > before.timestamp ? (time - before.timestamp) / (after.timestamp - before.timestamp) : 0;
   const auto part = [&](const ActorBox& box, double share) -> Part {
     const auto found = rows_.find({place, box.step});
-    return found == rows_.end() ? Part{} : Part{found->second, static_cast<float>(share)};
+    return found == rows_.end() || actor.follows_path ? Part{} : Part{found->second, static_cast<float>(share)};
   };
   return {part(before, 1 - between), part(after, between)};
 }
@@ -169,13 +169,15 @@ std::vector<Actor> BoxRefinement::refined(const std::vector<Actor>& actors) cons
   if (!on()) return {};
   const std::vector<float> by = shifts().to_host(), yaws = turns().to_host();
   std::vector<Actor> out = actors;
-  for (size_t a = 0; a < out.size(); ++a)
+  for (size_t a = 0; a < out.size(); ++a) {
+    if (out[a].follows_path) continue;
     for (ActorBox& box : out[a].boxes) {
       const auto found = rows_.find({a, box.step});
       if (found == rows_.end()) continue;
       const auto row = static_cast<size_t>(found->second);
       box.world_from_box *= pose_from(turn_about_z(yaws[row]), {by[3 * row], by[3 * row + 1], by[3 * row + 2]});
     }
+  }
   return out;
 }
 

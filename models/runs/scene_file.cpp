@@ -66,6 +66,7 @@ Json to_json(const Actor& a, std::size_t& first_box) {
                {"stationary", a.stationary},
                {"boxes", a.boxes.size()}};
   if (!a.boxes.empty()) json["first_box"] = first_box;
+  if (a.follows_path) json["follows_path"] = true;
   if (a.asset) json["asset"] = {{"scene", a.asset->scene}, {"actor_id", a.asset->actor_id}};
   first_box += a.boxes.size();
   return json;
@@ -198,6 +199,7 @@ Actor actor_from(const Json& json, const AllBoxes& boxes, const std::string& whe
   a.label = string(json, "label", where);
   a.size = vector3(json, "size", where);
   a.stationary = flag(json, "stationary", false, where);
+  a.follows_path = flag(json, "follows_path", false, where);
   a.boxes = boxes_of(json, boxes, where + ", actor " + a.id);
   if (json.contains("asset")) {
     const Json& asset = json["asset"];

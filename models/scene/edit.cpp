@@ -53,6 +53,7 @@ void follow(const std::vector<PathPoint>& path, const Scene& scene, Actor& actor
   const std::vector<Moment> moments = moments_of(scene);
   const bool stands = path.size() == 1;
   actor.boxes.clear();
+  actor.follows_path = true;
   actor.stationary = std::all_of(path.begin(), path.end(), [&](const PathPoint& point) {
     return (point.position - path.front().position).norm() < kStanding;
   });

@@ -57,8 +57,8 @@ void each_field(Each& each, T& asset) {
 
 template <class Each, Is<Actor> T>
 void each_field(Each& each, T& actor) {
-  auto& [id, label, size, stationary, boxes, asset] = actor;
-  each(id, label, size, stationary, boxes, asset);
+  auto& [id, label, size, stationary, boxes, asset, follows_path] = actor;
+  each(id, label, size, stationary, boxes, asset, follows_path);
 }
 
 template <class Each, Is<SceneHints> T>

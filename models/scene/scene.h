@@ -92,6 +92,7 @@ struct Actor {
   bool stationary = false;
   std::vector<ActorBox> boxes;          // by step, at most one each
   std::optional<AssetName> asset = {};  // in an edited scene: whose looks it has; none: its own
+  bool follows_path = false;            // in an edited scene: no learned correction moves its boxes
 };
 
 /// What the source says about where the subject is.

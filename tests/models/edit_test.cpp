@@ -195,6 +195,7 @@ TEST_CASE("a path gives boxes at the steps in its time, yaw the shorter way roun
   CHECK(van.boxes[0].world_from_box.isApprox(pose(0, {1, 0.5, 1}), 1e-9));
   CHECK(van.boxes[1].world_from_box.isApprox(pose(0.2, {3, 1.5, 1}), 1e-9));
   CHECK_FALSE(van.stationary);
+  CHECK(van.follows_path);
   const std::string late = usage_error([&] {
     apply(Follow{{{5, Vector3d::Zero(), 0}, {6, Vector3d::Zero(), 0}}}, scenes, kVan);
   });

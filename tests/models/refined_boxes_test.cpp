@@ -79,6 +79,13 @@ TEST_CASE("boxes' accelerations are those of the places to which shifts and turn
   double length = 0;
   for (std::size_t b = 0; b < 7; ++b) length += std::hypot(shifts[3 * b], shifts[3 * b + 1], shifts[3 * b + 2]) / 7;
   CHECK(boxes.figures().at(0).value() == doctest::Approx(length));
+
+  std::vector<Actor> placed = actors;
+  placed[0].follows_path = true;  // by an edit: it stands where the path says
+  const std::vector<Actor> kept = boxes.refined(placed);
+  for (std::size_t b = 0; b < 7; ++b) CHECK(kept[0].boxes[b].world_from_box == placed[0].boxes[b].world_from_box);
+  for (const double time : {placed[0].boxes[0].timestamp, placed[0].boxes[3].timestamp + 0.01})
+    for (const auto& [row, share] : boxes.parts_at(0, placed[0], time)) CHECK(share == 0);
 }
 
 namespace {

@@ -24,7 +24,7 @@ Scenes scenes_of_boxes(int count, int scenes) {
     scene.is_log = true;
     scene.cameras = {{16, 12, 10, 11, 8, 6}};
     scene.frames = {Frame{}};
-    scene.actors = {{"0", "Car", {2, 4, 1.5}, true, {}, {}}};
+    scene.actors = {{"0", "Car", {2, 4, 1.5}, true, {}, {}, true}};
   }
   for (int box = 0; box < count; ++box) {
     const int track = box / kSteps, step = box % kSteps;
@@ -50,7 +50,7 @@ std::size_t boxes_that_differ(const Scenes& a, const Scenes& b) {
     for (std::size_t i = 0; i < a[s].actors.size(); ++i) {
       const Actor &x = a[s].actors[i], &y = b[s].actors[i];
       REQUIRE(x.boxes.size() == y.boxes.size());
-      differ += x.id != y.id || x.size != y.size || x.stationary != y.stationary;
+      differ += x.id != y.id || x.size != y.size || x.stationary != y.stationary || x.follows_path != y.follows_path;
       for (std::size_t k = 0; k < x.boxes.size(); ++k) differ += !same_box(x.boxes[k], y.boxes[k]);
     }
   }
