@@ -31,10 +31,12 @@ bool Shape::operator==(const Shape& other) const { return std::equal(begin(), en
 int64_t numel(const Shape& shape) {
   constexpr int64_t kMost = int64_t{1} << 60;  // their bytes can still be counted
   int64_t count = 1;
-  for (int64_t size : shape)
+  for (int64_t size : shape) {
+    if (size < 0) throw Error(Fault::internal, text("[shape] ", to_string(shape), " has a negative extent"));
     if (__builtin_mul_overflow(count, size, &count) || count > kMost)
       throw Error(Fault::memory,
                   text("a tensor of shape ", to_string(shape), " has more values than any memory holds"));
+  }
   return count;
 }
 

@@ -6,6 +6,7 @@
 #include "runtime/cl.h"
 #include "runtime/debug.h"
 #include "runtime/device_lock.h"
+#include "runtime/ops.h"
 #include "runtime/ops/pointwise.h"
 
 namespace cloam {
@@ -38,22 +39,24 @@ Tensor constant(double value, DType dtype) {
   return Tensor(std::move(node));
 }
 
+const Node& of_handle(const std::shared_ptr<Node>& node) {
+  if (!node) throw Error(Fault::internal, "[tensor] an empty handle has no shape, no type and no values");
+  return *node;
+}
+
 }  // namespace
 
 Tensor::Tensor(float value) : Tensor(constant(value, DType::f32)) {}
 Tensor::Tensor(double value) : Tensor(constant(value, DType::f32)) {}
 Tensor::Tensor(int value) : Tensor(constant(value, DType::i32)) {}
 
-const Shape& Tensor::shape() const {
-  if (!node_) throw Error(Fault::internal, "[tensor] an empty handle has no shape");
-  return node_->shape;
-}
+const Shape& Tensor::shape() const { return of_handle(node_).shape; }
 int64_t Tensor::dim(int axis) const { return shape()[axis_of("dim", rank(), axis)]; }
-DType Tensor::dtype() const { return node_->dtype; }
-bool Tensor::tracked() const { return node_->tracked; }
+DType Tensor::dtype() const { return of_handle(node_).dtype; }
+bool Tensor::tracked() const { return of_handle(node_).tracked; }
 bool Tensor::evaluated() const {
   const DeviceLock lock;
-  return node_->storage.buffer != nullptr;
+  return of_handle(node_).storage.buffer != nullptr;
 }
 
 /// Long chains of history are freed in a loop: a destructor per link would overflow the stack.
@@ -232,7 +235,8 @@ void assign(const std::vector<std::pair<Tensor, Tensor>>& updates) {
 
 float Tensor::item() const {
   if (numel() != 1) throw Error(Fault::internal, text("[item] shape ", to_string(shape()), " is not one value"));
-  return to_host<float>()[0];
+  const bool is_float = dtype() == DType::f32 || dtype() == DType::f16;
+  return (is_float ? *this : cast(*this, DType::f32)).to_host<float>()[0];
 }
 
 }  // namespace cloam

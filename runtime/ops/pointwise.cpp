@@ -30,10 +30,17 @@ DType common(const Tensors& in) {
   return any_unsigned ? DType::u32 : DType::i32;
 }
 
+void check_whole(const PointwiseOp& row, const Tensors& in) {
+  for (T t : in)
+    if (is_float(t.dtype()))
+      throw Error(Fault::internal, text("[", row.label, "] wants integers, found ", name_of(t.dtype())));
+}
+
 DType result_type(const PointwiseOp& row, const Tensors& in) {
   if (row.typing == Typing::same) return is_float(in[0].dtype()) ? in[0].dtype() : DType::f32;
   if (row.typing == Typing::floating) return DType::f32;
   if (row.typing == Typing::mask) return DType::i32;
+  if (row.typing == Typing::whole) check_whole(row, in);
   return common(in);
 }
 
@@ -50,7 +57,7 @@ Tensor apply(const std::shared_ptr<PointwiseOp>& op, Tensors in) {
   return make(op, shape, std::move(in), dtype);
 }
 
-constexpr auto kF = Typing::floating, kP = Typing::promote, kM = Typing::mask, kS = Typing::same;
+constexpr auto kF = Typing::floating, kP = Typing::promote, kM = Typing::mask, kW = Typing::whole, kS = Typing::same;
 
 }  // namespace
 
@@ -88,8 +95,8 @@ ROW2(minimum, minimum, "(a < b ? a : b)", kP, where(a < b, g, 0.f), where(a < b,
 ROW2(maximum, maximum, "(a > b ? a : b)", kP, where(a > b, g, 0.f), where(a > b, 0.f, g))
 ROW2(pow, pow, "m_pow(a, b)", kF, g* b* pow(a, b - 1.f), g* y* log(a))
 ROW2(atan2, atan2, "atan2(a, b)", kF, g* b / (a * a + b * b), -(g* a / (a * a + b * b)))
-ROW2(modulo, modulo, "(a % b)", kP, Tensor(), Tensor())
-ROW2(bit_xor, bit_xor, "(a ^ b)", kP, Tensor(), Tensor())
+ROW2(modulo, modulo, "(a % b)", kW, Tensor(), Tensor())
+ROW2(bit_xor, bit_xor, "(a ^ b)", kW, Tensor(), Tensor())
 ROW2(operator<, less, "(a < b)", kM, Tensor(), Tensor())
 ROW2(operator>, greater, "(a > b)", kM, Tensor(), Tensor())
 ROW2(operator<=, less_equal, "(a <= b)", kM, Tensor(), Tensor())

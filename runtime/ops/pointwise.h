@@ -11,6 +11,7 @@ enum class Typing : uint8_t {
   floating,  // operands become float, float result
   same,      // the same, but float16 gives float16
   promote,   // operands become their common type (int with int stays int), result too
+  whole,     // the same of integers alone
   mask,      // operands as promote, int32 0/1 result
   cast_to    // result as the node says
 };

@@ -125,7 +125,7 @@ Shape with_inferred(const Tensor& x, Shape shape) {
   int open = -1;
   int64_t known = 1;
   for (int i = 0; i < shape.rank(); i++) {
-    if (shape[i] == -1)
+    if (shape[i] == -1 && open < 0)
       open = i;
     else
       known *= shape[i];
@@ -146,16 +146,18 @@ Tensor reshape(const Tensor& x, const Shape& shape) {
 }
 
 Tensor permute(const Tensor& x, const Shape& axes) {
-  Shape to = Shape::filled(x.rank(), -1);
+  Shape to = x.shape(), order = axes;  // of the axes counted from the front
   bool complete = axes.rank() == x.rank();
   for (int i = 0; complete && i < x.rank(); i++) {
-    to[i] = x.dim(static_cast<int>(axes[i]));
-    for (int j = 0; j < i; j++) complete &= axes[i] != axes[j];
+    const int axis = axis_of("permute", x.rank(), static_cast<int>(axes[i]));
+    order[i] = axis;
+    to[i] = x.shape()[axis];
+    for (int j = 0; j < i; j++) complete &= order[i] != order[j];
   }
   if (!complete)
     throw Error(Fault::internal,
                 text("[permute] ", to_string(axes), " is not an order of the axes of ", to_string(x.shape())));
-  return view_of<Permute>(x, to, axes);
+  return view_of<Permute>(x, to, order);
 }
 
 Tensor transpose(const Tensor& x, int axis_a, int axis_b) {
@@ -180,6 +182,7 @@ Tensor slice(const Tensor& x, int axis, int64_t begin, int64_t end, int64_t step
 
 Tensor broadcast_to(const Tensor& x, const Shape& shape) {
   if (x.shape() == shape) return x;
+  (void)numel(shape);  // a shape that no tensor has is told here, not where values are asked for
   if (!(broadcast("broadcast_to", x.shape(), shape) == shape))
     throw Error(Fault::internal,
                 text("[broadcast_to] ", to_string(x.shape()), " does not broadcast to ", to_string(shape)));
@@ -187,7 +190,7 @@ Tensor broadcast_to(const Tensor& x, const Shape& shape) {
 }
 
 Tensor unsqueeze(const Tensor& x, int axis) {
-  const int at = axis < 0 ? axis + x.rank() + 1 : axis;
+  const int at = axis_of("unsqueeze", x.rank() + 1, axis);
   Shape to;
   for (int i = 0; i <= x.rank(); i++) {
     if (i == at) to.push_back(1);

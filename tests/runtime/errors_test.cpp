@@ -49,6 +49,8 @@ TEST_CASE("pointwise ops say which axes do not meet") {
        },
        {"[atan2]", "2 against 3 on axis -2"}},
       {"where", [] { where(made({2}), made({2}), made({2})); }, {"[where]", "float32", "integer mask"}},
+      {"modulo", [] { modulo(whole({2}), made({2})); }, {"[modulo]", "integers", "float32"}},
+      {"bit_xor", [] { bit_xor(cast(made({2}), DType::f16), whole({2})); }, {"[bit_xor]", "integers", "float16"}},
       {"clamp", [] { clamp(made({2}), made({3}), made({2})); }, {"[2]", "[3]"}},
   });
 }
@@ -75,6 +77,37 @@ TEST_CASE("views say what does not fit") {
          permute(made({2, 3}), {0, 2});
        },
        {"axis 2", "2 axes"}},
+      {"permute from the back",
+       [] {
+         permute(made({2, 3}), {1, -1});
+       },
+       {"[permute]", "[1,-1]", "[2,3]"}},
+      {"unsqueeze",
+       [] {
+         unsqueeze(made({2, 3}), 9);
+       },
+       {"[unsqueeze]", "axis 9 is outside"}},
+      {"unsqueeze from the back",
+       [] {
+         unsqueeze(made({2, 3}), -4);
+       },
+       {"[unsqueeze]", "axis -4 is outside"}},
+      {"negative", [] { zeros({-1}); }, {"[-1]", "negative extent"}},
+      {"negative, broadcast",
+       [] {
+         broadcast_to(made({2, 3}), {-1, 2, 3});
+       },
+       {"[-1,2,3]", "negative extent"}},
+      {"negative, random",
+       [] {
+         random_uniform({3, -2}, {1}).to_host();
+       },
+       {"[3,-2]", "negative extent"}},
+      {"two that are to be found",
+       [] {
+         reshape(made({2, 3}), {-1, -1});
+       },
+       {"[-1,-1]", "negative extent"}},
       {"transpose",
        [] {
          transpose(made({2, 3}), 0, 5);
@@ -198,10 +231,23 @@ TEST_CASE("moving values checks counts and types") {
          from_host(std::vector<float>{1, 2, 3}, {2, 2});
        },
        {"[from_host]", "3 values", "[2,2]"}},
+      {"from_host, negative",
+       [] {
+         from_host(std::vector<float>{1, 2}, {-1, -2});
+       },
+       {"[-1,-2]", "negative extent"}},
       {"to_host", [] { made({2}).to_host<int32_t>(); }, {"[to_host]", "float32"}},
       {"item", [] { made({2}).item(); }, {"[item]", "[2]"}},
       {"grad", [] { grad(made({2}), {}); }, {"[grad]", "[2]", "sum or mean"}},
       {"no tensor", [] { (void)Tensor().shape(); }, {"[tensor]", "empty handle"}},
+      {"no tensor's type", [] { (void)Tensor().dtype(); }, {"[tensor]", "empty handle"}},
+      {"no tensor evaluated", [] { eval({Tensor()}); }, {"[tensor]", "empty handle"}},
+      {"no tensor chooses", [] { where(Tensor(), made({2}), made({2})); }, {"[tensor]", "empty handle"}},
+      {"no tensor in a product",
+       [] {
+         matmul(made({2, 3}), Tensor());
+       },
+       {"[tensor]", "empty handle"}},
       {"gather",
        [] {
          gather_rows(made({2, 3}), made({2}));

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstring>
 #include <functional>
+#include <numeric>
 
 #include "runtime/device.h"
 #include "runtime/error.h"
@@ -62,6 +63,31 @@ TEST_CASE("views launch nothing") {
   CHECK(launches([&] { eval({view}); }) == 0);
   CHECK(view.shape() == Shape{4, 2, 3});
   CHECK(view.to_host()[0] == ramp(60)[1]);
+}
+
+TEST_CASE("axes that are counted from the back are those from the front") {
+  std::vector<float> values(24);
+  std::iota(values.begin(), values.end(), 0.f);
+  const Tensor x = from_host(values, {2, 3, 4});
+  for (const Shape& axes : {Shape{-1, 0, 1}, Shape{2, -3, -2}, Shape{-1, -3, 1}}) {
+    const Tensor turned = permute(x, axes);
+    REQUIRE(turned.shape() == Shape{4, 2, 3});
+    const std::vector<float> got = turned.to_host();
+    for (size_t k = 0, at = 0; k < 4; k++)
+      for (size_t i = 0; i < 2; i++)
+        for (size_t j = 0; j < 3; j++, at++) CHECK(got[at] == values[(i * 3 + j) * 4 + k]);
+  }
+  const Tensor p = parameter(values, {2, 3, 4}), weights = from_host(values, {4, 2, 3});
+  const std::vector<float> g = grad(sum(permute(p, {-1, 0, 1}) * weights), {p})[0].to_host();
+  for (size_t k = 0, at = 0; k < 4; k++)
+    for (size_t ij = 0; ij < 6; ij++, at++) CHECK(g[ij * 4 + k] == values[at]);
+}
+
+TEST_CASE("item is the value of any type") {
+  CHECK(from_host(std::vector<int32_t>{-7}, {1}).item() == -7.f);
+  CHECK(from_host(std::vector<uint32_t>{7}, {}).item() == 7.f);
+  CHECK(from_host(std::vector<uint8_t>{200}, {1, 1}).item() == 200.f);
+  CHECK(cast(Tensor(0.5f), DType::f16).item() == 0.5f);
 }
 
 TEST_CASE("pointwise chains are one launch") {
