@@ -36,6 +36,8 @@ struct ClDevice {
   DeviceInfo info;
 };
 ClDevice& cl_device();
+/// In a process that was forked from one that had opened the device: cl_device() throws, and nothing is left to end.
+bool left_by_fork();
 
 /// From the pool: up to a quarter larger, so that others find it again.
 std::shared_ptr<Buffer> allocate(size_t bytes);

@@ -1,6 +1,8 @@
 // Which device runs: listing, choosing, and the context and queue of the chosen one.
 #include "runtime/device.h"
 
+#include <pthread.h>
+
 #include <algorithm>
 #include <atomic>
 #include <cctype>
@@ -172,8 +174,26 @@ const Candidate& chosen_among(const Candidates& found, const std::string& wish) 
 DeviceOptions device_options;
 std::optional<ClDevice> opened;
 std::atomic<ClDevice*> device_in_use = nullptr;  // what was opened: asked for at each launch, without the lock
+std::atomic<bool> was_left = false;
+
+/// Drivers have threads, and a forked process has none of them: what it asks of the device would wait for ever.
+void leave_device() {
+  if (!device_in_use.exchange(nullptr)) return;
+  was_left = true;
+  DeviceLock::renew();
+}
+
+void check_not_left() {
+  if (!was_left) return;
+  throw Error(Fault::device,
+              text("this process was forked from one that had opened its device, which cannot be used in both\n  fix: ",
+                   "start worker processes anew (multiprocessing.set_start_method(\"spawn\") in Python), or fork them ",
+                   "before the device is used"));
+}
 
 void open_device() {
+  check_not_left();
+  [[maybe_unused]] static const int told = pthread_atfork(nullptr, nullptr, leave_device);
   const char* environment = std::getenv("CLOAM_DEVICE");
   const std::string wish = device_options.device == "auto" && environment ? environment : device_options.device;
   check_environment();
@@ -244,6 +264,8 @@ ClDevice& cl_device() {
   if (!device_in_use) open_device();
   return *device_in_use;
 }
+
+bool left_by_fork() { return was_left; }
 
 const DeviceInfo& device() { return cl_device().info; }
 bool is_cpu_class() { return device().device_class == DeviceClass::cpu; }

@@ -1,6 +1,7 @@
 // Threads and the device: one thread at a time uses it, and with it the plans, the pool, the kernels and the records of
 // this process.
 #pragma once
+#include <memory>
 #include <mutex>
 
 namespace cloam {
@@ -13,6 +14,8 @@ class DeviceLock {
   DeviceLock() : held_(mutex()) {}
   DeviceLock(const DeviceLock&) = delete;
   DeviceLock& operator=(const DeviceLock&) = delete;
+  /// In a process that was just forked: whoever held it is no thread of this one.
+  static void renew() { std::construct_at(&mutex()); }
 
  private:
   static std::recursive_mutex& mutex() {

@@ -217,7 +217,7 @@ Buffer::~Buffer() {
   DeviceStats& s = device_stats();
   s.live_bytes -= bytes;
   // Launches that are under way still use the memory, which is not the driver's.
-  if (given) clFinish(cl_device().queue());
+  if (given && !left_by_fork()) clFinish(cl_device().queue());
   if (!pooled) return;
   try {
     pool().free[size_class(bytes)].push_back({std::move(mem), pool().freed++});
@@ -286,7 +286,7 @@ class Mapped {
            [&] { at_ = cl_device().queue.enqueueMapBuffer(mem_, CL_TRUE, flags, offset, bytes); });
   }
   ~Mapped() {
-    if (!at_) return;
+    if (!at_ || left_by_fork()) return;
     const DeviceLock lock;
     clEnqueueUnmapMemObject(cl_device().queue(), mem_(), at_, 0, nullptr, nullptr);
   }

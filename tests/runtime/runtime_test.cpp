@@ -1,5 +1,7 @@
 // What the runtime promises beyond right values: few launches, plans and memory used again, clear ends, equal bits.
 #include <doctest/doctest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -88,6 +90,26 @@ TEST_CASE("item is the value of any type") {
   CHECK(from_host(std::vector<uint32_t>{7}, {}).item() == 7.f);
   CHECK(from_host(std::vector<uint8_t>{200}, {1, 1}).item() == 200.f);
   CHECK(cast(Tensor(0.5f), DType::f16).item() == 0.5f);
+}
+
+TEST_CASE("a forked process is told that the device stays with the one that opened it") {
+  const Tensor x = from_host(std::vector<float>{1, 2}, {2});
+  eval({x * 2.f});
+  const pid_t child = fork();
+  if (child == 0) {
+    alarm(20);  // what it is to be told comes at once
+    try {
+      (void)(x * 3.f).to_host();
+    } catch (const Error& error) {
+      _exit(error.fault() == Fault::device && std::string(error.what()).find("spawn") != std::string::npos ? 7 : 1);
+    }
+    _exit(2);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  CHECK(WIFEXITED(status));
+  CHECK(WEXITSTATUS(status) == 7);
+  CHECK((x * 3.f).to_host() == std::vector<float>{3, 6});
 }
 
 TEST_CASE("pointwise chains are one launch") {
