@@ -162,8 +162,7 @@ fs::path AssetFiles::grid() const { return folder / kGrid; }
 
 Generation::Generation(const RestoredRun& prior, const AssetRequest& wish, const MadeBy& by)
     : prior_(*as<GeneratesAssets>(*prior.method)), wish_(wish), part_(wish) {
-  StoredRun source = read_source(prior);
-  as<LearnsFromRun>(*prior.method)->load(source_of(source));
+  StoredRun source = load_source(prior);
   how_ = how_made(prior, source, wish, by);
   part_.first = 0;
   part_.count = std::min(wish.count, kAtOnce);

@@ -123,8 +123,7 @@ nlohmann::ordered_json measure_prior(const RestoredRun& run, const PriorReferenc
                                      const Ranks& ranks) {
   const Clock::time_point start = Clock::now();
   auto& prior = *as<GeneratesAssets>(*run.method);
-  StoredRun source = read_source(run);
-  as<LearnsFromRun>(*run.method)->load(source_of(source));
+  StoredRun source = load_source(run);
   const PriorScore score = prior.score();
   Report figures = {{"schema_version", 2},
                     {"protocol", "held-out-codes"},

@@ -49,9 +49,7 @@ std::vector<AssetName> vehicles_of(const Scenes& scenes, int log) {
 AssetMaker::AssetMaker(const std::filesystem::path& prior, const StoredRun& run) {
   check_is_prior(read_record(prior), prior);
   prior_ = restore_run(prior);
-  const StoredRun source = read_source(prior_);
-  check_same_networks(prior_, source, run);
-  require<LearnsFromRun>(*prior_.method, prior_.record.method, "generating assets").load(source_of(source));
+  check_same_networks(prior_, load_source(prior_), run);
 }
 
 Replace AssetMaker::make(StoredRun& run, const AssetName& name, const MakerRequest& wish) {

@@ -126,6 +126,12 @@ StoredRun read_source(const StoredRun& run) {
                                 data.fingerprint, "; now ", now, ")\n  fix: train it anew, or put that run back"));
 }
 
+StoredRun load_source(const RestoredRun& run) {
+  StoredRun source = read_source(run);
+  require<LearnsFromRun>(*run.method, run.record.method, "generating assets").load(source_of(source));
+  return source;
+}
+
 SourceRun source_of(const StoredRun& run) {
   SourceRun source{run.folder,
                    run.record.method,

@@ -36,6 +36,9 @@ struct RestoredRun : StoredRun {
   Progress progress;
 };
 
+/// read_source, and its method is given what it says: nothing is generated before.
+StoredRun load_source(const RestoredRun& run);
+
 /// read_run, with the method built from it and given the generated assets; `edit` may change the scenes
 /// before: where actors are, not how many. Errors as read_run.
 RestoredRun restore_run(

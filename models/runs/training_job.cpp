@@ -2,10 +2,13 @@
 #include "models/runs/training_job.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 #include "models/io/words.h"
 #include "models/methods/registry.h"
 #include "models/runs/settings.h"
+#include "models/scene/split.h"
 #include "models/train/learns_from_run.h"
 #include "models/train/mixed_precision.h"
 #include "models/train/old_names.h"
@@ -22,6 +25,41 @@ bool holds_files(const fs::path& folder) {
     if (entry->path().filename() != ".lock") return true;
   }
   return false;
+}
+
+template <class Value>
+void check_from(const char* option, const std::optional<Value>& given, Value least, Value most) {
+  if (!given || (*given >= least && *given <= most)) return;
+  const bool bounded = most < std::numeric_limits<Value>::max();
+  throw Error(Fault::usage, text(option, " ", *given, ": want ",
+                                 bounded ? text("from ", least, " to ", most) : text(least, " or more")));
+}
+
+/// What no training can be asked for, by whatever program: the command line's parser is not the only one who asks.
+void check_numbers(const TrainRequest& request) {
+  constexpr int64_t kAny = std::numeric_limits<int64_t>::max();
+  check_from<int64_t>("--steps", request.steps, 1, kAny);
+  check_from<int64_t>("--save-every", request.save_every, 1, kAny);
+  check_from<int64_t>("--stop-after", std::optional(request.stop_after), 0, kAny);  // 0: none
+  check_from<int64_t>("--seed", request.seed, 0, kAny);
+  check_from<int64_t>("--gradient-accumulation", request.accumulation, 1, kMostShares);
+  check_from<int>("--downscale", request.downscale, 1, 256);
+  check_from<int>("--holdout", request.holdout, 2, 1 << 20);
+  check_from<int>("--sparse-every", request.sparse_every, 2, 1 << 20);
+  if (request.time_budget && !(std::isfinite(*request.time_budget) && *request.time_budget > 0))
+    throw Error(Fault::usage, text("--time-budget ", *request.time_budget, ": want seconds, more than 0"));
+}
+
+void check_word(const char* option, const std::string& given, const std::vector<std::string>& words) {
+  if (given.empty() || std::find(words.begin(), words.end(), given) != words.end()) return;
+  throw Error(Fault::usage, text(option, " ", given, ": want one of ", joined(words), did_you_mean(given, words)));
+}
+
+void check_words(const TrainRequest& request) {
+  check_word("--precision", request.precision, {"full", "mixed"});
+  check_word("--masks", request.masks, {"ignore", "transparent"});
+  check_word("--actors", request.actors, {"road-users", "all"});
+  check_word("--protocol", request.protocol, protocol_names());
 }
 
 void check_data_given(const TrainRequest& request) {
@@ -247,6 +285,8 @@ TrainJob new_job(const TrainRequest& request, const Listener& listener) {
   if (request.method.empty()) throw Error(Fault::usage, "METHOD and DATA are missing: cloam train nerf DATA");
   TrainJob job;
   check_data_given(request);
+  check_numbers(request);
+  check_words(request);
   job.method = make_method(request.method);
   job.record.preset = request.preset.empty() ? request.method : request.preset;
   job.method->configure(job.config);
@@ -280,6 +320,8 @@ TrainJob new_job(const TrainRequest& request, const Listener& listener) {
 TrainJob resumed_job(const TrainRequest& request) {
   if (request.overwrite)
     throw Error(Fault::usage, "--resume continues the run, --overwrite replaces it; give only one");
+  check_numbers(request);
+  check_words(request);
   TrainJob job;
   job.folder = request.out;
   job.record = read_record(job.folder);
