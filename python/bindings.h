@@ -6,6 +6,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
+#include <unistd.h>
 
 #include "models/runs/listener.h"
 #include "runtime/tensor.h"
@@ -13,7 +14,44 @@
 namespace cloam {
 
 namespace py = pybind11;
-using Unlocked = py::gil_scoped_release;
+
+/// Takes the interpreter's lock. Where Python has ended meanwhile it would end the thread by unwinding its stack,
+/// through destructors that must not throw, which ends the process instead: the thread stays here for ever.
+template <class Take>
+auto locked_by(const Take& take) {
+  try {
+    return take();
+  } catch (...) {
+    for (;;) ::pause();
+  }
+}
+
+/// Without the interpreter's lock, which the thread had.
+class Unlocked {
+ public:
+  Unlocked() : state_(PyEval_SaveThread()) {}
+  ~Unlocked() {
+    locked_by([this] { PyEval_RestoreThread(state_); });
+  }
+  Unlocked(const Unlocked&) = delete;
+  Unlocked& operator=(const Unlocked&) = delete;
+
+ private:
+  PyThreadState* state_;
+};
+
+/// With it, which any thread may take that does not have it.
+class Locked {
+ public:
+  Locked() : state_(locked_by(PyGILState_Ensure)) {}
+  ~Locked() { PyGILState_Release(state_); }
+  Locked(const Locked&) = delete;
+  Locked& operator=(const Locked&) = delete;
+
+ private:
+  PyGILState_STATE state_;
+};
+
 /// What a tensor held may wait for a thread that uses the device: others go on meanwhile.
 struct DeletedUnlocked {
   template <class Held>

@@ -1,6 +1,7 @@
 // Puts the parts together, and the error that all of them throw.
 #include "models/runs/version.h"
 #include "python/bindings.h"
+#include "runtime/device_lock.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -20,10 +21,16 @@ Errors are cloam.Error, whose fault says of which kind; int(fault) is the exit c
 /// Of every cloam::Error: cloam.Error(message) with the attribute `fault`.
 void raise(const Error& error) {
   const py::object type = py::module_::import("cloam").attr("Error");
-  const py::object raised = type(error.what());
+  const std::string what = error.what();  // names of files may be any bytes
+  const auto words = py::reinterpret_steal<py::object>(
+      PyUnicode_DecodeUTF8(what.data(), static_cast<py::ssize_t>(what.size()), "replace"));
+  const py::object raised = type(words);
   raised.attr("fault") = py::cast(error.fault());
   PyErr_SetObject(type.ptr(), raised.ptr());
 }
+
+/// Threads that still compute while the process ends would meet what has gone: none gets the device any more.
+void keep_device_at_end() { (void)new DeviceLock; }
 
 }  // namespace
 
@@ -50,12 +57,12 @@ void add_errors(py::module_& module) {
 }
 
 void check_interrupt() {
-  const py::gil_scoped_acquire locked;
+  const Locked locked;
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
 
 void python_warning(const std::string& warning) {
-  const py::gil_scoped_acquire locked;
+  const Locked locked;
   if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
 }
 
@@ -69,6 +76,7 @@ PYBIND11_MODULE(cloam, module) {
   module.doc() = cloam::kAbout;
   module.attr("__version__") = cloam::kVersion;
   cloam::add_errors(module);
+  Py_AtExit(cloam::keep_device_at_end);
   cloam::add_devices(module);
   cloam::TensorClass tensor = cloam::add_tensors(module);
   cloam::add_ops(module, tensor);

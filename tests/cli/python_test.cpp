@@ -304,6 +304,37 @@ told(lambda: cloam.psnr(np.zeros((2, 2, 3)), np.zeros((2, 3, 3))))
   CHECK_MESSAGE(contains(out, "internal 1 [matmul]"), out);
 }
 
+TEST_CASE("python: a thread that computes does not disturb the end of Python") {
+  for (int i = 0; i < 3; ++i) {
+    const Outcome outcome = python(R"(
+import time
+def compute():
+    while True: (cloam.tensor([1.0, 2.0]) * 2).numpy()
+for _ in range(2): threading.Thread(target=compute, daemon=True).start()
+time.sleep(1)
+)");
+    CHECK_MESSAGE(outcome.code == 0, outcome.out);
+    CHECK(outcome.out.empty());
+  }
+}
+
+TEST_CASE("python: a forked process is told to be started anew") {
+  CHECK(printed(R"(
+import os, signal
+x = cloam.tensor([1.0, 2.0])
+held = (x * 2).numpy()
+child = os.fork()
+if child == 0:
+    signal.alarm(20)  # what it is to be told comes at once
+    try: (x * 3).numpy()
+    except cloam.Error as error: os._exit(7 if error.fault == cloam.Fault.device and "spawn" in str(error) else 1)
+    os._exit(2)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+assert (x * 3).numpy().tolist() == [3, 6] and held.tolist() == [2, 4]
+print("well")
+)") == "well\n");
+}
+
 TEST_CASE("python: figures are those of eval's definitions") {
   CHECK(printed(R"(
 rng = np.random.default_rng(2)
