@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "models/runs/listener.h"
+#include "runtime/error.h"
 #include "runtime/tensor.h"
 
 namespace cloam {
@@ -78,6 +79,35 @@ void open_device();
 
 /// A tensor, a number or an array as a tensor. Fault::usage for anything else.
 Tensor tensor_from(const py::handle& value);
+
+using Floats = py::array_t<float, py::array::c_style | py::array::forcecast>;
+/// An array of what NumPy makes of the values. Fault::usage, naming `what` they are, for anything but real numbers.
+py::array numbers_from(const py::object& values, const char* what);
+/// The same as floats.
+Floats floats_from(const py::object& values, const char* what);
+/// A whole number of Python's or NumPy's.
+bool is_whole(const py::handle& value);
+
+template <class Value>
+struct Wanted {
+  static constexpr const char* kWords = std::is_same_v<Value, bool>       ? "True or False"
+                                        : std::is_unsigned_v<Value>       ? "a whole number from 0 on"
+                                        : std::is_integral_v<Value>       ? "a whole number"
+                                        : std::is_floating_point_v<Value> ? "a number"
+                                                                          : "another type";
+};
+template <class Value>
+struct Wanted<std::optional<Value>> : Wanted<Value> {};
+
+/// The value of an option. Fault::usage, naming it, for one of another type.
+template <class Value>
+Value option_as(const std::string& name, const py::handle& value) {
+  try {
+    return value.cast<Value>();
+  } catch (const py::cast_error&) {
+    throw Error(Fault::usage, text(name, "=", std::string(py::repr(value)), ": want ", Wanted<Value>::kWords));
+  }
+}
 
 /// A new array of that shape with a copy of the values.
 template <class Value>

@@ -10,15 +10,11 @@
 namespace cloam {
 namespace {
 
-using Floats = py::array_t<float, py::array::c_style | py::array::forcecast>;
-
 /// Bytes count as 0 to 255, floats are in [0,1].
 Floats image_from(const py::array& given) {
   if (given.ndim() != 3) throw Error(Fault::usage, text("an image is [H,W,C], found ", given.ndim(), " axes"));
   const bool bytes = given.dtype().kind() == 'u' && given.itemsize() == 1;
-  const auto values = Floats::ensure(bytes ? py::array(given.attr("astype")("float32") / py::float_(255.0f)) : given);
-  if (!values) throw py::error_already_set();
-  return values;
+  return floats_from(bytes ? py::array(given.attr("astype")("float32") / py::float_(255.0f)) : given, "an image");
 }
 
 std::span<const float> values_of(const Floats& array) { return {array.data(), static_cast<std::size_t>(array.size())}; }
@@ -59,7 +55,8 @@ double lpips_of(const Lpips& network, const py::array& a, const py::array& b) {
   return static_cast<double>(network(picture(x), picture(y)).item());
 }
 
-double chamfer_of(const Floats& a, const Floats& b) {
+double chamfer_of(const py::object& these, const py::object& those) {
+  const Floats a = floats_from(these, "points"), b = floats_from(those, "points");
   for (const Floats* points : {&a, &b})
     if (points->ndim() != 2 || points->shape(1) != 3) throw Error(Fault::usage, "points are [N,3]");
   const Unlocked others;

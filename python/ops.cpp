@@ -2,6 +2,7 @@
 #include "runtime/ops.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "python/bindings.h"
 #include "runtime/error.h"
@@ -15,8 +16,8 @@ using Tensorlike = py::object;  // a tensor, a number or an array
 
 std::vector<int> axes_from(const py::object& axis) {
   if (axis.is_none()) return {};
-  if (py::isinstance<py::int_>(axis)) return {axis.cast<int>()};
-  return axis.cast<std::vector<int>>();
+  if (is_whole(axis)) return {option_as<int>("axis", axis)};
+  return option_as<std::vector<int>>("axis", axis);
 }
 
 Shape shape_of(const std::vector<int64_t>& sizes) {
@@ -37,7 +38,7 @@ Tensor indexed(const Tensor& x, int axis, const py::handle& index) {
     if (step < 1) throw Error(Fault::usage, text("a slice goes by ", step, ": want steps of 1 or more"));
     return slice(x, axis, begin, std::max(begin, end), step);
   }
-  if (!py::isinstance<py::int_>(index))
+  if (!is_whole(index))
     throw Error(Fault::usage, "tensors are indexed by whole numbers and slices; gather_rows() takes a tensor of rows");
   auto place = index.cast<int64_t>();
   if (place < 0) place += x.dim(axis);
@@ -68,29 +69,67 @@ Tensor item_of(const Tensor& x, const py::object& index) {
   return out;
 }
 
+/// By products: numbers below 0 have such powers, too.
+Tensor whole_power(const Tensor& x, int64_t exponent) {
+  if (exponent < 0) return 1.f / whole_power(cast(x, DType::f32), -exponent);
+  if (exponent == 0) return cast(ones(x.shape()), x.dtype());
+  if (exponent == 1) return x;
+  const Tensor even = square(whole_power(x, exponent / 2));
+  return exponent % 2 == 0 ? even : even * x;
+}
+
+Tensor power(const Tensor& x, const Tensorlike& exponent) {
+  if (is_whole(exponent) || py::hasattr(exponent, "is_integer")) {  // a number
+    const auto value = exponent.cast<double>();
+    if (std::trunc(value) == value && std::abs(value) < 0x1p31) return whole_power(x, static_cast<int64_t>(value));
+  }
+  return pow(x, tensor_from(exponent));
+}
+
+/// As Python divides whole numbers.
+Tensor quotient(const Tensor& a, const Tensor& b) {
+  const auto is_float = [](const Tensor& x) { return x.dtype() == DType::f32 || x.dtype() == DType::f16; };
+  return is_float(a) || is_float(b) ? a / b : cast(a, DType::f32) / b;
+}
+
 /// name(a, b) and the operators, of which the reflected one has its operands the other way round.
 void add_operator(TensorClass& tensor, const char* name, const char* reflected, Binary op) {
   tensor.def(name, [op](const Tensor& a, const Tensorlike& b) { return op(a, tensor_from(b)); });
   if (reflected) tensor.def(reflected, [op](const Tensor& b, const Tensorlike& a) { return op(tensor_from(a), b); });
 }
 
+/// By element where both are numbers; Python's answer where b is none. Tensors are hashed by what they are.
+void add_equality(TensorClass& tensor) {
+  tensor.attr("__hash__") = py::module_::import("builtins").attr("object").attr("__hash__");
+  const auto add = [&](const char* name, Binary op) {
+    tensor.def(name, [op](const Tensor& a, const Tensorlike& b) {
+      const bool numbers = is_whole(b) || py::isinstance<py::float_>(b) || py::hasattr(b, "__array__");
+      return numbers ? py::cast(op(a, tensor_from(b))) : py::reinterpret_borrow<py::object>(Py_NotImplemented);
+    });
+  };
+  add("__eq__", &equal);
+  add("__ne__", [](const Tensor& a, const Tensor& b) { return equal(equal(a, b), 0); });
+}
+
 void add_operators(TensorClass& tensor) {
   add_operator(tensor, "__add__", "__radd__", [](const Tensor& a, const Tensor& b) { return a + b; });
   add_operator(tensor, "__sub__", "__rsub__", [](const Tensor& a, const Tensor& b) { return a - b; });
   add_operator(tensor, "__mul__", "__rmul__", [](const Tensor& a, const Tensor& b) { return a * b; });
-  add_operator(tensor, "__truediv__", "__rtruediv__", [](const Tensor& a, const Tensor& b) { return a / b; });
+  add_operator(tensor, "__truediv__", "__rtruediv__", &quotient);
   add_operator(tensor, "__matmul__", "__rmatmul__", &matmul);
-  add_operator(tensor, "__pow__", "__rpow__", &pow);
+  tensor.def("__pow__", &power);
+  tensor.def("__rpow__", [](const Tensor& exponent, const Tensorlike& x) { return pow(tensor_from(x), exponent); });
   add_operator(tensor, "__mod__", "__rmod__", &modulo);
   add_operator(tensor, "__lt__", nullptr, [](const Tensor& a, const Tensor& b) { return a < b; });
   add_operator(tensor, "__gt__", nullptr, [](const Tensor& a, const Tensor& b) { return a > b; });
   add_operator(tensor, "__le__", nullptr, [](const Tensor& a, const Tensor& b) { return a <= b; });
   add_operator(tensor, "__ge__", nullptr, [](const Tensor& a, const Tensor& b) { return b <= a; });
+  add_equality(tensor);
   tensor.def("__neg__", [](const Tensor& x) { return -x; });
   tensor.def("__getitem__", &item_of);
   tensor.def_property_readonly("T", [](const Tensor& x) { return transpose(x); });
   tensor.def("reshape", [](const Tensor& x, const py::args& sizes) {
-    const bool one = sizes.size() == 1 && !py::isinstance<py::int_>(sizes[0]);
+    const bool one = sizes.size() == 1 && !is_whole(sizes[0]);
     return reshape(x, shape_of((one ? py::object(sizes[0]) : py::object(sizes)).cast<std::vector<int64_t>>()));
   });
   tensor.attr("__array_ufunc__") = py::none();  // array + tensor is ours

@@ -23,6 +23,7 @@ using Pose = py::array_t<double, py::array::c_style | py::array::forcecast>;
 struct Run {
   RestoredRun restored;
   std::mutex busy;
+  bool knows_source = false;  // of a run of diffusion: what it learned from is read once it generates
 
   explicit Run(StoredRun stored) : restored(restore_run(std::move(stored))) {
     if (!restored.checkpoint.warning.empty()) python_warning(restored.checkpoint.warning);
@@ -55,7 +56,13 @@ struct Lens {
   double fx, fy, cx, cy;
 };
 
+void check_size(int width, int height) {
+  if (width < 1 || height < 1)
+    throw Error(Fault::usage, text("a view of ", width, "x", height, " pixels: want 1 or more each way"));
+}
+
 NamedView pinhole_view(const Pose& pose, const Lens& lens, int scene, double time) {
+  check_size(lens.width, lens.height);
   NamedView out{"view", {}};
   out.view.camera = {lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy};
   out.view.scene = scene;
@@ -64,12 +71,20 @@ NamedView pinhole_view(const Pose& pose, const Lens& lens, int scene, double tim
   return out;
 }
 
+const Scene& scene_of(const Run& run, int scene) {
+  const Scenes& scenes = run.restored.scenes;
+  if (scene < 0 || static_cast<std::size_t>(scene) >= scenes.size())
+    throw Error(Fault::usage, text("there is no scene ", scene, ": the run has ", scenes.size(), ", from 0 on"));
+  return scenes[static_cast<std::size_t>(scene)];
+}
+
 /// Those of `cloam render`: at the size of the training images.
 std::vector<NamedView> views_of(const Run& run, const std::string& split) {
   if (split != "test" && split != "train" && split != "all")
     throw Error(Fault::usage, text("split \"", split, "\": want test, train or all"));
   std::vector<NamedView> out;
   const RestoredRun& of = run.restored;
+  check_has_views(of.record);
   for (std::size_t index = 0; index < of.scenes.size(); ++index) {
     const Scene& scene = of.scenes[index];
     std::vector<std::size_t> frames;
@@ -92,9 +107,7 @@ Picture render(Run& run, NamedView named) {
   const std::scoped_lock lock(run.busy);
   auto* renders = as<RendersViews>(*run.restored.method);
   if (!renders) throw Error(Fault::usage, text("a run of ", run.restored.record.method, " renders no views"));
-  if (named.view.scene < 0 || static_cast<std::size_t>(named.view.scene) >= run.restored.scenes.size())
-    throw Error(Fault::usage,
-                text("the view is of scene ", named.view.scene, ", the run has ", run.restored.scenes.size()));
+  (void)scene_of(run, named.view.scene);
   named.view.between = check_interrupt;
   return renders->render(named.view);
 }
@@ -134,13 +147,13 @@ AssetRequest asset_wish(int count, const py::kwargs& options) {
     if (name == "asset_class")
       wish.asset_class = class_named(py::str(value));
     else if (name == "night")
-      wish.night = value.cast<bool>();
+      wish.night = option_as<bool>(name, value);
     else if (name == "seed")
-      wish.seed = value.cast<uint64_t>();
+      wish.seed = option_as<uint64_t>(name, value);
     else if (name == "guidance")
-      wish.guidance = value.cast<float>();
+      wish.guidance = option_as<float>(name, value);
     else if (name == "steps")
-      wish.steps = value.cast<int>();
+      wish.steps = option_as<int>(name, value);
     else
       throw Error(Fault::usage,
                   text("there is no ", name, " of assets: want asset_class, night, seed, guidance or steps"));
@@ -152,6 +165,8 @@ AssetRequest asset_wish(int count, const py::kwargs& options) {
 std::vector<NewAsset> generated(Run& run, const AssetRequest& wish) {
   const std::scoped_lock lock(run.busy);
   check_is_prior(run.restored.record, run.restored.folder);
+  if (!run.knows_source) load_source(run.restored);
+  run.knows_source = true;
   return as<GeneratesAssets>(*run.restored.method)->generate(wish);
 }
 
@@ -203,6 +218,7 @@ units; lens is (fx, fy, cx, cy) in pixels, with centres of pixels at + 0.5; time
       .def(
           "resized",
           [](NamedView named, int width, int height) {
+            check_size(width, height);
             named.view.camera = resized(named.view.camera, width, height);
             return named;
           },
@@ -252,8 +268,7 @@ void add_run_class(RunClass& run) {
           "actors",
           [](const Run& r, int scene) {
             std::vector<std::string> ids;
-            for (const Actor& actor : r.restored.scenes.at(static_cast<std::size_t>(scene)).actors)
-              ids.push_back(actor.id);
+            for (const Actor& actor : scene_of(r, scene).actors) ids.push_back(actor.id);
             return ids;
           },
           py::arg("scene") = 0, "The ids of a scene's actors.")

@@ -35,6 +35,8 @@ Tensor from_array(const py::array& array) {
   if (type == "int32" || type == "bool") return copied<int32_t>(array, DType::i32);
   if (type == "uint32") return copied<uint32_t>(array, DType::u32);
   if (type == "uint8") return copied<uint8_t>(array, DType::u8);
+  const bool one_whole = array.ndim() == 0 && (array.dtype().kind() == 'i' || array.dtype().kind() == 'u');
+  if (one_whole) return tensor_from(array.attr("item")());  // numpy.int64(2) is a number
   throw Error(Fault::usage, text("an array of ", type, ": tensors are of float32, float16, int32, uint32 or uint8",
                                  "\n  fix: array.astype(numpy.int32), say"));
 }
@@ -90,16 +92,36 @@ py::object numpy(const Tensor& tensor, bool copy) {
   return in_place.is_none() ? py::object(array_copied(tensor)) : in_place;
 }
 
-Tensor new_tensor(const py::object& values) { return tensor_from(py::array(values)); }
+/// NumPy gives Python's whole numbers 64 bits, which no tensor has.
+py::array as_int32(const py::array& whole) {
+  const py::array narrow = whole.attr("astype")("int32");
+  if (py::module_::import("numpy").attr("array_equal")(narrow, whole).cast<bool>()) return narrow;
+  throw Error(Fault::usage,
+              "whole numbers of a tensor are of int32, from -2147483648 to 2147483647, and some lie outside"
+              "\n  fix: give them as floats, or as an array of numpy.uint32");
+}
+
+Tensor new_tensor(const py::object& values) {
+  const py::array array = numbers_from(values, "a tensor");
+  const bool untyped = array.ndim() == 0 || !py::hasattr(values, "dtype");
+  const bool wide = array.itemsize() == 8 && array.dtype().kind() != 'f';
+  return from_array(untyped && wide ? as_int32(array) : array);
+}
 
 Tensor new_parameter(const py::object& values) {
-  const auto floats = py::array_t<float, py::array::c_style | py::array::forcecast>::ensure(values);
-  if (!floats) throw py::error_already_set();
+  const Floats floats = floats_from(values, "a parameter");
   const std::vector<float> host(floats.data(), floats.data() + floats.size());
   const Shape shape = shape_from(floats);
   const Unlocked others;
   open_device();
   return parameter(host, shape);
+}
+
+/// A float, or an int of what holds integers.
+py::object one_value(const Tensor& tensor) {
+  if (tensor.numel() != 1)
+    throw Error(Fault::internal, text("[item] shape ", to_string(tensor.shape()), " is not one value"));
+  return array_copied(tensor).attr("item")();
 }
 
 std::string tensor_words(const Tensor& tensor) {
@@ -162,7 +184,9 @@ void add_gradients(py::module_& module) {
       },
       py::arg("loss"), py::arg("wrt"), py::arg("g") = py::none(), py::call_guard<Unlocked>(),
       "d loss / d each of wrt, as tensors that can be differentiated again. Without g (d something / d loss, of its "
-      "shape) the loss has one element.");
+      "shape) the loss has one element. Zeros where the loss does not depend on a tensor, and of one that is not "
+      "tracked: "
+      "gradients reach parameters, and what was computed from them.");
   module.def(
       "assign",
       [](const Tensor& target, const py::object& value) {
@@ -175,12 +199,27 @@ void add_gradients(py::module_& module) {
 
 }  // namespace
 
+py::array numbers_from(const py::object& values, const char* what) {
+  try {
+    py::array array(values);
+    if (std::strchr("biuf", array.dtype().kind())) return array;
+    throw Error(Fault::usage,
+                text("want numbers for ", what, ", found an array of ", std::string(py::str(array.dtype()))));
+  } catch (const py::error_already_set& error) {
+    if (!error.matches(PyExc_ValueError) && !error.matches(PyExc_TypeError)) throw;
+    throw Error(Fault::usage, text("want numbers for ", what, ": ", std::string(py::str(error.value()))));
+  }
+}
+
+Floats floats_from(const py::object& values, const char* what) { return Floats(numbers_from(values, what)); }
+
+bool is_whole(const py::handle& value) { return PyIndex_Check(value.ptr()) && !py::isinstance<py::array>(value); }
+
 Tensor tensor_from(const py::handle& value) {
   if (py::isinstance<Tensor>(value)) return value.cast<Tensor>();
   if (py::isinstance<py::bool_>(value) || py::isinstance<py::int_>(value)) {
-    const auto whole = value.cast<int64_t>();
-    if (whole == static_cast<int32_t>(whole)) return Tensor(static_cast<int>(whole));
-    return Tensor(static_cast<double>(whole));
+    const auto whole = value.cast<double>();
+    return whole >= -0x1p31 && whole < 0x1p31 ? Tensor(static_cast<int>(whole)) : Tensor(whole);
   }
   if (py::isinstance<py::float_>(value)) return Tensor(value.cast<double>());
   if (py::isinstance<py::array>(value)) return from_array(value.cast<py::array>());
@@ -210,8 +249,13 @@ in place) and with copy=True. An array in place holds the tensor's memory for as
             return dtype.is_none() ? array : py::object(array.attr("astype")(dtype));
           },
           py::arg("dtype") = py::none(), py::arg("copy") = py::none())
-      .def("item", &Tensor::item, py::call_guard<Unlocked>(), "The value of a tensor with one element.")
-      .def("__float__", &Tensor::item, py::call_guard<Unlocked>())
+      .def("item", &one_value, "The value of a tensor with one element: a float, or an int of integers.")
+      .def("__float__", [](const Tensor& t) { return py::float_(one_value(t)); })
+      .def("__iter__",
+           [](const py::object& self) {
+             if (self.cast<const Tensor&>().rank() == 0) throw py::type_error("a tensor without axes has no rows");
+             return py::reinterpret_steal<py::object>(PySeqIter_New(self.ptr()));
+           })
       .def("__len__",
            [](const Tensor& t) {
              if (t.rank() == 0) throw py::type_error("a tensor without axes has no length");
@@ -221,7 +265,8 @@ in place) and with copy=True. An array in place holds the tensor's memory for as
       .def("__bool__",
            [](const Tensor&) -> bool { throw py::type_error("a tensor is neither true nor false: ask its item()"); });
   module.def("tensor", &new_tensor, py::arg("values"),
-             "A tensor with a copy of the values: float32 (also of float64), float16, int32, uint32 or uint8.");
+             "A tensor with a copy of the values: float32 (also of float64), float16, int32 (also of Python's whole "
+             "numbers), uint32 or uint8.");
   module.def("parameter", &new_parameter, py::arg("values"),
              "A tensor of float32 that gradients reach and optimisers step.");
   add_gradients(module);

@@ -158,11 +158,13 @@ void take(const py::dict& options, const char* name, Value& into) {
   if constexpr (std::is_same_v<Value, std::string>)
     into = py::str(value);
   else
-    into = value.cast<Value>();
+    into = option_as<Value>(name, value);
 }
 
 void take_settings(const py::dict& options, TrainRequest& request) {
   if (!options.contains("settings")) return;
+  if (!py::isinstance<py::dict>(options["settings"]))
+    throw Error(Fault::usage, "settings are a dict, such as {\"train.rate\": 0.01}");
   for (const auto& [key, value] : options["settings"].cast<py::dict>())
     request.settings.push_back(std::string(py::str(key)) + "=" + setting_word(value));
   options.attr("pop")("settings");

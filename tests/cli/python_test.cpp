@@ -123,6 +123,36 @@ print("well")
 )") == "well\n");
 }
 
+TEST_CASE("python: numbers, powers, quotients and comparisons are NumPy's") {
+  CHECK(printed(R"(
+a = np.array([[-2, -0.5, 3], [1.5, -1, 0.25]], np.float32)
+t, whole = cloam.tensor(a), cloam.tensor([1, 2, -3])
+close = lambda t, want: np.testing.assert_allclose(t.numpy(), want, rtol=1e-5)
+for n in (0, 1, 2, 3, 7, -1, -2, 4.0, np.int64(2), np.float32(3)):
+    close(t ** n, a ** n)
+p = cloam.parameter(a)
+for n in (2, 3, -2, 5):
+    close(cloam.grad(cloam.sum(p ** n), [p])[0], n * a ** (n - 1))
+close(abs(a) ** t, abs(a) ** a); close(cloam.tensor(abs(a)) ** 0.5, abs(a) ** 0.5); close(2 ** t, 2 ** a)
+assert (whole ** 2).dtype == np.int32 and (whole ** 2).numpy().tolist() == [1, 4, 9]
+assert (whole / 2).dtype == np.float32 and (whole / 2).numpy().tolist() == [0.5, 1, -1.5]
+assert (1 / whole).numpy()[1] == 0.5 and (whole % 2).numpy().shape == (3,)
+assert whole.dtype == np.int32 and cloam.tensor(3).item() == 3 and cloam.tensor([[True]]).dtype == np.int32
+assert type(whole[1].item()) is int and float(whole[2]) == -3 and type(t[0, 0].item()) is float
+assert cloam.tensor(np.array([200], np.uint8)).item() == 200
+two = np.int64(2)
+close(t + two, a + 2); close(t + (1 << 70), a + 2.0 ** 70); close(two * t, a * 2); close(t[np.int64(1)], a[1]); close(t[..., two], a[..., 2])
+close(t.reshape(np.int64(6)), a.ravel()); close(t.reshape(two, 3), a); close(t + np.array(5), a + 5)
+close(cloam.sum(t, axis=np.int64(1)), a.sum(1)); close(cloam.max(t, axis=np.array([0, 1])), a.max())
+assert ((t == 1.5).numpy() == (a == 1.5)).all() and ((t != t).numpy() == 0).all()
+assert ((a == t).numpy() == 1).all() and ((3 != t).numpy() == (a != 3)).all()
+assert t != None and not t == "text" and t in {t: 1} and len({t, cloam.tensor(a)}) == 2
+assert [row.numpy().tolist() for row in t] == a.tolist()
+try: list(cloam.tensor(5.0))
+except TypeError: print("well")
+)") == "well\n");
+}
+
 TEST_CASE("python: an array in place outlives its tensor, cannot be written, and keeps its memory from others") {
   CHECK(printed(R"(
 import gc
@@ -177,6 +207,16 @@ assets = run.generate(3, seed=7)
 assert [a.code.shape for a in assets] == [assets[0].code.shape] * 3 and all(min(a.size) > 0 for a in assets)
 )",
           {run, mine.string()});
+  printed(R"(
+first = cloam.load(sys.argv[1]).generate(3, seed=7)  # nothing was written before
+run = cloam.load(sys.argv[1])
+run.write_assets(sys.argv[2], count=1, meshes=False)
+assert all((a.code == b.code).all() for a, b in zip(first, run.generate(3, seed=7)))
+try: run.views()
+except cloam.Error as error: assert error.fault == cloam.Fault.usage and "has no views" in str(error), error
+else: raise AssertionError("views of a run of diffusion")
+)",
+          {run, mine.string() + "-again"});
   must({"generate", run, "-n", "3", "--seed", "7", "--no-meshes", "-o", other.string()});
   CHECK(content_of(mine / "latents.safetensors") == content_of(other / "latents.safetensors"));
   CHECK(content_of(mine / "grid.png") == content_of(other / "grid.png"));
@@ -302,6 +342,57 @@ told(lambda: cloam.psnr(np.zeros((2, 2, 3)), np.zeros((2, 3, 3))))
   }
   CHECK_MESSAGE(contains(out, "nerf"), out);
   CHECK_MESSAGE(contains(out, "internal 1 [matmul]"), out);
+}
+
+TEST_CASE("python: a wrong value is told with its name") {
+  const std::string out = printed(R"(
+def told(what, *parts):
+    try: what()
+    except cloam.Error as error:
+        assert error.fault == cloam.Fault.usage and all(part in str(error) for part in parts), error
+    else: raise AssertionError(parts)
+image = np.zeros((4, 4, 3))
+told(lambda: cloam.parameter("abc"), "a parameter", "<U3")
+told(lambda: cloam.parameter([[1], [2, 3]]), "a parameter")
+told(lambda: cloam.parameter(None), "a parameter", "object")
+told(lambda: cloam.parameter(np.ones(2, np.complex64)), "a parameter", "complex64")
+told(lambda: cloam.psnr(np.full((4, 4, 3), "a"), image), "an image", "<U1")
+told(lambda: cloam.tensor([1 << 40]), "int32")
+told(lambda: cloam.tensor(np.array([1, 2])), "int64")  # the type is the caller's choice
+told(lambda: cloam.sum(cloam.ones([2]), axis="x"), "axis='x'")
+told(lambda: cloam.load(b"/tmp/\xff\xfe"), "/tmp/")
+run = cloam.load(sys.argv[1])
+told(lambda: run.actors(9), "scene 9")
+told(lambda: run.actors(-1), "scene -1")
+lens = (1, 1, 1, 1)
+told(lambda: cloam.View(np.eye(4), 0, 5, lens), "0x5")
+told(lambda: run.views("all")[0].resized(3, -1), "3x-1")
+told(lambda: run.generate(night="x"), "night='x'", "True or False")
+told(lambda: run.generate(seed=-1), "seed=-1", "from 0 on")
+print("well")
+)",
+                                  {small_street_run().string()});
+  CHECK(out == "well\n");
+}
+
+TEST_CASE("python: a training that cannot be is refused as train refuses it, and leaves no folder") {
+  const fs::path run = folder() / "refused";
+  const std::string out = printed(R"(
+import math
+wrong = [("steps", 0), ("steps", -1), ("steps", "a"), ("gradient_accumulation", 0), ("gradient_accumulation", 5000),
+         ("holdout", -1), ("holdout", 1), ("save_every", -1), ("stop_after", -1), ("time_budget", -5),
+         ("time_budget", math.nan), ("time_budget", math.inf), ("precision", "foo"), ("seed", -1), ("downscale", 0),
+         ("protocol", "sparce"), ("masks", "no"), ("actors", "road_users"), ("settings", "a=b")]
+for name, value in wrong:
+    try: cloam.Training("nerf", sys.argv[1], out=sys.argv[2], **{name: value})
+    except cloam.Error as error:
+        assert error.fault == cloam.Fault.usage and name.replace("_", "-") in str(error).replace("_", "-"), error
+    else: raise AssertionError(name)
+print("well")
+)",
+                                  {small_scene().string(), run.string()});
+  CHECK(out == "well\n");
+  CHECK_FALSE(fs::exists(run));
 }
 
 TEST_CASE("python: a thread that computes does not disturb the end of Python") {
