@@ -306,7 +306,7 @@ Command add_export(CLI::App& program) {
             number_from(1e-6, 1e9));
         add("--least-part", r.least_part,
             "Leave out loose parts of a scene's surface with less than this share of its area (0)", number_from(0, 1));
-        add("--points", r.points, "Rays of the training photos that points are made of, at most (1000000)",
+        add("--points", r.points, "Points at most, each of a ray of a training photo (1000000)",
             whole_number(1, 100000000));
         add("--farthest", r.farthest, "Distance of a point from its camera, at most (streets: 80 m)",
             number_from(1e-6, 1e9));

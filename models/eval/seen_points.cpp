@@ -11,6 +11,8 @@
 namespace cloam {
 namespace {
 
+constexpr std::size_t kFewestPixels = 1 << 14;  // in a picture: in small ones, neighbours are no one surface's
+
 /// The camera with at most so many pixels.
 Camera camera_of(const Camera& camera, std::size_t pixels) {
   const double shrink =
@@ -21,6 +23,12 @@ Camera camera_of(const Camera& camera, std::size_t pixels) {
 
 void append(std::vector<float>& values, const Eigen::Vector3d& more) {
   for (const double value : more) values.push_back(static_cast<float>(value));
+}
+
+void append(Mesh& points, const Mesh& more) {
+  points.positions.insert(points.positions.end(), more.positions.begin(), more.positions.end());
+  points.normals.insert(points.normals.end(), more.normals.begin(), more.normals.end());
+  points.colours.insert(points.colours.end(), more.colours.begin(), more.colours.end());
 }
 
 void add_points(Mesh& points, const Picture& picture, const View& view, double farthest) {
@@ -38,6 +46,18 @@ void add_points(Mesh& points, const Picture& picture, const View& view, double f
   }
 }
 
+/// Every so many of them, so that at most `most` are left.
+void thin(Mesh& points, std::size_t most) {
+  const std::size_t count = points.positions.size() / 3;
+  if (count <= most) return;
+  for (std::vector<float>* values : {&points.positions, &points.normals, &points.colours}) {
+    for (std::size_t i = 0; i < most; ++i)
+      std::copy_n(values->begin() + static_cast<std::ptrdiff_t>(3 * (i * count / most)), 3,
+                  values->begin() + static_cast<std::ptrdiff_t>(3 * i));
+    values->resize(3 * most);
+  }
+}
+
 }  // namespace
 
 Mesh seen_points(RendersViews& method, const Scene& scene, int index, const SeenPointsWish& wish,
@@ -47,11 +67,15 @@ Mesh seen_points(RendersViews& method, const Scene& scene, int index, const Seen
   for (std::size_t i = 0; i < frames.size(); ++i) {
     listener.check_stop([] { return std::string("no file was written"); });
     const Frame& frame = scene.frames[frames[i]];
-    const View view = view_of(
-        frame, camera_of(scene.cameras[static_cast<std::size_t>(frame.camera)], wish.most / frames.size()), index);
-    add_points(points, method.render(view), view, wish.farthest);
+    const std::size_t pixels = std::max(wish.most / frames.size(), kFewestPixels);
+    const View view = view_of(frame, camera_of(scene.cameras[static_cast<std::size_t>(frame.camera)], pixels), index);
+    Mesh seen;
+    add_points(seen, method.render(view), view, wish.farthest);
+    thin(seen, std::max<std::size_t>(1, wish.most / frames.size()));
+    append(points, seen);
     listener.say(text("points ", i + 1, "/", frames.size(), "  ", frame.name));
   }
+  thin(points, wish.most);
   return points;
 }
 

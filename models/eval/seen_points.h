@@ -10,7 +10,7 @@
 namespace cloam {
 
 struct SeenPointsWish {
-  std::size_t most = 1000000;                                 // rays, shared out among the photos
+  std::size_t most = 1000000;                                 // points, shared out among the photos
   double farthest = std::numeric_limits<double>::infinity();  // from the camera, in scene units
 };
 

@@ -70,7 +70,7 @@ ActorEdits::ActorEdits(StoredRun& run, std::function<std::filesystem::path()> pr
 void ActorEdits::apply_all(const std::string& given, const MakerRequest& wish) {
   // An operand may have colons of its own (a log, a path): the last one before it ends the actor's name.
   const std::size_t colon = given.rfind(':', given.find_first_of("=,"));
-  if (colon == std::string::npos) bad_operation(given, "want [LOG:]ID:OPERATION");
+  if (colon == std::string::npos || colon == 0) bad_operation(given, "want [LOG:]ID:OPERATION");
   const AssetName actor = find_actor(run_.scenes, logs_, given.substr(0, colon));
   for (const std::string& operation : split_operations(given.substr(colon + 1)))
     apply(parse(operation, actor, given, wish), run_.scenes, actor);
@@ -85,7 +85,7 @@ ActorEdit ActorEdits::parse(const std::string& operation, const AssetName& actor
   if (std::find(known.begin(), known.end(), name) == known.end())
     bad_operation(given, text("there is no operation '", name, "'; want shift, rotate, remove, replace or path",
                               did_you_mean(name, known)));
-  if ((name == "remove") != (equals == std::string::npos)) {
+  if (name == "remove" ? equals != std::string::npos : operand.empty()) {
     bad_operation(given, name + (name == "remove" ? " takes no operand" : " needs an operand after ="));
   }
   if (name == "remove") return Remove{};
