@@ -8,13 +8,16 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <map>
 #include <memory>
+#include <numeric>
 #include <span>
 
 #include "models/io/bytes.h"
 #include "models/io/commit.h"
 #include "models/io/image_bytes.h"
 #include "models/io/srgb.h"
+#include "models/io/words.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -23,6 +26,7 @@ namespace {
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::uint64_t kMaxImageValues = std::uint64_t{1} << 29;
+constexpr int kMostChannels = 64;  // of an EXR; other formats have four at most
 constexpr std::uint64_t kMaxImageBytes = std::uint64_t{1} << 31;
 // What a header may promise, measured by the bytes that follow. Deflate shrinks to 1/1032 at best, JPEG to about that;
 // of EXR's other compressions some write a block of equal pixels in a few bytes.
@@ -84,14 +88,52 @@ void require_exr_layout(const Decoder& decoder) {
            " pixels are too large to decode; save the image in smaller tiles, or with zip");
 }
 
-void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec, int max_channels) {
+void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec) {
+  const int kept = std::min(spec.nchannels, 4);  // at most, whatever else an EXR has
   const bool sides = spec.width > 0 && spec.height > 0 && spec.depth <= 1 && spec.width <= kLongestImageSide &&
                      spec.height <= kLongestImageSide;
-  const bool channels = spec.nchannels >= 1 && spec.nchannels <= max_channels;
+  const bool channels = spec.nchannels >= 1 && spec.nchannels <= kMostChannels;
   const int deep = spec.format.is_floating_point() ? 4 : 1;  // such pixels pass through floats
-  if (sides && channels && spec.image_pixels() * spec.nchannels * deep <= kMaxImageValues) return;
+  if (sides && channels && spec.image_pixels() * kept * deep <= kMaxImageValues) return;
   bad_data(path.string(), ": the header says ", spec.width, "x", spec.height, " pixels with ", spec.nchannels,
-           " channels; the limit is ", kMaxImageValues, " values and ", max_channels, " channels");
+           " channels; the limit is ", kMaxImageValues, " values and ", kMostChannels, " channels");
+}
+
+/// The channels of a photo in an EXR, by name: R G B or Y of the picture itself, else of its only layer that has them
+/// or of the one that Blender calls Combined, and the A beside them. Empty where there is none.
+std::vector<int> colour_channels(const std::vector<std::string>& names) {
+  std::map<std::string, std::map<std::string, int>> layers;  // name of the layer with its point, letter
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const std::size_t letter = names[i].rfind('.') + 1;  // 0 where there is no point
+    layers[names[i].substr(0, letter)].emplace(lower_case(names[i].substr(letter)), static_cast<int>(i));
+  }
+  const auto colours_of = [](const std::map<std::string, int>& layer) {
+    std::vector<int> found;
+    for (const char* letter : {"r", "g", "b"})
+      if (const auto at = layer.find(letter); at != layer.end()) found.push_back(at->second);
+    if (found.size() < 3) found.clear();
+    if (const auto grey = layer.find("y"); found.empty() && grey != layer.end()) found = {grey->second};
+    if (const auto alpha = layer.find("a"); !found.empty() && alpha != layer.end()) found.push_back(alpha->second);
+    return found;
+  };
+  std::vector<std::vector<int>> found;
+  for (const auto& [name, layer] : layers) {
+    const std::vector<int> colours = colours_of(layer);
+    if (!colours.empty() && (name.empty() || lower_case(name).ends_with("combined."))) return colours;
+    if (!colours.empty()) found.push_back(colours);
+  }
+  return found.size() == 1 ? found.front() : std::vector<int>();
+}
+
+/// Numbers of the channels that make the photo.
+std::vector<int> photo_channels(const Decoder& decoder) {
+  std::vector<int> channels(static_cast<std::size_t>(decoder.spec.nchannels));
+  std::iota(channels.begin(), channels.end(), 0);
+  if (decoder.format != "openexr") return channels;
+  channels = colour_channels(decoder.spec.channelnames);
+  if (!channels.empty()) return channels;
+  bad_data(decoder.path.string(), ": looked for channels R, G, B (and A) or Y, of one layer at most, found ",
+           OIIO::Strutil::join(decoder.spec.channelnames, ", "), "; save the picture's colours under these names");
 }
 
 /// The decoder of bytes that are, or begin, an image of its format.
@@ -106,15 +148,15 @@ void start(Decoder& decoder, const std::filesystem::path& path) {
   if (!decoder.input->open(path.string(), decoder.spec, options)) damaged_image(path, decoder.input->geterror());
 }
 
-Decoder open(const std::filesystem::path& path, int max_channels) {
+Decoder open(const std::filesystem::path& path) {
   Decoder decoder;
   decoder.path = path;
   decoder.bytes = read_file(path, kMaxImageBytes);
   decoder.format = format_of(decoder.bytes);
-  require_format(path, decoder.format);
+  require_format(path, decoder.format, decoder.bytes);
   require_sound_bytes(path, decoder.format, decoder.bytes);
   start(decoder, path);
-  require_spec(path, decoder.spec, max_channels);
+  require_spec(path, decoder.spec);
   require_proportion(decoder);
   if (decoder.format == "openexr") require_exr_layout(decoder);
   return decoder;
@@ -177,19 +219,21 @@ float developed(float colour, const PhotoLight& light) {
 
 // EXR stores colours times alpha; Image wants them straight.
 Bytes straight_8_bit(Decoder& decoder, const PhotoLight& light) {
-  const std::size_t channels = static_cast<std::size_t>(decoder.spec.nchannels), width = decoder.spec.width;
+  const std::vector<int> chosen = photo_channels(decoder);
+  const std::size_t all = static_cast<std::size_t>(decoder.spec.nchannels), channels = chosen.size(),
+                    width = decoder.spec.width;
   const bool has_alpha = channels == 2 || channels == 4, is_exr = decoder.format == "openexr";
   Bytes pixels(decoder.spec.image_pixels() * channels);
   decode_blocks(decoder, [&](const Block& block, const std::vector<float>& values) {
-    for (std::size_t i = 0; i < values.size(); i += channels) {
-      const std::size_t place = i / channels, row = block.y + place / block.width,
-                        column = block.x + place % block.width;
-      const float alpha = has_alpha ? values[i + channels - 1] : 0;
+    for (std::size_t i = 0; i < values.size(); i += all) {
+      const std::size_t place = i / all, row = block.y + place / block.width, column = block.x + place % block.width;
+      const auto value_of = [&](std::size_t c) { return values[i + static_cast<std::size_t>(chosen[c])]; };
+      const float alpha = has_alpha ? value_of(channels - 1) : 0;
       for (std::size_t c = 0; c < channels; ++c) {
-        if (!std::isfinite(values[i + c]))
+        if (!std::isfinite(value_of(c)))
           damaged_image(decoder.path, text("pixel ", column, ", ", row, " is not finite"));
         const bool is_alpha = has_alpha && c + 1 == channels, divide = is_exr && alpha > 0 && !is_alpha;
-        const float value = divide ? values[i + c] / alpha : values[i + c];
+        const float value = divide ? value_of(c) / alpha : value_of(c);
         pixels[(row * width + column) * channels + c] = rounded(is_alpha ? value : developed(value, light));
       }
     }
@@ -243,12 +287,13 @@ int orientation_of(const Decoder& decoder) {
 }
 
 ImageSize size_of(const Decoder& decoder) {
-  return {decoder.spec.width, decoder.spec.height, decoder.spec.nchannels, orientation_of(decoder)};
+  return {decoder.spec.width, decoder.spec.height, static_cast<int>(photo_channels(decoder).size()),
+          orientation_of(decoder)};
 }
 
 }  // namespace
 
-ImageSize read_image_size(const std::filesystem::path& path) { return size_of(open(path, 4)); }
+ImageSize read_image_size(const std::filesystem::path& path) { return size_of(open(path)); }
 
 ImageSize peek_image_size(const std::filesystem::path& path) {
   Decoder decoder;
@@ -271,7 +316,7 @@ ImageSize peek_image_size(const std::filesystem::path& path) {
     return read_image_size(path);
   try {
     start(decoder, path);
-    require_spec(path, decoder.spec, 4);
+    require_spec(path, decoder.spec);
   } catch (const Error&) {  // the header is longer, or damaged
     return read_image_size(path);
   }
@@ -281,8 +326,8 @@ ImageSize peek_image_size(const std::filesystem::path& path) {
 Image read_image(const std::filesystem::path& path) { return read_photo(path, {}); }
 
 Image read_photo(const std::filesystem::path& path, const PhotoLight& light) {
-  Decoder decoder = open(path, 4);
-  Image image{decoder.spec.width, decoder.spec.height, decoder.spec.nchannels, {}};
+  Decoder decoder = open(path);
+  Image image{decoder.spec.width, decoder.spec.height, static_cast<int>(photo_channels(decoder).size()), {}};
   image.orientation = orientation_of(decoder);
   if (decoder.format == "openexr" || light.linear || light.exposure != 1) {
     image.pixels = straight_8_bit(decoder, light);
@@ -296,10 +341,13 @@ Image read_photo(const std::filesystem::path& path, const PhotoLight& light) {
 }
 
 Labels read_labels(const std::filesystem::path& path) {
-  Decoder decoder = open(path, 1);
+  Decoder decoder = open(path);
   const bool deep = decoder.spec.format == OIIO::TypeDesc::UINT16;
   if (decoder.format != "png" || (!deep && decoder.spec.format != OIIO::TypeDesc::UINT8))
     bad_data(path.string(), ": want a PNG with 8-bit or 16-bit integers");
+  if (decoder.spec.nchannels != 1)
+    bad_data(path.string(), ": has ", decoder.spec.nchannels,
+             " channels, want 1: a number a pixel, not a picture of them; save it as grey");
   Labels labels{decoder.spec.width, decoder.spec.height, {}};
   if (deep) {
     labels.values = decode<std::uint16_t>(decoder, OIIO::TypeDesc::UINT16);
@@ -311,7 +359,7 @@ Labels read_labels(const std::filesystem::path& path) {
 }
 
 FloatPlane read_exr_layer(const std::filesystem::path& path, const std::vector<std::string>& names) {
-  Decoder decoder = open(path, 64);
+  Decoder decoder = open(path);
   const auto& all = decoder.spec.channelnames;
   const auto found = std::find_first_of(names.begin(), names.end(), all.begin(), all.end());
   if (found == names.end())

@@ -111,6 +111,17 @@ void require_sound_exr(const std::filesystem::path& path, const std::vector<std:
     damaged_image(path, text("the header declares ", parts, " parts, only ", reader.remaining(), " bytes follow"));
 }
 
+[[noreturn]] void no_image(const std::filesystem::path& path, const std::vector<std::uint8_t>& bytes) {
+  const std::string want = path.string() + ": want a PNG, JPEG or EXR image, ",
+                    again = "; copy it again, or use --skip-bad";
+  if (bytes.empty()) bad_data(want, "the file is empty", again);
+  if (std::all_of(bytes.begin(), bytes.end(), [](std::uint8_t byte) { return byte == 0; }))
+    bad_data(want, "the file holds nothing but zeros", again);
+  constexpr std::size_t beginning = 256;
+  const std::string kind = other_kind({reinterpret_cast<const char*>(bytes.data()), std::min(bytes.size(), beginning)});
+  bad_data(want, "found something else", kind.empty() ? again : kind);
+}
+
 }  // namespace
 
 void damaged_image(const std::filesystem::path& path, const std::string& why) {
@@ -146,7 +157,9 @@ std::string format_of_name(const std::filesystem::path& path) {
   return extension;
 }
 
-void require_format(const std::filesystem::path& path, const std::string& format) {
+void require_format(const std::filesystem::path& path, const std::string& format,
+                    const std::vector<std::uint8_t>& bytes) {
+  if (format == "unknown") no_image(path, bytes);
   if (format != "png" && format != "jpeg" && format != "openexr")
     bad_data(path.string(), ": want a PNG, JPEG or EXR image, the content is ", format,
              "; convert it (magick IN OUT.png)");

@@ -21,7 +21,8 @@ std::string format_of(const std::vector<std::uint8_t>& bytes);
 std::string format_of_name(const std::filesystem::path& path);
 
 /// Fault::data for a format that is not read, and for a name that says another one.
-void require_format(const std::filesystem::path& path, const std::string& format);
+void require_format(const std::filesystem::path& path, const std::string& format,
+                    const std::vector<std::uint8_t>& bytes);
 
 /// Walks the file to its end mark. Fault::data for one that was cut short or has wrong checksums, and for an EXR that
 /// promises more parts than it holds.

@@ -132,7 +132,16 @@ TEST_CASE("a PNG that is a TGA, and other names that lie, are refused by content
   fs::rename(folder.path / "b.jpg", folder.path / "b");
   CHECK(read_image(folder.path / "b").width == 4);  // no extension claims nothing
   put(folder.path / "c.png", {});
-  CHECK(holds(error_of([&] { read_image(folder.path / "c.png"); }), "unknown"));
+  CHECK(holds(error_of([&] { read_image(folder.path / "c.png"); }),
+              "the file is empty; copy it again, or use --skip-bad"));
+  const auto holding = [&](const std::string& content) {
+    put(folder.path / "c.png", {content.begin(), content.end()});
+    return error_of([&] { read_image(folder.path / "c.png"); });
+  };
+  CHECK(holds(holding(std::string(500, '\0')), "the file holds nothing but zeros; copy it again, or use --skip-bad"));
+  CHECK(holds(holding("version https://git-lfs.github.com/spec/v1\noid"), "it is a pointer of Git LFS: git lfs pull"));
+  CHECK(holds(holding("<!DOCTYPE html>\n<html>"), "it is a web page"));
+  CHECK(holds(holding("a letter"), "found something else; copy it again, or use --skip-bad"));
   CHECK(holds(error_of([&] { read_image(folder.path / "none.png"); }), "no such file"));
   CHECK(holds(error_of([&] { read_image(folder.path); }), "folder"));
 }
@@ -265,6 +274,37 @@ TEST_CASE("a large EXR takes little more memory than its bytes") {
   CHECK(read_image(folder.path / "a.exr").pixels.size() == std::size_t(4) * side * side);
   const long most = kilobytes("VmHWM");
   CHECK(most - before < 48 * 1024);  // 16 MB of bytes; as floats alone they would be 64 MB
+}
+
+TEST_CASE("an EXR of many layers is read as its colours, by name; one without is refused with what it has") {
+  const Folder folder;
+  const std::vector<float> red = {1}, green = {0.5f}, blue = {0.25f}, alpha = {1}, other = {0};
+  const auto pixel = [&](const std::vector<Layer>& layers) {
+    write_exr(folder.path / "a.exr", 1, 1, layers);
+    const Image image = read_image(folder.path / "a.exr");
+    CHECK(read_image_size(folder.path / "a.exr").channels == image.channels);
+    return image.pixels;
+  };
+  const Layer r{"R", red.data()}, g{"G", green.data()}, b{"B", blue.data()}, a{"A", alpha.data()},
+      z{"depth.Z", other.data()}, x{"N.X", other.data()}, plain{"Z", other.data()};
+  CHECK(pixel({r, g, b, a, z, x}) == Bytes{255, 128, 64, 255});
+  CHECK(pixel({b, plain, r, g}) == Bytes{255, 128, 64});
+  CHECK(pixel({plain, {"Y", green.data()}}) == Bytes{128});
+  const auto layer = [&](const std::string& name) {
+    return std::vector<Layer>{{name + ".R", red.data()}, {name + ".G", green.data()}, {name + ".B", blue.data()}};
+  };
+  CHECK(pixel(layer("beauty")) == Bytes{255, 128, 64});
+  std::vector<Layer> blender = layer("ViewLayer.Combined");
+  blender.insert(blender.end(), {{"ViewLayer.Combined.A", alpha.data()}, {"ViewLayer.Depth.Z", other.data()}});
+  for (const char* c : {"R", "G", "B"}) blender.push_back({std::string("ViewLayer.Albedo.") + c, other.data()});
+  CHECK(pixel(blender) == Bytes{255, 128, 64, 255});
+  std::vector<Layer> two = layer("left");
+  for (const Layer& one : layer("right")) two.push_back(one);
+  CHECK(holds(error_of([&] { pixel(two); }),
+              "looked for channels R, G, B (and A) or Y, of one layer at most, found left."));
+  CHECK(holds(error_of([&] { pixel({plain}); }), "of one layer at most, found Z; save"));
+  write_png(folder.path / "rgb.png", noise(4, 4, 3));
+  CHECK(holds(error_of([&] { read_labels(folder.path / "rgb.png"); }), "rgb.png: has 3 channels, want 1"));
 }
 
 TEST_CASE("an EXR that shows a part of its picture is refused") {
