@@ -176,15 +176,20 @@ std::vector<Stage> feature_stages(const ProcessRequest& request, const Layout& l
                                           "0",
                                           "--SiftExtraction.max_image_size",
                                           std::to_string(request.max_size)};
+  const auto of_list = [&](const std::string& name, const std::string& told, const std::vector<std::string>& names) {
+    const fs::path list = layout.work() / name;
+    commit_text(list, joined(names, "\n") + "\n");
+    Stage stage{told, words};
+    stage.words.insert(stage.words.end(), {"--image_list_path", list.string()});
+    return stage;
+  };
+  if (count == 1 && photos.others) return {of_list("photos.txt", "finding features", photos.names)};
   if (count == 1) return {{"finding features", words}};
   std::vector<Stage> stages;
   for (std::size_t i = 0; i < count; ++i) {
-    const fs::path list = layout.work() / text("camera", i + 1, ".txt");
-    std::string names;
-    for (const std::size_t place : photos.cameras[i]) names += photos.names[place] + "\n";
-    commit_text(list, names);
-    stages.push_back({text("finding features of camera ", i + 1), words});
-    stages.back().words.insert(stages.back().words.end(), {"--image_list_path", list.string()});
+    std::vector<std::string> names;
+    for (const std::size_t place : photos.cameras[i]) names.push_back(photos.names[place]);
+    stages.push_back(of_list(text("camera", i + 1, ".txt"), text("finding features of camera ", i + 1), names));
   }
   return stages;
 }
@@ -307,8 +312,8 @@ void tell_result(const Layout& layout, std::size_t given, std::size_t models, co
               {"models", models},
               {"seconds", seconds_since_start()}});
   } else {
-    put(fmt::format("{} of {} photos placed; {} points, mean reprojection error {:.2f} px; {}\n", scene.frames.size(),
-                    given, fit.points, fit.mean_error, words_for_seconds(seconds_since_start())));
+    put(fmt::format("{} of {} photos placed; {} points, mean reprojection error {}; {}\n", scene.frames.size(), given,
+                    fit.points, error_in_words(fit), words_for_seconds(seconds_since_start())));
   }
   say(common, "next: cloam check " + quoted(layout.root.string()));
 }
@@ -322,7 +327,7 @@ ProcessPhotos frames_of(const Video& video, const ProcessRequest& request, const
         video, {request.fps.value_or(2), request.frames.value_or(0)}, layout.frames(),
         {[&](const std::string& stage) { progress.begin(stage); }, [&](double share) { progress.draw(share); }});
   progress.end_line();
-  return stop_signal.load() == 0 ? photos_in(layout.frames()) : ProcessPhotos{};
+  return stop_signal.load() == 0 ? photos_in(layout.frames(), layout.root) : ProcessPhotos{};
 }
 
 /// What COLMAP is to see.
@@ -341,7 +346,7 @@ ProcessPhotos prepared(const std::optional<Video>& video, const ProcessRequest& 
 
 int run_process(const ProcessRequest& request, const Common& common) {
   const std::optional<Video> video = video_of(request);
-  ProcessPhotos photos = video ? ProcessPhotos{} : photos_in(request.images);
+  ProcessPhotos photos = video ? ProcessPhotos{} : photos_in(request.images, request.out);
   const fs::path program = colmap_program();
   const Layout layout{request.out};
   prepare_folder(request, layout);

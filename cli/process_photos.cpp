@@ -23,14 +23,27 @@ bool is_photo_of_phone(const fs::path& path) {
   return is_heic_name(path) || (is_image_name(path) && path.extension() != ".exr");
 }
 
-/// Names below the folder, sorted.
-std::vector<std::string> photo_names(const fs::path& folder) {
+/// Whether it is hidden, or copies that `process` made, of which images/ in the folder `out` are some.
+bool passed_over(const fs::path& path, const fs::path& out) {
+  std::error_code error;
+  const std::string name = path.filename().string();
+  if (name.starts_with('.') || (name == "colmap" && fs::is_regular_file(path / "source.json", error))) return true;
+  return name == "images" && fs::equivalent(path, out / "images", error);
+}
+
+/// Names below the folder, sorted. others: whether some files there were passed over.
+std::vector<std::string> photo_names(const fs::path& folder, const fs::path& out, bool& others) {
   std::error_code error;
   std::vector<std::string> names;
   fs::path video;
   fs::recursive_directory_iterator entry(folder, error), end;
   if (error == std::errc::permission_denied) throw Error(Fault::data, folder.string() + ": permission denied");
   for (; !error && entry != end; entry.increment(error)) {
+    if (passed_over(entry->path(), out)) {
+      others = true;
+      entry.disable_recursion_pending();
+      continue;
+    }
     if (is_photo_of_phone(entry->path()) && entry->is_regular_file(error))
       names.push_back(entry->path().lexically_relative(folder).generic_string());
     if (is_video_name(entry->path())) video = entry->path();
@@ -49,8 +62,9 @@ std::string copy_name(const std::string& name) { return is_heic_name(name) ? nam
 
 }  // namespace
 
-ProcessPhotos photos_in(const fs::path& folder) {
-  ProcessPhotos photos{folder, photo_names(folder), {}, false};
+ProcessPhotos photos_in(const fs::path& folder, const fs::path& out) {
+  ProcessPhotos photos{folder, {}, {}, false, false};
+  photos.names = photo_names(folder, out, photos.others);
   std::vector<PhotoHeader> headers(photos.names.size());
   in_parallel(headers.size(), [&](std::size_t i) {
     headers[i] = read_photo_header(folder / photos.names[i], is_heic_name(photos.names[i]));
@@ -70,7 +84,7 @@ ProcessPhotos upright_copies(const ProcessPhotos& photos, const fs::path& folder
                              const std::function<void(double share)>& draw) {
   ProcessPhotos copies = photos;
   copies.folder = folder;
-  copies.need_copies = false;
+  copies.need_copies = copies.others = false;
   for (std::string& name : copies.names) name = copy_name(name);
   std::mutex drawing;
   std::size_t done = 0;

@@ -188,8 +188,9 @@ std::vector<int> sharpest(const Video& video, const std::vector<Seen>& seen, con
   const std::string gives = text(video.file.string(), ": gives ", numbers.size(), " of ", seen.size(), " frames (",
                                  fmt::format("{:.1f}", length), " s)");
   if (numbers.size() < kFewestFrames)
-    throw Error(Fault::data, text(gives, ", want ", kFewestFrames,
-                                  " or more\n  fix: more of them with --fps 10, or a longer video"));
+    throw Error(Fault::data,
+                text(gives, ", want ", kFewestFrames, " or more\n  fix: ",
+                     seen.size() < kFewestFrames ? "" : "more of them with --fps 10, or ", "a longer video"));
   if (numbers.size() > kMostFrames)
     throw Error(Fault::usage, text(gives, ", want ", kMostFrames, " at most\n  fix: --frames 300"));
   return numbers;

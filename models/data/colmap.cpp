@@ -1,6 +1,8 @@
 // See colmap.h.
 #include "models/data/colmap.h"
 
+#include <fmt/format.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -115,6 +117,10 @@ class ColmapReader {
 bool is_colmap(const fs::path& root) { return !model_folder(root).empty(); }
 
 Scene read_colmap(const fs::path& root, const ReadOptions& options) { return ColmapReader(root, options).read(); }
+
+std::string error_in_words(const ColmapFit& fit) {
+  return fit.observations > 0 ? fmt::format("{:.2f} px", fit.mean_error) : "not known";
+}
 
 ColmapFit check_colmap(const fs::path& root) {
   const fs::path folder = model_folder(root);

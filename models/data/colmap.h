@@ -1,6 +1,7 @@
 // Captures with a sparse model of COLMAP's beside their images. World axes and scale are the model's.
 #pragma once
 #include <filesystem>
+#include <string>
 
 #include "models/data/reader.h"
 
@@ -19,6 +20,9 @@ struct ColmapFit {
   std::size_t points = 0, observations = 0;
   double mean_error = 0;  // pixels, over the observations
 };
+
+/// "0.73 px", or "not known" where no point was seen.
+std::string error_in_words(const ColmapFit& fit);
 
 /// Fault::data as read_colmap.
 ColmapFit check_colmap(const std::filesystem::path& root);

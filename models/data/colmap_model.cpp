@@ -105,7 +105,10 @@ class TextFile : public Records {
   explicit TextFile(const fs::path& path)
       : bytes_(read_file(path, kMaxModelBytes)),
         file_(path.string()),
-        rest_(reinterpret_cast<const char*>(bytes_.data()), bytes_.size()) {}
+        rest_(reinterpret_cast<const char*>(bytes_.data()), bytes_.size()) {
+    constexpr std::string_view mark = "\xef\xbb\xbf";  // by which some editors on Windows show that a text is UTF-8
+    if (rest_.starts_with(mark)) rest_.remove_prefix(mark.size());
+  }
 
   double real(const char* what) override { return number<double>(what); }
   std::uint64_t whole(int bytes, const char* what) override {

@@ -162,6 +162,24 @@ TEST_CASE("photos of several sizes or lenses have a camera each") {
   CHECK_FALSE(holds(bench.calls(), "listed"));
 }
 
+TEST_CASE("hidden files and folders, and what process itself made, are no photos") {
+  const Bench bench("phone-hidden");
+  const fs::path photos = bench.root / "photos";
+  for (const char* name : {"a.jpg", "b.jpg", "c.jpg"}) write_photo(photos / name, picture(96, 64), 1);
+  CHECK(holds(bench.process().err, "3 photos, one camera"));
+  CHECK_FALSE(holds(bench.calls(), "listed"));
+  for (const char* folder : {".thumbnails", "colmap/upright", "images"}) {
+    fs::create_directories(photos / folder);
+    write_photo(photos / folder / "d.jpg", picture(96, 64), 1);
+  }
+  write_text(photos / "._a.jpg", "AppleDouble");
+  write_text(photos / "colmap/source.json", "{}");
+  CHECK(holds(bench.process({"--overwrite"}).err, "4 photos, one camera"));  // images/ may be anybody's
+  CHECK(holds(bench.calls(), "listed: a.jpg\nlisted: b.jpg\nlisted: c.jpg\nlisted: images/d.jpg\n"));
+  fs::create_directory_symlink(photos / "images", bench.root / "data/images");
+  CHECK(holds(bench.process({"--overwrite"}).err, "3 photos, one camera"));  // now it is that of the capture
+}
+
 TEST_CASE("HEIC photos are read") {
   if (!fs::exists("/usr/bin/heif-enc")) {
     MESSAGE("skipped: no heif-enc");

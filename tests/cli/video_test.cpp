@@ -227,6 +227,8 @@ TEST_CASE("process says what is wrong with a video") {
   CHECK(holds(refused(bench.root / "tone.mp4", 3), "tone.mp4: is no video"));
   CHECK(holds(refused(bench.root / "nowhere.mp4", 3), "no such folder or video"));
   CHECK(holds(refused(film, 3, {"--fps", "0.5"}), "gives 1 of 60 frames (2.0 s), want 3 or more"));
+  const std::string one = refused(bench.film("one.mp4", "-f lavfi -i testsrc2=size=320x240:rate=30 -frames:v 1"), 3);
+  CHECK_MESSAGE(holds(one, "gives 1 of 1 frames (0.0 s), want 3 or more  [exit 3]\n  fix: a longer video"), one);
   CHECK(holds(refused(film, 2, {"--fps", "1", "--frames", "9"}), "not both"));
   CHECK(holds(refused(bench.root, 2, {"--fps", "1"}), "is a folder"));
   CHECK(bench.names().empty());

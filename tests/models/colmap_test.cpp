@@ -280,6 +280,18 @@ TEST_CASE("a small COLMAP model reads the same from binary and text, wherever it
   }
 }
 
+TEST_CASE("COLMAP: texts with a byte order mark, and an error that nothing tells") {
+  const Folder folder;
+  write_images(folder);
+  Files model = text_model();
+  for (auto& [name, content] : model) content = "\xef\xbb\xbf" + content;
+  write_model(folder.path, model);
+  check_small_scene(read_scene(folder.path));
+  CHECK(error_in_words(check_colmap(folder.path)) == "0.00 px");
+  fs::remove(folder.path / "points3D.txt");
+  CHECK(error_in_words(check_colmap(folder.path)) == "not known");
+}
+
 TEST_CASE("COLMAP: images beside the model, several models, and no points") {
   const Folder folder;
   write_image(folder.path / "a.png", 8, 6);
