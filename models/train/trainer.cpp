@@ -49,6 +49,8 @@ class Saving {
   }
   /// To be on the safe side.
   double seconds() const { return cost_ > 0 ? 1.5 * cost_ : cost(); }
+  /// What the longest save took; 0 before the first.
+  double measured() const { return cost_; }
   void saved(double begun, double now) {
     saved_at_ = now;
     cost_ = std::max(cost_, now - begun);
@@ -314,7 +316,7 @@ std::optional<double> Training::Loop::seconds_left() const {
   if (progress_.horizon == 0) return time_.budget_left();
   const int64_t last = options_.stop_after > 0 ? std::min(options_.stop_after, end()) : end();
   const std::optional<double> steps = time_.seconds_to(last, progress_);
-  return steps ? std::optional(*steps + saving_.seconds()) : std::nullopt;
+  return steps ? std::optional(*steps + saving_.measured()) : std::nullopt;
 }
 
 bool Training::Loop::step() {

@@ -148,6 +148,7 @@ namespace {
 struct Saves {
   std::vector<int64_t> steps;
   double seconds = 0;
+  double left_at_end = 0;  // as told after the last step, with its save to come
 };
 
 /// Of a training of 200 steps of a minute each, without --save-every.
@@ -164,6 +165,7 @@ Saves saves_of_a_long_training(double save_seconds) {
   Saves saves;
   TrainListener listener;
   listener.checkpoint = [&](int64_t step, const fs::path&) { saves.steps.push_back(step); };
+  listener.step = [&](const StepReport& report) { saves.left_at_end = report.seconds_left.value_or(-1); };
   train({method, folder.path, {}, nullptr, nullptr}, options, listener);
   saves.seconds = save_seconds * static_cast<double>(saves.steps.size());
   return saves;
@@ -177,6 +179,7 @@ TEST_CASE("a training saves every five minutes by itself, the last step in any c
   CHECK(saves.steps.front() == 5);
   for (size_t i = 1; i < saves.steps.size(); ++i) CHECK(saves.steps[i] == saves.steps[i - 1] + 5);
   CHECK(saves.steps.back() == 200);
+  CHECK(saves.left_at_end == 0);
 }
 
 TEST_CASE("saves that take long are as rare as keeps them below a fiftieth of the time") {
@@ -184,6 +187,7 @@ TEST_CASE("saves that take long are as rare as keeps them below a fiftieth of th
   REQUIRE(saves.steps.size() > 10);
   for (size_t i = 2; i + 1 < saves.steps.size(); ++i) CHECK(60. * (saves.steps[i] - saves.steps[i - 1]) >= 12 / 0.02);
   CHECK(saves.seconds < 0.025 * 200 * 60);  // the first comes before its cost is known
+  CHECK(saves.left_at_end == doctest::Approx(12));
 }
 
 TEST_CASE("where saves take minutes, an hour of training is at risk, or ten times what a save takes") {
