@@ -69,7 +69,9 @@ Findings examine(const Common& common) {
   const auto add = [&](const Findings& more) { all.insert(all.end(), more.begin(), more.end()); };
   add(check_cards(devices));
   add(check_devices(devices));
-  all.push_back(check_kernel(common));
+  const Findings linker = check_linker(devices);
+  add(linker);
+  if (linker.empty()) all.push_back(check_kernel(common));
   return all;
 }
 

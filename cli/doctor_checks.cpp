@@ -10,6 +10,7 @@
 #include <fstream>
 #include <map>
 
+#include "cli/child_program.h"
 #include "models/io/words.h"
 #include "runtime/error.h"
 
@@ -221,6 +222,20 @@ Findings check_devices(const std::vector<DeviceInfo>& devices) {
              text("two drivers offer it: ", devices[j].platform, " and ", devices[i].platform),
              text("name the one to use with --device ", devices[j].id, " or ", devices[i].id, ", or remove a driver")});
   return found;
+}
+
+Findings check_linker(const std::vector<DeviceInfo>& devices) {
+  const auto pocl = std::find_if(devices.begin(), devices.end(), [](const DeviceInfo& d) {
+    return d.is_cpu && d.platform == "Portable Computing Language";
+  });
+  if (pocl == devices.end() || !find_program("ld").empty()) return {};
+  const ChildEnd end =
+      run_child({"/proc/self/exe", {"selftest", "-q", "--only", "matmul", "--device", pocl->id}, {"CLOAM_TUNE=off"}});
+  if (end.code >= 0) return {};
+  return {{Finding::problem, "linker",
+           text("no ld in PATH, with which ", pocl->platform,
+                " links kernels: the first kernel ends the program with signal ", -end.code),
+           "sudo apt install binutils, or add the folder of ld to PATH"}};
 }
 
 }  // namespace cloam

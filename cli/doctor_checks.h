@@ -22,6 +22,9 @@ Findings check_drivers();
 Findings check_cards(const std::vector<DeviceInfo>& devices);
 /// OpenCL 1.2, room for kernels and for data, and no second driver for the same device.
 Findings check_devices(const std::vector<DeviceInfo>& devices);
+/// PoCL ends the whole program where it cannot link a kernel: whether it does is tried in a program apart, if PATH has
+/// no linker.
+Findings check_linker(const std::vector<DeviceInfo>& devices);
 /// $CLOAM_SYSTEM_ROOT stands before /etc, /dev and /sys: tests have a machine of their own there.
 std::string system_path(const std::string& path);
 

@@ -121,6 +121,15 @@ TEST_CASE("doctor: a driver that is too old, a device with too little memory") {
   check(first_problem(environment), "device 0:0", "too little memory: 256 MB, ", "close other programs");
 }
 
+TEST_CASE("doctor: PoCL without the linker that it starts") {
+  const Machine machine("linker");
+  machine.driver("pocl.icd", kPocl);
+  fs::create_directories(machine.at("cache"));
+  check(first_problem({machine.variable(), "OCL_ICD_VENDORS=pocl.icd", "PATH=/nonexistent",
+                       "POCL_CACHE_DIR=" + machine.at("cache").string()}),
+        "linker", "no ld in PATH", "sudo apt install binutils");
+}
+
 TEST_CASE("doctor: two drivers for one device") {
   const Machine machine("twice");
   machine.driver("pocl.icd", kPocl);
