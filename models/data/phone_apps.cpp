@@ -2,12 +2,14 @@
 #include "models/data/phone_apps.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "models/data/depth_map.h"
 #include "models/data/photos.h"
 #include "models/data/poses.h"
+#include "models/io/image.h"
 #include "models/io/json.h"
 #include "models/io/paths.h"
 #include "runtime/error.h"
@@ -139,6 +141,20 @@ Camera record3d_camera(const Json& json, std::size_t i, const std::string& where
   return camera;
 }
 
+/// Poses belong to photos by number: what one list has more than another is told.
+void compare_counts(Scene& scene, const Json& json, const fs::path& folder, std::size_t poses) {
+  const std::vector<fs::path> files = entries_of(scene.root / folder / "rgb");
+  const auto photos = static_cast<std::size_t>(std::count_if(files.begin(), files.end(), is_image_name));
+  const std::string name = (folder / "metadata.json").generic_string();
+  if (photos > poses)
+    scene.warnings.push_back(text(name, " has ", poses, " poses, ", (folder / "rgb").generic_string(), "/ has ", photos,
+                                  " photos: those without a pose are not used"));
+  const auto own = json.find("perFrameIntrinsicCoeffs");
+  if (own != json.end() && own->is_array() && own->size() != poses)
+    scene.warnings.push_back(text(name, " has ", poses, " poses and perFrameIntrinsicCoeffs of ", own->size(),
+                                  " photos: the others have those of K"));
+}
+
 }  // namespace
 
 bool is_polycam(const fs::path& root) {
@@ -181,6 +197,7 @@ Scene read_record3d(const fs::path& root, const ReadOptions& options) {
   const Json json = parse_json_file(root / name);
   const Json& poses = array(json, "poses", name);
   std::vector<std::string> missing;
+  compare_counts(scene, json, folder, poses.size());
   for (std::size_t i = 0; i < poses.size(); ++i)
     guarded(options.skip_bad, scene.warnings, "frame dropped", [&] {
       const std::string stem = std::to_string(i);

@@ -83,6 +83,17 @@ TEST_CASE("Record3D: quaternions with the real part last, K by columns, intrinsi
   scene = read_scene(folder.path);
   CHECK(scene.cameras == std::vector<Camera>{{8, 6, 12, 13, 4, 3}, {8, 6, 10, 11, 4.2, 3.1}, {8, 6, 10, 11, 4, 3}});
 
+  CHECK(scene.warnings.empty());
+
+  write_text(root / "metadata.json", all + R"(,"perFrameIntrinsicCoeffs":[[12,13,4,3]]})");
+  write_image(root / "rgb/3.jpg", 8, 6);
+  scene = read_scene(folder.path);
+  CHECK(scene.frames.size() == 3);
+  REQUIRE(scene.warnings.size() == 2);
+  CHECK(holds(scene.warnings[0], "metadata.json has 3 poses, EXR_RGBD/rgb/ has 4 photos"));
+  CHECK(holds(scene.warnings[1], "has 3 poses and perFrameIntrinsicCoeffs of 1 photos"));
+  fs::remove(root / "rgb/3.jpg");
+
   write_text(root / "metadata.json", R"({"w":8,"h":6,"K":[10,0,0,0,11,0,4,3],)" + poses + "}");
   CHECK(holds(error_of([&] { read_scene(folder.path); }), "EXR_RGBD/metadata.json, K: want 9 finite numbers"));
   write_text(root / "metadata.json", R"({"w":8,"h":6,"K":[10,0,0,0,11,0,4,3,1],"poses":[[0,0,0,2,0,0,0]]})");
