@@ -122,7 +122,7 @@ std::string advice_on_files(const fs::path& root, const std::vector<fs::path>& c
   };
   const std::string poses = "photos alone need camera poses first: cloam process ";
   if (any(is_photo_name) != content.end() || any(is_heic_name) != content.end())
-    return poses + root.string() + " -o DATA";
+    return poses + quoted(root.string()) + " -o DATA";
   if (const auto video = any(is_video_name); video != content.end())
     return "a video needs camera poses first: " + process_command(*video);
   return "";
@@ -131,7 +131,7 @@ std::string advice_on_files(const fs::path& root, const std::vector<fs::path>& c
 std::string advice(const fs::path& root, const std::vector<fs::path>& content) {
   std::error_code error;
   if (is_file(root / "run.json"))
-    return text("this is a run, not data: cloam train --resume ", root.string(),
+    return text("this is a run, not data: cloam train --resume ", quoted(root.string()),
                 " continues it; run.json says where its data are");
   for (const fs::path& path : content)
     if (fs::is_directory(path, error) && reader_of(path)) return "give the folder inside it: " + path.string();

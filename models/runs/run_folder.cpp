@@ -226,7 +226,7 @@ fs::path find_data(const fs::path& folder, const RunData& data) {
   throw Error(Fault::data, text("the data of the run ", folder.string(),
                                 " is gone.\n  looked for: ", beside.lexically_normal().string(), "; ", data.given,
                                 "\n  fix:        name its new place with --data; cloam train --resume ",
-                                folder.string(), " --data PLACE records it"));
+                                quoted(folder.string()), " --data PLACE records it"));
 }
 
 std::string relative_to_run(const fs::path& path, const fs::path& folder) {
