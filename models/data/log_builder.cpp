@@ -51,13 +51,13 @@ Scene LogBuilder::finish(const LookedFor& places) {
     scene.warnings.push_back(text(repeated_, " boxes dropped: their actors have another box at the same step"));
   if (!missing_.empty()) {
     scene.warnings.push_back(text(missing_.size(), " listed files are missing and skipped: ", some_of(missing_),
-                                  near_misses(scene.root, missing_)));
+                                  near_misses(scene.root, missing_, false)));
   }
   if (scene.sweeps.empty()) scene.warnings.push_back(text("no LiDAR sweeps: looked for ", places.sweeps));
   if (scene.actors.empty()) scene.warnings.push_back(text("no boxes of actors: looked for ", places.boxes));
   if (scene.frames.empty())
     bad_data(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed in ", places.images,
-             near_misses(scene.root, missing_),
+             near_misses(scene.root, missing_, false),
              scene.frames_listed == 0 ? "; unpack all of the log, or give the folder that holds it"
                                       : "; copy the images there, or correct the list");
   return std::move(scene);

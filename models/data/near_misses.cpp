@@ -4,9 +4,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <map>
 #include <set>
 
+#include "models/io/image.h"
 #include "models/io/words.h"
 #include "runtime/error.h"
 
@@ -24,7 +26,54 @@ fs::path with_slashes(std::string name) {
   return fs::path(name).lexically_normal();
 }
 
-/// Files below a folder by their names in small letters and without extension.
+/// Of U+00C0 to U+017F, without what stands above or below; * for those that are no such letters.
+constexpr char kBaseLetters[] =
+    "AAAAAA*CEEEEIIII*NOOOOO**UUUUY**aaaaaa*ceeeeiiii*nooooo**uuuuy*y"
+    "AaAaAaCcCcCcCcDd**EeEeEeEeEeGgGgGgGgHh**IiIiIiIiI***JjKk*LlLlLl*"
+    "***NnNnNn***OoOoOo**RrRrRrSsSsSsSsTtTt**UuUuUuUuUuUuWwYyYZzZzZz*";
+static_assert(sizeof(kBaseLetters) == 64 + 128 + 1);
+
+/// "a%20b" is "a b".
+std::string without_escapes(const std::string& name) {
+  std::string out;
+  for (std::size_t i = 0; i < name.size(); ++i) {
+    int code = 0;
+    const char* const from = name.data() + i + 1;
+    const bool escape =
+        name[i] == '%' && i + 2 < name.size() && std::from_chars(from, from + 2, code, 16).ptr == from + 2;
+    out += escape ? static_cast<char>(code) : name[i];
+    if (escape) i += 2;
+  }
+  return out;
+}
+
+/// UTF-8 without accents, written as one letter (as on Linux and Windows) or as two (as macOS keeps names).
+std::string without_accents(const std::string& name) {
+  std::string out;
+  for (std::size_t i = 0; i < name.size(); ++i) {
+    const auto first = static_cast<unsigned char>(name[i]);
+    const auto second = i + 1 < name.size() ? static_cast<unsigned char>(name[i + 1]) : 0;
+    const int code = (first >> 5) == 6 ? (first & 31) << 6 | (second & 63) : 0;  // of two bytes
+    const bool accent = code >= 0x300 && code < 0x370;
+    const char letter = code >= 0xc0 && code < 0x180 ? kBaseLetters[code - 0xc0] : '*';
+    if (accent || letter != '*') ++i;
+    if (!accent) out += letter != '*' ? letter : name[i];
+  }
+  return out;
+}
+
+/// What is left of a name when spellings of it do not differ.
+std::string plain_stem(const fs::path& name) {
+  return lower_case(without_accents(without_escapes(name.stem().string())));
+}
+
+/// What a file is by its extension: images stand for each other.
+std::string kind_of(const fs::path& name) {
+  const bool image = name.extension().empty() || is_image_name(name) || is_heic_name(name);
+  return image ? "image" : lower_case(name.extension().string());
+}
+
+/// Files below a folder by the plain stems of their names.
 class Files {
  public:
   explicit Files(const fs::path& root) : root_(root) {
@@ -38,21 +87,28 @@ class Files {
       ++count_;
       if (hidden || !entry->is_regular_file(error)) continue;
       const fs::path name = entry->path().lexically_relative(root);
-      by_stem_[lower_case(name.stem().string())].insert(name.generic_string());
+      by_stem_[plain_stem(name)].insert(name.generic_string());
     }
   }
 
-  /// Of the same stem, in the same folder or, where none is named or there is no such folder, in any; "" if none is.
-  std::string like(const std::string& missing) const {
+  /// Another file of the same stem and kind, in the same folder or, if it may be and none is named or it does not exist
+  /// or is empty, in any; "" if none is.
+  std::string like(const std::string& missing, bool any_folder) const {
     const fs::path wanted = with_slashes(missing);
-    const auto found = by_stem_.find(lower_case(wanted.stem().string()));
+    const auto found = by_stem_.find(plain_stem(wanted));
     if (found == by_stem_.end()) return "";
     const std::string folder = lower_case(wanted.parent_path().generic_string());
-    for (const std::string& name : found->second)
+    std::string elsewhere;
+    for (const std::string& name : found->second) {
+      const bool itself = name == fs::path(missing).lexically_normal().generic_string();
+      if (itself || kind_of(name) != kind_of(wanted)) continue;
       if (lower_case(fs::path(name).parent_path().generic_string()) == folder) return name;
+      if (elsewhere.empty()) elsewhere = name;
+    }
     std::error_code error;
-    const bool right_folder = !folder.empty() && fs::is_directory(root_ / wanted.parent_path(), error);
-    return right_folder ? "" : *found->second.begin();
+    const bool right_folder = !folder.empty() && fs::is_directory(root_ / wanted.parent_path(), error) &&
+                              !fs::is_empty(root_ / wanted.parent_path(), error);
+    return any_folder && !right_folder ? elsewhere : "";
   }
 
  private:
@@ -82,7 +138,7 @@ std::string some_of(const std::vector<std::string>& names) {
   return fmt::format("{}{}", fmt::join(names.begin(), end, ", "), names.size() > most ? ", ..." : "");
 }
 
-std::string near_misses(const fs::path& root, const std::vector<std::string>& missing) {
+std::string near_misses(const fs::path& root, const std::vector<std::string>& missing, bool any_folder) {
   if (missing.empty()) return "";
   const Files files(root);
   std::size_t near = 0;
@@ -90,10 +146,12 @@ std::string near_misses(const fs::path& root, const std::vector<std::string>& mi
   for (const std::string& name : missing) {
     std::error_code error;
     const bool dangling = fs::is_symlink(root / name, error);
-    const std::string found = dangling ? "" : files.like(name);
+    const std::string found = dangling ? "" : files.like(name, any_folder);
     if ((!dangling && found.empty()) || ++near > 1) continue;
     first = dangling ? name + " is a link to a missing file" : text(found, " is there instead of ", name);
     fix = dangling ? "repair the link" : is_heic_name(found) ? kConvertHeic : "rename the files, or correct the list";
+    if (!dangling && found != name && without_accents(found) == without_accents(name))
+      fix = "the accents are written in two ways (Unicode's NFC and NFD); " + fix;
   }
   if (near == 0) return "";
   return text("; ", first, near > 1 ? text(" (and ", near - 1, " more like it)") : "", ": ", fix);

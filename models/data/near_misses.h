@@ -7,8 +7,10 @@
 namespace cloam {
 
 /// For the end of a message about files that a list names and that `root` lacks: "; images/a.JPG is there instead of
-/// images/a.jpg (and 3 more like it): rename ...", or "" where nothing is near.
-std::string near_misses(const std::filesystem::path& root, const std::vector<std::string>& missing);
+/// images/a.jpg (and 3 more like it): rename ...", or "" where nothing is near. any_folder: false where folders number
+/// their files alike, as those of logs do, so that one of the same name elsewhere is another.
+std::string near_misses(const std::filesystem::path& root, const std::vector<std::string>& missing,
+                        bool any_folder = true);
 
 /// The first five names: "a, b, c, d, e, ...".
 std::string some_of(const std::vector<std::string>& names);

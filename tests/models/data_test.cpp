@@ -10,6 +10,7 @@
 #include <fstream>
 
 #include "models/data/load_images.h"
+#include "models/data/near_misses.h"
 #include "models/data/poses.h"
 #include "models/data/read_scene.h"
 #include "models/io/image.h"
@@ -517,6 +518,18 @@ TEST_CASE("transforms.json with any byte replaced reads or gives an Error") {
     for (const char put : {'0', '9', '"', '-', ']', '{', 'N', '\0', '\xff'}) {
       std::string changed = all;
       changed[at] = put;
+  folder.image("images/a b.png", 8, 6, {1, 2, 3});
+  folder.image("images/Ce\u0301zanne.png", 8, 6, {1, 2, 3});  // as macOS writes an e with an accent
+  CHECK(holds(warned(frame("images/a%20b.png")), "images/a b.png is there instead of images/a%20b.png"));
+  CHECK(holds(warned(frame("images/C\u00e9zanne.png")),
+              "zanne.png is there instead of images/C\u00e9zanne.png: the accents"));
+  CHECK_FALSE(holds(warned(frame("images/Cezannes.png")), "instead"));
+  folder.text_file("notes.txt", "");
+  CHECK_FALSE(holds(warned(frame("words/notes.png")), "instead"));  // no image
+  fs::create_directories(folder.path / "photos");
+  CHECK(holds(warned(frame("photos/e.png")), "elsewhere/e.png is there instead of photos/e.png"));
+  CHECK(near_misses(folder.path, {"photos/e.png"}, false).empty());
+  CHECK(near_misses(folder.path, {"there.png"}).empty());  // never the file itself
       folder.text_file("transforms.json", changed);
       try {
         load_images(read_scene(folder.path), Split::train);
