@@ -10,6 +10,7 @@
 #include <set>
 
 #include "models/data/depth_map.h"
+#include "models/data/near_misses.h"
 #include "models/data/photos.h"
 #include "models/data/poses.h"
 #include "models/io/image.h"
@@ -63,29 +64,63 @@ CameraModel camera_model(const Settings& settings, const Camera& camera) {
            ", want PINHOLE, OPENCV or OPENCV_FISHEYE; undistort the images first");
 }
 
+/// "./images/a.jpg" is images/a.jpg.
+std::string plain_path(const std::string& listed) { return fs::path(listed).lexically_normal().generic_string(); }
+
+using Names = std::set<std::string>;
+
 // One json file and which of its frames test.
 struct Source {
   std::string name;
   Json file;
   Split split = Split::train;
-  std::set<std::string> tests;  // nerfstudio's list of file names; if there is one, all others train
+  Names trains, tests, others;  // nerfstudio's lists of file names: if there is one of those that train, no other does
 
-  Split split_of(const std::string& image) const {
-    if (tests.empty()) return split;
-    return tests.contains(image) ? Split::test : Split::train;
+  Split split_of(const std::string& listed) const {
+    const std::string image = plain_path(listed);
+    if (tests.contains(image)) return Split::test;
+    if (others.contains(image) || (!trains.empty() && !trains.contains(image))) return Split::unused;
+    return split;
   }
 };
 
-Source read_source(const fs::path& root, const std::string& name, Split split) {
-  Source source{name, parse_json_file(root / name), split, {}};
-  array(source.file, "frames", name);
-  for (const char* key : {"test_filenames", "val_filenames"}) {
-    if (!source.file.contains(key)) continue;
-    for (const Json& image : array(source.file, key, name)) {
-      if (const auto* found = image.get_ptr<const std::string*>()) source.tests.insert(*found);
-    }
-    if (!source.tests.empty()) break;
+/// The paths of all frames that have one.
+Names frame_names(const Json& frames) {
+  Names names;
+  for (const Json& frame : frames) {
+    if (!frame.is_object() || !frame.contains("file_path")) continue;
+    if (const auto* found = frame["file_path"].get_ptr<const std::string*>()) names.insert(plain_path(*found));
   }
+  return names;
+}
+
+/// Those names of a list that frames have; a warning tells of the others.
+Names listed_names(const Source& source, const char* key, const Names& frames, std::vector<std::string>& warnings) {
+  if (!source.file.contains(key)) return {};
+  Names names;
+  std::vector<std::string> unknown;
+  for (const Json& image : array(source.file, key, source.name)) {
+    const auto* found = image.get_ptr<const std::string*>();
+    if (!found) continue;
+    if (frames.contains(plain_path(*found)))
+      names.insert(plain_path(*found));
+    else
+      unknown.push_back(*found);
+  }
+  if (!unknown.empty())
+    warnings.push_back(text(source.name, ": ", unknown.size(), " names in ", key, " are the file_path of no frame (",
+                            some_of(unknown), ") and do nothing; write them as file_path has them",
+                            frames.empty() ? "" : ", such as " + *frames.begin()));
+  return names;
+}
+
+Source read_source(const fs::path& root, const std::string& name, Split split, std::vector<std::string>& warnings) {
+  Source source{name, parse_json_file(root / name), split, {}, {}, {}};
+  const Names frames = frame_names(array(source.file, "frames", name));
+  source.trains = listed_names(source, "train_filenames", frames, warnings);
+  source.tests = listed_names(source, "test_filenames", frames, warnings);
+  source.others = listed_names(source, "val_filenames", frames, warnings);
+  if (source.tests.empty()) source.tests.swap(source.others);
   return source;
 }
 
@@ -107,7 +142,7 @@ class TransformsReader {
   }
 
   void read(const std::string& name, Split split) {
-    const Source source = read_source(scene_.root, name, split);
+    const Source source = read_source(scene_.root, name, split, scene_.warnings);
     const Json& frames = source.file.at("frames");
     scene_.frames_listed += frames.size();
     scene_.hints.aabb_scale = optional_number(source.file, "aabb_scale", name);
@@ -120,6 +155,11 @@ class TransformsReader {
   }
 
   Scene finish() {
+    const auto unused = frames_of(scene_, Split::unused).size();
+    if (unused > 0)
+      scene_.warnings.push_back(text(unused, " of ", scene_.frames.size(),
+                                     " images are neither in train_filenames nor in test_filenames and are not used ",
+                                     "(--holdout 8 uses all)"));
     compare_exposures();
     finish_photos(scene_, missing_, options_);
     return std::move(scene_);
@@ -131,6 +171,8 @@ class TransformsReader {
   void read_frame(const Source& source, const Json& json, std::string where) {
     Frame frame;
     frame.name = string(json, "file_path", where);
+    if (frame.name.empty())
+      bad_data(where, ": file_path is empty, want the path of an image; correct or remove the frame");
     const auto image = find_image(scene_.root, frame.name,
                                   options_.allow_outside);  // before the name is shown: it checks the characters
     where += " (" + frame.name + ")";

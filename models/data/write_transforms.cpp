@@ -86,14 +86,16 @@ void write_transforms(const fs::path& folder, const Scene& scene) {
   test = train;
   train["frames"] = test["frames"] = Ordered::array();
   const bool apart = scene.hints.synthetic_bounds;
-  Ordered names = Ordered::array();
+  Ordered names = Ordered::array(), trains = Ordered::array();
   for (std::size_t i = 0; i < scene.frames.size(); ++i) {
     const bool tests = scene.has_test_split && scene.frames[i].split == Split::test;
     const Ordered frame = frame_of(folder, scene, i);
     if (tests) names.push_back(frame["file_path"]);
+    if (scene.frames[i].split == Split::train) trains.push_back(frame["file_path"]);
     (tests && apart ? test : train)["frames"].push_back(frame);
   }
   if (!names.empty() && !apart) train["test_filenames"] = names;
+  if (!frames_of(scene, Split::unused).empty()) train["train_filenames"] = trains;
   if (scene.cloud.count() > 0) {
     train["ply_file_path"] = "points.ply";
     write_point_ply(folder / "points.ply", scene.cloud);

@@ -36,6 +36,17 @@ fs::path rest_below(const fs::path& root, const fs::path& path) {
   return {};
 }
 
+/// The longest end of a path that leads out at which the folder itself has a file; "" if there is none.
+std::string end_within(const fs::path& root, const fs::path& path) {
+  for (auto part = path.begin(); part != path.end(); ++part) {
+    fs::path end;
+    for (auto rest = part; rest != path.end(); ++rest) end /= *rest;
+    const bool inside = end.is_relative() && *end.begin() != "..";
+    if (inside && is_file(root / end)) return end.generic_string();
+  }
+  return "";
+}
+
 }  // namespace
 
 std::string path_named(const fs::path& root, const std::string& named, bool allow_outside) {
@@ -49,6 +60,10 @@ std::string path_named(const fs::path& root, const std::string& named, bool allo
   const fs::path rest = given.is_absolute() ? rest_below(root, given) : fs::path();
   if (!rest.empty()) return rest.generic_string();
   if (allow_outside) return given.generic_string();
+  if (const std::string end = end_within(root, given); !end.empty())
+    refuse(named, text("leaves the data folder ", root.string(), ", which has ", end,
+                       ": was the list written on another machine?\n  fix: write ", end,
+                       " there, and the others alike; --allow-outside is for files that are meant to be elsewhere"));
   refuse(named, text("leaves the data folder ", root.string(),
                      "; add --allow-outside if you trust this data set, or copy or link the files into the folder"));
 }

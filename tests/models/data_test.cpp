@@ -382,7 +382,7 @@ TEST_CASE(
   }
   CHECK(holds(error_of([&] { read("/dev/zero", allowed); }), "is not a regular file"));
   CHECK(holds(error_of([&] { load_images(read("/etc/hostname", allowed), Split::train); }), "want a PNG"));
-  CHECK(holds(error_of([&] { read("", allowed); }), "is empty"));
+  CHECK(holds(error_of([&] { read("", allowed); }), "transforms.json, frame 0: file_path is empty"));
   CHECK(holds(error_of([&] { read("a\\u0000b", allowed); }), "control character"));
   CHECK(holds(error_of([&] { read(std::string(5000, 'a'), allowed); }), "5000 characters"));
 }
@@ -400,6 +400,55 @@ TEST_CASE("absolute paths and .. that stay in the folder need nothing") {
     CHECK(read_scene(other_name).frames.at(0).image == "images/a.png");
   }
   fs::remove(other_name);
+}
+
+TEST_CASE("a list from another machine: the file that the folder has is named before any leave is asked for") {
+  const Capture folder;
+  folder.image("images/a.png", 8, 6, {1, 2, 3});
+  for (const char* path : {"/home/joe/walk/images/a.png", "../walk/images/a.png", "/a/../b/images/a.png"}) {
+    folder.text_file("transforms.json", capture(frame(path)));
+    const std::string message = error_of([&] { read_scene(folder.path); });
+    CHECK_MESSAGE(holds(message, folder.path.string() + ", which has images/a.png: "), message);
+    CHECK_MESSAGE(holds(message, "fix: write images/a.png there"), message);
+  }
+}
+
+TEST_CASE("nerfstudio: names in lists may begin with ./; others are told; what no list names is not used") {
+  const Capture folder;
+  for (const char* name : {"images/a.png", "images/b.png", "images/c.png", "images/d.png"})
+    folder.image(name, 8, 6, {1, 2, 3});
+  const auto read = [&](const std::string& lists) {
+    folder.text_file("transforms.json",
+                     capture(frame("images/a.png") + "," + frame("./images/b.png") + "," + frame("images/c.png") + "," +
+                                 frame("images/d.png") + "," + frame("images/gone.png"),
+                             R"("fl_x":10,"w":8,"h":6,)" + lists));
+    Scene scene = read_scene(folder.path);
+    std::erase_if(scene.warnings,
+                  [](const std::string& warning) { return holds(warning, "listed images are missing"); });
+    return scene;
+  };
+  const auto splits = [](const Scene& scene) {
+    std::string all;
+    for (const Frame& frame : scene.frames)
+      all += frame.split == Split::train ? 't' : frame.split == Split::test ? 'e' : '-';
+    return all;
+  };
+  Scene scene = read(R"("test_filenames":["./images/a.png","images/b.png","images/gone.png"])");
+  CHECK(splits(scene) == "eett");
+  CHECK(scene.warnings.empty());
+  scene =
+      read(R"("train_filenames":["images/a.png"],"test_filenames":["images/b.png"],"val_filenames":["images/c.png"])");
+  CHECK(splits(scene) == "te--");
+  REQUIRE(scene.warnings.size() == 1);
+  CHECK(holds(scene.warnings[0], "2 of 4 images are neither in train_filenames nor in test_filenames"));
+  CHECK(splits(read(R"("train_filenames":["images/a.png","images/d.png"])")) == "t--t");
+  CHECK(splits(read(R"("val_filenames":["images/c.png"])")) == "ttet");
+  CHECK(splits(read(R"("test_filenames":["images/b.png"],"val_filenames":["images/c.png"])")) == "te-t");
+  scene = read(R"("test_filenames":["a.png","b.png"])");
+  CHECK(splits(scene) == "tttt");
+  REQUIRE(scene.warnings.size() == 1);
+  CHECK(holds(scene.warnings[0], "transforms.json: 2 names in test_filenames are the file_path of no frame (a.png, "));
+  CHECK(holds(scene.warnings[0], "such as images/a.png"));
 }
 
 TEST_CASE("links to folders and to images are followed wherever they lead") {
