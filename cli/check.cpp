@@ -1,12 +1,14 @@
 // cloam check: is this folder a capture that can be trained? Every image is read, none is kept.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
 #include "models/data/check_log.h"
 #include "models/data/colmap.h"
 #include "models/data/read_scene.h"
+#include "models/io/in_parallel.h"
 #include "models/runs/captures.h"
 #include "runtime/error.h"
 
@@ -27,20 +29,35 @@ struct CheckRequest {
   Reading how;
 };
 
-/// One image in memory at a time. Returns what is odd, each kind of remark once.
+/// Of photos that train.
+void require_use(const Scene& scene, const PhotoStore& photos, const std::vector<PhotoUse>& uses) {
+  const auto any = [&](bool PhotoUse::*what) {
+    return std::any_of(uses.begin(), uses.end(), [&](const PhotoUse& use) { return use.*what; });
+  };
+  if (photos.planes().depths && !any(&PhotoUse::depths))
+    bad_data(scene.root.string(),
+             ": no pixel of the depth maps has a depth; are they of this capture?\n  fix: correct ",
+             "depth_unit_scale_factor, or remove the depth maps");
+  const bool masked =
+      std::any_of(scene.frames.begin(), scene.frames.end(), [](const Frame& frame) { return frame.mask.has_value(); });
+  if (masked && !any(&PhotoUse::pixels)) refuse_masks(scene);
+}
+
+/// One image a core in memory at a time. Returns what is odd. Fault::data where training would find nothing to learn.
 std::vector<std::string> check_images(const Scene& scene, const Reading& how) {
+  const auto none = std::make_shared<HostStore>(0, 0);
+  const LoadOptions options{how.downscale, how.skip_bad, how.masks, true};
   std::vector<std::string> warnings;
-  Scene single = scene;
-  int odd = 0;  // in size or orientation
-  for (const Frame& frame : scene.frames) {
-    single.frames = {frame};
-    const Pixels pixels = load_images(single, frame.split, {how.downscale, how.skip_bad, how.masks, true});
-    if (pixels.frames.empty())
-      warnings.insert(warnings.end(), pixels.warnings.begin(), pixels.warnings.end());
-    else if (!pixels.warnings.empty() && odd++ == 0)
-      warnings.push_back(pixels.warnings.front());
+  for (const Split split : {Split::train, Split::test, Split::unused}) {
+    const PhotoStore photos = store_images(RestingScene(scene), split, options, none);
+    if (split == Split::train) require_training_photos(scene, photos);
+    std::vector<PhotoUse> uses(photos.size());
+    in_parallel(photos.size(), [&](std::size_t i) { uses[i] = use_of(*photos[i]); });
+    warnings.insert(warnings.end(), photos.listed().warnings.begin(), photos.listed().warnings.end());
+    if (split == Split::train) require_use(scene, photos, uses);
+    const auto blank = std::count_if(uses.begin(), uses.end(), [](const PhotoUse& use) { return !use.pixels; });
+    if (blank > 0) warnings.push_back(text(blank, " of ", uses.size(), " images have no pixel that counts"));
   }
-  if (odd > 1) warnings.push_back(text("... and ", odd - 1, " more images like it"));
   return warnings;
 }
 
@@ -173,8 +190,8 @@ int run_check(const CheckRequest& request, const Common& common) {
   for (const std::string& line : describe(scene, how)) out += line + "\n";
   if (scene.is_log) out += log_text(scene, log);
   if (colmap)
-    out += fmt::format("model: {} points, seen {} times in images, mean reprojection error {:.2f} px\n", fit.points,
-                       fit.observations, fit.mean_error);
+    out += fmt::format("model: {} points, seen {} times in images, mean reprojection error {}\n", fit.points,
+                       fit.observations, error_in_words(fit));
   put(out + "training images in memory: " + words_for_bytes(bytes) + "\n");
   say(common, text("ok. next: cloam train ", scene.is_log ? "genassets " : "nerf ", quoted(request.data),
                    how.allow_outside ? " --allow-outside" : ""));

@@ -1,4 +1,6 @@
 // Odd things about a scene that need no pixels to be seen (check_scene of read_scene.h).
+#include <fmt/format.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
 #include <map>
@@ -9,6 +11,9 @@
 
 namespace cloam {
 namespace {
+
+// Beyond it a float32 rounds places to more than half a pixel of a photo that is a thousand wide.
+constexpr double kFarthestInExtents = 1e4;
 
 void check_names(const Scene& scene, std::vector<std::string>& warnings) {
   std::set<std::string> seen;
@@ -29,6 +34,15 @@ void check_poses(const Scene& scene, std::vector<std::string>& warnings) {
   }
 }
 
+void check_origin(const Eigen::Vector3d& centre, double extent, std::vector<std::string>& warnings) {
+  const double far = centre.norm();
+  if (extent < 1e-3 || far < kFarthestInExtents * extent) return;
+  warnings.push_back(fmt::format(
+      "the cameras are {:.3g} units from the origin and {:.3g} from each other's middle: numbers of 32 bits round such "
+      "places, which costs sharpness; subtract {:.0f}, {:.0f}, {:.0f} from all positions (of points, too)",
+      far, extent, centre.x(), centre.y(), centre.z()));
+}
+
 void check_scale(const Scene& scene, std::vector<std::string>& warnings) {
   if (scene.frames.size() < 2) return;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
@@ -42,6 +56,7 @@ void check_scale(const Scene& scene, std::vector<std::string>& warnings) {
   const double median = distances[distances.size() / 2];
   if (median < 1e-3) warnings.push_back("all cameras are in one place: depth cannot be found from such views");
   if (median > 1e3) warnings.push_back(text("cameras are ", median, " units from their centre: is the scale right?"));
+  if (!scene.is_log) check_origin(centre, median, warnings);  // of metres, whose readers refuse places too far away
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <exception>
 #include <functional>
+#include <numeric>
 
 #include "models/data/depth_map.h"
 #include "models/data/reader.h"
@@ -67,8 +68,39 @@ struct Remark {
   }
 };
 
+std::string told(const Remark& remark, const char* what, const char* why) {
+  return text(remark.images, " images (", remark.first, ", ...) ", what, ": ", why);
+}
+
+constexpr char kOtherSize[] = "do not have the size that the data set lists", kScaled[] = "their intrinsics are scaled";
+
+/// "a.png: 16x12 pixels, listed as 8x6".
+std::string sizes_of(const Frame& frame, const ImageSize& seen, const Camera& listed) {
+  return text(frame.image, ": ", seen.width, "x", seen.height, " pixels, listed as ", listed.width, "x", listed.height);
+}
+
 /// The EXIF orientation to follow; 1: as stored.
 int turn_of(const Camera& camera, const Image& image) { return must_turn(camera, image) ? image.orientation : 1; }
+
+/// The photo's size as its camera sees it.
+ImageSize seen_size(const Camera& camera, const Image& header) {
+  if (turn_of(camera, header) < 5) return {header.width, header.height};
+  return {header.height, header.width};
+}
+
+/// Images without pixels; `troubles`: why there is none.
+std::vector<Image> read_headers(const Scene& scene, const std::vector<std::size_t>& frames,
+                                std::vector<std::exception_ptr>& troubles) {
+  std::vector<Image> headers(frames.size());
+  troubles.resize(frames.size());
+  in_parallel(frames.size(), [&](std::size_t i) {
+    try {
+      const ImageSize size = peek_image_size(scene.root / scene.frames[frames[i]].image);
+      headers[i] = {size.width, size.height, size.channels, {}, size.orientation};
+    } catch (...) { troubles[i] = std::current_exception(); }
+  });
+  return headers;
+}
 
 /// The frame that a photo shows.
 struct PhotoFile {
@@ -89,21 +121,15 @@ class Lister {
 
   void list(Split split) {
     const std::vector<std::size_t> frames = frames_of(scene_, split);
-    std::vector<Image> headers(frames.size());
-    std::vector<std::exception_ptr> troubles(frames.size());
-    in_parallel(frames.size(), [&](std::size_t i) {
-      try {
-        const ImageSize size = peek_image_size(scene_.root / scene_.frames[frames[i]].image);
-        headers[i] = {size.width, size.height, size.channels, {}, size.orientation};
-      } catch (...) { troubles[i] = std::current_exception(); }
-    });
+    std::vector<std::exception_ptr> troubles;
+    const std::vector<Image> headers = read_headers(scene_, frames, troubles);
     for (std::size_t i = 0; i < frames.size(); ++i) {
       guarded(options_.skip_bad, listed.warnings, "frame dropped", [&] {
         if (troubles[i]) std::rethrow_exception(troubles[i]);
         list(frames[i], headers[i]);
       });
     }
-    warn(resized_, "do not have the size that the data set lists", "their intrinsics are scaled");
+    warn(resized_, kOtherSize, kScaled);
     warn(turned_, "are rotated as their EXIF orientation says", "the data set lists the rotated size");
     warn(left_, "have an EXIF orientation that is ignored", "the listed size is that of the stored image");
   }
@@ -121,10 +147,10 @@ class Lister {
     const int turn = turn_of(camera, header);
     if (turn != 1) turned_.add(frame.image);
     if (turn == 1 && header.orientation != 1) left_.add(frame.image);
-    const bool on_its_side = turn >= 5;
-    const int width = on_its_side ? header.height : header.width, height = on_its_side ? header.width : header.height;
-    const Camera full = fitted(camera, frame, width, height);
-    if (options_.downscale > std::min(width, height)) (void)downscale({width, height, 1, {}}, options_.downscale);
+    const ImageSize seen = seen_size(camera, header);
+    const Camera full = fitted(camera, frame, seen);
+    if (options_.downscale > std::min(seen.width, seen.height))
+      (void)downscale({seen.width, seen.height, 1, {}}, options_.downscale);
     const Camera small = scaled(full, options_.downscale);
     listed.frames.push_back({index, find_or_add(listed.cameras, small), small.width, small.height, {}, {}});
     planes.masks |= frame.ego_rows > 0 || (frame.mask && options_.masks == MaskMeaning::ignore);
@@ -132,20 +158,18 @@ class Lister {
   }
 
   void warn(const Remark& remark, const char* what, const char* why) {
-    if (remark.images == 0) return;
-    listed.warnings.push_back(text(remark.images, " images (", remark.first, ", ...) ", what, ": ", why));
+    if (remark.images > 0) listed.warnings.push_back(told(remark, what, why));
   }
 
-  Camera fitted(const Camera& camera, const Frame& frame, int width, int height) {
-    if (camera.width == width && camera.height == height) return camera;
-    const std::string sizes =
-        text(frame.image, ": ", width, "x", height, " pixels, listed as ", camera.width, "x", camera.height);
-    if (!has_aspect(camera, width, height))
+  Camera fitted(const Camera& camera, const Frame& frame, const ImageSize& seen) {
+    if (camera.width == seen.width && camera.height == seen.height) return camera;
+    const std::string sizes = sizes_of(frame, seen, camera);
+    if (!has_aspect(camera, seen.width, seen.height))
       bad_data(sizes,
                ": the aspect ratio differs, so the intrinsics cannot be scaled to it; correct w and h "
                "there, or give the images that it was made for");
     resized_.add(sizes);
-    return resized(camera, width, height);
+    return resized(camera, seen.width, seen.height);
   }
 
   const Scene& scene_;
@@ -242,6 +266,31 @@ Lister listed(const Scene& scene, Split split, const LoadOptions& options) {
 }
 
 }  // namespace
+
+void fit_cameras(Scene& scene) {
+  std::vector<std::size_t> all(scene.frames.size());
+  std::iota(all.begin(), all.end(), 0);
+  std::vector<std::exception_ptr> troubles;
+  const std::vector<Image> headers = read_headers(scene, all, troubles);
+  std::vector<Camera> cameras;
+  std::vector<int> fitted(all.size());
+  Remark remark;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const Frame& frame = scene.frames[i];
+    Camera camera = scene.cameras[static_cast<std::size_t>(frame.camera)];
+    const ImageSize seen = seen_size(camera, headers[i]);
+    const bool differs = !troubles[i] && (camera.width != seen.width || camera.height != seen.height);
+    if (differs && has_aspect(camera, seen.width, seen.height)) {
+      remark.add(sizes_of(frame, seen, camera));
+      camera = resized(camera, seen.width, seen.height);
+    }
+    fitted[i] = find_or_add(cameras, camera);
+  }
+  if (remark.images == 0) return;
+  scene.cameras = std::move(cameras);
+  for (std::size_t i = 0; i < fitted.size(); ++i) scene.frames[i].camera = fitted[i];
+  scene.warnings.push_back(told(remark, kOtherSize, kScaled));
+}
 
 Image photo_of(const Scene& scene, const Frame& frame) { return photo_in(scene.root, frame); }
 

@@ -24,6 +24,10 @@ Image photo_of(const Scene& scene, const Frame& frame);
 /// Depths are as depth_of (depth_map.h) has them, and 0 where a mask or alpha leaves the pixel out.
 Pixels load_images(const Scene& scene, Split split, const LoadOptions& options = {});
 
+/// Gives frames whose photo has another size than their camera, but its shape, one of the photo's size, with a warning.
+/// Sizes that cannot be told are left to load_images.
+void fit_cameras(Scene& scene);
+
 /// The same images, decoded when they are asked for and kept as far as the store has room. Only their headers are read
 /// here (with skip_bad all of them, once, since a damaged one takes no part from the start): what is damaged behind the
 /// header is Fault::data for whoever asks for that image.

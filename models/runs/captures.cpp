@@ -56,6 +56,11 @@ std::string camera_text(const Scene& scene) {
   return text(lens_name(first), ", focal length ", first.fx, " pixels at full size");
 }
 
+std::size_t masks_in(const Scene& scene) {
+  return static_cast<std::size_t>(std::count_if(scene.frames.begin(), scene.frames.end(),
+                                                [](const Frame& frame) { return frame.mask.has_value(); }));
+}
+
 void check_memory(const Captures& captures, const Reading& how, uint64_t budget) {
   const auto bytes = [&](int downscale) {
     uint64_t sum = 0;
@@ -70,14 +75,21 @@ void check_memory(const Captures& captures, const Reading& how, uint64_t budget)
                                   " needs ", words_for_bytes(bytes(fits))));
 }
 
+/// As far as it takes to find one.
+void require_pixels(const Capture& capture) {
+  if (masks_in(capture.scene) == 0) return;
+  for (std::size_t i = 0; i < capture.train.size(); ++i)
+    if (use_of(*capture.train[i]).pixels) return;
+  refuse_masks(capture.scene);
+}
+
 /// Test images are looked at once at most: none are held.
 void list_images(Capture& capture, const Reading& how, const ImageMemory& memory) {
   LoadOptions options{how.downscale, how.skip_bad, how.masks, memory.depths};
   capture.train = store_images(capture.resting, Split::train, options, memory.store);
   options.depths = false;
   capture.test = store_images(capture.resting, Split::test, options, std::make_shared<HostStore>(0, 0));
-  if (capture.train.size() == 0)
-    throw Error(Fault::data, capture.scene.root.string() + ": no images are left to train on");
+  require_training_photos(capture.scene, capture.train);
   capture.warnings = capture.scene.warnings;
   for (const auto& more :
        {capture.train.listed().warnings, capture.test.listed().warnings, check_scene(capture.scene)}) {
@@ -137,8 +149,7 @@ std::vector<std::string> depth_warnings(const Scene& scene, const std::string& n
 
 // Their black pixels become clear, so that methods learn an empty background.
 void expect_masks(Scene& scene) {
-  const bool any =
-      std::any_of(scene.frames.begin(), scene.frames.end(), [](const Frame& f) { return f.mask.has_value(); });
+  const bool any = masks_in(scene) > 0;
   scene.has_alpha |= any;
   if (!any) scene.warnings.push_back("--masks transparent: the capture has no masks");
 }
@@ -153,6 +164,7 @@ Reading reading_for(const RunRecord& record, bool other, bool allow_outside) {
 
 Scene read_split_scene(const std::filesystem::path& data, const Reading& how) {
   Scene scene = read_scene(data, {how.skip_bad, how.allow_outside});
+  if (!scene.is_log) fit_cameras(scene);
   if (how.masks == MaskMeaning::transparent) expect_masks(scene);
   if (how.actors == ActorChoice::road_users) keep_road_users(scene);
   if (how.holdout > 0) apply_holdout(scene, how.holdout);
@@ -167,6 +179,35 @@ Scene read_scene_as_listed(const std::filesystem::path& data, const Reading& how
   plain.protocol = {};
   plain.image.clear();
   return read_split_scene(data, plain);
+}
+
+PhotoUse use_of(const FramePixels& photo) {
+  PhotoUse use;
+  for (std::size_t i = 0; i < photo.rgba.size() / 4 && !use.pixels; ++i)
+    use.pixels = photo.rgba[4 * i + 3] > 0 && (photo.mask.empty() || photo.mask[i] > 0);
+  use.depths = std::any_of(photo.depth.begin(), photo.depth.end(), [](float depth) { return depth > 0; });
+  return use;
+}
+
+void require_training_photos(const Scene& scene, const PhotoStore& train) {
+  if (train.size() > 0) return;
+  if (!frames_of(scene, Split::train).empty())
+    bad_data(scene.root.string(), ": no images are left to train on: all are damaged; copy them again");
+  bad_data(scene.root.string(), ": no images are left to train on: of ", scene.frames.size(), " images ",
+           frames_of(scene, Split::test).size(), " are held out and ", frames_of(scene, Split::unused).size(),
+           " are unused\n  fix: correct the split of the capture, or choose another with --holdout 8");
+}
+
+void refuse_masks(const Scene& scene) {
+  const auto masked =
+      std::find_if(scene.frames.begin(), scene.frames.end(), [](const Frame& frame) { return frame.mask.has_value(); });
+  const Image mask = read_image(scene.root / *masked->mask);
+  const int most = mask.pixels.empty() ? 0 : *std::max_element(mask.pixels.begin(), mask.pixels.end());
+  bad_data(scene.root.string(),
+           ": the masks keep no pixel of any photo: black is what does not count, and the largest ", "value of ",
+           *masked->mask, " is ", most, ", want 255 where the photo counts\n  fix: ",
+           most == 0 ? "invert masks that are black where the photo counts, or remove them"
+                     : "multiply all masks: magick mogrify -evaluate multiply 255 masks/*.png");
 }
 
 uint64_t image_bytes(const Scene& scene, Split split, int downscale) {
@@ -193,6 +234,7 @@ Captures read_captures(const std::vector<std::filesystem::path>& data, const Rea
     told("read", i + 1, captures.size());
   }
   decode_what_fits(captures, *memory.store, told);
+  for (const Capture& capture : captures) require_pixels(capture);
   return captures;
 }
 
@@ -217,8 +259,7 @@ std::vector<std::string> describe(const Scene& scene, const Reading& how) {
   if (how.downscale > 1)
     images += text(" -> ", size_text(scaled(camera, how.downscale)), " (--downscale ", how.downscale, ")");
   if (scene.has_alpha) images += ", with transparent background";
-  std::size_t masks = 0;
-  for (const Frame& frame : scene.frames) masks += frame.mask.has_value();
+  const std::size_t masks = masks_in(scene);
   if (masks > 0)
     images +=
         text(", ", masks, " masks ", how.masks == MaskMeaning::ignore ? "(black is ignored)" : "(black is empty)");

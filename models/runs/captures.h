@@ -27,6 +27,19 @@ Reading reading_for(const RunRecord& record, bool other, bool allow_outside);
 /// The capture with its split; images are not read. Fault::data, Fault::usage.
 Scene read_split_scene(const std::filesystem::path& data, const Reading& how);
 
+/// What photos have to learn from.
+struct PhotoUse {
+  bool pixels = false;  // one that counts: no mask leaves it out, nor is it clear
+  bool depths = false;  // a pixel with a depth
+};
+PhotoUse use_of(const FramePixels& photo);
+
+/// Fault::data, with what to do, where no photo trains. train: those of the scene that do.
+void require_training_photos(const Scene& scene, const PhotoStore& train);
+
+/// Fault::data, with what to do, where masks leave no pixel of any photo that trains.
+void refuse_masks(const Scene& scene);
+
 /// The capture with the split of its source.
 Scene read_scene_as_listed(const std::filesystem::path& data, const Reading& how);
 

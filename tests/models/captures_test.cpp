@@ -8,9 +8,11 @@
 #include <chrono>
 #include <thread>
 
+#include "models/io/image.h"
 #include "models/io/in_parallel.h"
 #include "models/synth/synthetic_scene.h"
 #include "runtime/error.h"
+#include "tests/models/errors.h"
 #include "tests/models/folder.h"
 
 using namespace cloam;
@@ -80,6 +82,27 @@ TEST_CASE("captures that are read at once are those that are read one by one, in
     REQUIRE(together[i].train.size() == 3 + i);
     for (std::size_t f = 0; f < alone.train.size(); ++f) CHECK(together[i].train[f]->rgba == alone.train[f]->rgba);
     CHECK(together[i].test.size() == 2);
+  }
+}
+
+TEST_CASE("masks that keep no pixel of any photo are refused, with the values that they have") {
+  const Folder folder;
+  const std::vector<fs::path> data = small_captures(folder.path, 1);
+  const auto mask = [&](int photo, std::uint8_t value) {
+    fs::create_directories(data[0] / "masks/train");
+    write_png(data[0] / text("masks/train/r_", photo, ".png"), {16, 16, 1, std::vector<std::uint8_t>(256, value)});
+  };
+  const auto refused = [&](MaskMeaning masks) {
+    return error_of(
+        [&] { read_captures(data, {.masks = masks}, {std::make_shared<HostStore>(0, 0)}, [](auto&&...) {}); });
+  };
+  for (const MaskMeaning meaning : {MaskMeaning::ignore, MaskMeaning::transparent}) {
+    for (int photo = 0; photo < 3; ++photo) mask(photo, 1);
+    CHECK(holds(refused(meaning), "the largest value of masks/train/r_0.png is 1, want 255"));
+    for (int photo = 0; photo < 3; ++photo) mask(photo, 0);
+    CHECK(holds(refused(meaning), "is 0, want 255"));
+    mask(2, 255);
+    CHECK(refused(meaning) == "no error");
   }
 }
 

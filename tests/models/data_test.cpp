@@ -518,6 +518,18 @@ TEST_CASE("images that are missing by their names alone are named with the names
   CHECK(holds(warned(frame("images\\\\c.png")), "images/C.PNG is there instead of images\\c.png"));
   CHECK(holds(warned(frame("e.png")), "elsewhere/e.png is there instead of e.png"));
   CHECK_FALSE(holds(warned(frame("images/e.png")), "instead"));  // the folder is right, so another folder's is another
+  folder.image("images/a b.png", 8, 6, {1, 2, 3});
+  folder.image("images/Ce\u0301zanne.png", 8, 6, {1, 2, 3});  // as macOS writes an e with an accent
+  CHECK(holds(warned(frame("images/a%20b.png")), "images/a b.png is there instead of images/a%20b.png"));
+  CHECK(holds(warned(frame("images/C\u00e9zanne.png")),
+              "zanne.png is there instead of images/C\u00e9zanne.png: the accents"));
+  CHECK_FALSE(holds(warned(frame("images/Cezannes.png")), "instead"));
+  folder.text_file("notes.txt", "");
+  CHECK_FALSE(holds(warned(frame("words/notes.png")), "instead"));  // no image
+  fs::create_directories(folder.path / "photos");
+  CHECK(holds(warned(frame("photos/e.png")), "elsewhere/e.png is there instead of photos/e.png"));
+  CHECK(near_misses(folder.path, {"photos/e.png"}, false).empty());
+  CHECK(near_misses(folder.path, {"there.png"}).empty());  // never the file itself
   folder.text_file("transforms.json", capture(frame("images/c.png")));
   CHECK(holds(error_of([&] { read_scene(folder.path); }), "images/C.PNG is there instead"));
 }
@@ -567,18 +579,6 @@ TEST_CASE("transforms.json with any byte replaced reads or gives an Error") {
     for (const char put : {'0', '9', '"', '-', ']', '{', 'N', '\0', '\xff'}) {
       std::string changed = all;
       changed[at] = put;
-  folder.image("images/a b.png", 8, 6, {1, 2, 3});
-  folder.image("images/Ce\u0301zanne.png", 8, 6, {1, 2, 3});  // as macOS writes an e with an accent
-  CHECK(holds(warned(frame("images/a%20b.png")), "images/a b.png is there instead of images/a%20b.png"));
-  CHECK(holds(warned(frame("images/C\u00e9zanne.png")),
-              "zanne.png is there instead of images/C\u00e9zanne.png: the accents"));
-  CHECK_FALSE(holds(warned(frame("images/Cezannes.png")), "instead"));
-  folder.text_file("notes.txt", "");
-  CHECK_FALSE(holds(warned(frame("words/notes.png")), "instead"));  // no image
-  fs::create_directories(folder.path / "photos");
-  CHECK(holds(warned(frame("photos/e.png")), "elsewhere/e.png is there instead of photos/e.png"));
-  CHECK(near_misses(folder.path, {"photos/e.png"}, false).empty());
-  CHECK(near_misses(folder.path, {"there.png"}).empty());  // never the file itself
       folder.text_file("transforms.json", changed);
       try {
         load_images(read_scene(folder.path), Split::train);
@@ -613,6 +613,28 @@ TEST_CASE("images of another size scale the intrinsics, of another shape are ref
   CHECK(holds(error_of([&] { load_images(turned, Split::train); }), "aspect ratio"));
 }
 
+TEST_CASE("cameras are those of the photos, whatever size the list has") {
+  const Capture folder;
+  folder.image("a.png", 16, 12, {1, 2, 3});
+  folder.image("b.png", 8, 6, {1, 2, 3});
+  folder.image("c.png", 16, 12, {1, 2, 3});
+  folder.image("d.png", 9, 6, {1, 2, 3});  // of another shape: told by who loads it
+  folder.text_file("transforms.json",
+                   capture(frame("a.png") + "," + frame("b.png") + "," + frame("c.png") + "," + frame("d.png")));
+  Scene scene = read_scene(folder.path);
+  fit_cameras(scene);
+  const Camera listed{8, 6, 10, 10, 4, 3};
+  CHECK(scene.cameras == std::vector<Camera>{{16, 12, 20, 20, 8, 6}, listed});
+  CHECK(scene.frames[0].camera == 0);
+  CHECK(scene.frames[1].camera == 1);
+  CHECK(scene.frames[2].camera == 0);
+  CHECK(scene.frames[3].camera == 1);
+  REQUIRE(scene.warnings.size() == 1);
+  CHECK(holds(scene.warnings[0], "2 images (a.png: 16x12 pixels, listed as 8x6, ...) do not have the size"));
+  scene.frames.pop_back();
+  CHECK(load_images(scene, Split::train).warnings.empty());
+}
+
 TEST_CASE("poses: a uniform scale is taken out, rounding is mended") {
   Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
   pose.topLeftCorner<3, 3>() = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()).matrix();
@@ -623,6 +645,24 @@ TEST_CASE("poses: a uniform scale is taken out, rounding is mended") {
   given(0, 1) += 1e-3;
   const Eigen::Matrix3d mended = rigid(given, "x").topLeftCorner<3, 3>();
   CHECK((mended * mended.transpose()).isApprox(Eigen::Matrix3d::Identity(), 1e-12));
+}
+
+TEST_CASE("check_scene warns of places that float32 rounds to more than a ten thousandth of the capture") {
+  Scene scene;
+  scene.frames.resize(3);
+  const auto warnings = [&](double far) {
+    for (int i = 0; i < 3; ++i) {
+      scene.frames[std::size_t(i)].image = std::to_string(i);
+      scene.frames[std::size_t(i)].world_from_camera.topRightCorner<3, 1>() = Eigen::Vector3d(far, 3. * i, 0);
+    }
+    return check_scene(scene);
+  };
+  CHECK(warnings(1e4).empty());
+  REQUIRE(warnings(1e6).size() == 1);
+  CHECK(holds(warnings(1e6)[0], "the cameras are 1e+06 units from the origin"));
+  CHECK(holds(warnings(1e6)[0], "subtract 1000000, 3, 0 from all positions"));
+  scene.is_log = true;
+  CHECK(warnings(1e6).empty());
 }
 
 TEST_CASE("check_scene names what occurs twice and cameras that stand in one place") {
