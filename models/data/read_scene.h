@@ -16,8 +16,8 @@ Scene read_scene(const std::filesystem::path& path, const ReadOptions& options =
 /// A folder, or a scene of a nuScenes folder. Never throws.
 bool is_place_of_data(const std::filesystem::path& path);
 
-/// What looks odd but may be meant, one line each: names or poses that occur twice, cameras all in one place or at
-/// scales that train badly.
+/// What looks odd but may be meant, one line each: names or poses that occur twice, cameras all in one place, far from
+/// the origin or at scales that train badly.
 std::vector<std::string> check_scene(const Scene& scene);
 
 }  // namespace cloam

@@ -13,6 +13,7 @@
 #include "models/data/near_misses.h"
 #include "models/data/poses.h"
 #include "models/data/read_scene.h"
+#include "models/data/write_transforms.h"
 #include "models/io/image.h"
 #include "models/io/json.h"
 #include "models/scene/camera.h"
@@ -241,6 +242,10 @@ TEST_CASE("folders that are almost a capture say what is wrong") {
   CHECK(holds(with("images/IMG_1.heic"), "cloam process " + (folder.path / "data/images").string() + " -o DATA"));
   CHECK(holds(with("walk.MP4"), "cloam process " + (folder.path / "data/walk.MP4").string() + " -o DATA"));
   CHECK(holds(with("images/1.jpg"), "cloam process " + (folder.path / "data/images").string() + " -o DATA"));
+  folder.image("my walk/1.png", 8, 6, {1, 2, 3});
+  CHECK(holds(advice("my walk"), "cloam process '" + (folder.path / "my walk").string() + "' -o DATA"));
+  folder.text_file("my walk/run.json", "");
+  CHECK(holds(advice("my walk"), "cloam train --resume '" + (folder.path / "my walk").string() + "'"));
   for (const char* file : {"data.zip", "data.tar.gz"}) {
     folder.text_file(file, "");
     CHECK(holds(advice(file), "is an archive; unpack it"));
@@ -441,6 +446,8 @@ TEST_CASE("nerfstudio: names in lists may begin with ./; others are told; what n
   CHECK(splits(scene) == "te--");
   REQUIRE(scene.warnings.size() == 1);
   CHECK(holds(scene.warnings[0], "2 of 4 images are neither in train_filenames nor in test_filenames"));
+  write_transforms(folder.path / "again", scene);
+  CHECK(splits(read_scene(folder.path / "again")) == "te--");
   CHECK(splits(read(R"("train_filenames":["images/a.png","images/d.png"])")) == "t--t");
   CHECK(splits(read(R"("val_filenames":["images/c.png"])")) == "ttet");
   CHECK(splits(read(R"("test_filenames":["images/b.png"],"val_filenames":["images/c.png"])")) == "te-t");
