@@ -26,13 +26,6 @@ fs::path with_slashes(std::string name) {
   return fs::path(name).lexically_normal();
 }
 
-/// Of U+00C0 to U+017F, without what stands above or below; * for those that are no such letters.
-constexpr char kBaseLetters[] =
-    "AAAAAA*CEEEEIIII*NOOOOO**UUUUY**aaaaaa*ceeeeiiii*nooooo**uuuuy*y"
-    "AaAaAaCcCcCcCcDd**EeEeEeEeEeGgGgGgGgHh**IiIiIiIiI***JjKk*LlLlLl*"
-    "***NnNnNn***OoOoOo**RrRrRrSsSsSsSsTtTt**UuUuUuUuUuUuWwYyYZzZzZz*";
-static_assert(sizeof(kBaseLetters) == 64 + 128 + 1);
-
 /// "a%20b" is "a b".
 std::string without_escapes(const std::string& name) {
   std::string out;
@@ -47,24 +40,25 @@ std::string without_escapes(const std::string& name) {
   return out;
 }
 
-/// UTF-8 without accents, written as one letter (as on Linux and Windows) or as two (as macOS keeps names).
-std::string without_accents(const std::string& name) {
+/// UTF-8 without Latin letters that have accents, written as one character (as on Linux and Windows) or as a letter and
+/// a mark (as macOS keeps names).
+std::string without_accented(const std::string& name) {
   std::string out;
   for (std::size_t i = 0; i < name.size(); ++i) {
     const auto first = static_cast<unsigned char>(name[i]);
-    const auto second = i + 1 < name.size() ? static_cast<unsigned char>(name[i + 1]) : 0;
-    const int code = (first >> 5) == 6 ? (first & 31) << 6 | (second & 63) : 0;  // of two bytes
-    const bool accent = code >= 0x300 && code < 0x370;
-    const char letter = code >= 0xc0 && code < 0x180 ? kBaseLetters[code - 0xc0] : '*';
-    if (accent || letter != '*') ++i;
-    if (!accent) out += letter != '*' ? letter : name[i];
+    const bool letter = first >= 0xc3 && first <= 0xc5, mark = first == 0xcc || first == 0xcd;
+    if (mark && !out.empty() && i > 0 && static_cast<unsigned char>(name[i - 1]) < 0x80) out.pop_back();
+    if (letter || mark)
+      ++i;  // of two bytes
+    else
+      out += name[i];
   }
   return out;
 }
 
 /// What is left of a name when spellings of it do not differ.
 std::string plain_stem(const fs::path& name) {
-  return lower_case(without_accents(without_escapes(name.stem().string())));
+  return lower_case(without_accented(without_escapes(name.stem().string())));
 }
 
 /// What a file is by its extension: images stand for each other.
@@ -150,7 +144,7 @@ std::string near_misses(const fs::path& root, const std::vector<std::string>& mi
     if ((!dangling && found.empty()) || ++near > 1) continue;
     first = dangling ? name + " is a link to a missing file" : text(found, " is there instead of ", name);
     fix = dangling ? "repair the link" : is_heic_name(found) ? kConvertHeic : "rename the files, or correct the list";
-    if (!dangling && found != name && without_accents(found) == without_accents(name))
+    if (!dangling && found != name && without_accented(found) == without_accented(name))
       fix = "the accents are written in two ways (Unicode's NFC and NFD); " + fix;
   }
   if (near == 0) return "";

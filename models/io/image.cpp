@@ -112,7 +112,8 @@ std::vector<int> colour_channels(const std::vector<std::string>& names) {
     for (const char* letter : {"r", "g", "b"})
       if (const auto at = layer.find(letter); at != layer.end()) found.push_back(at->second);
     if (found.size() < 3) found.clear();
-    if (const auto grey = layer.find("y"); found.empty() && grey != layer.end()) found = {grey->second};
+    const auto grey = layer.find("y");
+    if (found.empty() && grey != layer.end() && !layer.contains("x")) found = {grey->second};  // x, y, z are directions
     if (const auto alpha = layer.find("a"); !found.empty() && alpha != layer.end()) found.push_back(alpha->second);
     return found;
   };
