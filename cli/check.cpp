@@ -29,20 +29,6 @@ struct CheckRequest {
   Reading how;
 };
 
-/// Of photos that train.
-void require_use(const Scene& scene, const PhotoStore& photos, const std::vector<PhotoUse>& uses) {
-  const auto any = [&](bool PhotoUse::*what) {
-    return std::any_of(uses.begin(), uses.end(), [&](const PhotoUse& use) { return use.*what; });
-  };
-  if (photos.planes().depths && !any(&PhotoUse::depths))
-    bad_data(scene.root.string(),
-             ": no pixel of the depth maps has a depth; are they of this capture?\n  fix: correct ",
-             "depth_unit_scale_factor, or remove the depth maps");
-  const bool masked =
-      std::any_of(scene.frames.begin(), scene.frames.end(), [](const Frame& frame) { return frame.mask.has_value(); });
-  if (masked && !any(&PhotoUse::pixels)) refuse_masks(scene);
-}
-
 /// One image a core in memory at a time. Returns what is odd. Fault::data where training would find nothing to learn.
 std::vector<std::string> check_images(const Scene& scene, const Reading& how) {
   const auto none = std::make_shared<HostStore>(0, 0);
@@ -50,11 +36,17 @@ std::vector<std::string> check_images(const Scene& scene, const Reading& how) {
   std::vector<std::string> warnings;
   for (const Split split : {Split::train, Split::test, Split::unused}) {
     const PhotoStore photos = store_images(RestingScene(scene), split, options, none);
-    if (split == Split::train) require_training_photos(scene, photos);
+    if (split == Split::train) {
+      require_training_photos(scene, photos);
+      require_unmasked(scene, photos);
+    }
     std::vector<PhotoUse> uses(photos.size());
     in_parallel(photos.size(), [&](std::size_t i) { uses[i] = use_of(*photos[i]); });
     warnings.insert(warnings.end(), photos.listed().warnings.begin(), photos.listed().warnings.end());
-    if (split == Split::train) require_use(scene, photos, uses);
+    if (photos.planes().depths &&
+        std::none_of(uses.begin(), uses.end(), [](const PhotoUse& use) { return use.depths; }))
+      warnings.push_back(
+          "no pixel of the depth maps has a depth: nothing is learned from them; are they of this capture?");
     const auto blank = std::count_if(uses.begin(), uses.end(), [](const PhotoUse& use) { return !use.pixels; });
     if (blank > 0) warnings.push_back(text(blank, " of ", uses.size(), " images have no pixel that counts"));
   }

@@ -239,7 +239,9 @@ ImageSize parse_size(const std::string& given) {
   const bool whole = std::sscanf(given.c_str(), "%5dx%5d%n", &width, &height, &length) == 2 &&
                      length == static_cast<int>(given.size());
   if (whole && is_side(width) && is_side(height)) return {width, height};
-  throw Error(Fault::usage, text("--size ", given, ": want WIDTHxHEIGHT in pixels, such as 640x360"));
+  throw Error(
+      Fault::usage,
+      text("--size ", given, ": want WIDTHxHEIGHT in pixels, such as 640x360, with sides of at most ", kLargestSide));
 }
 
 uint64_t parse_bytes(const std::string& given) {

@@ -23,12 +23,20 @@ bool is_photo_of_phone(const fs::path& path) {
   return is_heic_name(path) || (is_image_name(path) && path.extension() != ".exr");
 }
 
-/// Whether it is hidden, or copies that `process` made, of which images/ in the folder `out` are some.
-bool passed_over(const fs::path& path, const fs::path& out) {
+/// Whether it is hidden, or copies that `process` made.
+bool passed_over(const fs::path& path) {
   std::error_code error;
   const std::string name = path.filename().string();
-  if (name.starts_with('.') || (name == "colmap" && fs::is_regular_file(path / "source.json", error))) return true;
-  return name == "images" && fs::equivalent(path, out / "images", error);
+  return name.starts_with('.') || (name == "colmap" && fs::is_regular_file(path / "source.json", error));
+}
+
+/// Whether a photo is in images/ of the folder that `process` writes.
+bool is_result(const fs::path& photo, const fs::path& out) {
+  for (fs::path part = photo.parent_path(); !part.empty() && part != part.parent_path(); part = part.parent_path()) {
+    std::error_code error;
+    if (part.filename() == "images" && fs::equivalent(part, out / "images", error)) return true;
+  }
+  return false;
 }
 
 /// Names below the folder, sorted. others: whether some files there were passed over.
@@ -39,7 +47,7 @@ std::vector<std::string> photo_names(const fs::path& folder, const fs::path& out
   fs::recursive_directory_iterator entry(folder, error), end;
   if (error == std::errc::permission_denied) throw Error(Fault::data, folder.string() + ": permission denied");
   for (; !error && entry != end; entry.increment(error)) {
-    if (passed_over(entry->path(), out)) {
+    if (passed_over(entry->path())) {
       others = true;
       entry.disable_recursion_pending();
       continue;
@@ -49,6 +57,13 @@ std::vector<std::string> photo_names(const fs::path& folder, const fs::path& out
     if (is_video_name(entry->path())) video = entry->path();
     if (entry->is_symlink(error) && entry->is_directory(error))
       warn(entry->path().string() + " is a link to a folder, which COLMAP does not follow; its photos are left out");
+  }
+  // Photos that lie nowhere but there are no copies.
+  const auto results =
+      std::partition(names.begin(), names.end(), [&](const auto& name) { return !is_result(folder / name, out); });
+  if (results != names.begin() && results != names.end()) {
+    names.erase(results, names.end());
+    others = true;
   }
   std::sort(names.begin(), names.end());
   if (names.size() >= kFewestPhotos) return names;

@@ -10,6 +10,7 @@
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
 #include "models/data/read_scene.h"
+#include "models/io/commit.h"
 #include "models/io/host_random.h"
 #include "models/runs/actor_names.h"
 #include "models/runs/asset_maker.h"
@@ -146,6 +147,26 @@ class Simulation {
   Work images_, sweeps_;
 };
 
+/// Held for this process; removed again where nothing was written into it.
+class NewFolder {
+ public:
+  explicit NewFolder(const fs::path& folder) : folder_(folder) {
+    lock_.emplace(folder);
+    check_new_folder(folder);  // another process may have filled it meanwhile
+  }
+  ~NewFolder() {
+    lock_.reset();
+    std::error_code error;
+    fs::remove(folder_, error);
+  }
+  NewFolder(const NewFolder&) = delete;
+  NewFolder& operator=(const NewFolder&) = delete;
+
+ private:
+  fs::path folder_;
+  std::optional<FolderLock> lock_;
+};
+
 int write_one(const SimulateRequest& request, const Common& common, Simulation& simulation, StoredRun stored) {
   const RestoredRun run = restore_run(std::move(stored));
   street_of(run);
@@ -215,11 +236,8 @@ int run_simulate(SimulateRequest request, const Common& common) {
   if (!request.size.empty()) wish.size = parse_size(request.size);
   Simulation simulation(request, common, std::move(wish));
   if (logs.size() > 1) say(common, text("log ", log, " (", logs[static_cast<std::size_t>(log)], ") of ", logs.size()));
-  std::optional<FolderLock> lock;
-  if (ranks().rank() == 0) {
-    check_new_folder(request.out);  // another process may have filled it meanwhile
-    lock.emplace(request.out);
-  }
+  std::optional<NewFolder> folder;
+  if (ranks().rank() == 0) folder.emplace(request.out);
   meet(ranks());
   return request.augment > 0 ? write_augmented(request, common, log, simulation, stored)
                              : write_one(request, common, simulation, std::move(stored));

@@ -18,13 +18,16 @@ psnr(), ssim(), Lpips, chamfer()
 
 Errors are cloam.Error, whose fault says of which kind; int(fault) is the exit code of the program.)";
 
+/// Names of files may be any bytes.
+py::object words_of(const std::string& bytes) {
+  return py::reinterpret_steal<py::object>(
+      PyUnicode_DecodeUTF8(bytes.data(), static_cast<py::ssize_t>(bytes.size()), "replace"));
+}
+
 /// Of every cloam::Error: cloam.Error(message) with the attribute `fault`.
 void raise(const Error& error) {
   const py::object type = py::module_::import("cloam").attr("Error");
-  const std::string what = error.what();  // names of files may be any bytes
-  const auto words = py::reinterpret_steal<py::object>(
-      PyUnicode_DecodeUTF8(what.data(), static_cast<py::ssize_t>(what.size()), "replace"));
-  const py::object raised = type(words);
+  const py::object raised = type(words_of(error.what()));
   raised.attr("fault") = py::cast(error.fault());
   PyErr_SetObject(type.ptr(), raised.ptr());
 }
@@ -63,7 +66,8 @@ void check_interrupt() {
 
 void python_warning(const std::string& warning) {
   const Locked locked;
-  if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
+  const py::object words = words_of(warning);
+  if (PyErr_WarnEx(PyExc_UserWarning, PyUnicode_AsUTF8(words.ptr()), 1) != 0) throw py::error_already_set();
 }
 
 Listener python_listener() {

@@ -5,7 +5,10 @@
 #include <cmath>
 #include <exception>
 #include <functional>
+#include <map>
 #include <numeric>
+#include <set>
+#include <tuple>
 
 #include "models/data/depth_map.h"
 #include "models/data/reader.h"
@@ -272,23 +275,31 @@ void fit_cameras(Scene& scene) {
   std::iota(all.begin(), all.end(), 0);
   std::vector<std::exception_ptr> troubles;
   const std::vector<Image> headers = read_headers(scene, all, troubles);
-  std::vector<Camera> cameras;
-  std::vector<int> fitted(all.size());
   Remark remark;
+  std::vector<Camera> fitted;
   for (std::size_t i = 0; i < all.size(); ++i) {
     const Frame& frame = scene.frames[i];
-    Camera camera = scene.cameras[static_cast<std::size_t>(frame.camera)];
-    const ImageSize seen = seen_size(camera, headers[i]);
-    const bool differs = !troubles[i] && (camera.width != seen.width || camera.height != seen.height);
-    if (differs && has_aspect(camera, seen.width, seen.height)) {
-      remark.add(sizes_of(frame, seen, camera));
-      camera = resized(camera, seen.width, seen.height);
-    }
-    fitted[i] = find_or_add(cameras, camera);
+    fitted.push_back(scene.cameras[static_cast<std::size_t>(frame.camera)]);
+    const ImageSize seen = seen_size(fitted[i], headers[i]);
+    const bool differs = !troubles[i] && (fitted[i].width != seen.width || fitted[i].height != seen.height);
+    if (!differs || !has_aspect(fitted[i], seen.width, seen.height)) continue;
+    remark.add(sizes_of(frame, seen, fitted[i]));
+    fitted[i] = resized(fitted[i], seen.width, seen.height);
   }
   if (remark.images == 0) return;
-  scene.cameras = std::move(cameras);
-  for (std::size_t i = 0; i < fitted.size(); ++i) scene.frames[i].camera = fitted[i];
+  // A listed camera stays in its place, at the first size that its photos have; further sizes follow.
+  std::map<std::tuple<int, int, int>, int> places;
+  std::set<int> taken;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    int& camera = scene.frames[i].camera;
+    const auto [at, added] = places.try_emplace({camera, fitted[i].width, fitted[i].height}, camera);
+    if (added && !taken.insert(camera).second) {
+      at->second = static_cast<int>(scene.cameras.size());
+      scene.cameras.emplace_back();
+    }
+    scene.cameras[static_cast<std::size_t>(at->second)] = fitted[i];
+    camera = at->second;
+  }
   scene.warnings.push_back(told(remark, kOtherSize, kScaled));
 }
 

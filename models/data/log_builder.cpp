@@ -57,7 +57,7 @@ Scene LogBuilder::finish(const LookedFor& places) {
   if (scene.actors.empty()) scene.warnings.push_back(text("no boxes of actors: looked for ", places.boxes));
   if (scene.frames.empty())
     bad_data(scene.root.string(), ": no usable image: ", scene.frames_listed, " listed in ", places.images,
-             near_misses(scene.root, missing_, false),
+             missing_.empty() ? "" : "; looked for " + some_of(missing_), near_misses(scene.root, missing_, false),
              scene.frames_listed == 0 ? "; unpack all of the log, or give the folder that holds it"
                                       : "; copy the images there, or correct the list");
   return std::move(scene);

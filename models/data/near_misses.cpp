@@ -56,6 +56,9 @@ std::string without_accented(const std::string& name) {
   return out;
 }
 
+/// Accents as characters of their own.
+bool has_marks(const std::string& name) { return name.find_first_of("\xcc\xcd") != std::string::npos; }
+
 /// What is left of a name when spellings of it do not differ.
 std::string plain_stem(const fs::path& name) {
   return lower_case(without_accented(without_escapes(name.stem().string())));
@@ -144,7 +147,7 @@ std::string near_misses(const fs::path& root, const std::vector<std::string>& mi
     if ((!dangling && found.empty()) || ++near > 1) continue;
     first = dangling ? name + " is a link to a missing file" : text(found, " is there instead of ", name);
     fix = dangling ? "repair the link" : is_heic_name(found) ? kConvertHeic : "rename the files, or correct the list";
-    if (!dangling && found != name && without_accented(found) == without_accented(name))
+    if (!dangling && has_marks(found) != has_marks(name) && without_accented(found) == without_accented(name))
       fix = "the accents are written in two ways (Unicode's NFC and NFD); " + fix;
   }
   if (near == 0) return "";

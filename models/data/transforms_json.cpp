@@ -16,6 +16,7 @@
 #include "models/io/image.h"
 #include "models/io/json.h"
 #include "models/io/paths.h"
+#include "models/io/safetensors_header.h"  // printable
 #include "models/scene/point_ply.h"
 #include "runtime/error.h"
 
@@ -105,12 +106,12 @@ Names listed_names(const Source& source, const char* key, const Names& frames, s
     if (frames.contains(plain_path(*found)))
       names.insert(plain_path(*found));
     else
-      unknown.push_back(*found);
+      unknown.push_back(printable(*found));
   }
   if (!unknown.empty())
     warnings.push_back(text(source.name, ": ", unknown.size(), " names in ", key, " are the file_path of no frame (",
                             some_of(unknown), ") and do nothing; write them as file_path has them",
-                            frames.empty() ? "" : ", such as " + *frames.begin()));
+                            frames.empty() ? "" : ", such as " + printable(*frames.begin())));
   return names;
 }
 
@@ -158,8 +159,8 @@ class TransformsReader {
     const auto unused = frames_of(scene_, Split::unused).size();
     if (unused > 0)
       scene_.warnings.push_back(text(unused, " of ", scene_.frames.size(),
-                                     " images are neither in train_filenames nor in test_filenames and are not used ",
-                                     "(--holdout 8 uses all)"));
+                                     " images are not used: train_filenames leaves them out, or val_filenames holds ",
+                                     "them back (--holdout 8 uses all)"));
     compare_exposures();
     finish_photos(scene_, missing_, options_);
     return std::move(scene_);

@@ -183,6 +183,8 @@ class WaymoReader {
       const std::string where = text(kBoxes, ", instance ", printable(number));
       log_.guarded("actor", [&] { read_actor(actor, where); });
     }
+    if (boxes_after_end_ > 0)
+      scene_.warnings.push_back(text(boxes_after_end_, " boxes are left out: they are after the last pose of the car"));
   }
 
   /// An instance's x points forward; here y does.
@@ -195,17 +197,22 @@ class WaymoReader {
                sizes.size(), " of box_size, want as many");
     const std::string id = string(actor, "id", where), label = printable(string(actor, "class_name", where));
     const Eigen::Matrix3d turn{{0, 1, 0}, {-1, 0, 0}, {0, 0, 1}};
+    const int last = world_from_car_.empty() ? -1 : world_from_car_.rbegin()->first;
     for (std::size_t i = 0; i < steps.size(); ++i) {
       const std::string place = text(where, ", box ", i);
-      const std::vector<double> pose = flat(poses[i], 16, place), size = flat(sizes[i], 3, place);  // length first
-      const double step_given = flat(Json::array({steps[i]}), 1, place)[0];
-      const int last = world_from_car_.empty() ? -1 : world_from_car_.rbegin()->first;
-      if (step_given < 0 || step_given > last)
-        bad_data(place, ": frame_idx is ", step_given, ", the log has the steps 0 to ", last);
-      const int step = static_cast<int>(step_given);
-      Eigen::Matrix4d world_from_box = matrix_of(pose) * pose_from(turn, {0, 0, 0});
-      world_from_box.topRightCorner<3, 1>() -= origin_;
-      log_.add({id, label, {size[1], size[0], size[2]}, false, {step, step / kFramesASecond, world_from_box}}, place);
+      log_.guarded("box", [&] {
+        const std::vector<double> pose = flat(poses[i], 16, place), size = flat(sizes[i], 3, place);  // length first
+        const double frame = flat(Json::array({steps[i]}), 1, place)[0];
+        if (frame < 0) bad_data(place, ": frame_idx is ", frame, ", want 0 or more");
+        if (frame > last) {
+          ++boxes_after_end_;
+          return;
+        }
+        const int step = static_cast<int>(frame);
+        Eigen::Matrix4d world_from_box = matrix_of(pose) * pose_from(turn, {0, 0, 0});
+        world_from_box.topRightCorner<3, 1>() -= origin_;
+        log_.add({id, label, {size[1], size[0], size[2]}, false, {step, step / kFramesASecond, world_from_box}}, place);
+      });
     }
   }
 
@@ -225,6 +232,7 @@ class WaymoReader {
   LogBuilder log_;
   Scene& scene_ = log_.scene;
   std::map<int, Eigen::Matrix4d> world_from_car_;  // by step
+  int boxes_after_end_ = 0;
   Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
 };
 

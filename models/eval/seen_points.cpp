@@ -11,7 +11,7 @@
 namespace cloam {
 namespace {
 
-constexpr std::size_t kFewestPixels = 1 << 14;  // in a picture: in small ones, neighbours are no one surface's
+constexpr std::size_t kFewestPixels = 1 << 11;  // in a picture: in small ones, neighbours are no one surface's
 
 /// The camera with at most so many pixels.
 Camera camera_of(const Camera& camera, std::size_t pixels) {

@@ -99,24 +99,33 @@ void require_spec(const std::filesystem::path& path, const OIIO::ImageSpec& spec
            " channels; the limit is ", kMaxImageValues, " values and ", kMostChannels, " channels");
 }
 
-/// The channels of a photo in an EXR, by name: R G B or Y of the picture itself, else of its only layer that has them
-/// or of the one that Blender calls Combined, and the A beside them. Empty where there is none.
+using Channels = std::map<std::string, int>;  // numbers of channels by name, in small letters
+
+/// Of one layer: R G B, else Y that is no direction, and A.
+std::vector<int> colours_of(const Channels& layer) {
+  const auto number = [&](const char* letter, const char* word) {
+    const auto at = layer.contains(letter) ? layer.find(letter) : layer.find(word);
+    return at == layer.end() ? -1 : at->second;
+  };
+  std::vector<int> found = {number("r", "red"), number("g", "green"), number("b", "blue")};
+  if (std::find(found.begin(), found.end(), -1) != found.end()) found.clear();
+  if (found.empty() && layer.contains("y") && !layer.contains("x")) found = {layer.at("y")};
+  const int alpha = number("a", "alpha");
+  if (!found.empty() && alpha >= 0) found.push_back(alpha);
+  return found;
+}
+
+/// The channels of a photo in an EXR, by name: of the picture itself, else of its only layer that has colours or of the
+/// one that Blender calls Combined. Empty where there is none.
 std::vector<int> colour_channels(const std::vector<std::string>& names) {
-  std::map<std::string, std::map<std::string, int>> layers;  // name of the layer with its point, letter
+  std::map<std::string, Channels> layers;  // by the layer's name with its point
   for (std::size_t i = 0; i < names.size(); ++i) {
     const std::size_t letter = names[i].rfind('.') + 1;  // 0 where there is no point
     layers[names[i].substr(0, letter)].emplace(lower_case(names[i].substr(letter)), static_cast<int>(i));
   }
-  const auto colours_of = [](const std::map<std::string, int>& layer) {
-    std::vector<int> found;
-    for (const char* letter : {"r", "g", "b"})
-      if (const auto at = layer.find(letter); at != layer.end()) found.push_back(at->second);
-    if (found.size() < 3) found.clear();
-    const auto grey = layer.find("y");
-    if (found.empty() && grey != layer.end() && !layer.contains("x")) found = {grey->second};  // x, y, z are directions
-    if (const auto alpha = layer.find("a"); !found.empty() && alpha != layer.end()) found.push_back(alpha->second);
-    return found;
-  };
+  const Channels& first = layers.begin()->second;
+  const bool colourless = first.contains("x") || first.contains("z") || first.contains("depth");
+  if (names.size() == 1 && !colourless) return {0};  // grey, by whatever name
   std::vector<std::vector<int>> found;
   for (const auto& [name, layer] : layers) {
     const std::vector<int> colours = colours_of(layer);

@@ -75,14 +75,6 @@ void check_memory(const Captures& captures, const Reading& how, uint64_t budget)
                                   " needs ", words_for_bytes(bytes(fits))));
 }
 
-/// As far as it takes to find one.
-void require_pixels(const Capture& capture) {
-  if (masks_in(capture.scene) == 0) return;
-  for (std::size_t i = 0; i < capture.train.size(); ++i)
-    if (use_of(*capture.train[i]).pixels) return;
-  refuse_masks(capture.scene);
-}
-
 /// Test images are looked at once at most: none are held.
 void list_images(Capture& capture, const Reading& how, const ImageMemory& memory) {
   LoadOptions options{how.downscale, how.skip_bad, how.masks, memory.depths};
@@ -198,16 +190,23 @@ void require_training_photos(const Scene& scene, const PhotoStore& train) {
            " are unused\n  fix: correct the split of the capture, or choose another with --holdout 8");
 }
 
-void refuse_masks(const Scene& scene) {
-  const auto masked =
-      std::find_if(scene.frames.begin(), scene.frames.end(), [](const Frame& frame) { return frame.mask.has_value(); });
+void require_unmasked(const Scene& scene, const PhotoStore& train) {
+  if (masks_in(scene) == 0) return;
+  const Frame* masked = nullptr;
+  for (std::size_t i = 0; i < train.size(); ++i) {
+    if (use_of(*train[i]).pixels) return;
+    const Frame& frame = scene.frames[train.listed().frames[i].frame];
+    if (!masked && frame.mask) masked = &frame;
+  }
+  if (!masked) return;
   const Image mask = read_image(scene.root / *masked->mask);
   const int most = mask.pixels.empty() ? 0 : *std::max_element(mask.pixels.begin(), mask.pixels.end());
+  const char* fix = most == 0    ? "invert masks that are black where the photo counts, or remove them"
+                    : most < 128 ? "multiply all masks: magick mogrify -evaluate multiply 255 masks/*.png"
+                                 : "a smaller --downscale, or masks that keep more: one black pixel blackens its block";
   bad_data(scene.root.string(),
-           ": the masks keep no pixel of any photo: black is what does not count, and the largest ", "value of ",
-           *masked->mask, " is ", most, ", want 255 where the photo counts\n  fix: ",
-           most == 0 ? "invert masks that are black where the photo counts, or remove them"
-                     : "multiply all masks: magick mogrify -evaluate multiply 255 masks/*.png");
+           ": the masks keep no pixel of any photo: black is what does not count, and the largest value of ",
+           *masked->mask, " is ", most, ", want 255 where the photo counts\n  fix: ", fix);
 }
 
 uint64_t image_bytes(const Scene& scene, Split split, int downscale) {
@@ -234,7 +233,7 @@ Captures read_captures(const std::vector<std::filesystem::path>& data, const Rea
     told("read", i + 1, captures.size());
   }
   decode_what_fits(captures, *memory.store, told);
-  for (const Capture& capture : captures) require_pixels(capture);
+  for (const Capture& capture : captures) require_unmasked(capture.scene, capture.train);
   return captures;
 }
 

@@ -37,8 +37,8 @@ PhotoUse use_of(const FramePixels& photo);
 /// Fault::data, with what to do, where no photo trains. train: those of the scene that do.
 void require_training_photos(const Scene& scene, const PhotoStore& train);
 
-/// Fault::data, with what to do, where masks leave no pixel of any photo that trains.
-void refuse_masks(const Scene& scene);
+/// Fault::data, with what to do, where masks leave no pixel of any of these photos. Decodes them until one has some.
+void require_unmasked(const Scene& scene, const PhotoStore& train);
 
 /// The capture with the split of its source.
 Scene read_scene_as_listed(const std::filesystem::path& data, const Reading& how);

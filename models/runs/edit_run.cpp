@@ -1,7 +1,10 @@
 // See edit_run.h.
 #include "models/runs/edit_run.h"
 
+#include <algorithm>
+
 #include "models/io/commit.h"
+#include "models/io/paths.h"
 #include "models/runs/scene_file.h"
 #include "runtime/error.h"
 
@@ -17,11 +20,15 @@ RunData moved(RunData data, const fs::path& from, const fs::path& to) {
   return data;
 }
 
+bool is_lock(const fs::path& file) { return file.filename() == ".lock"; }
+
 }  // namespace
 
 void check_new_folder(const fs::path& folder) {
   std::error_code error;
-  if (!fs::exists(folder, error) || (fs::is_directory(folder, error) && fs::is_empty(folder, error))) return;
+  if (!fs::exists(folder, error)) return;
+  const std::vector<fs::path> held = entries_of(folder);  // a lock is another's who writes there: FolderLock tells
+  if (fs::is_directory(folder, error) && std::all_of(held.begin(), held.end(), is_lock)) return;
   throw Error(Fault::usage, text(folder.string(), " exists; name a new folder with -o"));
 }
 

@@ -129,9 +129,12 @@ TEST_CASE("simulate: another log, a folder in use and a shift out of the world a
   CHECK_FALSE(fs::exists(out));
   {
     const FolderLock lock(out);
-    CHECK(cloam_with({"simulate", run, "-o", out.string()}).code == 2);
+    const Outcome held = cloam_with({"simulate", run, "-o", out.string()});
+    CHECK(held.code == 2);
+    CHECK(contains(held.err, "is in use by process"));
   }
-  CHECK(fs::is_empty(out));
+  CHECK(cloam_with({"simulate", run, "-o", out.string(), "--cameras", "rear"}).code == 2);
+  CHECK_FALSE(fs::exists(out));
   const std::string actor = log.actors.front().id;
   CHECK(cloam_with({"edit", run, "--actor", actor + ":shift=1e30,0,0", "-o", (out / "far").string()}).code == 2);
   CHECK(cloam_with({"simulate", run, "-o", out.string(), "--seed", "5"}).code == 2);

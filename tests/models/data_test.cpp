@@ -445,7 +445,7 @@ TEST_CASE("nerfstudio: names in lists may begin with ./; others are told; what n
       read(R"("train_filenames":["images/a.png"],"test_filenames":["images/b.png"],"val_filenames":["images/c.png"])");
   CHECK(splits(scene) == "te--");
   REQUIRE(scene.warnings.size() == 1);
-  CHECK(holds(scene.warnings[0], "2 of 4 images are neither in train_filenames nor in test_filenames"));
+  CHECK(holds(scene.warnings[0], "2 of 4 images are not used: train_filenames leaves them out"));
   write_transforms(folder.path / "again", scene);
   CHECK(splits(read_scene(folder.path / "again")) == "te--");
   CHECK(splits(read(R"("train_filenames":["images/a.png","images/d.png"])")) == "t--t");

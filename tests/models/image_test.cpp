@@ -290,6 +290,8 @@ TEST_CASE("an EXR of many layers is read as its colours, by name; one without is
   CHECK(pixel({r, g, b, a, z, x}) == Bytes{255, 128, 64, 255});
   CHECK(pixel({b, plain, r, g}) == Bytes{255, 128, 64});
   CHECK(pixel({plain, {"Y", green.data()}}) == Bytes{128});
+  CHECK(pixel({{"V", green.data()}}) == Bytes{128});
+  CHECK(pixel({{"red", red.data()}, {"green", green.data()}, {"blue", blue.data()}}) == Bytes{255, 128, 64});
   const auto layer = [&](const std::string& name) {
     return std::vector<Layer>{{name + ".R", red.data()}, {name + ".G", green.data()}, {name + ".B", blue.data()}};
   };

@@ -173,6 +173,7 @@ void add_downweighting(OpCases& rows) {
   rows.push_back(downweighted_row(19, 7, 4, false));
   rows.push_back(downweighted_row(35, 1, 4, false));
   rows.push_back(downweighted_row(3, 40, 2, false));
+  rows.push_back(downweighted_row(600, 3, 1, false));  // of several work-items
   rows.push_back(downweighted_row(0, 6, 2, false));
   rows.push_back(downweighted_row(11, 6, 2, true));
   OpCase again = downweighted_row(3, 2, 2, false);  // of squares: it is linear itself
