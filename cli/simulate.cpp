@@ -210,7 +210,7 @@ void check_request(const SimulateRequest& request) {
   if (request.augment == 0 && !request.prior.empty())
     throw Error(Fault::usage, "--prior makes the vehicles of --augment N, which is not given");
   if (request.augment == 0 && request.wish != MakerRequest())
-    throw Error(Fault::usage, "--seed and --guidance are of the vehicles of --augment N, which is not given");
+    throw Error(Fault::usage, "--seed and --guidance are used with --augment N alone, which is not given");
   if (request.augment > 0) check_is_prior(read_record(request.prior), request.prior);
   check_new_folder(request.out);
 }
@@ -231,7 +231,7 @@ int run_simulate(SimulateRequest request, const Common& common) {
                                              : fs::path(request.data);
   const Reading how = reading_for(record, !request.data.empty(), request.allow_outside);
   SimulatedLog wish{log, read_scene(data, {how.skip_bad, how.allow_outside}), {}, {}};
-  check_same_data(request.run, record.data.at(static_cast<std::size_t>(log)), wish.recorded);
+  check_same_data(data, record.data.at(static_cast<std::size_t>(log)), fingerprint(wish.recorded));
   if (!request.cameras.empty()) wish.cameras = comma_separated(request.cameras);
   if (!request.size.empty()) wish.size = parse_size(request.size);
   Simulation simulation(request, common, std::move(wish));

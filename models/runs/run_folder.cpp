@@ -249,11 +249,10 @@ std::string fingerprint(const Scene& scene) {
   return out.str();
 }
 
-void check_same_data(const fs::path& run, const RunData& data, const Scene& now) {
-  const std::string found = fingerprint(now);
-  if (data.fingerprint.empty() || data.fingerprint == found) return;
-  throw Error(Fault::data, text(now.root.string(), " is not what ", run.string(), " was trained on (", data.fingerprint,
-                                "; this has ", found, ")\n  fix: name the run's own data with --data"));
+void check_same_data(const fs::path& place, const RunData& data, const std::string& now, const std::string& otherwise) {
+  if (data.fingerprint.empty() || data.fingerprint == now) return;
+  throw Error(Fault::data, text(place.string(), " is not what the run was trained on (", data.fingerprint,
+                                "; this has ", now, ").\n  fix: name the run's own data with --data", otherwise));
 }
 
 std::vector<fs::path> event_files(const fs::path& folder) {

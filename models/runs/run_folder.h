@@ -103,8 +103,10 @@ std::string relative_to_run(const std::filesystem::path& path, const std::filesy
 /// Number, names and sizes of the images, as a short text. Equal after copying the data elsewhere.
 std::string fingerprint(const Scene& scene);
 
-/// Fault::data unless `now` has the images of a capture that the run was trained on.
-void check_same_data(const std::filesystem::path& run, const RunData& data, const Scene& now);
+/// Fault::data unless the fingerprint of what lies at `place` is that of the data that a run was trained on (an old run
+/// may not know it). otherwise: more of what to do.
+void check_same_data(const std::filesystem::path& place, const RunData& data, const std::string& now,
+                     const std::string& otherwise = "");
 
 /// The event files for TensorBoard in a run folder, the newest last.
 std::vector<std::filesystem::path> event_files(const std::filesystem::path& folder);

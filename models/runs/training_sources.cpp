@@ -56,15 +56,10 @@ std::vector<DataNow> data_now(const TrainJob& job, const Captures& captures) {
 }
 
 void check_data_unchanged(const TrainJob& job, const std::vector<DataNow>& data) {
-  for (std::size_t i = 0; i < data.size(); ++i) {
-    const std::string& before = job.record.data[i].fingerprint;
-    const std::string& now = data[i].fingerprint;
-    if (before.empty() || before == now) continue;
-    throw Error(Fault::data,
-                text(job.data[i].string(), " is not what the run was trained on (", before, "; this has ", now,
-                     ").\n  fix: name the run's own data with --data; to train on other data, start ",
-                     "another run: cloam train ", job.record.method, " ", quoted(job.data[i].string()), " -o RUN"));
-  }
+  for (std::size_t i = 0; i < data.size(); ++i)
+    check_same_data(job.data[i], job.record.data[i], data[i].fingerprint,
+                    text("; to train on other data, start another run: cloam train ", job.record.method, " ",
+                         quoted(job.data[i].string()), " -o RUN"));
 }
 
 void note_places(TrainJob& job, const std::vector<DataNow>& data) {
