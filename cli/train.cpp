@@ -288,7 +288,8 @@ int run_train(TrainRequest request, const Common& given) {
                                    " predicts and does not train\n  fix: add --dry-run; mpirun -n ",
                                    request.planned_ranks, " cloam train trains on as many devices"));
   if (request.planned_ranks == 0 && request.link != TrainRequest().link)
-    throw Error(Fault::usage, text("--link ", request.link, " is of the prediction by --dry-run --ranks N"));
+    throw Error(Fault::usage, text("--link ", request.link,
+                                   ": used with --dry-run --ranks N alone, which predict the time on N devices"));
   const ProgressStyle style = progress_style(request.progress, common);
   TrainJob job = request.resume ? resumed_job(request) : new_job(request, listener_of(common));
   if (job.finished) return first ? end_finished(job, common) : 0;

@@ -52,7 +52,7 @@ __kernel void downweighted_mean_grad(__global const float* restrict widths, __gl
 }
 
 #ifdef BLOCK
-// Weights of the places [first, first + count) in one level.
+// Weights of the places [first, first + count) in one level; a whole tile by a loop whose length the compiler knows.
 INLINE void find_weights(__global const float* restrict widths, float cells, int first, int count, float* weights) {
   if (count == TILE)
     for (int i = 0; i < TILE; i++) weights[i] = weight_of(widths[first + i], cells);

@@ -98,6 +98,10 @@ struct Wanted {
 };
 template <class Value>
 struct Wanted<std::optional<Value>> : Wanted<Value> {};
+template <>
+struct Wanted<std::vector<int>> {
+  static constexpr const char* kWords = "a whole number, or a list of them";
+};
 
 /// The value of an option. Fault::usage, naming it, for one of another type.
 template <class Value>

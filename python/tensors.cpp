@@ -185,8 +185,7 @@ void add_gradients(py::module_& module) {
       py::arg("loss"), py::arg("wrt"), py::arg("g") = py::none(), py::call_guard<Unlocked>(),
       "d loss / d each of wrt, as tensors that can be differentiated again. Without g (d something / d loss, of its "
       "shape) the loss has one element. Zeros where the loss does not depend on a tensor, and of one that is not "
-      "tracked: "
-      "gradients reach parameters, and what was computed from them.");
+      "tracked: gradients reach parameters, and what was computed from them.");
   module.def(
       "assign",
       [](const Tensor& target, const py::object& value) {

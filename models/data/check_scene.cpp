@@ -38,8 +38,8 @@ void check_origin(const Eigen::Vector3d& centre, double extent, std::vector<std:
   const double far = centre.norm();
   if (extent < 1e-3 || far < kFarthestInExtents * extent) return;
   warnings.push_back(fmt::format(
-      "the cameras are {:.3g} units from the origin and {:.3g} from each other's middle: numbers of 32 bits round such "
-      "places, which costs sharpness; subtract {:.0f}, {:.0f}, {:.0f} from all positions (of points, too)",
+      "the cameras are {:.3g} units from the origin and {:.3g} from their centre: 32-bit floats round such "
+      "positions, which costs sharpness; subtract {:.0f}, {:.0f}, {:.0f} from all positions (of points, too)",
       far, extent, centre.x(), centre.y(), centre.z()));
 }
 
