@@ -17,6 +17,7 @@
 #include <sstream>
 #include <utility>
 
+#include "cli/child_program.h"
 #include "cli/commands.h"
 #include "cli/ranks.h"
 #include "cli/stop_signal.h"
@@ -144,12 +145,23 @@ void warn_of_build_flags() {
       warn(text(name, "=", flags, " changes how kernels are compiled: results can differ from those without it"));
 }
 
+/// PoCL ends the program where it finds none. A driver that needs none, or kernels that are kept, go on.
+void warn_of_missing_linker() {
+  static bool warned = false;
+  const bool is_pocl = device().is_cpu && !device().pinning.empty();
+  if (is_pocl && find_program("ld").empty() && !std::exchange(warned, true))
+    warn(text("no ld in PATH, with which ", device().platform,
+              " links kernels: if the program ends with a signal now, sudo apt install binutils, or add the folder of ld "
+              "to PATH"));
+}
+
 }  // namespace
 
 void open_device(const Common& common) {
   open_any_device(common);
   heed_verdict(common);
   warn_of_build_flags();
+  warn_of_missing_linker();
   check_devices_alike();
 }
 

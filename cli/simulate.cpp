@@ -15,7 +15,7 @@
 #include "models/runs/actor_names.h"
 #include "models/runs/asset_maker.h"
 #include "models/runs/captures.h"
-#include "models/runs/edit_run.h"
+#include "models/runs/new_folder.h"
 #include "models/runs/shared_work.h"
 #include "models/runs/simulated_log.h"
 #include "models/scene/asset_class.h"
@@ -145,26 +145,6 @@ class Simulation {
   const Common& common_;
   const SimulatedLog log_;
   Work images_, sweeps_;
-};
-
-/// Held for this process; removed again where nothing was written into it.
-class NewFolder {
- public:
-  explicit NewFolder(const fs::path& folder) : folder_(folder) {
-    lock_.emplace(folder);
-    check_new_folder(folder);  // another process may have filled it meanwhile
-  }
-  ~NewFolder() {
-    lock_.reset();
-    std::error_code error;
-    fs::remove(folder_, error);
-  }
-  NewFolder(const NewFolder&) = delete;
-  NewFolder& operator=(const NewFolder&) = delete;
-
- private:
-  fs::path folder_;
-  std::optional<FolderLock> lock_;
 };
 
 int write_one(const SimulateRequest& request, const Common& common, Simulation& simulation, StoredRun stored) {

@@ -15,7 +15,7 @@
 #include "models/io/commit.h"
 #include "models/io/paths.h"
 #include "models/io/words.h"
-#include "models/runs/edit_run.h"
+#include "models/runs/new_folder.h"
 #include "runtime/error.h"
 
 namespace cloam {

@@ -1,10 +1,8 @@
 // See edit_run.h.
 #include "models/runs/edit_run.h"
 
-#include <algorithm>
-
 #include "models/io/commit.h"
-#include "models/io/paths.h"
+#include "models/runs/new_folder.h"
 #include "models/runs/scene_file.h"
 #include "runtime/error.h"
 
@@ -20,24 +18,10 @@ RunData moved(RunData data, const fs::path& from, const fs::path& to) {
   return data;
 }
 
-bool is_lock(const fs::path& file) { return file.filename() == ".lock"; }
-
-}  // namespace
-
-void check_new_folder(const fs::path& folder) {
-  std::error_code error;
-  if (!fs::exists(folder, error)) return;
-  const std::vector<fs::path> held = entries_of(folder);  // a lock is another's who writes there: FolderLock tells
-  if (fs::is_directory(folder, error) && std::all_of(held.begin(), held.end(), is_lock)) return;
-  throw Error(Fault::usage, text(folder.string(), " exists; name a new folder with -o"));
-}
-
-void write_edited_run(const StoredRun& edited, const fs::path& to, const std::string& command_line) {
-  check_new_folder(to);
+void write_files(const StoredRun& edited, const fs::path& to, const std::string& command_line) {
   const fs::path& from = edited.folder;
   RunRecord record = edited.record;
   const RunPaths paths{to};
-  const FolderLock lock(to);
   if (edited.checkpoint.path.empty()) {
     save_checkpoint(paths.checkpoints(), edited.checkpoint.step, edited.checkpoint.file);
   } else {
@@ -53,6 +37,18 @@ void write_edited_run(const StoredRun& edited, const fs::path& to, const std::st
   record.edited_from = RunData{from.string(), relative_to_run(from, to), ""};
   record.command_line = command_line;
   write_record(to, record);  // last: from now on it is a run
+}
+
+}  // namespace
+
+void write_edited_run(const StoredRun& edited, const fs::path& to, const std::string& command_line) {
+  const NewFolder folder(to);
+  try {
+    write_files(edited, to, command_line);
+  } catch (...) {
+    clear_run(to);  // half a run would bar the way of the next try
+    throw;
+  }
 }
 
 }  // namespace cloam

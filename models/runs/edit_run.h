@@ -6,13 +6,10 @@
 
 namespace cloam {
 
-/// Fault::usage for a folder that holds anything.
-void check_new_folder(const std::filesystem::path& folder);
-
 /// Writes the run `to` from the run that `edited` was read from: its newest whole checkpoint (linked where the disk
 /// can, for checkpoints are never changed), its settings, the edited scenes and generated assets, and a record that
 /// names its folder. It stands alone: that folder may be removed afterwards. Fault::usage if `to` holds anything;
-/// Fault::write.
+/// Fault::write, and nothing of it is left.
 void write_edited_run(const StoredRun& edited, const std::filesystem::path& to, const std::string& command_line);
 
 }  // namespace cloam

@@ -15,7 +15,7 @@
 #include "models/io/paths.h"
 #include "models/io/words.h"
 #include "models/render/undistort.h"
-#include "models/runs/edit_run.h"
+#include "models/runs/new_folder.h"
 #include "models/runs/interrupted.h"
 #include "runtime/error.h"
 

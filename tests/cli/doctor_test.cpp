@@ -130,6 +130,14 @@ TEST_CASE("doctor: PoCL without the linker that it starts") {
         "linker", "no ld in PATH", "sudo apt install binutils");
 }
 
+TEST_CASE("a command that finds no linker for PoCL says so before a kernel may end it") {
+  const Words render = {"render", small_run().string(), "-o", (scratch() / "no-ld").string(), "--frames", "1", "--path",
+                        "orbit"};
+  const std::string told = "no ld in PATH, with which Portable Computing Language links kernels";
+  CHECK(contains(cloam_with(render, {"PATH=/nonexistent"}).err, told));
+  CHECK(!contains(cloam_with(render).err, told));
+}
+
 TEST_CASE("doctor: two drivers for one device") {
   const Machine machine("twice");
   machine.driver("pocl.icd", kPocl);

@@ -87,6 +87,21 @@ TEST_CASE("a full disk: exit 8 with its name and what is free on it") {
   }
 }
 
+TEST_CASE("an edited run that finds the disk full is exit 8 and nothing of it is left") {
+  const fs::path run = small_street_run();
+  const std::string actor = json_of(run / "scene.json").at("scenes").at(0).at("actors").at(0).at("id");
+  const fs::path edited = scratch() / "full-edit" / "run";
+  const FullDisk disk(edited.parent_path(), 64);  // less than a checkpoint, more than what is written before it
+  if (!disk.mounted()) {
+    MESSAGE("skipped: no rights to mount");
+    return;
+  }
+  const Outcome outcome = cloam_with({"edit", run.string(), "--actor", actor + ":remove", "-o", edited.string()});
+  CHECK_MESSAGE(outcome.code == 8, outcome.err);
+  CHECK_MESSAGE(contains(outcome.err, "bytes are free on "), outcome.err);
+  CHECK(!fs::exists(edited));
+}
+
 TEST_CASE("a film that finds the disk full is exit 8 and no half a film stays") {
   const fs::path out = scratch() / "film", bin = scratch() / "film-bin";
   fs::create_directories(bin);
