@@ -48,25 +48,32 @@ std::span<Value> rows_of(std::span<Value> values, int64_t count, const Share& sh
                         static_cast<size_t>(share.size(count)) * width);
 }
 
-constexpr size_t kBlock = 4096;  // floats: what is added to stays in the cache
+struct WeightedShares {
+  std::span<const float> before;  // added to; empty: to nothing
+  const std::vector<std::span<const float>>& shares;
+  const std::vector<float>& weights;
+};
 
-/// to = before (nothing where it is empty) + the shares, one after the other. `to` may be one of them.
-void add_weighted(std::span<float> to, std::span<const float> before, const std::vector<std::span<const float>>& shares,
-                  const std::vector<float>& weights) {
-  std::array<float, kBlock> sum;
-  for (size_t begin = 0; begin < to.size(); begin += kBlock) {
-    const size_t count = std::min(kBlock, to.size() - begin);
-    if (before.empty())
-      sum.fill(0.f);  // of which no share's -0 is left
-    else
-      std::copy_n(&before[begin], count, sum.begin());
-    for (size_t share = 0; share < shares.size(); ++share) {
-      const float weight = weights[share];
-      const float* const values = shares[share].data() + begin;
-      for (size_t i = 0; i < count; ++i) sum[i] += weight * values[i];
-    }
-    std::copy_n(sum.begin(), count, &to[begin]);
+/// to[begin + i] = before + the shares, one after the other. So few floats lie in registers meanwhile: each value is
+/// read once and written once.
+template <size_t count>
+void add_block(std::span<float> to, size_t begin, const WeightedShares& of) {
+  std::array<float, count> sum{};  // from 0, of which no share's -0 is left
+  if (!of.before.empty()) std::copy_n(&of.before[begin], count, sum.begin());
+  for (size_t share = 0; share < of.shares.size(); ++share) {
+    const float weight = of.weights[share];
+    const float* const values = of.shares[share].data() + begin;
+    for (size_t i = 0; i < count; ++i) sum[i] += weight * values[i];
   }
+  std::copy_n(sum.begin(), count, &to[begin]);
+}
+
+/// `to` may be one of the shares, or what they are added to.
+void add_weighted(std::span<float> to, const WeightedShares& of) {
+  constexpr size_t kBlock = 16;
+  size_t begin = 0;
+  for (; begin + kBlock <= to.size(); begin += kBlock) add_block<kBlock>(to, begin, of);
+  for (; begin < to.size(); ++begin) add_block<1>(to, begin, of);
 }
 
 }  // namespace
@@ -133,7 +140,7 @@ void OrderedSum::add_to(std::span<float> sum, const Rows& share, const std::vect
 
 void OrderedSum::add_last(const std::vector<std::span<const float>>& shares, std::span<float> sum,
                           const std::vector<float>& weights) {
-  add_weighted(sum, added_ ? std::span<const float>(sum_) : std::span<const float>(), shares, weights);
+  add_weighted(sum, {added_ ? std::span<const float>(sum_) : std::span<const float>(), shares, weights});
   added_ = true;
 }
 
