@@ -157,6 +157,9 @@ Command add_synth(CLI::App& program) {
     add("--rolling-shutter", r.log.rolling_shutter, "Expose images over 30 ms from top to bottom, sweeps over 100 ms");
     add("--sway", r.log.sway, "Degrees that the car's heading sways to either side, once a second: fast turns (0)",
         number_from(0, 20));
+    add("--aside", r.log.aside,
+        "Metres that actors who move keep further to their right (0): beside a log without, the truth of edited actors",
+        number_from(-3, 3));
     add("--as-recorded", r.log.as_recorded,
         "As real logs are: sweeps stamped at their end, staggered cameras, a second LiDAR, returns of the car itself; "
         "in log 001 the LiDAR's poses are wrong");

@@ -1,7 +1,7 @@
-"""What script/poses-back, script/lenses-back and script/boxes-back share."""
+"""What script/poses-back, script/lenses-back, script/boxes-back and script/moved-actors share."""
 import os, subprocess, sys
 
-CLOAM = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "build", "release", "bin", "cloam")
+CLOAM = os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "build", "release", "bin", "cloam")
 
 
 def parsed(arguments):

@@ -11,11 +11,13 @@
 #include "models/render/undistort.h"
 #include "models/splat/parameters.h"
 #include "models/splat/sky_map.h"
+#include "models/splat/sky_start.h"
 #include "models/street/least_errors.h"
 #include "models/street/sky_region.h"
 #include "models/street/street_sweeps.h"
 #include "runtime/device.h"
 #include "runtime/error.h"
+#include "runtime/ops/cube_map.h"
 #include "runtime/ops/ssim.h"
 
 namespace cloam {
@@ -23,6 +25,7 @@ namespace {
 
 constexpr float kFinalSky = 0.1f, kFinalCameras = 0.1f;  // on the rates
 constexpr float kLeastLight = 1e-4f;                     // of a logarithm's argument
+constexpr float kMaybeSky = 0.1f;  // weight of a pixel beside one of the sky, for the sky's colours
 constexpr double kKeptReturns = 0.95;
 constexpr float kRoom = 0.1f;      // metres around a box that an actor's gaussians may lie in
 constexpr float kGone = -20;       // logit of an opacity that growth removes
@@ -47,6 +50,17 @@ Tensor directions_in(const ViewMove& move, const Tensor& directions) {
   return stop_gradient(out);
 }
 
+/// What a photo's pixels count for the sky's first colours: what is no sky counts where nothing else is known, actors
+/// and what is masked not at all.
+std::vector<float> sky_weights(const std::vector<uint8_t>& kinds, const FramePixels& photo) {
+  std::vector<float> weights;
+  for (size_t i = 0; i < kinds.size(); ++i) {
+    const bool counts = kinds[i] < kActorPixel && (photo.mask.empty() || photo.mask[i] > 0);
+    weights.push_back(!counts ? 0 : kinds[i] == kSkyPixel ? 1 : kMaybeSky);
+  }
+  return weights;
+}
+
 Tensor entropy(const Tensor& p) { return -(p * log(p) + (1.f - p) * log(1.f - p)); }
 
 }  // namespace
@@ -69,7 +83,9 @@ void StreetGaussians::configure(Config& c) {
   c.bind("actors.max", o.actors_max, "largest number of Gaussians of all actors", {1, 1 << 28});
   bind_harmonics(c, o.harmonics);
   c.bind("weight.ssim", o.ssim, "weight of 1 - SSIM; the rest is the weight of L1", {0, 1});
-  c.bind("weight.sky", o.sky, "weight of the sky loss: cross-entropy of opacity and where LiDAR says there is sky");
+  c.bind("weight.sky", o.sky,
+         "weight of the sky loss: cross-entropy of opacity and where LiDAR says there is sky, and L1 of the sky's "
+         "colours there");
   c.bind("weight.lidar", o.lidar, "weight of the LiDAR depth error, in metres");
   c.bind("weight.actors", o.actors,
          "weight of the actors' loss, once growth has ended: entropy of their opacity in boxes, none outside");
@@ -149,6 +165,7 @@ void StreetGaussians::add_hints(const Scene& scene, const StreetSpace& space, co
         depths[i] = pixel_depths(scene, frame, pixels.cameras[static_cast<size_t>(photo.camera)], sweeps.sweep(s),
                                  *sweeps.points(s));
   });
+  SkyStart sky(config_.sky_side);
   std::vector<Tensor> directions;
   for (const Camera& camera : pixels.cameras) directions.push_back(directions_of(camera));
   for (size_t i = 0; i < depths.size(); ++i) {
@@ -167,9 +184,12 @@ void StreetGaussians::add_hints(const Scene& scene, const StreetSpace& space, co
       hints.depths = from_host(depths[i].depths, {found});
     }
     hints.directions = directions[camera];
+    sky.add(photo.rgba, sky_weights(kinds, photo),
+            sky_taps(hints.directions, frame.world_from_camera, config_.sky_side));
     hints_.push_back(std::move(hints));
     loaded(i + 1, depths.size());
   }
+  model_->put_sky(sky.faces(kFirstSky));
 }
 
 MemoryPlan StreetGaussians::memory(const PhotoSizes& photos) const {
@@ -248,8 +268,9 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
       0};
   seen.through = maximum(seen.drawn.transmittance, kLeastLight);
   seen.pixels = static_cast<float>(photo.camera.width) * static_cast<float>(photo.camera.height);
-  const Tensor sky = reshape(model_->sky(directions_in(move, hints.directions), photo.world_from_camera),
-                             {3, photo.camera.height, photo.camera.width});
+  const Tensor taps = sky_taps(directions_in(move, hints.directions), photo.world_from_camera, config_.sky_side);
+  const Shape planes = {3, photo.camera.height, photo.camera.width};
+  const Tensor sky = reshape(cube_colours(stop_gradient(model_->sky_faces()), taps), planes);
   Tensor picture =
       model_->exposed(slice(seen.drawn.planes, 0, 0, 3) + unsqueeze(seen.drawn.transmittance, 0) * sky, hints.sensor);
   Tensor truth = slice(cast(photo.rgba, DType::f32) / 255.f, 0, 0, 3);
@@ -260,7 +281,8 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   }
   const Likeness alike = likeness(picture, truth);
   Tensor loss = (1.f - config_.ssim) * alike.l1 + config_.ssim * (1.f - alike.ssim);
-  loss = loss + config_.sky * sky_term(seen);
+  const Tensor nearest = reshape(cube_colours(model_->sky_faces(), nearest_taps(taps)), planes);
+  loss = loss + config_.sky * (sky_term(seen) + sky_colour_term(nearest, truth, seen));
   if (model_->has_actors()) loss = loss + config_.outside * outside_term();
   loss = model_->boxes().with_smoothness(loss);
   const auto every = static_cast<float>(config_.depth_every);
@@ -282,6 +304,17 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   step.more = observed_.pending();
   step.sums = observed_.of_view();
   return step;
+}
+
+/// The sky's colours are those of photos where nothing is known to stand before it, each of the nearest texel's pixels.
+/// Whatever else a picture would teach it, through things or at the margin of what bilinear reading reaches, has
+/// gradients of a hundredth or less. Adam makes whole steps of those: texels behind a car that is always there would
+/// take on any colour, and glow once it is moved.
+Tensor StreetGaussians::sky_colour_term(const Tensor& sky, const Tensor& truth, const Seen& seen) const {
+  const Tensor kinds = cast(seen.hints.kinds, DType::f32);
+  const Tensor counts = where(equal(kinds, static_cast<float>(kSkyPixel)), Tensor(1.f),
+                              where(equal(kinds, 0.f), Tensor(kMaybeSky), Tensor(0.f)));
+  return seen.mean_of(unsqueeze(counts, 0) * abs(model_->exposed(sky, seen.hints.sensor) - truth));
 }
 
 /// Cross-entropy of opacity with what LiDAR says; what nobody knows has no part.

@@ -67,6 +67,7 @@ class StreetGaussians final : public Method,
   void begin(const Scene& scene, const LogSweeps& sweeps, const Pixels& pixels);
   void add_hints(const Scene& scene, const StreetSpace& space, const LogSweeps& sweeps, const Pixels& pixels);
   Tensor sky_term(const Seen& seen) const;
+  Tensor sky_colour_term(const Tensor& sky, const Tensor& truth, const Seen& seen) const;
   Tensor lidar_term(const Seen& seen) const;
   Tensor actors_term(const Seen& seen) const;
   Tensor outside_term() const;

@@ -16,8 +16,7 @@
 namespace cloam {
 namespace {
 
-constexpr float kFirstSky = 0.5f;  // grey
-constexpr double kMiddle = 0.5;    // of an actor's time: how it looks alone
+constexpr double kMiddle = 0.5;  // of an actor's time: how it looks alone
 constexpr int64_t kExposureNumbers = 6;
 constexpr double kOutOfSight = 1e4;  // metres behind a camera
 

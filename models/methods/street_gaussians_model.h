@@ -38,6 +38,7 @@ struct StreetGaussiansConfig {
 
 constexpr char kBackgroundPart[] = "background.", kActorsPart[] = "actors.", kWavesName[] = "actors.sh_time",
                kSkyName[] = "sky", kExposureName[] = "exposure";
+constexpr float kFirstSky = 0.5f;  // grey
 
 class StreetGaussiansModel {
  public:
@@ -78,6 +79,9 @@ class StreetGaussiansModel {
   Tensor exposed(const Tensor& planes, const std::string& sensor) const;
   /// The three gains, then the three offsets.
   std::array<float, 6> exposure_of(const std::string& sensor) const;
+  /// The sky's faces [6,S,S,3] become these.
+  void put_sky(const Tensor& faces) { assign({{params_.at(kSkyName), faces}}); }
+  const Tensor& sky_faces() const { return params_.at(kSkyName); }
   /// [3,P] in directions [P,3] of a camera that stands like this; differentiable in the sky alone.
   Tensor sky(const Tensor& directions, const Eigen::Matrix4d& world_from_camera) const {
     return sky_colours(params_.at(kSkyName), directions, world_from_camera);

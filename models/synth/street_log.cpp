@@ -25,20 +25,21 @@ constexpr double kStart = 1557539924;
 constexpr double kLongest = 20;      // seconds
 constexpr double kFarthestBox = 80;  // metres from the car
 constexpr double kMostSway = 20;     // degrees
+constexpr double kMostAside = 3;     // metres
 constexpr int kTurns = 8;
 
 void check(const StreetLogOptions& options) {
   const bool sound = options.frames >= 1 && options.frames <= 200 && options.width >= 16 && options.width <= 4096 &&
                      options.height >= 16 && options.height <= 4096 && options.beams >= 1 && options.beams <= 256 &&
                      !options.cameras.empty() && options.clouds >= 0 && options.clouds <= 1 && options.sway >= 0 &&
-                     options.sway <= kMostSway;
+                     options.sway <= kMostSway && std::abs(options.aside) <= kMostAside;
   if (!sound) {
     throw Error(
         Fault::usage,
         text("a synthetic log has 1 to 200 frames, pictures of 16 to 4096 pixels per side, 1 to 256 beams, at least "
-             "one camera, clouds of 0 to 1, a sway of 0 to 20 degrees; got ",
+             "one camera, clouds of 0 to 1, a sway of 0 to 20 degrees, actors at most 3 m aside; got ",
              options.frames, ", ", options.width, "x", options.height, ", ", options.beams, ", ",
-             options.cameras.size(), ", ", options.clouds, " and ", options.sway));
+             options.cameras.size(), ", ", options.clouds, ", ", options.sway, " and ", options.aside));
   }
   if (options.dead_lidar && !options.as_recorded)
     throw Error(Fault::usage, "dead LiDAR poses are of logs that are made as recorded");
@@ -75,6 +76,8 @@ class StreetLog {
         recording_(recording_of(options)),
         street_(make_street(options.seed, {options.night, options.clouds}, options.frames / options.rate)) {
     street_.sway = options.sway;
+    for (StreetActor& actor : street_.world.actors)
+      if (!actor.parked) actor.track.right += options.aside * std::cos(actor.track.turn);
   }
 
   void write() {

@@ -17,6 +17,7 @@ struct StreetLogOptions {
   bool night = false;
   double clouds = 0;             // share of the sun's light that comes from all over the sky instead
   double sway = 0;               // degrees, MadeStreet::sway
+  double aside = 0;              // metres that actors who move keep further to their right
   bool rolling_shutter = false;  // pictures take 30 ms and sweeps 100 ms, in which all goes on moving
   bool as_recorded = false;      // with the clock, the second LiDAR and the car's own body of a real log
   bool dead_lidar = false;       // with as_recorded: lidar/poses.json stands still at the first pose

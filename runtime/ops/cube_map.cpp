@@ -11,7 +11,6 @@ namespace {
 const Registered kCubeMapKernels[] = {Registered("cube_taps"), Registered("cube_colours")};
 
 constexpr int64_t kMaxSide = 16384;  // texels are counted in 31 bits
-constexpr float kTapUnit = 1 << 30;  // of the way to the next texel, as the kernel has it
 
 /// Rows of texels that one work-item adds to: as many as stay in a core's cache, or a lane each.
 int64_t band_rows() { return is_cpu_class() ? 8 : 1; }
@@ -87,7 +86,7 @@ Tensor cube_colours_composed(const Tensor& faces, const Tensor& taps) {
   const int right = side > 1 ? 1 : 0, below = side > 1 ? static_cast<int>(side) : 0;
   const Tensor texels = reshape(faces, {6 * side * side, 3}), first = reshape(slice(taps, 0, 0, 1), {count});
   const auto part = [&](int64_t row) {
-    return reshape(cast(slice(taps, 0, row, row + 1), DType::f32) / kTapUnit, {count, 1});
+    return reshape(cast(slice(taps, 0, row, row + 1), DType::f32) / static_cast<float>(kTapUnit), {count, 1});
   };
   const auto at = [&](int shift) { return gather_rows(texels, first + shift); };
   const Tensor across = part(1), down = part(2);

@@ -4,6 +4,8 @@
 
 namespace cloam {
 
+constexpr int32_t kTapUnit = 1 << 30;  // taps: of the way to the next texel, as the kernel has it
+
 /// Where directions [P,3] of any length but 0, times turn [3,3] (world_from_camera, say), meet the six faces of S x S
 /// texels at +x, -x, +y, -y, +z, -z -> int32 [3,P] for cube_colours. Not differentiable.
 Tensor cube_taps(const Tensor& directions, const Tensor& turn, int64_t side);

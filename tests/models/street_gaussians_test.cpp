@@ -129,37 +129,6 @@ TEST_CASE("gaussians of things are seen as if they had been moved to where the t
           5e-3 * sums[t].norm());
 }
 
-TEST_CASE("the sky's faces are where directions find them, and meet at their edges") {
-  // Faces that show the direction itself: bilinear reading of a linear map gives it back.
-  const int64_t side = 64;
-  std::vector<float> faces;
-  for (int face = 0; face < 6; ++face)
-    for (int64_t row = 0; row < side; ++row)
-      for (int64_t column = 0; column < side; ++column) {
-        const auto way = [&](int64_t at) { return 2 * (static_cast<float>(at) + 0.5f) / side - 1; };
-        const int axis = face / 2;
-        std::vector<float> d(3);
-        d[static_cast<size_t>(axis)] = face % 2 == 0 ? 1.f : -1.f;
-        d[axis == 0 ? 1 : 0] = way(column);
-        d[axis == 2 ? 1 : 2] = way(row);
-        faces.insert(faces.end(), d.begin(), d.end());
-      }
-  HostRandom random(4);
-  const Eigen::Matrix4d eye = pose_from(turn_about_z(0.3) * Eigen::AngleAxisd(0.2, Vector3d::UnitX()), {0.4, -0.2, -6});
-  std::vector<float> directions, expected;
-  for (int i = 0; i < 400; ++i) {
-    Vector3d d(random.between(-1, 1), random.between(-1, 1), random.between(-1, 1));
-    if (i == 0) d = {2, 0, 0};
-    for (int k = 0; k < 3; ++k) {
-      directions.push_back(static_cast<float>(eye.col(k).head<3>().dot(d)));
-      expected.push_back(static_cast<float>(d[k] / d.cwiseAbs().maxCoeff()));
-    }
-  }
-  const Tensor found =
-      transpose(sky_colours(from_host(faces, {6, side, side, 3}), from_host(directions, {400, 3}), eye));
-  CHECK(largest_difference(found, from_host(expected, {400, 3})) < 1.01f / side);  // beside an edge, half a pixel
-}
-
 TEST_CASE("LiDAR's returns in a photo: those on a car have gone with it, those that it hides are left out") {
   const Folder folder;
   Scene scene = toy_street(folder.path, {.frames = 1, .width = 320, .height = 240});
