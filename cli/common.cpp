@@ -145,14 +145,16 @@ void warn_of_build_flags() {
       warn(text(name, "=", flags, " changes how kernels are compiled: results can differ from those without it"));
 }
 
+bool is_pocl() { return !device().pinning.empty(); }
+
 /// PoCL ends the program where it finds none. A driver that needs none, or kernels that are kept, go on.
 void warn_of_missing_linker() {
   static bool warned = false;
-  const bool is_pocl = device().is_cpu && !device().pinning.empty();
-  if (is_pocl && find_program("ld").empty() && !std::exchange(warned, true))
-    warn(text("no ld in PATH, with which ", device().platform,
-              " links kernels: if the program ends with a signal now, sudo apt install binutils, or add the folder of ld "
-              "to PATH"));
+  if (is_pocl() && find_program("ld").empty() && !std::exchange(warned, true))
+    warn(text(
+        "no ld in PATH, with which ", device().platform,
+        " links kernels: if the program ends with a signal now, sudo apt install binutils, or add the folder of ld "
+        "to PATH"));
 }
 
 }  // namespace
@@ -161,7 +163,6 @@ void open_device(const Common& common) {
   open_any_device(common);
   heed_verdict(common);
   warn_of_build_flags();
-  warn_of_missing_linker();
   check_devices_alike();
 }
 
@@ -172,9 +173,9 @@ void open_any_device(const Common& common) {
     throw Error(Fault::device, text("--require-gpu: the device is a CPU (", device().name, ", ", device().platform,
                                     ")\n  fix: install the GPU's OpenCL driver; cloam info lists the devices"));
   static bool told = false;  // a demo opens the device for each of its commands
-  const bool is_pocl = !device().pinning.empty();
-  if (!told && is_pocl && !kernel_cache().note.empty()) say(common, kernel_cache().note);
+  if (!told && is_pocl() && !kernel_cache().note.empty()) say(common, kernel_cache().note);
   told = true;
+  warn_of_missing_linker();
   begin_profile(common);
 }
 

@@ -55,7 +55,7 @@ EvalResult measure_photos(const EvalRequest& request, const Common& common) {
   if (!request.photos.empty())
     throw Error(Fault::usage, text("--photos is for diffusion runs; ", request.run, " is none"));
   RestoredRun run = restored(request.run, common);
-  if (run.record.edited_from)
+  if (run.record.edited_from && request.other.empty())
     warn(text(request.run, " is an edited run: its pictures are compared with photos of the street before the edit"));
   const StopOnSignal signals("finishing this picture");
   return measure_run(request, run, listener_of(common), ranks());

@@ -21,30 +21,14 @@ std::array<double, 3> acceleration_weights(double t0, double t1, double t2) {
   return {1 / (before * between), -(1 / before + 1 / after) / between, 1 / (after * between)};
 }
 
-BoxMotion motion_of(const std::vector<Actor>& actors,
-                    const std::map<std::pair<std::size_t, int>, int32_t>& corrections) {
-  std::vector<int32_t> rows;
-  std::vector<float> by_shift, given;
-  for (size_t a = 0; a < actors.size(); ++a) {
-    const std::vector<ActorBox>& boxes = actors[a].boxes;
-    for (size_t b = 1; b + 1 < boxes.size(); ++b) {
-      const ActorBox &before = boxes[b - 1], &box = boxes[b], &after = boxes[b + 1];
-      const bool in_a_row = after.step == box.step + 1 && box.step == before.step + 1;
-      if (!in_a_row || !(before.timestamp < box.timestamp && box.timestamp < after.timestamp)) continue;
-      const auto weights = acceleration_weights(before.timestamp, box.timestamp, after.timestamp);
-      Eigen::Vector3d acceleration = Eigen::Vector3d::Zero();
-      for (size_t k = 0; k < 3; ++k) {
-        const Eigen::Matrix4d& pose = boxes[b - 1 + k].world_from_box;
-        acceleration += weights[k] * (pose - box.world_from_box).topRightCorner<3, 1>();
-        rows.push_back(corrections.at({a, boxes[b - 1 + k].step}));
-        for (int i = 0; i < 9; ++i) by_shift.push_back(static_cast<float>(weights[k] * pose(i / 3, i % 3)));
-      }
-      for (int i = 0; i < 3; ++i) given.push_back(static_cast<float>(acceleration[i]));
-    }
-  }
-  if (given.empty()) return {};
-  const auto count = static_cast<int64_t>(given.size() / 3);
-  return {from_host(rows, {3 * count}), from_host(by_shift, {3 * count, 3, 3}), from_host(given, {count, 3})};
+/// Steps of which a photo or a sweep trains.
+std::set<int> steps_that_train(const Scene& scene) {
+  std::set<int> steps;
+  for (const Frame& frame : scene.frames)
+    if (frame.split == Split::train) steps.insert(frame.step);
+  for (const Sweep& sweep : scene.sweeps)
+    if (sweep.split == Split::train) steps.insert(sweep.step);
+  return steps;
 }
 
 }  // namespace
@@ -57,9 +41,11 @@ void bind_boxes(Config& c, BoxSettings& o) {
   c.bind("train.rate_yaws", o.rate_yaws, "learning rate of the boxes' turns, in radians; it falls to a half");
 }
 
-void BoxRefinement::build(const BoxSettings& settings, const std::vector<Actor>& actors, Params& parameters,
+void BoxRefinement::build(const BoxSettings& settings, const Scene& scene, Params& parameters,
                           const std::string& prefix) {
+  const std::vector<Actor>& actors = scene.actors;
   settings_ = settings;
+  steps_ = steps_that_train(scene);
   prefix_ = prefix;
   parameters_ = &parameters;
   rows_.clear();
@@ -69,7 +55,36 @@ void BoxRefinement::build(const BoxSettings& settings, const std::vector<Actor>&
       rows_.emplace(std::pair(a, box.step), static_cast<int32_t>(rows_.size()));
   if (rows_.empty()) return;
   put_zeros(static_cast<int64_t>(rows_.size()));
-  motion_ = motion_of(actors, rows_);
+  motion_ = motion_of(actors);
+}
+
+BoxMotion BoxRefinement::motion_of(const std::vector<Actor>& actors) const {
+  std::vector<int32_t> rows;
+  std::vector<float> by_shift, given;
+  for (size_t a = 0; a < actors.size(); ++a) {
+    const std::vector<ActorBox>& boxes = actors[a].boxes;
+    for (size_t b = 1; b + 1 < boxes.size(); ++b) {
+      const ActorBox &before = boxes[b - 1], &box = boxes[b], &after = boxes[b + 1];
+      const bool in_a_row = after.step == box.step + 1 && box.step == before.step + 1;
+      if (!in_a_row || !(before.timestamp < box.timestamp && box.timestamp < after.timestamp)) continue;
+      const auto weights = acceleration_weights(before.timestamp, box.timestamp, after.timestamp);
+      Eigen::Vector3d acceleration = Eigen::Vector3d::Zero();
+      for (size_t k = 0; k < 3; ++k) {
+        const ActorBox& one = boxes[b - 1 + k];
+        const Eigen::Matrix4d& pose = one.world_from_box;
+        acceleration += weights[k] * (pose - box.world_from_box).topRightCorner<3, 1>();
+        for (const auto& [row, share] : parts_at(a, actors[a], one.timestamp)) {
+          rows.push_back(row);
+          for (int i = 0; i < 9; ++i)
+            by_shift.push_back(static_cast<float>(double{share} * weights[k] * pose(i / 3, i % 3)));
+        }
+      }
+      for (int i = 0; i < 3; ++i) given.push_back(static_cast<float>(acceleration[i]));
+    }
+  }
+  if (given.empty()) return {};
+  const auto count = static_cast<int64_t>(given.size() / 3);
+  return {from_host(rows, {6 * count}), from_host(by_shift, {6 * count, 3, 3}), from_host(given, {count, 3})};
 }
 
 void BoxRefinement::add_groups(ParameterGroups& groups, bool sparse) const {
@@ -120,18 +135,21 @@ Tensor BoxRefinement::shifts() const { return on() ? parameters_->at(prefix_ + k
 Tensor BoxRefinement::turns() const { return on() ? parameters_->at(prefix_ + kYawsName) : zeros({1, 1}); }
 
 std::array<BoxRefinement::Part, 2> BoxRefinement::parts_at(std::size_t place, const Actor& actor, double time) const {
-  const std::vector<ActorBox>& boxes = actor.boxes;
-  const auto next = std::lower_bound(boxes.begin(), boxes.end(), time,
-                                     [](const ActorBox& box, double t) { return box.timestamp < t; });
-  const ActorBox& after = next == boxes.end() ? boxes.back() : *next;
-  const ActorBox& before = next == boxes.begin() || next == boxes.end() ? after : *(next - 1);
+  const auto begin = actor.boxes.begin(), end = actor.boxes.end();
+  const auto learned = [&](const ActorBox& box) {
+    return rows_.contains({place, box.step}) && (steps_.empty() || steps_.contains(box.step));
+  };
+  const auto middle =
+      std::lower_bound(begin, end, time, [](const ActorBox& box, double t) { return box.timestamp < t; });
+  const auto next = std::find_if(middle, end, learned);
+  const auto last = std::find_if(std::make_reverse_iterator(middle), std::make_reverse_iterator(begin), learned);
+  const bool is_first = last == std::make_reverse_iterator(begin), is_last = next == end;
+  if (actor.follows_path || (is_first && is_last)) return {};
+  const ActorBox &before = is_first ? *next : *last, &after = is_last ? *last : *next;
   const double between =
       after.timestamp > before.timestamp ? (time - before.timestamp) / (after.timestamp - before.timestamp) : 0;
-  const auto part = [&](const ActorBox& box, double share) -> Part {
-    const auto found = rows_.find({place, box.step});
-    return found == rows_.end() || actor.follows_path ? Part{} : Part{found->second, static_cast<float>(share)};
-  };
-  return {part(before, 1 - between), part(after, between)};
+  return {Part{rows_.at({place, before.step}), static_cast<float>(1 - between)},
+          Part{rows_.at({place, after.step}), static_cast<float>(between)}};
 }
 
 StreetBoxes BoxRefinement::moved(const StreetBoxes& given, const std::vector<Actor>& actors,
@@ -172,10 +190,12 @@ std::vector<Actor> BoxRefinement::refined(const std::vector<Actor>& actors) cons
   for (size_t a = 0; a < out.size(); ++a) {
     if (out[a].follows_path) continue;
     for (ActorBox& box : out[a].boxes) {
-      const auto found = rows_.find({a, box.step});
-      if (found == rows_.end()) continue;
-      const auto row = static_cast<size_t>(found->second);
-      box.world_from_box *= pose_from(turn_about_z(yaws[row]), {by[3 * row], by[3 * row + 1], by[3 * row + 2]});
+      Eigen::Vector4f mixed = Eigen::Vector4f::Zero();  // shift, turn
+      for (const auto& [part, share] : parts_at(a, actors[a], box.timestamp)) {
+        const auto row = static_cast<size_t>(part);
+        mixed += share * Eigen::Vector4f(by[3 * row], by[3 * row + 1], by[3 * row + 2], yaws[row]);
+      }
+      box.world_from_box *= pose_from(turn_about_z(mixed[3]), mixed.head<3>().cast<double>());
     }
   }
   return out;
@@ -184,9 +204,9 @@ std::vector<Actor> BoxRefinement::refined(const std::vector<Actor>& actors) cons
 Tensor BoxRefinement::square_accelerations() const {
   if (!motion_.rows) return {};
   const int64_t count = motion_.given.dim(0);
-  const Tensor by = unsqueeze(gather_rows(shifts(), motion_.rows), 1);  // [N*3,1,3]
-  const Tensor by_box = sum(motion_.by_shift * by, {{2}});              // [N*3,3]
-  return mean(sum(square(motion_.given + sum(reshape(by_box, {count, 3, 3}), {{1}})), {{1}}));
+  const Tensor by = unsqueeze(gather_rows(shifts(), motion_.rows), 1);  // [N*6,1,3]
+  const Tensor by_part = sum(motion_.by_shift * by, {{2}});             // [N*6,3]
+  return mean(sum(square(motion_.given + sum(reshape(by_part, {count, 6, 3}), {{1}})), {{1}}));
 }
 
 Tensor BoxRefinement::smoothness() const {

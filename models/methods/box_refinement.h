@@ -1,9 +1,11 @@
 // Boxes of actors as parameters (Yan et al. 2024, "Street Gaussians", section 3; the actors' trajectories of NeuRAD,
 // Tonderski et al. 2024): the box of each step has a shift in its own axes and a turn about its z axis, which begin as
-// nothing and are learned with the street. Between two boxes both are linear in time.
+// nothing and are learned with the street. Between two boxes both are linear in time, and so they are from one step
+// that trains to the next: of a step that was held out nothing shows where its boxes belong.
 #pragma once
 #include <array>
 #include <map>
+#include <set>
 
 #include "models/io/safetensors.h"
 #include "models/nn/params.h"
@@ -26,8 +28,8 @@ constexpr char kPositionsName[] = "poses.positions", kYawsName[] = "poses.yaws";
 
 /// Of N boxes in a row of three of one actor each: accelerations are linear in the boxes' shifts.
 struct BoxMotion {
-  Tensor rows;      // int32 [N*3] of corrections: the box before, the box, the one after
-  Tensor by_shift;  // [N*3,3,3]: (m/s^2) / m, of a shift in the box's axes
+  Tensor rows;      // int32 [N*6] of corrections: two of the box before, of the box and of the one after
+  Tensor by_shift;  // [N*6,3,3]: (m/s^2) / m, of a shift in the box's axes
   Tensor given;     // [N,3], of the boxes as given
 };
 
@@ -35,10 +37,9 @@ struct BoxMotion {
 /// where the actor is edited.
 class BoxRefinement {
  public:
-  /// Of the boxes of these actors; does nothing where boxes shall stay. The parameters outlive this; their names and
-  /// those of the state begin with `prefix`.
-  void build(const BoxSettings& settings, const std::vector<Actor>& actors, Params& parameters,
-             const std::string& prefix = "");
+  /// Of the boxes of the scene's actors; does nothing where boxes shall stay. The parameters outlive this; their names
+  /// and those of the state begin with `prefix`.
+  void build(const BoxSettings& settings, const Scene& scene, Params& parameters, const std::string& prefix = "");
   bool on() const { return parameters_ && parameters_->contains(prefix_ + kPositionsName); }
   /// sparse: steps that see another log leave these boxes where they are.
   void add_groups(ParameterGroups& groups, bool sparse = false) const;
@@ -52,8 +53,8 @@ class BoxRefinement {
     int32_t row = 0;
     float share = 0;
   };
-  /// Of the boxes before and after that time, as world_from_box_at goes from one to the other. Of a box that nothing
-  /// was learned of no part is taken.
+  /// Of the boxes before and after that time, of those whose steps train; before the first and after the last it has
+  /// what was learned of that one. Nothing of an actor of whom nothing was learned.
   std::array<Part, 2> parts_at(std::size_t place, const Actor& actor, double time) const;
   /// shifts [B,3], turns [B,1]: of no box where boxes stay.
   Tensor shifts() const;
@@ -75,11 +76,13 @@ class BoxRefinement {
 
  private:
   void put_zeros(int64_t rows);
+  BoxMotion motion_of(const std::vector<Actor>& actors) const;
 
   BoxSettings settings_;
   Params* parameters_ = nullptr;
   std::string prefix_;
   std::map<std::pair<std::size_t, int>, int32_t> rows_;  // by actor and step
+  std::set<int> steps_;                                  // that train
   BoxMotion motion_;
 };
 

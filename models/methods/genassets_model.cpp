@@ -308,7 +308,7 @@ StreetLog StreetModel::make_log(const Scene& scene, const Scope& scope) const {
     if (options_.frozen && options_.detail) log.detail = scope.constant("detail", {actors, texels}, 0.f);
   }
   for (const Actor& actor : scene.actors) log.classes.push_back(asset_class(actor.label));
-  log.boxes.build(options_.boxes, scene.actors, scope.all, scope.path + ".");
+  log.boxes.build(options_.boxes, scene, scope.all, scope.path + ".");
   log.cameras.build(options_.cameras, scene, log.space->street_from_world(), scope.all, scope.path + ".");
   return log;
 }

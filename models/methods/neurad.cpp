@@ -91,7 +91,7 @@ void Neurad::build(const Scenes& scenes, uint64_t seed) {
   seed_ = seed;
   model_ = std::make_unique<NeuradModel>(config_.street, Scope{params_, "", seed}, scene);
   if (config_.weight_perceptual > 0) perceptual_ = feature_network(config_.perceptual_weights);
-  boxes_.build(config_.boxes, scene.actors, params_);
+  boxes_.build(config_.boxes, scene, params_);
   cameras_.build(config_.cameras, scene, model_->space().street_from_world(), params_);
 }
 

@@ -25,7 +25,7 @@ namespace {
 
 constexpr float kFinalSky = 0.1f, kFinalCameras = 0.1f;  // on the rates
 constexpr float kLeastLight = 1e-4f;                     // of a logarithm's argument
-constexpr float kMaybeSky = 0.1f;  // weight of a pixel beside one of the sky, for the sky's colours
+constexpr float kMaybeSky = 0.1f;  // what a pixel that may be of the sky or not counts for its colours; one that is: 1
 constexpr double kKeptReturns = 0.95;
 constexpr float kRoom = 0.1f;      // metres around a box that an actor's gaussians may lie in
 constexpr float kGone = -20;       // logit of an opacity that growth removes
@@ -50,10 +50,11 @@ Tensor directions_in(const ViewMove& move, const Tensor& directions) {
   return stop_gradient(out);
 }
 
-/// What a photo's pixels count for the sky's first colours: what is no sky counts where nothing else is known, actors
-/// and what is masked not at all.
+/// What a photo's pixels count for the sky's first colours, [H*W]: matter, too, little, so that something like the road
+/// and the houses around is where no photo shows the sky; actors and what is masked not at all.
 std::vector<float> sky_weights(const std::vector<uint8_t>& kinds, const FramePixels& photo) {
   std::vector<float> weights;
+  weights.reserve(kinds.size());
   for (size_t i = 0; i < kinds.size(); ++i) {
     const bool counts = kinds[i] < kActorPixel && (photo.mask.empty() || photo.mask[i] > 0);
     weights.push_back(!counts ? 0 : kinds[i] == kSkyPixel ? 1 : kMaybeSky);
@@ -85,7 +86,7 @@ void StreetGaussians::configure(Config& c) {
   c.bind("weight.ssim", o.ssim, "weight of 1 - SSIM; the rest is the weight of L1", {0, 1});
   c.bind("weight.sky", o.sky,
          "weight of the sky loss: cross-entropy of opacity and where LiDAR says there is sky, and L1 of the sky's "
-         "colours there");
+         "colours; 0: these stay as they begin");
   c.bind("weight.lidar", o.lidar, "weight of the LiDAR depth error, in metres");
   c.bind("weight.actors", o.actors,
          "weight of the actors' loss, once growth has ended: entropy of their opacity in boxes, none outside");
@@ -185,7 +186,7 @@ void StreetGaussians::add_hints(const Scene& scene, const StreetSpace& space, co
     }
     hints.directions = directions[camera];
     sky.add(photo.rgba, sky_weights(kinds, photo),
-            sky_taps(hints.directions, frame.world_from_camera, config_.sky_side));
+            nearest_taps(sky_taps(hints.directions, frame.world_from_camera, config_.sky_side)));
     hints_.push_back(std::move(hints));
     loaded(i + 1, depths.size());
   }
@@ -194,7 +195,7 @@ void StreetGaussians::add_hints(const Scene& scene, const StreetSpace& space, co
 
 MemoryPlan StreetGaussians::memory(const PhotoSizes& photos) const {
   constexpr uint64_t kWaveBytes = 4 * 12;                       // of an actor's Gaussian, besides
-  constexpr uint64_t kWork = 4 * 200 + 10 * 100, kPixel = 260;  // as splat, and the sky's
+  constexpr uint64_t kWork = 4 * 200 + 10 * 100, kPixel = 300;  // as splat, and the sky's
   const auto most = static_cast<uint64_t>(std::max<int64_t>(model_->count(kBackgroundPart), config_.growth.max_count)) +
                     static_cast<uint64_t>(config_.actors_max);
   MemoryPlan plan;
@@ -306,10 +307,10 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   return step;
 }
 
-/// The sky's colours are those of photos where nothing is known to stand before it, each of the nearest texel's pixels.
-/// Whatever else a picture would teach it, through things or at the margin of what bilinear reading reaches, has
-/// gradients of a hundredth or less. Adam makes whole steps of those: texels behind a car that is always there would
-/// take on any colour, and glow once it is moved.
+/// The sky's colours are those of photos where nothing is known to stand before it; each pixel teaches its nearest
+/// texel alone. Whatever else a picture would teach it, through things or at the margin of what bilinear reading
+/// reaches, has next to no gradient, of which Adam makes whole steps all the same: texels behind a car that is always
+/// there would take on any colour, and glow once it is moved.
 Tensor StreetGaussians::sky_colour_term(const Tensor& sky, const Tensor& truth, const Seen& seen) const {
   const Tensor kinds = cast(seen.hints.kinds, DType::f32);
   const Tensor counts = where(equal(kinds, static_cast<float>(kSkyPixel)), Tensor(1.f),

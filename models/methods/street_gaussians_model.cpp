@@ -44,7 +44,7 @@ StreetGaussiansModel::StreetGaussiansModel(const StreetGaussiansConfig& config, 
     params_[name] = parameter(std::vector<float>(static_cast<size_t>(rows * columns)), {rows, columns});
   };
   if (config.exposure) zeros_for(kExposureName, static_cast<int64_t>(sensors_.size()), kExposureNumbers);
-  boxes_.build(config.boxes, actors_, parameters);
+  boxes_.build(config.boxes, scene, parameters);
   const int64_t side = config.sky_side;
   params_[kSkyName] =
       parameter(std::vector<float>(static_cast<size_t>(18 * side * side), kFirstSky), {6, side, side, 3});

@@ -46,7 +46,8 @@ void write_edited_run(const StoredRun& edited, const fs::path& to, const std::st
   try {
     write_files(edited, to, command_line);
   } catch (...) {
-    clear_run(to);  // half a run would bar the way of the next try
+    std::error_code error;
+    std::filesystem::remove_all(to, error);  // all of it is ours; half a run would bar the way of the next try
     throw;
   }
 }

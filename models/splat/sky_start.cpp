@@ -75,10 +75,9 @@ SkyStart::SkyStart(int64_t side) : side_(side), sums_(static_cast<size_t>(24 * s
 void SkyStart::add(std::span<const uint8_t> rgba, std::span<const float> weights, const Tensor& taps) {
   const std::vector<int32_t> places = taps.to_host<int32_t>();
   const size_t count = weights.size();
-  const auto nearest = [](int32_t share) { return share >= kTapUnit / 2 ? 1 : 0; };
   for (size_t i = 0; i < count; ++i) {
     if (weights[i] <= 0) continue;
-    const int64_t right = nearest(places[count + i]), below = nearest(places[2 * count + i]);
+    const int64_t right = places[count + i] / kTapUnit, below = places[2 * count + i] / kTapUnit;
     float* const sum = &sums_[4 * static_cast<size_t>(places[i] + right + below * side_)];
     for (size_t c = 0; c < 3; ++c) sum[c] += weights[i] * static_cast<float>(rgba[4 * i + c]) / 255;
     sum[3] += weights[i];
@@ -87,6 +86,7 @@ void SkyStart::add(std::span<const uint8_t> rgba, std::span<const float> weights
 
 Tensor SkyStart::faces(float otherwise) const {
   std::vector<float> out;
+  out.reserve(static_cast<size_t>(18 * side_ * side_));
   const auto texels = static_cast<size_t>(side_ * side_);
   for (size_t first = 0; first < 6 * texels; first += texels) {
     Face face{side_, {}, {}};

@@ -12,8 +12,8 @@ namespace cloam {
 class SkyStart {
  public:
   explicit SkyStart(int64_t side);
-  /// rgba: 4 bytes a pixel; weights: what each pixel counts, 0: nothing; taps: its place on the faces, as cube_taps
-  /// (runtime/ops/cube_map.h) has it.
+  /// rgba [P,4]; weights [P]: what each pixel counts, 0: nothing; taps [3,P]: nearest_taps (sky_map.h) of faces as wide
+  /// as these.
   void add(std::span<const uint8_t> rgba, std::span<const float> weights, const Tensor& taps);
   /// [6,S,S,3]. Texels that no pixel counts for take on what lies around them on their face, the nearest most; faces of
   /// such texels alone are as dark or light as `otherwise`.

@@ -165,7 +165,8 @@ TEST_CASE("street-gaussians: an actor that is moved looks as the truth with that
   as<TakesEdits>(*method)->take_actors(edited);
   const double after = psnr_in_mask(shown(*method, view), truth, number);
   MESSAGE("PSNR in the actor's mask: held out ", before, ", moved ", after, ", not moved ", unmoved);
-  CHECK(before > 20);
-  CHECK(after > unmoved + 5);
-  CHECK(after > before - 1.5);
+  // docs/experiments/street-gaussians.md says what is missing to what was recorded: outlines, by a pixel or less.
+  CHECK(before > 27);
+  CHECK(after > 25.5);
+  CHECK(after > unmoved + 7);
 }

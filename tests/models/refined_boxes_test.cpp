@@ -54,7 +54,9 @@ TEST_CASE("boxes' accelerations are those of the places to which shifts and turn
   const std::vector<Actor> actors = {braking_car()};
   Params parameters;
   BoxRefinement boxes;
-  boxes.build({.refine = true}, actors, parameters);
+  Scene scene;
+  scene.actors = actors;
+  boxes.build({.refine = true}, scene, parameters);
   CHECK(boxes.square_accelerations().item() == doctest::Approx(mean_square_acceleration(actors[0])).epsilon(1e-4));
 
   std::vector<float> shifts, yaws;
@@ -88,13 +90,47 @@ TEST_CASE("boxes' accelerations are those of the places to which shifts and turn
     for (const auto& [row, share] : boxes.parts_at(0, placed[0], time)) CHECK(share == 0);
 }
 
+TEST_CASE("boxes of steps that were held out are moved as those before and after them that train") {
+  Scene scene;
+  scene.actors = {braking_car()};
+  const std::vector<ActorBox>& given = scene.actors[0].boxes;
+  for (const ActorBox& box : given) {
+    Frame frame;
+    frame.step = box.step;
+    frame.split = box.step == 1 || box.step == 5 ? Split::train : Split::test;
+    scene.frames.push_back(frame);
+  }
+  Params parameters;
+  BoxRefinement boxes;
+  boxes.build({.refine = true}, scene, parameters);
+  std::vector<float> shifts(21, 9.f), yaws(7, 9.f);  // which nothing may read
+  const auto learn = [&](size_t row, float shift, float yaw) {
+    for (size_t k = 0; k < 3; ++k) shifts[3 * row + k] = shift * static_cast<float>(k + 1);
+    yaws[row] = yaw;
+  };
+  learn(1, 0.1f, 0.02f);   // step 1
+  learn(4, -0.2f, 0.05f);  // step 5
+  assign({{parameters.at(kPositionsName), from_host(shifts, {7, 3})},
+          {parameters.at(kYawsName), from_host(yaws, {7, 1})}});
+  const std::vector<Actor> learned = boxes.refined(scene.actors);
+  for (std::size_t b = 0; b < given.size(); ++b) {
+    const double way =
+        std::clamp((given[b].timestamp - given[1].timestamp) / (given[4].timestamp - given[1].timestamp), 0.0, 1.0);
+    const Eigen::Matrix4d by = given[b].world_from_box.inverse() * learned[0].boxes[b].world_from_box;
+    CAPTURE(b);
+    CHECK(std::atan2(by(1, 0), by(0, 0)) == doctest::Approx(0.02 + way * 0.03));
+    CHECK((by.topRightCorner<3, 1>() - (0.1 - way * 0.3) * Vector3d(1, 2, 3)).norm() < 1e-6);
+  }
+  CHECK(boxes.square_accelerations().item() == doctest::Approx(mean_square_acceleration(learned[0])).epsilon(1e-4));
+}
+
 namespace {
 
 /// Two cars that turn, what was learned of them, and rays at a few times from where a camera could be.
 struct LearnedCars {
   static constexpr int64_t kRays = 24;
   const Folder folder;
-  Scene scene = toy_street(folder.path);
+  Scene scene = toy_street(folder.path, {.frames = 3});
   StreetSpace space;
   Params parameters;
   BoxRefinement boxes;
@@ -102,7 +138,7 @@ struct LearnedCars {
   std::vector<float> shifts, yaws;
 
   LearnedCars() : space((add_cars(scene), scene), {}) {
-    boxes.build({.refine = true}, scene.actors, parameters);
+    boxes.build({.refine = true}, scene, parameters);
     for (int i = 0; i < 6; ++i) {
       for (int k = 0; k < 3; ++k) shifts.push_back(static_cast<float>(0.3 * std::sin(5 * i + 2 * k)));
       yaws.push_back(static_cast<float>(0.15 * std::cos(3 * i)));

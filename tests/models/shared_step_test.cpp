@@ -194,15 +194,18 @@ class InThreads final : public Ranks {
 }  // namespace
 
 TEST_CASE("two ranks add up half of the rows each, and end with all of them") {
-  // 5 rows of 2: ranks have 2 and 3 of them. No share's -0 is left.
+  // 5 rows of 21: ranks have 2 and 3 of them, which is more than is added at a time, and no multiple. No share's -0 is
+  // left.
+  constexpr int kAll = 5 * 21, kFirst = 2 * 21;
   InThreads::Desk desk;
-  std::vector<float> all[2] = {std::vector<float>(10), std::vector<float>(10)};
+  std::vector<float> all[2] = {std::vector<float>(kAll), std::vector<float>(kAll)};
   std::vector<float> own[2];
   const auto one = [&](int rank) {
     const InThreads ranks(desk, rank);
     const auto share_of = [&](float scale) {
       std::vector<float> values;
-      for (int i = 0; i < 10; ++i) values.push_back(i == 9 ? -0.f : scale * static_cast<float>(i + 10 * rank));
+      for (int i = 0; i < kAll; ++i)
+        values.push_back(i == kAll - 1 ? -0.f : scale * static_cast<float>(i + kAll * rank));
       return values;
     };
     OrderedSum sum(ranks), in_place(ranks);
@@ -210,27 +213,27 @@ TEST_CASE("two ranks add up half of the rows each, and end with all of them") {
     sum.spread(all[rank]);
     in_place.add(share_of(1), 5, {0.25f, 0.5f});
     std::vector<float> last = share_of(100);
-    const size_t begin = rank == 0 ? 0 : 4, end = rank == 0 ? 4 : 10;
+    const size_t begin = rank == 0 ? 0 : kFirst, end = rank == 0 ? kFirst : kAll;
     const std::span values(last);
     const std::span<float> place = values.subspan(begin, end - begin);
     in_place.add_last({values.first(begin), place, values.subspan(end)}, place, 5, {0.25f, 0.5f});
     own[rank].assign(place.begin(), place.end());
     const std::vector<float> given = share_of(100);  // the other rank's rows stay as they were
-    const size_t theirs = rank == 0 ? 4 : 0;
-    CHECK(std::equal(&last[theirs], &last[theirs] + (10 - (end - begin)), &given[theirs]));
+    const size_t theirs = rank == 0 ? kFirst : 0;
+    CHECK(std::equal(&last[theirs], &last[theirs] + (kAll - (end - begin)), &given[theirs]));
   };
   std::thread other(one, 1);
   one(0);
   other.join();
   std::vector<float> expected;
-  for (int i = 0; i < 9; ++i)
-    expected.push_back(101.f * (0.25f * static_cast<float>(i) + 0.5f * static_cast<float>(i + 10)));
+  for (int i = 0; i < kAll - 1; ++i)
+    expected.push_back(101.f * (0.25f * static_cast<float>(i) + 0.5f * static_cast<float>(i + kAll)));
   expected.push_back(0);
   CHECK(all[0] == expected);
   CHECK(all[1] == expected);
-  CHECK_FALSE(std::signbit(all[0][9]));
-  CHECK(own[0] == std::vector<float>(expected.begin(), expected.begin() + 4));
-  CHECK(own[1] == std::vector<float>(expected.begin() + 4, expected.end()));
+  CHECK_FALSE(std::signbit(all[0].back()));
+  CHECK(own[0] == std::vector<float>(expected.begin(), expected.begin() + kFirst));
+  CHECK(own[1] == std::vector<float>(expected.begin() + kFirst, expected.end()));
 }
 
 TEST_CASE("ranks of one host have memory in common, unless one of them does not want it") {

@@ -74,7 +74,8 @@ TEST_CASE("the sky begins with what photos show, and what none shows takes on wh
       rgba.push_back(255);
       weights.push_back(in_hole(row, column) ? 0.f : 1.f);
     }
-  const Tensor taps = sky_taps(from_host(directions_ahead(side), {count, 3}), Eigen::Matrix4d::Identity(), side);
+  const Tensor taps =
+      nearest_taps(sky_taps(from_host(directions_ahead(side), {count, 3}), Eigen::Matrix4d::Identity(), side));
   SkyStart sky(side);
   sky.add(rgba, weights, taps);
   // The same texel in another photo, where it counts a third as much.
