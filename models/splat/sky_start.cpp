@@ -2,7 +2,6 @@
 #include "models/splat/sky_start.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "runtime/ops/cube_map.h"
@@ -10,14 +9,12 @@
 namespace cloam {
 namespace {
 
-using Colour = std::array<float, 3>;
+using Colour = SkyStart::Colour;
+using Face = SkyStart::Face;
 
-/// A square image of which parts are not known.
-struct Face {
-  int64_t side = 0;
-  std::vector<Colour> colours;
-  std::vector<bool> known;
-};
+constexpr size_t kSides = 4, kAbove = 4;  // faces at +x, -x, +y, -y, whose rows run along z; the one at +z
+
+bool any_known(const Face& face) { return std::find(face.known.begin(), face.known.end(), true) != face.known.end(); }
 
 /// Half as wide: each texel is the mean of those of its four that are known.
 Face halved(const Face& from) {
@@ -68,6 +65,30 @@ void fill(Face& face) {
         face.colours[at] = enlarged(small, row, column);
 }
 
+/// The mean of what is known in a row of all sides; of a row in which nothing is, that of the nearest row below, or
+/// above.
+std::vector<Colour> colours_by_height(const std::vector<Face>& sides, float otherwise) {
+  const auto side = static_cast<size_t>(sides.front().side);
+  std::vector<Colour> rows(side);
+  std::vector<bool> known(side);
+  for (size_t row = 0; row < side; ++row) {
+    float count = 0;
+    for (const Face& face : sides)
+      for (size_t i = row * side; i < (row + 1) * side; ++i) {
+        if (!face.known[i]) continue;
+        for (size_t c = 0; c < 3; ++c) rows[row][c] += face.colours[i][c];
+        ++count;
+      }
+    for (float& value : rows[row]) value /= std::max(1.f, count);
+    known[row] = count > 0;
+  }
+  const auto first = static_cast<size_t>(std::find(known.begin(), known.end(), true) - known.begin());
+  if (first == side) return std::vector<Colour>(side, {otherwise, otherwise, otherwise});
+  for (size_t row = 0; row < side; ++row)
+    if (!known[row]) rows[row] = rows[row < first ? first : row - 1];
+  return rows;
+}
+
 }  // namespace
 
 SkyStart::SkyStart(int64_t side) : side_(side), sums_(static_cast<size_t>(24 * side * side)) {}
@@ -84,20 +105,33 @@ void SkyStart::add(std::span<const uint8_t> rgba, std::span<const float> weights
   }
 }
 
+Face SkyStart::face(int64_t number) const {
+  Face face{side_, {}, {}};
+  const auto texels = static_cast<size_t>(side_ * side_), first = static_cast<size_t>(number) * texels;
+  for (size_t i = first; i < first + texels; ++i) {
+    const float* const sum = &sums_[4 * i];
+    face.known.push_back(sum[3] > 0);
+    Colour colour{};
+    for (size_t c = 0; c < 3 && sum[3] > 0; ++c) colour[c] = sum[c] / sum[3];
+    face.colours.push_back(colour);
+  }
+  return face;
+}
+
 Tensor SkyStart::faces(float otherwise) const {
+  std::vector<Face> faces;
+  for (int64_t number = 0; number < 6; ++number) faces.push_back(face(number));
+  const std::vector<Colour> heights = colours_by_height({faces.begin(), faces.begin() + kSides}, otherwise);
   std::vector<float> out;
   out.reserve(static_cast<size_t>(18 * side_ * side_));
-  const auto texels = static_cast<size_t>(side_ * side_);
-  for (size_t first = 0; first < 6 * texels; first += texels) {
-    Face face{side_, {}, {}};
-    for (size_t i = first; i < first + texels; ++i) {
-      const float* const sum = &sums_[4 * i];
-      face.known.push_back(sum[3] > 0);
-      Colour colour{otherwise, otherwise, otherwise};
-      for (size_t c = 0; c < 3 && face.known.back(); ++c) colour[c] = sum[c] / sum[3];
-      face.colours.push_back(colour);
+  for (size_t number = 0; number < faces.size(); ++number) {
+    Face& face = faces[number];
+    const bool shown = any_known(face);
+    for (size_t i = 0; i < face.colours.size() && !shown; ++i) {
+      const size_t row = number < kSides ? i / static_cast<size_t>(side_) : number == kAbove ? heights.size() - 1 : 0;
+      face.colours[i] = heights[row];
     }
-    if (std::find(face.known.begin(), face.known.end(), true) != face.known.end()) fill(face);
+    if (shown) fill(face);
     for (const Colour& colour : face.colours) out.insert(out.end(), colour.begin(), colour.end());
   }
   return from_host(out, {6, side_, side_, 3});
