@@ -168,16 +168,25 @@ void NearestColour::look(const PosedPhoto& photo, const Vector3d& point) {
 }
 
 void NearestColour::put(Gaussians& gaussians, std::size_t i) const {
-  if (std::isfinite(distance_)) std::copy(first_.begin(), first_.end(), &gaussians.sh_first[3 * i]);
+  if (found()) std::copy(first_.begin(), first_.end(), &gaussians.sh_first[3 * i]);
 }
 
 void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians) {
+  std::vector<std::size_t> unseen;
+  Vector3d sum = Vector3d::Zero();
   for (std::size_t i = 0; i < gaussians.count(); i++) {
     NearestColour nearest;
     for (const PosedPhoto& photo : photos)
       nearest.look(photo, Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>());
     nearest.put(gaussians, i);
+    if (nearest.found())
+      sum += Eigen::Map<const Eigen::Vector3f>(&gaussians.sh_first[3 * i]).cast<double>();
+    else
+      unseen.push_back(i);
   }
+  if (unseen.size() == gaussians.count()) return;
+  const Eigen::Vector3f mean = (sum / static_cast<double>(gaussians.count() - unseen.size())).cast<float>();
+  for (const std::size_t i : unseen) Eigen::Map<Eigen::Vector3f>(&gaussians.sh_first[3 * i]) = mean;
 }
 
 PointCloud points_from_depths(const std::vector<PosedPhoto>& photos, int most) {

@@ -1,6 +1,7 @@
 // Where a training of gaussians begins.
 #pragma once
 #include <array>
+#include <cmath>
 #include <limits>
 #include <string>
 
@@ -44,6 +45,7 @@ class NearestColour {
   void look(const PosedPhoto& photo, const Eigen::Vector3d& point);
   /// The gaussian's base colour; as it is where no photo showed the point.
   void put(Gaussians& gaussians, std::size_t i) const;
+  bool found() const { return std::isfinite(distance_); }
 
  private:
   double distance_ = std::numeric_limits<double>::infinity();
@@ -53,7 +55,8 @@ class NearestColour {
 /// Whether the frame's camera has the point in its image, whatever is before it.
 bool sees(const Scene& scene, const Frame& frame, const Eigen::Vector3d& point);
 
-/// Each gaussian takes the colour of its pixel in the nearest photo that shows its mean; grey where none does.
+/// Each gaussian takes the colour of its pixel in the nearest photo that shows its mean; where none does, the mean
+/// colour of the others.
 void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians);
 
 /// What the pixels of depth maps show, evenly picked, `most` of them at the most, with their colours. Fault::data where
