@@ -171,22 +171,30 @@ void NearestColour::put(Gaussians& gaussians, std::size_t i) const {
   if (found()) std::copy(first_.begin(), first_.end(), &gaussians.sh_first[3 * i]);
 }
 
-void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians) {
-  std::vector<std::size_t> unseen;
+void colour_unseen(Gaussians& gaussians, const std::vector<char>& is_seen) {
   Vector3d sum = Vector3d::Zero();
+  std::size_t seen = 0;
+  for (std::size_t i = 0; i < gaussians.count(); i++) {
+    if (!is_seen[i]) continue;
+    sum += Eigen::Map<const Eigen::Vector3f>(&gaussians.sh_first[3 * i]).cast<double>();
+    seen++;
+  }
+  if (seen == 0) return;
+  const Eigen::Vector3f mean = (sum / static_cast<double>(seen)).cast<float>();
+  for (std::size_t i = 0; i < gaussians.count(); i++)
+    if (!is_seen[i]) Eigen::Map<Eigen::Vector3f>(&gaussians.sh_first[3 * i]) = mean;
+}
+
+void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians) {
+  std::vector<char> is_seen(gaussians.count());
   for (std::size_t i = 0; i < gaussians.count(); i++) {
     NearestColour nearest;
     for (const PosedPhoto& photo : photos)
       nearest.look(photo, Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>());
     nearest.put(gaussians, i);
-    if (nearest.found())
-      sum += Eigen::Map<const Eigen::Vector3f>(&gaussians.sh_first[3 * i]).cast<double>();
-    else
-      unseen.push_back(i);
+    is_seen[i] = nearest.found();
   }
-  if (unseen.size() == gaussians.count()) return;
-  const Eigen::Vector3f mean = (sum / static_cast<double>(gaussians.count() - unseen.size())).cast<float>();
-  for (const std::size_t i : unseen) Eigen::Map<Eigen::Vector3f>(&gaussians.sh_first[3 * i]) = mean;
+  colour_unseen(gaussians, is_seen);
 }
 
 PointCloud points_from_depths(const std::vector<PosedPhoto>& photos, int most) {

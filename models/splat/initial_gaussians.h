@@ -55,6 +55,9 @@ class NearestColour {
 /// Whether the frame's camera has the point in its image, whatever is before it.
 bool sees(const Scene& scene, const Frame& frame, const Eigen::Vector3d& point);
 
+/// Gaussians that no photo shows take on the mean colour of those that are seen, if there are any.
+void colour_unseen(Gaussians& gaussians, const std::vector<char>& is_seen);
+
 /// Each gaussian takes the colour of its pixel in the nearest photo that shows its mean; where none does, the mean
 /// colour of the others.
 void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians);

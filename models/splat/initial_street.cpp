@@ -205,6 +205,7 @@ void colour_actors(const std::vector<TimedPhoto>& photos, const Scene& scene, St
   for (std::size_t i = 0; i < start.owners.size(); ++i)
     if (i == 0 || start.owners[i] != start.owners[i - 1]) firsts.push_back(i);
   firsts.push_back(start.owners.size());
+  std::vector<char> is_seen(start.owners.size());
   in_parallel(firsts.size() - 1, [&](std::size_t part) {
     const Actor& actor = scene.actors[static_cast<std::size_t>(start.owners[firsts[part]])];
     std::vector<std::pair<const PosedPhoto*, Eigen::Matrix4d>> there;
@@ -215,8 +216,10 @@ void colour_actors(const std::vector<TimedPhoto>& photos, const Scene& scene, St
       NearestColour nearest;
       for (const auto& [photo, pose] : there) nearest.look(*photo, (pose * mean.homogeneous()).head<3>());
       nearest.put(start.actors, i);
+      is_seen[i] = nearest.found();
     }
   });
+  colour_unseen(start.actors, is_seen);
 }
 
 }  // namespace cloam

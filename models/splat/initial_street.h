@@ -29,8 +29,8 @@ struct StreetStart {
 /// Fault::data where there is no point at all.
 StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, const StreetStartOptions& options);
 
-/// Each actor's gaussian takes the colour of its pixel in the photo that shows its mean from nearest by; grey where
-/// none does. A photo's time is that of its frame.
+/// Each actor's gaussian takes the colour of its pixel in the photo that shows its mean from nearest by; where none
+/// does, the mean colour of all actors' others. A photo's time is that of its frame.
 struct TimedPhoto {
   PosedPhoto photo;
   double time = 0;

@@ -135,8 +135,9 @@ const Names kForeignInDocuments = {"--data-races",
                                    "--component",
                                    "--build",  // CMake's
                                    "--cflags",
-                                   "--libs",    // pkg-config's
-                                   "--logdir",  // TensorBoard's
+                                   "--libs",      // pkg-config's
+                                   "--logdir",    // TensorBoard's
+                                   "--log-seed",  // script/moved-actors's
                                    "--rm",
                                    "--user",
                                    "--gpus",
