@@ -10,7 +10,6 @@
 #include "cli/shipped.h"
 #include "cli/stop_signal.h"
 #include "models/data/read_scene.h"
-#include "models/io/commit.h"
 #include "models/io/host_random.h"
 #include "models/runs/actor_names.h"
 #include "models/runs/asset_maker.h"

@@ -15,8 +15,8 @@
 #include "models/io/paths.h"
 #include "models/io/words.h"
 #include "models/render/undistort.h"
-#include "models/runs/new_folder.h"
 #include "models/runs/interrupted.h"
+#include "models/runs/new_folder.h"
 #include "runtime/error.h"
 
 namespace cloam {

@@ -126,12 +126,12 @@ Tensor SkyStart::faces(float otherwise) const {
   out.reserve(static_cast<size_t>(18 * side_ * side_));
   for (size_t number = 0; number < faces.size(); ++number) {
     Face& face = faces[number];
-    const bool shown = any_known(face);
-    for (size_t i = 0; i < face.colours.size() && !shown; ++i) {
-      const size_t row = number < kSides ? i / static_cast<size_t>(side_) : number == kAbove ? heights.size() - 1 : 0;
-      face.colours[i] = heights[row];
-    }
-    if (shown) fill(face);
+    if (any_known(face))
+      fill(face);
+    else if (number < kSides)
+      for (size_t i = 0; i < face.colours.size(); ++i) face.colours[i] = heights[i / heights.size()];
+    else
+      std::fill(face.colours.begin(), face.colours.end(), number == kAbove ? heights.back() : heights.front());
     for (const Colour& colour : face.colours) out.insert(out.end(), colour.begin(), colour.end());
   }
   return from_host(out, {6, side_, side_, 3});
