@@ -158,7 +158,8 @@ Command add_synth(CLI::App& program) {
     add("--sway", r.log.sway, "Degrees that the car's heading sways to either side, once a second: fast turns (0)",
         number_from(0, 20));
     add("--aside", r.log.aside,
-        "Metres that actors who move keep further to their right (0): beside a log without, the truth of edited actors",
+        "Shift moving actors to their right by so many metres (0): the ground truth for edits of the same log without "
+        "it",
         number_from(-3, 3));
     add("--as-recorded", r.log.as_recorded,
         "As real logs are: sweeps stamped at their end, staggered cameras, a second LiDAR, returns of the car itself; "

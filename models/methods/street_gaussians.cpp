@@ -86,7 +86,7 @@ void StreetGaussians::configure(Config& c) {
   c.bind("weight.ssim", o.ssim, "weight of 1 - SSIM; the rest is the weight of L1", {0, 1});
   c.bind("weight.sky", o.sky,
          "weight of the sky loss: cross-entropy of opacity and where LiDAR says there is sky, and L1 of the sky's "
-         "colours; 0: these stay as they begin");
+         "colours; 0 keeps their initial values");
   c.bind("weight.lidar", o.lidar, "weight of the LiDAR depth error, in metres");
   c.bind("weight.actors", o.actors,
          "weight of the actors' loss, once growth has ended: entropy of their opacity in boxes, none outside");
