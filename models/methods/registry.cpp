@@ -121,8 +121,8 @@ const std::vector<Preset>& presets() {
        4000},
       {"street-gaussians", "street-gaussians", "the paper's sizes: an hour on a GPU", {}, 30000},
       {"street-gaussians-small", "street-gaussians", "one log with its actors: minutes on two cores",
-       settings_in("initial.lidar=20000 initial.near=2000 initial.far=3000 initial.actor=500 initial.fewest=200 "
-                   "sky.side=128 growth.max=60000 actors.max=30000"),
+       settings_in("initial.lidar=20000 initial.near=2000 initial.far=3000 initial.actor=2000 initial.fewest=200 "
+                   "sky.side=128 growth.max=60000 actors.max=60000"),
        3000},
       {"neurad", "neurad", "the paper's sizes: hours on a GPU; one step on two cores", {}, 20000},
       {"neurad-small", "neurad", "one log with its actors and LiDAR: minutes on two cores",

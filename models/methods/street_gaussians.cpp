@@ -12,7 +12,6 @@
 #include "models/splat/parameters.h"
 #include "models/splat/sky_map.h"
 #include "models/splat/sky_start.h"
-#include "models/street/least_errors.h"
 #include "models/street/sky_region.h"
 #include "models/street/street_sweeps.h"
 #include "runtime/device.h"
@@ -24,12 +23,9 @@ namespace cloam {
 namespace {
 
 constexpr float kFinalSky = 0.1f, kFinalCameras = 0.1f;  // on the rates
-constexpr float kLeastLight = 1e-4f;                     // of a logarithm's argument
-constexpr float kMaybeSky = 0.1f;  // what a pixel that may be of the sky or not counts for its colours; one that is: 1
-constexpr double kKeptReturns = 0.95;
-constexpr float kRoom = 0.1f;      // metres around a box that an actor's gaussians may lie in
-constexpr float kGone = -20;       // logit of an opacity that growth removes
-constexpr uint64_t kMirrors = 71;  // a stream of random numbers of its own
+constexpr float kRoom = 0.1f;                            // metres around a box that an actor's gaussians may lie in
+constexpr float kGone = -20;                             // logit of an opacity that growth removes
+constexpr uint64_t kMirrors = 71;                        // a stream of random numbers of its own
 
 /// Before any is drawn: random Gaussians that are too many for the memory are told at once.
 void require_room(const StreetStartOptions& start, size_t actors) {
@@ -62,8 +58,6 @@ std::vector<float> sky_weights(const std::vector<uint8_t>& kinds, const FramePix
   return weights;
 }
 
-Tensor entropy(const Tensor& p) { return -(p * log(p) + (1.f - p) * log(1.f - p)); }
-
 }  // namespace
 
 void StreetGaussians::configure(Config& c) {
@@ -91,8 +85,12 @@ void StreetGaussians::configure(Config& c) {
   c.bind("weight.actors", o.actors,
          "weight of the actors' loss, once growth has ended: entropy of their opacity in boxes, none outside");
   c.bind("weight.outside", o.outside, "weight of the metres by which actors' Gaussians lie outside their boxes");
-  c.bind("batch.depth_every", o.depth_every,
-         "steps between those that compare depth and actors' opacity, with as many times the weight", kSteps);
+  c.bind("weight.hidden", o.hidden,
+         "weight that holds colours of actors' Gaussians to their actor's mean, lest others colour what they hide");
+  c.bind(
+      "batch.depth_every", o.depth_every,
+      "steps between those with the terms of depth and of actors' opacity and colours, with as many times the weight",
+      kSteps);
   bind_rates(c, o.rates);
   c.bind("train.rate_sky", o.rate_sky, "learning rate of the sky; it falls to a tenth");
   c.bind("train.rate_exposure", o.rate_exposure, "learning rate of the exposures; it falls to a tenth");
@@ -142,15 +140,13 @@ void StreetGaussians::begin(const Scene& scene, const LogSweeps& sweeps, const P
         for (size_t i = 0; i < sweeps.size(); ++i) visit(sweeps.sweep(i), *sweeps.points(i));
       },
       how);
-  std::vector<PosedPhoto> photos;
-  std::vector<TimedPhoto> timed;
+  std::vector<TimedPhoto> photos;
   for (const FramePixels& photo : pixels.frames) {
     const Frame& frame = scene.frames[photo.frame];
-    photos.push_back({photo, pixels.cameras[static_cast<size_t>(photo.camera)], frame.world_from_camera});
-    timed.push_back({photos.back(), frame.timestamp.value_or(0)});
+    photos.push_back({{photo, pixels.cameras[static_cast<size_t>(photo.camera)], frame.world_from_camera},
+                      frame.timestamp.value_or(0)});
   }
-  colour_from(photos, start.background);
-  colour_actors(timed, scene, start);
+  colour_street(photos, scene, start);
   model_->put(start);
   observed_.restart(count());
 }
@@ -173,7 +169,7 @@ void StreetGaussians::add_hints(const Scene& scene, const StreetSpace& space, co
     const FramePixels& photo = pixels.frames[i];
     const Frame& frame = scene.frames[photo.frame];
     const auto camera = static_cast<size_t>(photo.camera);
-    Hints hints;
+    PhotoHints hints;
     hints.time = frame.timestamp.value_or(0);
     hints.sensor = frame.sensor;
     std::vector<uint8_t> kinds = pixel_kinds(scene, frame, pixels.cameras[camera], space, depths[i]);
@@ -221,24 +217,6 @@ ParameterGroups StreetGaussians::groups() const {
   return groups;
 }
 
-/// A photo as the street shows it.
-struct StreetGaussians::Seen {
-  const Hints& hints;
-  Drawn drawn;
-  Tensor through;  // [H,W], not 0
-  Tensor used;     // [H,W], 0 where a mask says ignore; empty: all
-  float pixels;
-  /// Mean over the pixels that count.
-  Tensor mean_of(const Tensor& x) const { return sum(used ? x * used : x) * (1 / pixels); }
-  /// An integer mask. A pixel is of the sky or of matter or neither, and may be an actor's besides.
-  Tensor is(PixelKind kind) const {
-    const Tensor kinds = cast(hints.kinds, DType::f32), is_actor = Tensor(static_cast<float>(kActorPixel)) <= kinds;
-    return kind == kActorPixel
-               ? is_actor
-               : equal(where(is_actor, kinds - static_cast<float>(kActorPixel), kinds), static_cast<float>(kind));
-  }
-};
-
 /// Most actors are alike on both sides (NeuRAD, Tonderski et al. 2024, section 4.1): what a photo shows of one is held
 /// to the other.
 std::vector<bool> StreetGaussians::flips(const Progress& progress) const {
@@ -252,7 +230,7 @@ std::vector<bool> StreetGaussians::flips(const Progress& progress) const {
 Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   const size_t which = photos_->draw(progress.seed, progress.step, progress.share);
   const Photograph& photo = photos_->photographs()[which];
-  const Hints& hints = hints_[which];
+  const PhotoHints& hints = hints_[which];
   const bool compares_depth = progress.step % config_.depth_every == 0;
   DrawOptions how;
   how.depth = compares_depth;
@@ -261,14 +239,11 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
     how.probe = parameter(std::vector<float>(static_cast<size_t>(2 * count())), {count(), 2});
   const View view{photo.camera, photo.world_from_camera, 0, hints.time};
   const ViewMove move = cameras_.move_of(which, photo.listed_camera);
-  Seen seen{
+  SeenStreet seen{
       hints,
       draw(model_->projection(view, move, degree_at(config_.harmonics, progress), flips(progress)), photo.camera, how),
       {},
-      {},
-      0};
-  seen.through = maximum(seen.drawn.transmittance, kLeastLight);
-  seen.pixels = static_cast<float>(photo.camera.width) * static_cast<float>(photo.camera.height);
+      static_cast<float>(photo.camera.width) * static_cast<float>(photo.camera.height)};
   const Tensor taps = sky_taps(directions_in(move, hints.directions), photo.world_from_camera, config_.sky_side);
   const Shape planes = {3, photo.camera.height, photo.camera.width};
   const Tensor sky = reshape(cube_colours(stop_gradient(model_->sky_faces()), taps), planes);
@@ -282,12 +257,14 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   }
   const Likeness alike = likeness(picture, truth);
   Tensor loss = (1.f - config_.ssim) * alike.l1 + config_.ssim * (1.f - alike.ssim);
-  const Tensor nearest = reshape(cube_colours(model_->sky_faces(), nearest_taps(taps)), planes);
-  loss = loss + config_.sky * (sky_term(seen) + sky_colour_term(nearest, truth, seen));
-  if (model_->has_actors()) loss = loss + config_.outside * outside_term();
+  const Tensor nearest_sky = reshape(cube_colours(model_->sky_faces(), nearest_taps(taps)), planes);
+  loss =
+      loss + config_.sky * (sky_term(seen) + sky_colour_term(seen, model_->exposed(nearest_sky, hints.sensor), truth));
+  if (model_->has_actors()) loss = loss + config_.outside * outside_term(*model_);
   loss = model_->boxes().with_smoothness(loss);
   const auto every = static_cast<float>(config_.depth_every);
   if (compares_depth && hints.pixels) loss = loss + every * config_.lidar * lidar_term(seen);
+  if (compares_depth && model_->has_actors()) loss = loss + every * config_.hidden * hidden_term(seen, *model_);
   if (compares_depth && model_->has_actors() && progress.step > background_growth_->until(progress))
     loss = loss + every * config_.actors * actors_term(seen);
   for (const char* part : {kBackgroundPart, kActorsPart})
@@ -305,49 +282,6 @@ Step StreetGaussians::step(const Progress& progress, const Tensors& wanted) {
   step.more = observed_.pending();
   step.sums = observed_.of_view();
   return step;
-}
-
-/// The sky's colours are those of photos where nothing is known to stand before it; each pixel teaches its nearest
-/// texel alone. Whatever else a picture would teach it, through things or at the margin of what bilinear reading
-/// reaches, has next to no gradient, of which Adam makes whole steps all the same: texels behind a car that is always
-/// there would take on any colour, and glow once it is moved.
-Tensor StreetGaussians::sky_colour_term(const Tensor& sky, const Tensor& truth, const Seen& seen) const {
-  const Tensor kinds = cast(seen.hints.kinds, DType::f32);
-  const Tensor counts = where(equal(kinds, static_cast<float>(kSkyPixel)), Tensor(1.f),
-                              where(equal(kinds, 0.f), Tensor(kMaybeSky), Tensor(0.f)));
-  return seen.mean_of(unsqueeze(counts, 0) * abs(model_->exposed(sky, seen.hints.sensor) - truth));
-}
-
-/// Cross-entropy of opacity with what LiDAR says; what nobody knows has no part.
-Tensor StreetGaussians::sky_term(const Seen& seen) const {
-  const Tensor opacity = maximum(1.f - seen.drawn.transmittance, kLeastLight);
-  return -seen.mean_of(
-      where(seen.is(kSkyPixel), log(seen.through), where(seen.is(kMatterPixel), log(opacity), Tensor(0.f))));
-}
-
-/// Of the returns with the least errors: LiDAR and camera do not see the same at edges.
-Tensor StreetGaussians::lidar_term(const Seen& seen) const {
-  const auto at_returns = [&](const Tensor& plane) {
-    return gather_rows(reshape(plane, {plane.numel()}), seen.hints.pixels);
-  };
-  const Tensor opacity = maximum(1.f - at_returns(seen.drawn.transmittance), 1e-2f);
-  const Tensor error = abs(at_returns(slice(seen.drawn.planes, 0, 3, 4)) / opacity - seen.hints.depths);
-  const int64_t all = error.dim(0), kept = std::max<int64_t>(1, std::llround(kKeptReturns * static_cast<double>(all)));
-  return mean_of_least(error, kept);
-}
-
-/// Where boxes are, a pixel shows an actor or it does not (entropy); elsewhere it shows none (Yan et al. 2024, L_reg).
-Tensor StreetGaussians::actors_term(const Seen& seen) const {
-  const Tensor plane = slice(seen.drawn.planes, 0, 4, 5);
-  const Tensor share =
-      clamp(reshape(plane, seen.drawn.transmittance.shape()), Tensor(kLeastLight), Tensor(1.f - kLeastLight));
-  return seen.mean_of(where(seen.is(kActorPixel), entropy(share), -log(1.f - share)));
-}
-
-Tensor StreetGaussians::outside_term() const {
-  const Tensor& means = params_.at(std::string(kActorsPart) + "means");
-  const Tensor metres = sum(relu(abs(means) - model_->half_sizes()), {{1}});
-  return mean(metres * sigmoid(params_.at(std::string(kActorsPart) + "opacities")));
 }
 
 void StreetGaussians::shift(Growth& growth, const char* part, const Progress& progress) {

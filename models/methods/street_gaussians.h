@@ -4,6 +4,7 @@
 #include "models/batches/image_source.h"
 #include "models/gaussians/adopts_actors.h"
 #include "models/gaussians/exports_actors.h"
+#include "models/methods/street_gaussians_losses.h"
 #include "models/methods/street_gaussians_model.h"
 #include "models/splat/observed.h"
 #include "models/splat/parameters.h"
@@ -55,22 +56,8 @@ class StreetGaussians final : public Method,
   void take_actors(const Scenes& scenes) override { model_->take_actors(scenes.at(0).actors); }
 
  private:
-  /// What is known of a photo beside its colours, on the device.
-  struct Hints {
-    double time = 0;
-    std::string sensor;
-    Tensor kinds;           // u8 [H,W] of PixelKind
-    Tensor pixels, depths;  // int32 [N], [N]; empty: LiDAR saw nothing there
-    Tensor directions;      // [H*W,3] of its camera's pixels; shared by photos of one camera
-  };
-  struct Seen;
   void begin(const Scene& scene, const LogSweeps& sweeps, const Pixels& pixels);
   void add_hints(const Scene& scene, const StreetSpace& space, const LogSweeps& sweeps, const Pixels& pixels);
-  Tensor sky_term(const Seen& seen) const;
-  Tensor sky_colour_term(const Tensor& sky, const Tensor& truth, const Seen& seen) const;
-  Tensor lidar_term(const Seen& seen) const;
-  Tensor actors_term(const Seen& seen) const;
-  Tensor outside_term() const;
   std::vector<bool> flips(const Progress& progress) const;
   int64_t count() const { return model_->count(kBackgroundPart) + model_->count(kActorsPart); }
   RowMoves grow_background(const GrowthStatistics& statistics, const Progress& progress);
@@ -86,7 +73,7 @@ class StreetGaussians final : public Method,
   std::unique_ptr<Growth> background_growth_, actors_growth_;
   std::unique_ptr<PhotoSource> photos_;
   CameraRefinement cameras_;
-  std::vector<Hints> hints_;
+  std::vector<PhotoHints> hints_;
   std::vector<BoxesInPhoto> boxes_;  // of the photos that train
   Observed observed_;                // of all gaussians, actors' last
 };

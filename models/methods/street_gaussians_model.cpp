@@ -142,6 +142,12 @@ Tensor StreetGaussiansModel::of_actors() const {
   return has_actors() ? concat({background, ones({count(kActorsPart), 1})}, 0) : background;
 }
 
+Tensor StreetGaussiansModel::mean_of_actor(const Tensor& rows) const {
+  const auto all = static_cast<int64_t>(actors_.size());
+  const Tensor counts = scatter_add_rows(ones({rows.dim(0), 1}), owner_rows_, all);
+  return gather_rows(scatter_add_rows(rows, owner_rows_, all) / maximum(counts, 1.f), owner_rows_);
+}
+
 /// Poses, what was learned of the boxes before and after, and cosines of the way in time (Yan et al. 2024, eq. 5).
 Placements StreetGaussiansModel::placements(const std::vector<Standing>& standing) const {
   std::vector<float> poses, shares, sides, heights;

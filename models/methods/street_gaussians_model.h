@@ -29,7 +29,7 @@ struct StreetGaussiansConfig {
   HarmonicSteps harmonics;
   float ssim = 0.2f;                                // weight; 1 - ssim is that of the absolute difference
   float sky = 0.05f, lidar = 0.01f, actors = 0.1f;  // weights
-  float outside = 0.1f;                             // weight
+  float outside = 0.1f, hidden = 0.03f;             // weights
   int depth_every = 4;                              // steps
   GaussianRates rates;
   float rate_sky = 0.01f, rate_exposure = 1e-3f;
@@ -67,8 +67,12 @@ class StreetGaussiansModel {
   double actor_radius() const { return actor_radius_; }
   /// [G,1]: 1 for gaussians of actors, which come last.
   Tensor of_actors() const;
+  /// For each of the actors' gaussians, the mean of those rows [A,...] that are its actor's.
+  Tensor mean_of_actor(const Tensor& rows) const;
   /// Half the sizes of the boxes of the owners of actors' gaussians, [A,3].
   const Tensor& half_sizes() const { return half_sizes_; }
+  /// Actors' gaussians, each in its box's axes.
+  ThingsModel things(int degree) const;
 
   /// As a pinhole that moved sees them at a time, each actor in its own looks: what training compares. mirrored: for
   /// each actor, whether it is seen left for right in its box; empty: none.
@@ -111,7 +115,6 @@ class StreetGaussiansModel {
   };
   Standing standing(std::size_t actor, const Eigen::Matrix4d& world_from_box, double time) const;
   Placements placements(const std::vector<Standing>& standing) const;
-  ThingsModel things(int degree) const;
   /// Rows of those who stand there, one after the other; owners: places in `standing`.
   ThingsModel things_of(const std::vector<Standing>& standing) const;
   DrawOptions options() const { return {config_.near}; }

@@ -3,11 +3,29 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 
 namespace cloam {
 namespace {
 
 constexpr double kSphereMargin = 1e-6;  // metres
+
+/// Whether the line from a to b goes through the box of that half size around the origin, with both ends outside: the
+/// shares of the way at which it is between each pair of sides have something in common.
+bool goes_through(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& half) {
+  double enters = 0, leaves = 1;
+  for (int k = 0; k < 3; ++k) {
+    const double way = b[k] - a[k];
+    if (way == 0) {
+      if (std::abs(a[k]) >= half[k]) return false;
+      continue;
+    }
+    const double one = (-half[k] - a[k]) / way, other = (half[k] - a[k]) / way;
+    enters = std::max(enters, std::min(one, other));
+    leaves = std::min(leaves, std::max(one, other));
+  }
+  return 0 < enters && enters < leaves && leaves < 1;
+}
 
 }  // namespace
 
@@ -37,6 +55,13 @@ bool ActorSpace::holds(const Eigen::Vector3d& world) const {
     if ((p.cwiseAbs().array() < box->half.array()).all()) return true;
   }
   return false;
+}
+
+bool ActorSpace::parts(const Eigen::Vector3d& a, const Eigen::Vector3d& b) const {
+  return std::any_of(boxes_.begin(), boxes_.end(), [&](const Box& box) {
+    return goes_through((box.box_from_world * a.homogeneous()).head<3>(),
+                        (box.box_from_world * b.homogeneous()).head<3>(), box.half);
+  });
 }
 
 }  // namespace cloam

@@ -10,12 +10,15 @@ namespace cloam {
 /// The boxes of actors, with room for their wheels and mirrors: 0.2 m at their sides, 0.1 m above and below.
 class ActorSpace {
  public:
+  ActorSpace() = default;  // nobody is there
   /// Of all actors that have a box at `time`, but for those that `without` marks (by place in scene.actors; empty:
   /// none).
   ActorSpace(const Scene& scene, double time, const std::vector<bool>& without = {});
   /// world: a point in the scene's world frame. A sweep asks for each of its points: only boxes that are near along one
   /// axis are looked at.
   bool holds(const Eigen::Vector3d& world) const;
+  /// Whether a box stands between two points of the world, neither of which lies in it.
+  bool parts(const Eigen::Vector3d& a, const Eigen::Vector3d& b) const;
 
  private:
   struct Box {

@@ -12,6 +12,11 @@ SplatModel splat_model(const Gaussians& g) {
           {parameter(g.sh_first, {count, 3}), parameter(g.sh_rest, {count, kSphericalRest, 3}), kSphericalBands}};
 }
 
+Tensor listed(const SplatTiles& tiles) {
+  const int64_t count = tiles.first.dim(0) - 1;
+  return slice(tiles.first, 0, 1, count + 1) > slice(tiles.first, 0, 0, count);
+}
+
 Tensor view_matrix(const Eigen::Matrix4d& world_from_camera) {
   const Eigen::Matrix3d turned = world_from_camera.block<3, 3>(0, 0).transpose();
   const Eigen::Vector3d away = -turned * world_from_camera.block<3, 1>(0, 3);

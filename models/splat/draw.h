@@ -49,6 +49,9 @@ struct Drawn {
   Tensor transmittance;  // [H,W]
 };
 
+/// [G]: whether some tile lists the gaussian, hidden or not.
+Tensor listed(const SplatTiles& tiles);
+
 /// What a moved camera sees of N things.
 struct MovedViews {
   Tensor views;  // [N,3,4] of camera_from_thing, as splat_project takes them: with another lens no rotations

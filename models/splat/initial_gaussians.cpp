@@ -154,10 +154,11 @@ bool sees(const Scene& scene, const Frame& frame, const Vector3d& point) {
   return pixel_of(scene.cameras[static_cast<std::size_t>(frame.camera)], frame.world_from_camera, point).has_value();
 }
 
-void NearestColour::look(const PosedPhoto& photo, const Vector3d& point) {
-  const double distance = (point - photo.world_from_camera.block<3, 1>(0, 3)).norm();
+void NearestColour::look(const PosedPhoto& photo, const Vector3d& point, const ActorSpace& actors) {
+  const Vector3d eye = photo.world_from_camera.block<3, 1>(0, 3);
+  const double distance = (point - eye).norm();
   const auto pixel = distance < distance_ ? pixel_of(photo.camera, photo.world_from_camera, point) : std::nullopt;
-  if (!pixel) return;
+  if (!pixel || actors.parts(eye, point)) return;
   const FramePixels& seen = photo.pixels;
   const std::size_t at = static_cast<std::size_t>(pixel->y()) * static_cast<std::size_t>(seen.width) +
                          static_cast<std::size_t>(pixel->x());
@@ -171,18 +172,20 @@ void NearestColour::put(Gaussians& gaussians, std::size_t i) const {
   if (found()) std::copy(first_.begin(), first_.end(), &gaussians.sh_first[3 * i]);
 }
 
-void colour_unseen(Gaussians& gaussians, const std::vector<char>& is_seen) {
+void colour_unseen(Gaussians& gaussians, std::vector<char>& is_seen, std::size_t first, std::size_t last) {
   Vector3d sum = Vector3d::Zero();
   std::size_t seen = 0;
-  for (std::size_t i = 0; i < gaussians.count(); i++) {
+  for (std::size_t i = first; i < last; i++) {
     if (!is_seen[i]) continue;
     sum += Eigen::Map<const Eigen::Vector3f>(&gaussians.sh_first[3 * i]).cast<double>();
     seen++;
   }
   if (seen == 0) return;
   const Eigen::Vector3f mean = (sum / static_cast<double>(seen)).cast<float>();
-  for (std::size_t i = 0; i < gaussians.count(); i++)
+  for (std::size_t i = first; i < last; i++)
     if (!is_seen[i]) Eigen::Map<Eigen::Vector3f>(&gaussians.sh_first[3 * i]) = mean;
+  std::fill(is_seen.begin() + static_cast<std::ptrdiff_t>(first), is_seen.begin() + static_cast<std::ptrdiff_t>(last),
+            char{1});
 }
 
 void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians) {
@@ -194,7 +197,7 @@ void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians) {
     nearest.put(gaussians, i);
     is_seen[i] = nearest.found();
   }
-  colour_unseen(gaussians, is_seen);
+  colour_unseen(gaussians, is_seen, 0, gaussians.count());
 }
 
 PointCloud points_from_depths(const std::vector<PosedPhoto>& photos, int most) {

@@ -5,6 +5,7 @@
 #include <limits>
 #include <string>
 
+#include "models/scene/actor_space.h"
 #include "models/scene/pixels.h"
 #include "models/splat/growth.h"
 
@@ -42,7 +43,8 @@ struct PosedPhoto {
 /// The colour that the photo which shows a point from nearest by has there.
 class NearestColour {
  public:
-  void look(const PosedPhoto& photo, const Eigen::Vector3d& point);
+  /// actors: those that may stand before the point.
+  void look(const PosedPhoto& photo, const Eigen::Vector3d& point, const ActorSpace& actors = {});
   /// The gaussian's base colour; as it is where no photo showed the point.
   void put(Gaussians& gaussians, std::size_t i) const;
   bool found() const { return std::isfinite(distance_); }
@@ -55,8 +57,9 @@ class NearestColour {
 /// Whether the frame's camera has the point in its image, whatever is before it.
 bool sees(const Scene& scene, const Frame& frame, const Eigen::Vector3d& point);
 
-/// Gaussians that no photo shows take on the mean colour of those that are seen, if there are any.
-void colour_unseen(Gaussians& gaussians, const std::vector<char>& is_seen);
+/// Of the rows in [first, last), those that no photo shows take on the mean colour of those that are seen, and count as
+/// seen; nothing happens where none is.
+void colour_unseen(Gaussians& gaussians, std::vector<char>& is_seen, std::size_t first, std::size_t last);
 
 /// Each gaussian takes the colour of its pixel in the nearest photo that shows its mean; where none does, the mean
 /// colour of the others.

@@ -184,6 +184,61 @@ Gaussians actor_gaussians(const Actor& actor, std::vector<Vector3d> seen, HostRa
   return out;
 }
 
+Vector3d mean_of(const Gaussians& gaussians, std::size_t i) {
+  return Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>();
+}
+
+void colour_background(const std::vector<TimedPhoto>& photos, const Scene& scene, Gaussians& background) {
+  std::map<double, ActorSpace> actors;
+  for (const TimedPhoto& photo : photos) actors.try_emplace(photo.time, scene, photo.time);
+  std::vector<char> is_seen(background.count());
+  in_parallel(background.count(), [&](std::size_t i) {
+    NearestColour nearest;
+    for (const auto& [photo, time] : photos) nearest.look(photo, mean_of(background, i), actors.at(time));
+    nearest.put(background, i);
+    is_seen[i] = nearest.found();
+  });
+  colour_unseen(background, is_seen, 0, background.count());
+}
+
+/// A photo, where the actor is then, and all others.
+struct ActorPhoto {
+  const PosedPhoto& photo;
+  Eigen::Matrix4d world_from_box;
+  ActorSpace others;
+};
+
+std::vector<ActorPhoto> photos_of(std::size_t actor, const std::vector<TimedPhoto>& photos, const Scene& scene) {
+  std::vector<bool> itself(scene.actors.size());
+  itself[actor] = true;
+  ActorSpaces others(scene, itself);
+  std::vector<ActorPhoto> out;
+  for (const auto& [photo, time] : photos)
+    if (const auto pose = world_from_box_at(scene.actors[actor], time)) out.push_back({photo, *pose, others.at(time)});
+  return out;
+}
+
+void colour_actors(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start) {
+  std::vector<std::size_t> firsts;  // of each actor that has any
+  for (std::size_t i = 0; i < start.owners.size(); ++i)
+    if (i == 0 || start.owners[i] != start.owners[i - 1]) firsts.push_back(i);
+  firsts.push_back(start.owners.size());
+  std::vector<char> is_seen(start.owners.size());
+  in_parallel(firsts.size() - 1, [&](std::size_t part) {
+    const auto there = photos_of(static_cast<std::size_t>(start.owners[firsts[part]]), photos, scene);
+    for (std::size_t i = firsts[part]; i < firsts[part + 1]; ++i) {
+      NearestColour nearest;
+      for (const auto& [photo, pose, others] : there)
+        nearest.look(photo, (pose * mean_of(start.actors, i).homogeneous()).head<3>(), others);
+      nearest.put(start.actors, i);
+      is_seen[i] = nearest.found();
+    }
+  });
+  for (std::size_t part = 0; part + 1 < firsts.size(); ++part)
+    colour_unseen(start.actors, is_seen, firsts[part], firsts[part + 1]);
+  colour_unseen(start.actors, is_seen, 0, is_seen.size());
+}
+
 }  // namespace
 
 StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, const StreetStartOptions& options) {
@@ -200,26 +255,9 @@ StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, cons
   return start;
 }
 
-void colour_actors(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start) {
-  std::vector<std::size_t> firsts;  // of each actor that has any
-  for (std::size_t i = 0; i < start.owners.size(); ++i)
-    if (i == 0 || start.owners[i] != start.owners[i - 1]) firsts.push_back(i);
-  firsts.push_back(start.owners.size());
-  std::vector<char> is_seen(start.owners.size());
-  in_parallel(firsts.size() - 1, [&](std::size_t part) {
-    const Actor& actor = scene.actors[static_cast<std::size_t>(start.owners[firsts[part]])];
-    std::vector<std::pair<const PosedPhoto*, Eigen::Matrix4d>> there;
-    for (const auto& [photo, time] : photos)
-      if (const auto pose = world_from_box_at(actor, time)) there.emplace_back(&photo, *pose);
-    for (std::size_t i = firsts[part]; i < firsts[part + 1]; ++i) {
-      const Vector3d mean = Eigen::Map<const Eigen::Vector3f>(&start.actors.means[3 * i]).cast<double>();
-      NearestColour nearest;
-      for (const auto& [photo, pose] : there) nearest.look(*photo, (pose * mean.homogeneous()).head<3>());
-      nearest.put(start.actors, i);
-      is_seen[i] = nearest.found();
-    }
-  });
-  colour_unseen(start.actors, is_seen);
+void colour_street(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start) {
+  colour_background(photos, scene, start.background);
+  colour_actors(photos, scene, start);
 }
 
 }  // namespace cloam

@@ -29,12 +29,14 @@ struct StreetStart {
 /// Fault::data where there is no point at all.
 StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, const StreetStartOptions& options);
 
-/// Each actor's gaussian takes the colour of its pixel in the photo that shows its mean from nearest by; where none
-/// does, the mean colour of all actors' others. A photo's time is that of its frame.
+/// A photo's time is that of its frame.
 struct TimedPhoto {
   PosedPhoto photo;
   double time = 0;
 };
-void colour_actors(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start);
+/// Each Gaussian takes the colour of its pixel in the photo that shows its mean from nearest by, with no other actor's
+/// box before it; where none does, the mean colour of the others: of the background, of its actor, or of all actors
+/// where no photo shows its own.
+void colour_street(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start);
 
 }  // namespace cloam

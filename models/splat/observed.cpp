@@ -17,7 +17,7 @@ void Observed::restart(int64_t count) {
 void Observed::add(const Drawn& drawn, const Tensor& by_means) {
   const SplatTiles& tiles = drawn.tiles;
   const int64_t count = drawn.seen.dim(0);
-  listed_ = cast(slice(tiles.first, 0, 1, count + 1) > slice(tiles.first, 0, 0, count), DType::f32);
+  listed_ = cast(listed(tiles), DType::f32);
   const Tensor gradient = by_means ? stop_gradient(by_means) : zeros({count, 2});
   const Tensor half = from_host(
       std::vector<float>{0.5f * static_cast<float>(tiles.width), 0.5f * static_cast<float>(tiles.height)}, {1, 2});

@@ -4,6 +4,7 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 #include "models/io/host_random.h"
@@ -29,10 +30,10 @@ Scene crowd(int actors, HostRandom& random) {
   return scene;
 }
 
-/// By the box's corners: how far a point is from the middle along each edge.
-bool lies_in(const Actor& actor, const Vector3d& point) {
+/// By the box's corners: how far a point is from the middle along each edge. more: metres of room besides.
+bool lies_in(const Actor& actor, const Vector3d& point, double more = 0) {
   const Eigen::Matrix4d& pose = actor.boxes.front().world_from_box;
-  const Vector3d room(0.2, 0.2, 0.1);
+  const Vector3d room = Vector3d(0.2, 0.2, 0.1).array() + more;
   for (int axis = 0; axis < 3; ++axis) {
     const Vector3d edge = pose.block<3, 1>(0, axis), middle = pose.block<3, 1>(0, 3);
     if (std::abs((point - middle).dot(edge)) >= actor.size[axis] / 2 + room[axis]) return false;
@@ -66,4 +67,33 @@ TEST_CASE("the space of actors holds the points that lie in any of their boxes, 
     }
     if (actors == 60) CHECK(inside > 200);
   }
+}
+
+TEST_CASE("an actor stands between two points where the way from one to the other leads through its space") {
+  constexpr double kStep = 0.02;  // metres
+  HostRandom random(4, 0);
+  const Scene scene = crowd(20, random);
+  const ActorSpace space(scene, 1.0);
+  int parted = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const auto between = [&](double low, double high) { return low + (high - low) * double{random.uniform()}; };
+    const auto anywhere = [&] { return Vector3d(between(-20, 20), between(-110, 110), between(-2, 5)); };
+    const Vector3d a = anywhere(), b = i % 3 == 0 ? Vector3d(a.x(), between(-110, 110), a.z()) : anywhere();
+    const auto steps = static_cast<int>(std::ceil((b - a).norm() / kStep));
+    const auto meets = [&](double more) {
+      return std::any_of(scene.actors.begin(), scene.actors.end(), [&](const Actor& actor) {
+        if (lies_in(actor, a) || lies_in(actor, b)) return false;
+        for (int step = 1; step < steps; ++step)
+          if (lies_in(actor, a + (b - a) * step / steps, more)) return true;
+        return false;
+      });
+    };
+    CAPTURE(i);
+    if (meets(0)) REQUIRE(space.parts(a, b));
+    if (!meets(kStep)) REQUIRE_FALSE(space.parts(a, b));  // a corner's tip may lie between two steps
+    parted += space.parts(a, b);
+  }
+  CHECK(parted > 100);
+  CHECK(parted < 2900);
+  CHECK_FALSE(ActorSpace().parts({0, 0, 0}, {9, 9, 9}));
 }

@@ -6,6 +6,7 @@
 
 #include "models/data/load_images.h"
 #include "models/data/read_scene.h"
+#include "models/gaussians/gaussians.h"
 #include "models/metrics/psnr.h"
 #include "models/scene/edit.h"
 #include "models/street/takes_edits.h"
@@ -154,6 +155,14 @@ TEST_CASE("street-gaussians: an actor that is moved looks as the truth with that
   const std::vector<float> texels = method->parameters().at("sky").to_host();
   CHECK(*std::min_element(texels.begin(), texels.end()) > 0.05f);
   CHECK(*std::max_element(texels.begin(), texels.end()) < 1);
+
+  // Actors that others hide have kept colours that photos have, too.
+  const std::vector<float> first = method->parameters().at("actors.sh_first").to_host();
+  const auto [darkest, brightest] = std::minmax_element(first.begin(), first.end());
+  MESSAGE("colours of actors from ", 0.5 + kSphericalFirst * double{*darkest}, " to ",
+          0.5 + kSphericalFirst * double{*brightest});
+  CHECK(0.5 + kSphericalFirst * double{*darkest} > 0);
+  CHECK(0.5 + kSphericalFirst * double{*brightest} < 1);
 
   MadeStreet moved = log.street;
   StreetActor& actor = moved.world.actors[static_cast<size_t>(number - 1)];
