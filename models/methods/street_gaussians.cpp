@@ -86,7 +86,8 @@ void StreetGaussians::configure(Config& c) {
          "weight of the actors' loss, once growth has ended: entropy of their opacity in boxes, none outside");
   c.bind("weight.outside", o.outside, "weight of the metres by which actors' Gaussians lie outside their boxes");
   c.bind("weight.hidden", o.hidden,
-         "weight that holds colours of actors' Gaussians to their actor's mean, lest others colour what they hide");
+         "weight that pulls colours of actors' Gaussians to their actor's mean, so that what others hide keeps its "
+         "colours");
   c.bind(
       "batch.depth_every", o.depth_every,
       "steps between those with the terms of depth and of actors' opacity and colours, with as many times the weight",
@@ -133,6 +134,7 @@ void StreetGaussians::load_data(std::vector<TrainingData> data) {
 void StreetGaussians::begin(const Scene& scene, const LogSweeps& sweeps, const Pixels& pixels) {
   StreetStartOptions how = config_.start;
   how.seed = seed_;
+  how.actors = config_.actors_max;
   require_room(how, scene.actors.size());
   StreetStart start = street_start(
       scene,

@@ -27,7 +27,7 @@ Tensor is(PixelKind kind, const SeenStreet& seen) {
 
 Tensor entropy(const Tensor& p) { return -(p * log(p) + (1.f - p) * log(1.f - p)); }
 
-/// Of each row, the sum over all else.
+/// [A], of rows [A,...].
 Tensor squares_of(const Tensor& rows) { return sum(square(reshape(rows, {rows.dim(0), -1})), {{1}}); }
 
 }  // namespace

@@ -1,5 +1,4 @@
-// What Street Gaussians' training asks of a picture besides its colours (Yan et al., ECCV 2024, section 3.4), and what
-// it asks of Gaussians that no photo shows.
+// What Street Gaussians' training asks besides the colours of a picture (Yan et al., ECCV 2024, section 3.4).
 #pragma once
 #include <string>
 
@@ -21,7 +20,7 @@ struct PhotoHints {
   Tensor directions;      // [H*W,3] of its camera's pixels; shared by photos of one camera
 };
 
-/// A photo as the street shows it.
+/// What the model draws in the place of a photo.
 struct SeenStreet {
   const PhotoHints& hints;
   Drawn drawn;
@@ -41,10 +40,10 @@ Tensor lidar_term(const SeenStreet& seen);
 Tensor actors_term(const SeenStreet& seen);
 /// Metres by which actors' Gaussians lie outside their boxes, times their opacity: the mean.
 Tensor outside_term(const StreetGaussiansModel& model);
-/// Squares of what tells the colours of actors' Gaussians from their actor's mean colour, from all sides and at all
-/// times: half their sum over those in the picture, per pixel. A Gaussian that photos show in a few hundredths of a
-/// pixel hardly feels it. One behind another actor has next to no gradient else, of which Adam makes whole steps all
-/// the same, towards the colours of what hides it.
+/// Half the sum of squares of how far colours of actors' Gaussians in the picture are from their actor's mean, and of
+/// what depends on side and time, divided by the photo's pixels. Its gradient, times a weight of 0.03, is that of an
+/// absolute error at 0.4 pixels for a colour that is 0.28 off. A Gaussian behind another actor has next to no gradient
+/// otherwise, of which Adam makes whole steps all the same, towards the colours of what hides it.
 Tensor hidden_term(const SeenStreet& seen, const StreetGaussiansModel& model);
 
 }  // namespace cloam

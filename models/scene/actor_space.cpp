@@ -57,8 +57,13 @@ bool ActorSpace::holds(const Eigen::Vector3d& world) const {
   return false;
 }
 
-bool ActorSpace::parts(const Eigen::Vector3d& a, const Eigen::Vector3d& b) const {
+bool ActorSpace::stands_between(const Eigen::Vector3d& a, const Eigen::Vector3d& b) const {
+  const Eigen::Vector3d way = b - a;
+  const double length = std::max(way.norm(), kSphereMargin);
   return std::any_of(boxes_.begin(), boxes_.end(), [&](const Box& box) {
+    const Eigen::Vector3d to_centre = box.centre - a;
+    const Eigen::Vector3d nearest = way * std::clamp(way.dot(to_centre) / (length * length), 0.0, 1.0);
+    if ((nearest - to_centre).squaredNorm() > box.half.squaredNorm()) return false;
     return goes_through((box.box_from_world * a.homogeneous()).head<3>(),
                         (box.box_from_world * b.homogeneous()).head<3>(), box.half);
   });

@@ -17,8 +17,8 @@ class ActorSpace {
   /// world: a point in the scene's world frame. A sweep asks for each of its points: only boxes that are near along one
   /// axis are looked at.
   bool holds(const Eigen::Vector3d& world) const;
-  /// Whether a box stands between two points of the world, neither of which lies in it.
-  bool parts(const Eigen::Vector3d& a, const Eigen::Vector3d& b) const;
+  /// Whether a box stands between two points of the world. One in which either point lies does not count.
+  bool stands_between(const Eigen::Vector3d& a, const Eigen::Vector3d& b) const;
 
  private:
   struct Box {

@@ -158,7 +158,7 @@ void NearestColour::look(const PosedPhoto& photo, const Vector3d& point, const A
   const Vector3d eye = photo.world_from_camera.block<3, 1>(0, 3);
   const double distance = (point - eye).norm();
   const auto pixel = distance < distance_ ? pixel_of(photo.camera, photo.world_from_camera, point) : std::nullopt;
-  if (!pixel || actors.parts(eye, point)) return;
+  if (!pixel || actors.stands_between(eye, point)) return;
   const FramePixels& seen = photo.pixels;
   const std::size_t at = static_cast<std::size_t>(pixel->y()) * static_cast<std::size_t>(seen.width) +
                          static_cast<std::size_t>(pixel->x());

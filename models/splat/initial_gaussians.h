@@ -43,7 +43,7 @@ struct PosedPhoto {
 /// The colour that the photo which shows a point from nearest by has there.
 class NearestColour {
  public:
-  /// actors: those that may stand before the point.
+  /// actors: those that may stand before the point. Where one does, the photo does not show it.
   void look(const PosedPhoto& photo, const Eigen::Vector3d& point, const ActorSpace& actors = {});
   /// The gaussian's base colour; as it is where no photo showed the point.
   void put(Gaussians& gaussians, std::size_t i) const;

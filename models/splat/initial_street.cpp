@@ -188,48 +188,53 @@ Vector3d mean_of(const Gaussians& gaussians, std::size_t i) {
   return Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>();
 }
 
-void colour_background(const std::vector<TimedPhoto>& photos, const Scene& scene, Gaussians& background) {
-  std::map<double, ActorSpace> actors;
-  for (const TimedPhoto& photo : photos) actors.try_emplace(photo.time, scene, photo.time);
+/// Photos with the actors of their times.
+class StreetPhotos {
+ public:
+  StreetPhotos(const std::vector<TimedPhoto>& photos, const Scene& scene) : spaces_(scene) {
+    for (const TimedPhoto& photo : photos) photos_.push_back({photo, spaces_.at(photo.time)});
+  }
+  struct One {
+    const TimedPhoto& photo;
+    const ActorSpace& actors;
+  };
+  const std::vector<One>& all() const { return photos_; }
+
+ private:
+  ActorSpaces spaces_;
+  std::vector<One> photos_;
+};
+
+/// What lies in a box at a photo's time, such as the road below wheels, is hidden as well.
+void colour_background(const StreetPhotos& photos, Gaussians& background) {
   std::vector<char> is_seen(background.count());
   in_parallel(background.count(), [&](std::size_t i) {
+    const Vector3d mean = mean_of(background, i);
     NearestColour nearest;
-    for (const auto& [photo, time] : photos) nearest.look(photo, mean_of(background, i), actors.at(time));
+    for (const auto& [photo, actors] : photos.all())
+      if (!actors.holds(mean)) nearest.look(photo.photo, mean, actors);
     nearest.put(background, i);
     is_seen[i] = nearest.found();
   });
   colour_unseen(background, is_seen, 0, background.count());
 }
 
-/// A photo, where the actor is then, and all others.
-struct ActorPhoto {
-  const PosedPhoto& photo;
-  Eigen::Matrix4d world_from_box;
-  ActorSpace others;
-};
-
-std::vector<ActorPhoto> photos_of(std::size_t actor, const std::vector<TimedPhoto>& photos, const Scene& scene) {
-  std::vector<bool> itself(scene.actors.size());
-  itself[actor] = true;
-  ActorSpaces others(scene, itself);
-  std::vector<ActorPhoto> out;
-  for (const auto& [photo, time] : photos)
-    if (const auto pose = world_from_box_at(scene.actors[actor], time)) out.push_back({photo, *pose, others.at(time)});
-  return out;
-}
-
-void colour_actors(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start) {
+void colour_actors(const StreetPhotos& photos, const Scene& scene, StreetStart& start) {
   std::vector<std::size_t> firsts;  // of each actor that has any
   for (std::size_t i = 0; i < start.owners.size(); ++i)
     if (i == 0 || start.owners[i] != start.owners[i - 1]) firsts.push_back(i);
   firsts.push_back(start.owners.size());
   std::vector<char> is_seen(start.owners.size());
   in_parallel(firsts.size() - 1, [&](std::size_t part) {
-    const auto there = photos_of(static_cast<std::size_t>(start.owners[firsts[part]]), photos, scene);
+    const Actor& actor = scene.actors[static_cast<std::size_t>(start.owners[firsts[part]])];
+    std::vector<std::pair<StreetPhotos::One, Eigen::Matrix4d>> there;
+    for (const StreetPhotos::One& one : photos.all())
+      if (const auto pose = world_from_box_at(actor, one.photo.time)) there.emplace_back(one, *pose);
     for (std::size_t i = firsts[part]; i < firsts[part + 1]; ++i) {
+      const Vector3d mean = mean_of(start.actors, i);
       NearestColour nearest;
-      for (const auto& [photo, pose, others] : there)
-        nearest.look(photo, (pose * mean_of(start.actors, i).homogeneous()).head<3>(), others);
+      for (const auto& [one, pose] : there)
+        nearest.look(one.photo.photo, (pose * mean.homogeneous()).head<3>(), one.actors);
       nearest.put(start.actors, i);
       is_seen[i] = nearest.found();
     }
@@ -239,10 +244,31 @@ void colour_actors(const std::vector<TimedPhoto>& photos, const Scene& scene, St
   colour_unseen(start.actors, is_seen, 0, is_seen.size());
 }
 
+/// How many points each actor may keep, so that all have no more than `actors` together, if `fewest` of each allow it.
+int most_of_each(const SeenPoints& seen, const Scene& scene, const StreetStartOptions& options) {
+  const auto together = [&](int most) {
+    int64_t sum = 0;
+    for (std::size_t a = 0; a < scene.actors.size(); ++a)
+      if (!scene.actors[a].boxes.empty())
+        sum += std::max<int64_t>(options.fewest, std::min<int64_t>(most, static_cast<int64_t>(seen.actors[a].size())));
+    return sum;
+  };
+  int least = std::min(options.fewest, options.actor), most = options.actor;
+  while (least < most) {
+    const int middle = least + (most - least + 1) / 2;
+    if (together(middle) <= options.actors)
+      least = middle;
+    else
+      most = middle - 1;
+  }
+  return least;
+}
+
 }  // namespace
 
-StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, const StreetStartOptions& options) {
+StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, StreetStartOptions options) {
   const SeenPoints seen = seen_points(scene, every_sweep, double{options.voxel});
+  options.actor = most_of_each(seen, scene, options);
   StreetStart start;
   start.background = background_of(scene, seen.background, options);
   for (std::size_t a = 0; a < scene.actors.size(); ++a) {
@@ -256,8 +282,9 @@ StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, cons
 }
 
 void colour_street(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start) {
-  colour_background(photos, scene, start.background);
-  colour_actors(photos, scene, start);
+  const StreetPhotos with_actors(photos, scene);
+  colour_background(with_actors, start.background);
+  colour_actors(with_actors, scene, start);
 }
 
 }  // namespace cloam

@@ -17,6 +17,7 @@ struct StreetStartOptions {
   int near = 100000, far = 100000;  // points above the ground that are drawn: as far as LiDAR sees, and beyond
   int actor = 5000;                 // points of one actor, at most
   int fewest = 1000;                // with fewer, more are drawn in its box
+  int64_t actors = 300000;          // points of all actors, at most, if `fewest` of each are no more
   uint64_t seed = 0;
 };
 
@@ -27,7 +28,7 @@ struct StreetStart {
 };
 
 /// Fault::data where there is no point at all.
-StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, const StreetStartOptions& options);
+StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, StreetStartOptions options);
 
 /// A photo's time is that of its frame.
 struct TimedPhoto {

@@ -97,15 +97,16 @@ TEST_CASE("a street's gaussians do not take the colours of an actor that stands 
   const std::vector<TimedPhoto> photos = {{{before, kWide, toy_camera_pose(0)}, 0.05},
                                           {{beside, kWide, toy_camera_pose(12)}, 0.05}};
   StreetStart start;
-  // Behind both actors, which only the camera beside them sees; before them; behind the cameras.
-  start.background = grey_gaussians({{30, 0, 1.5}, {5, 0, 1.5}, {-10, 0, 1.5}});
+  // Behind both actors, which only the camera beside them sees; before them; behind the cameras; under the near one.
+  start.background = grey_gaussians({{30, 0, 1.5}, {5, 0, 1.5}, {-10, 0, 1.5}, {10, 0, 0}});
   start.actors = grey_gaussians({{0, 0, 0}, {-30, 0, 0}, {0, 0, 0}, {0, 0, 0}});
   start.owners = {0, 0, 1, 2};
   colour_street(photos, scene, start);
   CHECK(grey_of(start.background, 0) == 50);
   CHECK(grey_of(start.background, 1) == 200);
   CHECK(grey_of(start.background, 2) == 125);
-  CHECK(grey_of(start.actors, 0) == 200);  // its own box hides nothing of it
+  CHECK(grey_of(start.background, 3) == 125);
+  CHECK(grey_of(start.actors, 0) == 200);
   CHECK(grey_of(start.actors, 1) == 200);  // no photo shows it: as the rest of its actor
   CHECK(grey_of(start.actors, 2) == 50);   // the camera before both sees the near one there
   CHECK(grey_of(start.actors, 3) == 150);  // no photo shows its actor: as all the others

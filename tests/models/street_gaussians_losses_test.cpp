@@ -50,14 +50,23 @@ TEST_CASE("street-gaussians: colours of actors' Gaussians in a picture are held 
         if (start.owners[k] == start.owners[i]) mean += double{start.actors.sh_first[3 * k + c]} / (i < 3 ? 3 : 2);
       const double off = in_picture[i] ? double{start.actors.sh_first[3 * i + c]} - mean : 0;
       sum += off * off;
-      toward.push_back(off / (32 * 24));
+      toward.push_back(off);
     }
     if (!in_picture[i]) continue;
     for (size_t c = 0; c < 45; ++c) sum += std::pow(double{start.actors.sh_rest[45 * i + c]}, 2);
     for (size_t c = 0; c < 6; ++c) sum += std::pow(double{waves[6 * i + c]}, 2);
   }
-  const Tensor term = hidden_term(seen, model);
-  CHECK(double{term.item()} == doctest::Approx(0.5 * sum / (32 * 24)).epsilon(1e-5));
-  const std::vector<float> gradient = grad(term, {params.at("actors.sh_first")})[0].to_host();
-  for (size_t i = 0; i < gradient.size(); ++i) CHECK(double{gradient[i]} == doctest::Approx(toward[i]).epsilon(1e-4));
+  const Tensor term = (32.f * 24.f) * hidden_term(seen, model);
+  CHECK(double{term.item()} == doctest::Approx(0.5 * sum).epsilon(1e-5));
+  const std::vector<Tensor> gradients =
+      grad(term, {params.at("actors.sh_first"), params.at("actors.sh_rest"), params.at(kWavesName)});
+  const auto check = [&](const Tensor& gradient, const auto& expected) {
+    const std::vector<float> found = gradient.to_host();
+    for (size_t i = 0; i < found.size(); ++i) CHECK(std::abs(double{found[i]} - double{expected[i]}) < 1e-5);
+  };
+  check(gradients[0], toward);
+  for (size_t c = 0; c < 45; ++c) start.actors.sh_rest[2 * 45 + c] = 0;  // the one that is not in the picture
+  for (size_t c = 0; c < 6; ++c) waves[2 * 6 + c] = 0;
+  check(gradients[1], start.actors.sh_rest);
+  check(gradients[2], waves);
 }

@@ -225,7 +225,7 @@ TEST_CASE("a street begins with what LiDAR saw: the background in the world, act
   const auto every = [&](const auto& visit) {
     for (size_t i = 0; i < sweeps.size(); ++i) visit(scene.sweeps[i], sweeps[i]);
   };
-  StreetStartOptions options{100000, 0.15f, 30, 40, 1000, 20, 5};
+  StreetStartOptions options{100000, 0.15f, 30, 40, 1000, 20, 300000, 5};
   const StreetStart start = street_start(scene, every, options);
   // Both sweeps see the same wall, every return in a voxel of its own.
   const size_t wall = sweeps[1].size();
@@ -239,6 +239,9 @@ TEST_CASE("a street begins with what LiDAR saw: the background in the world, act
   for (size_t i = 0; i < 40; ++i)
     for (size_t k = 0; k < 3; ++k)
       CHECK(std::abs(start.actors.means[3 * i + k]) <= scene.actors[0].size[static_cast<Eigen::Index>(k)] / 2);
+  options.fewest = 2;
+  options.actors = 4;  // the second actor has no points, and gets two
+  CHECK(street_start(scene, every, options).owners == std::vector<int32_t>{0, 0, 1, 1});
   options.lidar = 1000;
   options.voxel = 2;
   CHECK(street_start(scene, every, options).background.count() == 21 * 7 + 70);
