@@ -175,7 +175,7 @@ TEST_CASE("street-gaussians: an actor that is moved looks as the truth with that
   const double after = psnr_in_mask(shown(*method, view), truth, number);
   MESSAGE("PSNR in the actor's mask: held out ", before, ", moved ", after, ", not moved ", unmoved);
   // 1.5 dB are asked for, and met no more since held-out steps show actors in the right place: `before` rose by 4 dB,
-  // `after` by 3. docs/experiments/street-gaussians.md says what is missing: outlines, by a pixel or less.
+  // `after` by 3. docs/experiments/street-gaussians.md says what is missing.
   CHECK(before > 27);
   CHECK(after > 25.5);
   CHECK(after > unmoved + 7);
