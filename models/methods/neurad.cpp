@@ -14,7 +14,6 @@
 namespace cloam {
 namespace {
 
-constexpr double kKeptShare = 0.95;     // share: the worst of a step are left out
 constexpr size_t kSweepsOfMissing = 4;  // a step
 constexpr int64_t kLookAhead = 8;       // steps whose images are decoded ahead
 constexpr int64_t kSamplesOfRay = 60;   // of a ray, as a rule
@@ -261,9 +260,8 @@ Tensor Neurad::lidar_loss(const Batch& batch, const NeuradRays& seen, Tensor& me
   const std::vector<float>& all = batch.rays.ranges;
   const Tensor ranges = from_host(std::vector<float>(all.begin() + begin, all.begin() + end), {count});
   const Tensor error = abs(slice(seen.depth, 0, begin, end) - ranges);
-  const int64_t kept = std::max<int64_t>(1, std::llround(kKeptShare * static_cast<double>(count)));
   metres = mean(minimum(stop_gradient(error), 1.f));
-  return mean_of_least(error, kept) * config_.weight_lidar +
+  return mean_without_worst(error) * config_.weight_lidar +
          mean(slice(seen.line_of_sight, 0, begin, end)) * config_.weight_line_of_sight;
 }
 

@@ -1,16 +1,12 @@
 // See street_gaussians_losses.h.
 #include "models/methods/street_gaussians_losses.h"
 
-#include <algorithm>
-#include <cmath>
-
 #include "models/street/least_errors.h"
 
 namespace cloam {
 namespace {
 
 constexpr float kLeastLight = 1e-4f;  // of a logarithm's argument
-constexpr double kKeptReturns = 0.95;
 
 /// Mean over the pixels that count.
 Tensor mean_of(const SeenStreet& seen, const Tensor& x) {
@@ -54,9 +50,7 @@ Tensor lidar_term(const SeenStreet& seen) {
     return gather_rows(reshape(plane, {plane.numel()}), seen.hints.pixels);
   };
   const Tensor opacity = maximum(1.f - at_returns(seen.drawn.transmittance), 1e-2f);
-  const Tensor error = abs(at_returns(slice(seen.drawn.planes, 0, 3, 4)) / opacity - seen.hints.depths);
-  const int64_t all = error.dim(0), kept = std::max<int64_t>(1, std::llround(kKeptReturns * static_cast<double>(all)));
-  return mean_of_least(error, kept);
+  return mean_without_worst(abs(at_returns(slice(seen.drawn.planes, 0, 3, 4)) / opacity - seen.hints.depths));
 }
 
 Tensor actors_term(const SeenStreet& seen) {
