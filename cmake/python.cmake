@@ -17,7 +17,7 @@ if(Python3_FOUND AND pybind11_FOUND)
   target_compile_options(cloam-python PRIVATE $<$<CONFIG:Release>:-O1>)  # it only passes on what others compute
   install(TARGETS cloam-python LIBRARY DESTINATION lib/python3/dist-packages COMPONENT python)
   add_dependencies(cli-tests cloam-python)
-  set_source_files_properties(tests/cli/python_test.cpp PROPERTIES COMPILE_DEFINITIONS CLOAM_PYTHON="${Python3_EXECUTABLE}")
+  set_source_files_properties(tests/cli/python_test.cpp tests/cli/python_processes_test.cpp PROPERTIES COMPILE_DEFINITIONS CLOAM_PYTHON="${Python3_EXECUTABLE}")
 else()
   message(STATUS "Python's module is left out: python3-dev, python3-numpy or pybind11-dev is not installed")
 endif()

@@ -1,4 +1,10 @@
 // Puts the parts together, and the error that all of them throw.
+#include <pthread.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <cstdlib>
+
 #include "models/runs/version.h"
 #include "python/bindings.h"
 #include "runtime/device_lock.h"
@@ -34,6 +40,19 @@ void raise(const Error& error) {
 
 /// Threads that still compute while the process ends would meet what has gone: none gets the device any more.
 void keep_device_at_end() { (void)new DeviceLock; }
+
+/// OpenVDB's log4cplus waits at exit() for threads that a fork does not take along: a forked process would never end.
+/// What it registers at exit comes before all that its parent did, and leaves that to the parent.
+void end_forked_processes() {
+  pthread_atfork(nullptr, nullptr, [] {
+    on_exit(
+        [](int status, void*) {
+          std::fflush(nullptr);
+          _exit(status);
+        },
+        nullptr);
+  });
+}
 
 }  // namespace
 
@@ -81,6 +100,7 @@ PYBIND11_MODULE(cloam, module) {
   module.attr("__version__") = cloam::kVersion;
   cloam::add_errors(module);
   Py_AtExit(cloam::keep_device_at_end);
+  cloam::end_forked_processes();
   cloam::add_devices(module);
   cloam::TensorClass tensor = cloam::add_tensors(module);
   cloam::add_ops(module, tensor);

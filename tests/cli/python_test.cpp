@@ -2,52 +2,18 @@
 // makes.
 #include <doctest/doctest.h>
 
-#include <cstdlib>
 #include <sstream>
 
 #include "models/io/image.h"
-#include "tests/cli/process.h"
+#include "tests/cli/python_program.h"
 #include "tests/cli/small_street.h"
 
 #ifdef CLOAM_PYTHON
 
 using namespace cloam;
-namespace fs = std::filesystem;
+using namespace python_program;
 
 namespace {
-
-fs::path folder() { return scratch() / "python"; }
-
-/// Where the module lies, installed once.
-const std::string& module_path() {
-  static const std::string place = [] {
-    const fs::path prefix = folder() / "prefix";
-    fs::create_directories(prefix);
-    const std::string build = fs::path(CLOAM_BINARY).parent_path().parent_path().string();
-    const std::string install = "cmake --install " + build + " --prefix " + prefix.string() + " --component python";
-    REQUIRE(std::system((install + " > " + (folder() / "install.log").string()).c_str()) == 0);
-    return (prefix / "lib/python3/dist-packages").string();
-  }();
-  return place;
-}
-
-/// A script, with `import cloam` and such before it, on words; what it prints.
-Outcome python(const std::string& script, const Words& words = {}) {
-  static int count = 0;
-  const fs::path file = folder() / ("script" + std::to_string(++count) + ".py"), out = folder() / "out";
-  const std::string path = module_path();
-  write_text(file, "import sys, threading\nimport numpy as np\nimport cloam\n" + script);
-  std::string command = "PYTHONPATH=" + path + " " CLOAM_PYTHON " " + file.string();
-  for (const std::string& word : words) command += " '" + word + "'";
-  const int status = std::system((command + " > " + out.string() + " 2>&1").c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, content_of(out), "", 0};
-}
-
-std::string printed(const std::string& script, const Words& words = {}) {
-  const Outcome outcome = python(script, words);
-  REQUIRE_MESSAGE(outcome.code == 0, outcome.out);
-  return outcome.out;
-}
 
 void must(const Words& words) {
   const Outcome outcome = cloam_with(words);
@@ -393,37 +359,6 @@ print("well")
                                   {small_scene().string(), run.string()});
   CHECK(out == "well\n");
   CHECK_FALSE(fs::exists(run));
-}
-
-TEST_CASE("python: a thread that computes does not disturb the end of Python") {
-  for (int i = 0; i < 3; ++i) {
-    const Outcome outcome = python(R"(
-import time
-def compute():
-    while True: (cloam.tensor([1.0, 2.0]) * 2).numpy()
-for _ in range(2): threading.Thread(target=compute, daemon=True).start()
-time.sleep(1)
-)");
-    CHECK_MESSAGE(outcome.code == 0, outcome.out);
-    CHECK(outcome.out.empty());
-  }
-}
-
-TEST_CASE("python: a forked process is told to be started anew") {
-  CHECK(printed(R"(
-import os, signal
-x = cloam.tensor([1.0, 2.0])
-held = (x * 2).numpy()
-child = os.fork()
-if child == 0:
-    signal.alarm(20)  # what it is to be told comes at once
-    try: (x * 3).numpy()
-    except cloam.Error as error: os._exit(7 if error.fault == cloam.Fault.device and "spawn" in str(error) else 1)
-    os._exit(2)
-assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
-assert (x * 3).numpy().tolist() == [3, 6] and held.tolist() == [2, 4]
-print("well")
-)") == "well\n");
 }
 
 TEST_CASE("python: figures are those of eval's definitions") {
