@@ -27,6 +27,7 @@ Examples:
   cloam tables --size small -o tables                         on logs that it makes itself, in about two hours
   cloam tables --size small -o tables --methods nerf,splat    ... and with other methods
   cloam tables --size small -o tables --rows none --methods nerf,splat    those alone, beside the best guesses
+  cloam tables --size small -o tables --measure logs/003 --rows shipped --methods neurad    nothing is learned before
   cloam tables data/pandaset -o tables --dry-run              the paper's sizes: which commands, how many hours
   cloam tables --size small --train logs/001,logs/002 --measure logs/003 -o tables --seeds 1,2,3
   cloam tables --size small --measure logs/003 -o tables --jobs 2    trains on made logs, two commands at a time
@@ -64,7 +65,7 @@ std::vector<TableRow> rows_of(const TablesRequest& request, bool small) {
   for (const TableRow& row : genassets_rows()) {
     if (row.small_alone && !small) continue;
     known.push_back(row.key);
-    if (row.preset_ending.empty()) usual.push_back(row.key);
+    if (row.preset_ending.empty() && row.networks.empty()) usual.push_back(row.key);
   }
   std::vector<TableRow> rows;
   const Names wanted = request.rows == "none" ? Names() : chosen("--rows", request.rows, known, usual);
@@ -218,7 +219,7 @@ Command add_tables(CLI::App& program) {
         add("--measure", r.logs.measure, "Logs to measure, a list (" + joined(paper_logs(), ",") + ")");
         Names rows;
         for (const TableRow& row : genassets_rows()) rows.push_back(row.key);
-        add("--rows", r.rows, "Rows of GenAssets, a list of " + joined(rows) + " (all but the last two), or none");
+        add("--rows", r.rows, "Rows of GenAssets, a list of " + joined(rows) + " (all but the last three), or none");
         add("--methods", r.methods, "Other methods, a list of " + joined(table_methods()) + ", or none (small: none)");
         add("--protocols", r.protocols, "List of " + joined(table_protocols()) + " (all)");
         add("--seeds", r.seeds, "List of random seeds (1)");

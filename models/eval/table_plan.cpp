@@ -97,7 +97,7 @@ class Planner {
   void make_logs() {
     made_ = true;
     const bool measures_others = !request_.logs.measured.empty();
-    const bool learns_first = std::any_of(request_.rows.begin(), request_.rows.end(), shares);
+    const bool learns_first = std::any_of(request_.rows.begin(), request_.rows.end(), learns_networks);
     for (const MadeLogs& made : kMadeLogs) {
       if (made.purpose == MadeFor::measuring ? measures_others : !learns_first) continue;
       TableNode node{"logs/" + std::string(made.folder), TableWork::logs, {}, {}, made.count};
@@ -165,8 +165,9 @@ class Planner {
   }
 
   void add_row(const TableRow& row, int64_t seed) {
-    const std::string stage1 = "train/" + row.key + "/" + seed_word(seed), networks = shares(row) ? stage1 : "";
-    if (shares(row)) add_stage1(row, seed, stage1);
+    const std::string stage1 = "train/" + row.key + "/" + seed_word(seed),
+                      networks = learns_networks(row) ? "@/" + stage1 : row.networks;
+    if (learns_networks(row)) add_stage1(row, seed, stage1);
     for (const TableLog& log : request_.logs.measured) {
       if (wants("sparse")) add_fit(row, seed, log, "sparse", networks);
       if (wants("novel") || wants_turned(row)) add_fit(row, seed, log, "novel", networks);
@@ -174,8 +175,10 @@ class Planner {
     if (row.generates && wants(kGeneration)) add_generation(row, seed, stage1);
   }
 
-  /// Whether stage 1 comes first: networks that all logs share.
   static bool shares(const TableRow& row) { return has<SharesNetworks>(row.method); }
+
+  /// Whether stage 1 comes first: networks that all logs share.
+  static bool learns_networks(const TableRow& row) { return shares(row) && row.networks.empty(); }
 
   /// What knows no actors cannot turn them.
   bool wants_turned(const TableRow& row) const { return wants("rotate360") && has<Street>(row.method); }
@@ -207,21 +210,19 @@ class Planner {
     if (steps > 0) node.words.insert(node.words.end(), {"--steps", std::to_string(steps)});
   }
 
-  /// stage1: the run whose networks are taken; empty: the method learns the log from nothing.
+  /// networks: what `train --networks` takes; empty: the method learns the log from nothing.
   void add_fit(const TableRow& row, int64_t seed, const TableLog& log, const std::string& protocol,
-               const std::string& stage1) {
+               const std::string& networks) {
     const std::string place = row.key + "/" + seed_word(seed) + "/" + log.name + "/";
     TableNode node{"fit/" + place + protocol, TableWork::fit, {"train", row.method, log.path}, needs_of({log})};
     Words more = {"--protocol", protocol};
-    if (!stage1.empty()) {
-      node.needs.push_back(stage1);
-      more.insert(more.end(), {"--networks", "@/" + stage1});
-    }
+    if (networks.starts_with("@/")) node.needs.push_back(networks.substr(2));
+    if (!networks.empty()) more.insert(more.end(), {"--networks", networks});
     const Preset& preset = find_preset(preset_of(row));
-    if (stage1.empty() && preset.name != row.method) more.insert(more.end(), {"--preset", preset.name});
+    if (networks.empty() && preset.name != row.method) more.insert(more.end(), {"--preset", preset.name});
     const int64_t images = protocol == "sparse" ? sparse_images(log.front_images) : log.front_images;
-    end_words(node, seed, steps_for(stage1.empty() ? "methods" : "fit"), steps_of(preset, images), more);
-    node.seconds = seconds_of(stage1.empty() ? kOtherStepPace : kTrainPace, request_.small, node.steps);
+    end_words(node, seed, steps_for(networks.empty() ? "methods" : "fit"), steps_of(preset, images), more);
+    node.seconds = seconds_of(networks.empty() ? kOtherStepPace : kTrainPace, request_.small, node.steps);
     plan_.nodes.push_back(node);
     if (wants(protocol)) {
       const int64_t pictures = protocol == "sparse" ? log.front_images - images : log.front_images;

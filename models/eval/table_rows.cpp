@@ -96,6 +96,15 @@ const std::vector<TableRow>& genassets_rows() {
        false,
        of_full},
       {"unisim", "UniSim's way: direct planes, finer steps, no shadows", "genassets", "-unisim"},
+      {"shipped",
+       "full model with the networks that come with the program",
+       "genassets",
+       "",
+       {},
+       false,
+       true,
+       of_full,
+       "shipped"},
   };
   return rows;
 }

@@ -19,6 +19,7 @@ struct TableRow {
   bool generates = false;                  // has codes and stands in Table A3
   bool small_alone = false;                // at the paper's sizes it would be another row's equal
   std::vector<PaperFigure> paper = {};
+  std::string networks = {};  // those that `train --networks` takes; empty: stage 1 learns its own
 };
 
 /// A figure of one protocol. key and guesses are those of eval.json (docs/formats.md); what eval does not find there

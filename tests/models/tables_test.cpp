@@ -227,6 +227,22 @@ TEST_CASE("table: methods alone need no stage 1, so no logs are made to train or
   CHECK(node_of(plan, "measure/splat/1/measured-sun/sparse").needs.front() == "fit/splat/1/measured-sun/sparse");
 }
 
+TEST_CASE("table: the row of the networks that ship learns none, so no logs are made to train") {
+  TableRequest request = small_request();
+  request.rows = rows_of({"shipped"});
+  const TablePlan plan = table_plan(request);
+  check_sound(plan);
+  CHECK(plan.request.logs.train.empty());
+  for (const TableNode& node : plan.nodes) CHECK_FALSE(node.id.starts_with("train/"));
+  const TableNode& fit = node_of(plan, "fit/shipped/1/measured-sun/sparse");
+  CHECK(option_of(fit, "--networks") == "shipped");
+  CHECK(fit.needs == std::vector<std::string>{"logs/measured-sun"});
+  // Else as the row whose networks are learned.
+  request.rows = rows_of({"full"});
+  CHECK(option_of(fit, "--steps") ==
+        option_of(node_of(table_plan(request), "fit/full/1/measured-sun/sparse"), "--steps"));
+}
+
 TEST_CASE("table, the small: measured logs that are named are measured, and made ones train") {
   const Folder folder;
   for (int frame = 0; frame < 8; ++frame) write_text(folder.path / text("a/camera/front_camera/0", frame, ".jpg"), "");
