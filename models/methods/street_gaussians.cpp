@@ -9,6 +9,7 @@
 #include "models/io/tensors.h"
 #include "models/methods/street_gaussians_renderer.h"
 #include "models/render/undistort.h"
+#include "models/splat/hidden_ground.h"
 #include "models/splat/parameters.h"
 #include "models/splat/sky_map.h"
 #include "models/splat/sky_start.h"
@@ -25,6 +26,7 @@ namespace {
 constexpr float kFinalSky = 0.1f, kFinalCameras = 0.1f;  // on the rates
 constexpr float kRoom = 0.1f;                            // metres around a box that an actor's gaussians may lie in
 constexpr float kGone = -20;                             // logit of an opacity that growth removes
+const std::string kGroundState = "ground.";              // names in checkpoints
 constexpr uint64_t kMirrors = 71;                        // a stream of random numbers of its own
 
 /// Before any is drawn: random Gaussians that are too many for the memory are told at once.
@@ -70,6 +72,8 @@ void StreetGaussians::configure(Config& c) {
   c.bind("initial.actor", o.start.actor, "initial Gaussians of one actor from LiDAR points in its box", {0, 1 << 28});
   c.bind("initial.fewest", o.start.fewest, "with fewer LiDAR points, an actor starts with so many, random ones added",
          {1, 1 << 28});
+  c.bind("initial.ground", o.start.ground,
+         "metres between the Gaussians that stand for ground which actors hide from all photos; 0: none", {0, 10});
   c.bind("near", o.near, "near plane, in metres");
   c.bind("sky.side", o.sky_side, "pixels per side of the sky's cube map", {1, 8192});
   c.bind("exposure", o.exposure, "learn a gain and an offset per camera and channel, with means 1 and 0");
@@ -148,8 +152,10 @@ void StreetGaussians::begin(const Scene& scene, const LogSweeps& sweeps, const P
     photos.push_back({{photo, pixels.cameras[static_cast<size_t>(photo.camera)], frame.world_from_camera},
                       frame.timestamp.value_or(0)});
   }
-  colour_street(photos, scene, start);
+  const StreetPhotos with_actors(photos, scene);
+  colour_street(with_actors, scene, start);
   model_->put(start);
+  if (how.ground > 0) model_->put_ground(hidden_ground(with_actors, scene, start.background, double{how.ground}));
   observed_.restart(count());
 }
 
@@ -359,6 +365,11 @@ TensorMap StreetGaussians::state() const {
   TensorMap out = observed_.state();
   out["owners"] = named_integers({model_->owners().begin(), model_->owners().end()});
   model_->boxes().add_state(out);
+  const Gaussians& ground = model_->ground();
+  for (const GaussianArray& array : kGaussianArrays)
+    if (ground.count() > 0)
+      out[kGroundState + array.name] =
+          named_floats(ground.*array.values, {static_cast<int64_t>(ground.count()), static_cast<int64_t>(array.width)});
   return out;
 }
 
@@ -371,6 +382,13 @@ void StreetGaussians::restore(const TensorMap& state) {
                                   " actors)\n  fix: put the run's own scene.json back, or train anew"));
   model_->set_owners({owners.begin(), owners.end()});
   model_->boxes().restore(state);
+  const auto found = state.find(kGroundState + kGaussianArrays[0].name);
+  if (found == state.end()) return;  // written before there was any, or there is none
+  Gaussians ground = common_;
+  for (const GaussianArray& array : kGaussianArrays)
+    ground.*array.values = values_from<float>(state, kGroundState + array.name,
+                                              {found->second.shape.at(0), static_cast<int64_t>(array.width)});
+  model_->put_ground(ground);
 }
 
 Gaussians StreetGaussians::actor_gaussians(const AssetName& asset) const {

@@ -62,6 +62,12 @@ void StreetGaussiansModel::put(const StreetStart& start) {
   set_owners(start.owners);
 }
 
+void StreetGaussiansModel::put_ground(const Gaussians& ground) {
+  ground_ = ground;
+  ground_parameters_.clear();
+  if (ground.count() > 0) put_gaussians(ground_parameters_, ground);
+}
+
 void StreetGaussiansModel::fit_to(const TensorMap& parameters) {
   const auto count_in = [&](const char* part) -> int64_t {
     const auto found = parameters.find(std::string(part) + "opacities");
@@ -222,6 +228,8 @@ StreetGaussiansModel::Shown StreetGaussiansModel::shown(const View& view) const 
   Shown out;
   out.projection =
       projection_of(splat_model(params_, config_.harmonics.degree, kBackgroundPart), view.camera, camera, options());
+  if (ground_.count() > 0)
+    out.ground = projection_of(splat_model(ground_parameters_, 0), view.camera, camera, options());
   out.actors.assign(static_cast<size_t>(count(kBackgroundPart)), 0);
   std::vector<Standing> standing;
   std::vector<int> numbers;

@@ -46,6 +46,10 @@ class StreetGaussiansModel {
   StreetGaussiansModel(const StreetGaussiansConfig& config, Params& parameters, const Scene& scene);
 
   void put(const StreetStart& start);
+  /// Ground that no photo shows. It is shown, and has no part in training.
+  void put_ground(const Gaussians& ground);
+  /// Empty: none.
+  const Gaussians& ground() const { return ground_; }
   /// Zeros in the place of all, of shapes as these have them.
   void fit_to(const TensorMap& parameters);
   /// The actors from here on: as many, in the same order.
@@ -94,7 +98,8 @@ class StreetGaussiansModel {
   /// Some gaussians, and whose they are: 1 + place of the actor, 0: the background.
   struct Shown {
     Projection projection;
-    std::vector<int> actors;  // [G]
+    std::vector<int> actors;                // [G]
+    std::optional<Projection> ground = {};  // lies behind all of them, as the sky does
   };
   /// As a pinhole sees the street with actors in the looks that they wear.
   Shown shown(const View& view) const;
@@ -125,6 +130,8 @@ class StreetGaussiansModel {
   double actor_radius_ = 1;
   std::vector<std::string> sensors_;
   BoxRefinement boxes_;
+  Gaussians ground_;
+  Params ground_parameters_;  // the same on the device
   std::vector<int32_t> owners_;
   Tensor owner_rows_, half_sizes_;  // owners_ on the device, and of their boxes
 };

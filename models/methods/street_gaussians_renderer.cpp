@@ -69,7 +69,13 @@ Layers layers_of(const StreetGaussiansModel::Shown& shown, const Camera& camera)
   DrawOptions options;
   options.depth = true;
   const Drawn drawn = draw(shown.projection, camera, options);
-  return {drawn.planes.to_host(), drawn.transmittance.to_host(), seen_actors(shown, drawn)};
+  Tensor planes = drawn.planes, through = drawn.transmittance;
+  if (shown.ground) {
+    const Drawn ground = draw(*shown.ground, camera, options);
+    planes = planes + unsqueeze(through, 0) * ground.planes;
+    through = through * ground.transmittance;
+  }
+  return {planes.to_host(), through.to_host(), seen_actors(shown, drawn)};
 }
 
 /// Depth along the ray of a pixel; 0 where little covers it.

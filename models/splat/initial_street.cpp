@@ -12,7 +12,6 @@
 #include "models/gaussians/values.h"
 #include "models/io/host_random.h"
 #include "models/io/in_parallel.h"
-#include "models/scene/actor_space.h"
 #include "runtime/error.h"
 
 namespace cloam {
@@ -188,23 +187,6 @@ Vector3d mean_of(const Gaussians& gaussians, std::size_t i) {
   return Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>();
 }
 
-/// Photos with the actors of their times.
-class StreetPhotos {
- public:
-  StreetPhotos(const std::vector<TimedPhoto>& photos, const Scene& scene) : spaces_(scene) {
-    for (const TimedPhoto& photo : photos) photos_.push_back({photo, spaces_.at(photo.time)});
-  }
-  struct One {
-    const TimedPhoto& photo;
-    const ActorSpace& actors;
-  };
-  const std::vector<One>& all() const { return photos_; }
-
- private:
-  ActorSpaces spaces_;
-  std::vector<One> photos_;
-};
-
 /// What lies in a box at a photo's time, such as the road below wheels, is hidden as well.
 void colour_background(const StreetPhotos& photos, Gaussians& background) {
   std::vector<char> is_seen(background.count());
@@ -281,10 +263,9 @@ StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, Stre
   return start;
 }
 
-void colour_street(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start) {
-  const StreetPhotos with_actors(photos, scene);
-  colour_background(with_actors, start.background);
-  colour_actors(with_actors, scene, start);
+void colour_street(const StreetPhotos& photos, const Scene& scene, StreetStart& start) {
+  colour_background(photos, start.background);
+  colour_actors(photos, scene, start);
 }
 
 }  // namespace cloam

@@ -5,6 +5,7 @@
 #include "models/data/load_sweep.h"
 #include "models/scene/pixels.h"
 #include "models/splat/initial_gaussians.h"
+#include "models/splat/street_photos.h"
 
 namespace cloam {
 
@@ -19,6 +20,7 @@ struct StreetStartOptions {
   int fewest = 1000;                // with fewer, more are drawn in its box
   int64_t actors = 300000;          // points of all actors, at most, if `fewest` of each are no more
   uint64_t seed = 0;
+  float ground = 0.5f;  // metres a side: cells of hidden_ground.h; 0: none
 };
 
 /// Grey. Actors' are in the axes of their boxes, the actors' one after the other.
@@ -30,14 +32,9 @@ struct StreetStart {
 /// Fault::data where there is no point at all.
 StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, StreetStartOptions options);
 
-/// A photo's time is that of its frame.
-struct TimedPhoto {
-  PosedPhoto photo;
-  double time = 0;
-};
 /// Each Gaussian takes the colour of its pixel in the photo that shows its mean from nearest by, with no other actor's
 /// box before it; where none does, the mean colour of the others: of the background, of its actor, or of all actors
 /// where no photo shows its own.
-void colour_street(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start);
+void colour_street(const StreetPhotos& photos, const Scene& scene, StreetStart& start);
 
 }  // namespace cloam

@@ -1,0 +1,220 @@
+// See hidden_ground.h.
+#include "models/splat/hidden_ground.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <optional>
+
+#include "models/gaussians/values.h"
+#include "models/io/in_parallel.h"
+
+namespace cloam {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kFarInView = 60;                  // metres from a camera
+constexpr double kGround = 0.3;                    // metres above or below where actors nearby stand
+constexpr double kAround = 6;                      // metres
+constexpr int kEnough = 12;                        // cells that heights and colours are taken from
+constexpr double kWidth = 0.6, kThickness = 0.02;  // deviations: of a cell's side; metres
+constexpr double kOpacity = 0.98, kLeastOpacity = 1e-4;
+
+/// A square of the ground, by numbers of sides along x and y.
+using Cell = Eigen::Array2i;
+
+/// What points in a cell say: sums, and over how much.
+struct Ground {
+  float height = 0, points = 0;
+  Eigen::Vector3f colour = Eigen::Vector3f::Zero();  // first coefficients
+  float seen = 0;                                    // points that photos show
+};
+
+/// Where actors stand: the middles of their boxes' bottoms, one for each metre.
+std::vector<Vector3d> footings(const Scene& scene) {
+  std::map<std::array<int, 3>, Vector3d> found;
+  for (const Actor& actor : scene.actors)
+    for (const ActorBox& box : actor.boxes) {
+      const Vector3d foot = (box.world_from_box * Vector3d(0, 0, -actor.size.z() / 2).homogeneous()).head<3>();
+      const Eigen::Array3i at = foot.array().floor().cast<int>();
+      found.emplace(std::array<int, 3>{at.x(), at.y(), at.z()}, foot);
+    }
+  std::vector<Vector3d> out;
+  for (const auto& [at, foot] : found) out.push_back(foot);
+  return out;
+}
+
+bool lies_on_ground(const Vector3d& point, const std::vector<Vector3d>& feet) {
+  const auto nearest = std::min_element(feet.begin(), feet.end(), [&](const Vector3d& a, const Vector3d& b) {
+    return (a - point).head<2>().squaredNorm() < (b - point).head<2>().squaredNorm();
+  });
+  return std::abs(nearest->z() - point.z()) < kGround;
+}
+
+/// Cameras with what hides the ground from them.
+class Viewers {
+ public:
+  explicit Viewers(const StreetPhotos& photos) {
+    for (const StreetPhotos::One& one : photos.all()) {
+      const Eigen::Matrix4d& pose = one.photo.photo.world_from_camera;
+      all_.push_back({one.photo.photo.camera, pose.inverse(), pose.topRightCorner<3, 1>(), one.actors});
+    }
+  }
+
+  /// Whether what is known of the point may say something of one that a photo has in view.
+  bool are_near(const Vector3d& point) const {
+    return std::any_of(all_.begin(), all_.end(),
+                       [&](const Viewer& viewer) { return (point - viewer.eye).norm() < kFarInView + kAround; });
+  }
+  /// Whether photos have the point in view, and each has an actor there or before it; none: no photo has it in view.
+  std::optional<bool> hide(const Vector3d& point) const {
+    std::optional<bool> hidden;
+    for (const Viewer& viewer : all_) {
+      if (!viewer.has_in_view(point)) continue;
+      if (!viewer.actors.holds(point) && !viewer.actors.stands_between(viewer.eye, point)) return false;
+      hidden = true;
+    }
+    return hidden;
+  }
+
+ private:
+  struct Viewer {
+    const Camera& camera;
+    Eigen::Matrix4d camera_from_world;
+    Vector3d eye;
+    const ActorSpace& actors;
+
+    bool has_in_view(const Vector3d& point) const {
+      if ((point - eye).squaredNorm() > kFarInView * kFarInView) return false;
+      const Vector3d at = (camera_from_world * point.homogeneous()).head<3>();
+      if (at.z() <= 0) return false;
+      const Eigen::Vector2d pixel = project(camera, at);
+      return pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < camera.width && pixel.y() < camera.height;
+    }
+  };
+  std::vector<Viewer> all_;
+};
+
+/// The ground as points of the background show it, by cells of a rectangle around all of them.
+class GroundMap {
+ public:
+  GroundMap(const Viewers& viewers, const Gaussians& background, const std::vector<Vector3d>& feet, double side)
+      : viewers_(viewers), side_(side), room_(static_cast<int>(kAround / side)) {
+    enum Kind : char { kElse, kHidden, kSeen };
+    std::vector<char> kinds(background.count());
+    const auto mean = [&](std::size_t i) -> Vector3d {
+      return Eigen::Map<const Eigen::Vector3f>(&background.means[3 * i]).cast<double>();
+    };
+    in_parallel(kinds.size(), [&](std::size_t i) {
+      if (viewers.are_near(mean(i)) && lies_on_ground(mean(i), feet))
+        kinds[i] = viewers.hide(mean(i)) == false ? kSeen : kHidden;
+    });
+    std::vector<std::size_t> on_ground;
+    for (std::size_t i = 0; i < kinds.size(); ++i)
+      if (kinds[i] != kElse) on_ground.push_back(i);
+    if (on_ground.empty()) return;
+    Cell first = cell_of(mean(on_ground.front())), last = first;
+    for (const std::size_t i : on_ground) {
+      first = first.min(cell_of(mean(i)));
+      last = last.max(cell_of(mean(i)));
+    }
+    first_ = first - room_;
+    size_ = last - first + 1 + 2 * room_;
+    cells_.resize(static_cast<std::size_t>(size_.x()) * static_cast<std::size_t>(size_.y()));
+    for (const std::size_t i : on_ground) {
+      Ground& ground = cells_[number_of(cell_of(mean(i)) - first_)];
+      ground.height += background.means[3 * i + 2];
+      ++ground.points;
+      if (kinds[i] == kHidden) continue;
+      ground.colour += Eigen::Map<const Eigen::Vector3f>(&background.sh_first[3 * i]);
+      ++ground.seen;
+    }
+  }
+
+  struct Found {
+    Vector3d point;
+    Eigen::Vector3f colour;
+  };
+  /// The cells that photos have in view but do not show, and of which something near tells how they are.
+  std::vector<Found> hidden() const {
+    std::vector<std::vector<Found>> rows(static_cast<std::size_t>(size_.y()));
+    in_parallel(rows.size(), [&](std::size_t row) {
+      for (int x = 0; x < size_.x(); ++x)
+        if (const auto found = look({x, static_cast<int>(row)})) rows[row].push_back(*found);
+    });
+    std::vector<Found> all;
+    for (const std::vector<Found>& row : rows) all.insert(all.end(), row.begin(), row.end());
+    return all;
+  }
+
+ private:
+  Cell cell_of(const Vector3d& point) const { return (point.head<2>() / side_).array().floor().cast<int>(); }
+  /// at: from the first cell on.
+  std::size_t number_of(const Cell& at) const {
+    return static_cast<std::size_t>(at.y()) * static_cast<std::size_t>(size_.x()) + static_cast<std::size_t>(at.x());
+  }
+
+  std::optional<Found> look(const Cell& at) const {
+    const Ground around = ground_around(at);
+    if (around.points == 0 || around.seen == 0) return std::nullopt;
+    Vector3d point;
+    point << side_ * ((first_ + at).cast<double>() + 0.5), double{around.height / around.points};
+    if (viewers_.hide(point) != true) return std::nullopt;
+    return Found{point, around.colour / around.seen};
+  }
+
+  /// Means of cells, ring by ring until there are enough, weighted by the inverse of the squared distance.
+  Ground ground_around(const Cell& at) const {
+    Ground out;
+    int points = 0, seen = 0;
+    for (int ring = 0; ring <= room_ && (points < kEnough || seen < kEnough); ++ring)
+      for (int dy = -ring; dy <= ring; ++dy)
+        for (int dx = -ring; dx <= ring; dx += std::abs(dy) == ring ? 1 : 2 * ring) {
+          const Cell there = at + Cell(dx, dy);
+          if ((there < 0).any() || (there >= size_).any()) continue;
+          const Ground& one = cells_[number_of(there)];
+          const float weight = 1 / (0.25f + static_cast<float>(dx * dx + dy * dy));
+          if (one.points > 0) {
+            out.height += weight * one.height / one.points;
+            out.points += weight;
+            ++points;
+          }
+          if (one.seen > 0) {
+            out.colour += weight * one.colour / one.seen;
+            out.seen += weight;
+            ++seen;
+          }
+        }
+    return out;
+  }
+
+  const Viewers& viewers_;
+  double side_;
+  int room_;  // cells
+  Cell first_ = {0, 0}, size_ = {0, 0};
+  std::vector<Ground> cells_;
+};
+
+}  // namespace
+
+Gaussians hidden_ground(const StreetPhotos& photos, const Scene& scene, const Gaussians& background, double side) {
+  Gaussians out;
+  const std::vector<Vector3d> feet = footings(scene);
+  if (feet.empty()) return out;
+  const Viewers viewers(photos);
+  const auto wide = static_cast<float>(std::log(kWidth * side)), thin = static_cast<float>(std::log(kThickness));
+  for (const auto& [point, colour] : GroundMap(viewers, background, feet, side).hidden()) {
+    for (int k = 0; k < 3; ++k) out.means.push_back(static_cast<float>(point[k]));
+    out.sh_first.insert(out.sh_first.end(), colour.begin(), colour.end());
+    out.scales.insert(out.scales.end(), {wide, wide, thin});
+    out.rotations.insert(out.rotations.end(), {1, 0, 0, 0});
+    out.opacities.push_back(logit(kOpacity, kLeastOpacity));
+    out.sh_rest.resize(out.sh_rest.size() + 3 * kSphericalRest);
+  }
+  return out;
+}
+
+}  // namespace cloam
