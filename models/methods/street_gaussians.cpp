@@ -152,10 +152,9 @@ void StreetGaussians::begin(const Scene& scene, const LogSweeps& sweeps, const P
     photos.push_back({{photo, pixels.cameras[static_cast<size_t>(photo.camera)], frame.world_from_camera},
                       frame.timestamp.value_or(0)});
   }
-  const StreetPhotos with_actors(photos, scene);
-  colour_street(with_actors, scene, start);
+  colour_street(photos, scene, start);
   model_->put(start);
-  if (how.ground > 0) model_->put_ground(hidden_ground(with_actors, scene, start.background, double{how.ground}));
+  if (how.ground > 0) model_->put_ground(hidden_ground(photos, scene, start.background, double{how.ground}));
   observed_.restart(count());
 }
 

@@ -29,13 +29,13 @@ bool goes_through(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eige
 
 }  // namespace
 
-ActorSpace::ActorSpace(const Scene& scene, double time, const std::vector<bool>& without) {
+ActorSpace::ActorSpace(const Scene& scene, double time, const std::vector<bool>& without, const Eigen::Vector3d& room) {
   Eigen::AlignedBox3d all;
   for (std::size_t a = 0; a < scene.actors.size(); ++a) {
     if (a < without.size() && without[a]) continue;
     const auto pose = world_from_box_at(scene.actors[a], time);
     if (!pose) continue;
-    const Eigen::Vector3d half = scene.actors[a].size / 2 + Eigen::Vector3d(0.2, 0.2, 0.1);
+    const Eigen::Vector3d half = (scene.actors[a].size / 2 + room).cwiseMax(0);
     boxes_.push_back({pose->inverse(), half, pose->topRightCorner<3, 1>()});
     reach_ = std::max(reach_, half.norm() + kSphereMargin);
     all.extend(boxes_.back().centre);

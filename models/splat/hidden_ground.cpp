@@ -16,10 +16,11 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kFarInView = 60;                  // metres from a camera
-constexpr double kGround = 0.3;                    // metres above or below where actors nearby stand
-constexpr double kAround = 6;                      // metres
-constexpr int kEnough = 12;                        // cells that heights and colours are taken from
+const Vector3d kTight(-0.2, -0.2, 0.1);  // metres: of boxes that hide what is behind or below them for certain
+constexpr double kFarInView = 60;        // metres from a camera
+constexpr double kGround = 0.3;          // metres above or below where actors nearby stand
+constexpr double kAround = 6;            // metres
+constexpr int kEnough = 12;              // cells that heights and colours are taken from
 constexpr double kWidth = 0.6, kThickness = 0.02;  // deviations: of a cell's side; metres
 constexpr double kOpacity = 0.98, kLeastOpacity = 1e-4;
 
@@ -102,7 +103,7 @@ class Viewers {
 class GroundMap {
  public:
   GroundMap(const Viewers& viewers, const Gaussians& background, const std::vector<Vector3d>& feet, double side)
-      : viewers_(viewers), side_(side), room_(static_cast<int>(kAround / side)) {
+      : side_(side), room_(static_cast<int>(kAround / side)) {
     enum Kind : char { kElse, kHidden, kSeen };
     std::vector<char> kinds(background.count());
     const auto mean = [&](std::size_t i) -> Vector3d {
@@ -139,11 +140,11 @@ class GroundMap {
     Eigen::Vector3f colour;
   };
   /// The cells that photos have in view but do not show, and of which something near tells how they are.
-  std::vector<Found> hidden() const {
+  std::vector<Found> hidden_from(const Viewers& viewers) const {
     std::vector<std::vector<Found>> rows(static_cast<std::size_t>(size_.y()));
     in_parallel(rows.size(), [&](std::size_t row) {
       for (int x = 0; x < size_.x(); ++x)
-        if (const auto found = look({x, static_cast<int>(row)})) rows[row].push_back(*found);
+        if (const auto found = look({x, static_cast<int>(row)}, viewers)) rows[row].push_back(*found);
     });
     std::vector<Found> all;
     for (const std::vector<Found>& row : rows) all.insert(all.end(), row.begin(), row.end());
@@ -157,12 +158,12 @@ class GroundMap {
     return static_cast<std::size_t>(at.y()) * static_cast<std::size_t>(size_.x()) + static_cast<std::size_t>(at.x());
   }
 
-  std::optional<Found> look(const Cell& at) const {
+  std::optional<Found> look(const Cell& at, const Viewers& viewers) const {
     const Ground around = ground_around(at);
     if (around.points == 0 || around.seen == 0) return std::nullopt;
     Vector3d point;
     point << side_ * ((first_ + at).cast<double>() + 0.5), double{around.height / around.points};
-    if (viewers_.hide(point) != true) return std::nullopt;
+    if (viewers.hide(point) != true) return std::nullopt;
     return Found{point, around.colour / around.seen};
   }
 
@@ -191,7 +192,6 @@ class GroundMap {
     return out;
   }
 
-  const Viewers& viewers_;
   double side_;
   int room_;  // cells
   Cell first_ = {0, 0}, size_ = {0, 0};
@@ -200,13 +200,15 @@ class GroundMap {
 
 }  // namespace
 
-Gaussians hidden_ground(const StreetPhotos& photos, const Scene& scene, const Gaussians& background, double side) {
+Gaussians hidden_ground(const std::vector<TimedPhoto>& photos, const Scene& scene, const Gaussians& background,
+                        double side) {
   Gaussians out;
   const std::vector<Vector3d> feet = footings(scene);
   if (feet.empty()) return out;
-  const Viewers viewers(photos);
+  const StreetPhotos roomy(photos, scene), tight(photos, scene, kTight);
+  const GroundMap map(Viewers(roomy), background, feet, side);
   const auto wide = static_cast<float>(std::log(kWidth * side)), thin = static_cast<float>(std::log(kThickness));
-  for (const auto& [point, colour] : GroundMap(viewers, background, feet, side).hidden()) {
+  for (const auto& [point, colour] : map.hidden_from(Viewers(tight))) {
     for (int k = 0; k < 3; ++k) out.means.push_back(static_cast<float>(point[k]));
     out.sh_first.insert(out.sh_first.end(), colour.begin(), colour.end());
     out.scales.insert(out.scales.end(), {wide, wide, thin});

@@ -263,9 +263,10 @@ StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, Stre
   return start;
 }
 
-void colour_street(const StreetPhotos& photos, const Scene& scene, StreetStart& start) {
-  colour_background(photos, start.background);
-  colour_actors(photos, scene, start);
+void colour_street(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start) {
+  const StreetPhotos with_actors(photos, scene);
+  colour_background(with_actors, start.background);
+  colour_actors(with_actors, scene, start);
 }
 
 }  // namespace cloam

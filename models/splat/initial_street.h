@@ -35,6 +35,6 @@ StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, Stre
 /// Each Gaussian takes the colour of its pixel in the photo that shows its mean from nearest by, with no other actor's
 /// box before it; where none does, the mean colour of the others: of the background, of its actor, or of all actors
 /// where no photo shows its own.
-void colour_street(const StreetPhotos& photos, const Scene& scene, StreetStart& start);
+void colour_street(const std::vector<TimedPhoto>& photos, const Scene& scene, StreetStart& start);
 
 }  // namespace cloam

@@ -13,10 +13,11 @@ struct TimedPhoto {
   double time = 0;
 };
 
-/// Both arguments must outlive it.
+/// photos and scene must outlive it; room: of ActorSpace.
 class StreetPhotos {
  public:
-  StreetPhotos(const std::vector<TimedPhoto>& photos, const Scene& scene) : spaces_(scene) {
+  StreetPhotos(const std::vector<TimedPhoto>& photos, const Scene& scene, const Eigen::Vector3d& room = kActorRoom)
+      : spaces_(scene, {}, room) {
     for (const TimedPhoto& photo : photos) photos_.push_back({photo, spaces_.at(photo.time)});
   }
   struct One {

@@ -101,7 +101,7 @@ TEST_CASE("a street's gaussians do not take the colours of an actor that stands 
   start.background = grey_gaussians({{30, 0, 1.5}, {5, 0, 1.5}, {-10, 0, 1.5}, {10, 0, 0}});
   start.actors = grey_gaussians({{0, 0, 0}, {-30, 0, 0}, {0, 0, 0}, {0, 0, 0}});
   start.owners = {0, 0, 1, 2};
-  colour_street(StreetPhotos(photos, scene), scene, start);
+  colour_street(photos, scene, start);
   CHECK(grey_of(start.background, 0) == 50);
   CHECK(grey_of(start.background, 1) == 200);
   CHECK(grey_of(start.background, 2) == 125);
