@@ -123,6 +123,15 @@ void check_not_made_here(const std::vector<TableLog>& measured, const std::strin
                   text(log.path, " was made by this table to train or to be photographed; measure another log"));
 }
 
+void check_stage1(const TablesRequest& request, const std::vector<TableRow>& rows) {
+  const bool changes = !request.settings.empty() || !request.perceptual.empty();
+  if (changes && std::none_of(rows.begin(), rows.end(), learns_networks))
+    throw Error(
+        Fault::usage,
+        text(request.settings.empty() ? "--perceptual" : "--set",
+             " changes trainings of stage 1, which none of these rows has\n  fix: leave it out, or --rows full"));
+}
+
 TablePlan plan_of(const TablesRequest& request) {
   TableRequest wish;
   wish.small = request.size == "small";
@@ -134,6 +143,7 @@ TablePlan plan_of(const TablesRequest& request) {
     wish.logs = find_table_logs(request.logs);
   }
   wish.rows = rows_of(request, wish.small);
+  check_stage1(request, wish.rows);
   wish.protocols = table_protocols();
   const Names wanted = chosen("--protocols", request.protocols, table_protocols(), table_protocols());
   std::erase_if(wish.protocols,

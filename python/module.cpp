@@ -38,8 +38,13 @@ void raise(const Error& error) {
   PyErr_SetObject(type.ptr(), raised.ptr());
 }
 
-/// Threads that still compute while the process ends would meet what has gone: none gets the device any more.
-void keep_device_at_end() { (void)new DeviceLock; }
+const pid_t kImporter = getpid();
+
+/// Threads that still compute while the process ends would meet what has gone: none gets the device any more. A forked
+/// process has none of them, and may wait for ever for one that held the lock.
+void keep_device_at_end() {
+  if (getpid() == kImporter) (void)new DeviceLock;
+}
 
 /// OpenVDB's log4cplus waits at exit() for threads that a fork does not take along: a forked process would never end.
 /// What it registers at exit comes before all that its parent did, and leaves that to the parent.

@@ -177,9 +177,6 @@ class Planner {
 
   static bool shares(const TableRow& row) { return has<SharesNetworks>(row.method); }
 
-  /// Whether stage 1 comes first: networks that all logs share.
-  static bool learns_networks(const TableRow& row) { return shares(row) && row.networks.empty(); }
-
   /// What knows no actors cannot turn them.
   bool wants_turned(const TableRow& row) const { return wants("rotate360") && has<Street>(row.method); }
 

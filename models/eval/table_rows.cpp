@@ -118,6 +118,8 @@ std::vector<std::string> table_methods() {
 
 TableRow row_of_method(const std::string& method) { return {method, method, method}; }
 
+bool learns_networks(const TableRow& row) { return has<SharesNetworks>(row.method) && row.networks.empty(); }
+
 const std::vector<TableColumn>& table_columns() {
   const std::vector<const char*> masked = {"baseline_blend_masked_psnr", "baseline_copy_masked_psnr",
                                            "baseline_mean_masked_psnr"};

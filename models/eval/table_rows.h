@@ -17,7 +17,7 @@ struct TableRow {
   std::string preset_ending = {};          // behind the name of the size's preset
   std::vector<std::string> settings = {};  // key=value, over the preset
   bool generates = false;                  // has codes and stands in Table A3
-  bool small_alone = false;                // at the paper's sizes it would be another row's equal
+  bool small_alone = false;                // of the small size: at the paper's it would be another row, or none
   std::vector<PaperFigure> paper = {};
   std::string networks = {};  // those that `train --networks` takes; empty: stage 1 learns its own
 };
@@ -44,6 +44,8 @@ const std::vector<TableRow>& genassets_rows();
 /// Methods that can stand in a table: they learn from captures, render views and share no networks.
 std::vector<std::string> table_methods();
 TableRow row_of_method(const std::string& method);
+/// Whether stage 1 comes first: networks that all logs share.
+bool learns_networks(const TableRow& row);
 
 const std::vector<TableColumn>& table_columns();
 

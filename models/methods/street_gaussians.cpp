@@ -26,8 +26,8 @@ namespace {
 constexpr float kFinalSky = 0.1f, kFinalCameras = 0.1f;  // on the rates
 constexpr float kRoom = 0.1f;                            // metres around a box that an actor's gaussians may lie in
 constexpr float kGone = -20;                             // logit of an opacity that growth removes
-const std::string kGroundState = "ground.";              // names in checkpoints
-constexpr uint64_t kMirrors = 71;                        // a stream of random numbers of its own
+constexpr char kGroundMeans[] = "ground.means", kGroundColours[] = "ground.sh_first";
+constexpr uint64_t kMirrors = 71;  // a stream of random numbers of its own
 
 /// Before any is drawn: random Gaussians that are too many for the memory are told at once.
 void require_room(const StreetStartOptions& start, size_t actors) {
@@ -38,6 +38,16 @@ void require_room(const StreetStartOptions& start, size_t actors) {
   throw Error(Fault::memory, text("initial.near, initial.far and, for each of ", actors, " actors, initial.fewest are ",
                                   all, " Gaussians, which need ", all * kBytes >> 20, " MiB of a budget of ",
                                   budget >> 20, " MiB\n  fix: fewer of them, or --max-memory if the machine has more"));
+}
+
+/// None in a checkpoint that was written before there was any.
+Gaussians ground_in(const TensorMap& state) {
+  const auto found = state.find(kGroundMeans);
+  if (found == state.end()) return {};
+  const std::vector<int64_t>& shape = found->second.shape;
+  const std::vector<int64_t> wanted = {shape.empty() ? 0 : shape[0], 3};
+  std::vector<float> means = values_from<float>(state, kGroundMeans, wanted);
+  return flat_gaussians(std::move(means), values_from<float>(state, kGroundColours, wanted));
 }
 
 /// Directions [P,3] of a camera that moved, in the axes of where it was given.
@@ -73,7 +83,7 @@ void StreetGaussians::configure(Config& c) {
   c.bind("initial.fewest", o.start.fewest, "with fewer LiDAR points, an actor starts with so many, random ones added",
          {1, 1 << 28});
   c.bind("initial.ground", o.start.ground,
-         "metres between the Gaussians that stand for ground which actors hide from all photos; 0: none", {0, 10});
+         "lay Gaussians where actors hide the ground from all photos, behind all else and without training them");
   c.bind("near", o.near, "near plane, in metres");
   c.bind("sky.side", o.sky_side, "pixels per side of the sky's cube map", {1, 8192});
   c.bind("exposure", o.exposure, "learn a gain and an offset per camera and channel, with means 1 and 0");
@@ -154,7 +164,7 @@ void StreetGaussians::begin(const Scene& scene, const LogSweeps& sweeps, const P
   }
   colour_street(photos, scene, start);
   model_->put(start);
-  if (how.ground > 0) model_->put_ground(hidden_ground(photos, scene, start.background, double{how.ground}));
+  if (how.ground) model_->put_ground(hidden_ground(photos, scene, start));
   observed_.restart(count());
 }
 
@@ -365,10 +375,10 @@ TensorMap StreetGaussians::state() const {
   out["owners"] = named_integers({model_->owners().begin(), model_->owners().end()});
   model_->boxes().add_state(out);
   const Gaussians& ground = model_->ground();
-  for (const GaussianArray& array : kGaussianArrays)
-    if (ground.count() > 0)
-      out[kGroundState + array.name] =
-          named_floats(ground.*array.values, {static_cast<int64_t>(ground.count()), static_cast<int64_t>(array.width)});
+  const auto count = static_cast<int64_t>(ground.count());
+  if (count == 0) return out;
+  out[kGroundMeans] = named_floats(ground.means, {count, 3});
+  out[kGroundColours] = named_floats(ground.sh_first, {count, 3});
   return out;
 }
 
@@ -381,13 +391,7 @@ void StreetGaussians::restore(const TensorMap& state) {
                                   " actors)\n  fix: put the run's own scene.json back, or train anew"));
   model_->set_owners({owners.begin(), owners.end()});
   model_->boxes().restore(state);
-  const auto found = state.find(kGroundState + kGaussianArrays[0].name);
-  if (found == state.end()) return;  // written before there was any, or there is none
-  Gaussians ground = common_;
-  for (const GaussianArray& array : kGaussianArrays)
-    ground.*array.values = values_from<float>(state, kGroundState + array.name,
-                                              {found->second.shape.at(0), static_cast<int64_t>(array.width)});
-  model_->put_ground(ground);
+  model_->put_ground(ground_in(state));
 }
 
 Gaussians StreetGaussians::actor_gaussians(const AssetName& asset) const {

@@ -16,11 +16,12 @@ namespace {
 
 using Eigen::Vector3d;
 
-const Vector3d kTight(-0.2, -0.2, 0.1);  // metres: of boxes that hide what is behind or below them for certain
-constexpr double kFarInView = 60;        // metres from a camera
-constexpr double kGround = 0.3;          // metres above or below where actors nearby stand
-constexpr double kAround = 6;            // metres
-constexpr int kEnough = 12;              // cells that heights and colours are taken from
+const Vector3d kTight(-0.2, -0.2, -0.1);           // metres: of boxes that hide what is behind them for certain
+constexpr double kRaised = 0.2;                    // metres above the ground of what they must hide
+constexpr double kFarInView = 60;                  // metres from a camera
+constexpr double kGround = 0.3;                    // metres above or below where actors nearby stand
+constexpr double kAround = 6;                      // metres
+constexpr int kEnough = 12;                        // cells that heights and colours are taken from
 constexpr double kWidth = 0.6, kThickness = 0.02;  // deviations: of a cell's side; metres
 constexpr double kOpacity = 0.98, kLeastOpacity = 1e-4;
 
@@ -55,57 +56,48 @@ bool lies_on_ground(const Vector3d& point, const std::vector<Vector3d>& feet) {
   return std::abs(nearest->z() - point.z()) < kGround;
 }
 
-/// Cameras with what hides the ground from them.
+/// Photos with what hides the ground from them.
 class Viewers {
  public:
-  explicit Viewers(const StreetPhotos& photos) {
-    for (const StreetPhotos::One& one : photos.all()) {
-      const Eigen::Matrix4d& pose = one.photo.photo.world_from_camera;
-      all_.push_back({one.photo.photo.camera, pose.inverse(), pose.topRightCorner<3, 1>(), one.actors});
-    }
-  }
+  /// Both must outlive it. height: metres above the ground of what must be hidden.
+  Viewers(const StreetPhotos& photos, double height) : photos_(photos), above_(0, 0, height) {}
 
-  /// Whether what is known of the point may say something of one that a photo has in view.
+  /// Whether what is known of the point may say something of one that a photo has in view; heights do not count.
   bool are_near(const Vector3d& point) const {
-    return std::any_of(all_.begin(), all_.end(),
-                       [&](const Viewer& viewer) { return (point - viewer.eye).norm() < kFarInView + kAround; });
+    return std::any_of(photos_.all().begin(), photos_.all().end(), [&](const StreetPhotos::One& one) {
+      return (point - eye_of(one)).head<2>().norm() < kFarInView + kAround;
+    });
   }
   /// Whether photos have the point in view, and each has an actor there or before it; none: no photo has it in view.
   std::optional<bool> hide(const Vector3d& point) const {
     std::optional<bool> hidden;
-    for (const Viewer& viewer : all_) {
-      if (!viewer.has_in_view(point)) continue;
-      if (!viewer.actors.holds(point) && !viewer.actors.stands_between(viewer.eye, point)) return false;
+    const Vector3d raised = point + above_;
+    for (const StreetPhotos::One& one : photos_.all()) {
+      const Vector3d eye = eye_of(one);
+      if ((point - eye).norm() > kFarInView || !pixel_that_shows(one.photo.photo, point)) continue;
+      if (!one.actors.holds(raised) && !one.actors.stands_between(eye, raised)) return false;
       hidden = true;
     }
     return hidden;
   }
 
  private:
-  struct Viewer {
-    const Camera& camera;
-    Eigen::Matrix4d camera_from_world;
-    Vector3d eye;
-    const ActorSpace& actors;
+  static Vector3d eye_of(const StreetPhotos::One& one) {
+    return one.photo.photo.world_from_camera.topRightCorner<3, 1>();
+  }
 
-    bool has_in_view(const Vector3d& point) const {
-      if ((point - eye).squaredNorm() > kFarInView * kFarInView) return false;
-      const Vector3d at = (camera_from_world * point.homogeneous()).head<3>();
-      if (at.z() <= 0) return false;
-      const Eigen::Vector2d pixel = project(camera, at);
-      return pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < camera.width && pixel.y() < camera.height;
-    }
-  };
-  std::vector<Viewer> all_;
+  const StreetPhotos& photos_;
+  Vector3d above_;
 };
 
 /// The ground as points of the background show it, by cells of a rectangle around all of them.
 class GroundMap {
  public:
-  GroundMap(const Viewers& viewers, const Gaussians& background, const std::vector<Vector3d>& feet, double side)
+  GroundMap(const Viewers& viewers, const StreetStart& start, const std::vector<Vector3d>& feet, double side)
       : side_(side), room_(static_cast<int>(kAround / side)) {
     enum Kind : char { kElse, kHidden, kSeen };
-    std::vector<char> kinds(background.count());
+    std::vector<char> kinds(start.seen);
+    const Gaussians& background = start.background;
     const auto mean = [&](std::size_t i) -> Vector3d {
       return Eigen::Map<const Eigen::Vector3f>(&background.means[3 * i]).cast<double>();
     };
@@ -159,10 +151,12 @@ class GroundMap {
   }
 
   std::optional<Found> look(const Cell& at, const Viewers& viewers) const {
+    Vector3d point;
+    point << side_ * ((first_ + at).cast<double>() + 0.5), 0;
+    if (!viewers.are_near(point)) return std::nullopt;
     const Ground around = ground_around(at);
     if (around.points == 0 || around.seen == 0) return std::nullopt;
-    Vector3d point;
-    point << side_ * ((first_ + at).cast<double>() + 0.5), double{around.height / around.points};
+    point.z() = double{around.height / around.points};
     if (viewers.hide(point) != true) return std::nullopt;
     return Found{point, around.colour / around.seen};
   }
@@ -200,22 +194,32 @@ class GroundMap {
 
 }  // namespace
 
-Gaussians hidden_ground(const std::vector<TimedPhoto>& photos, const Scene& scene, const Gaussians& background,
+Gaussians hidden_ground(const std::vector<TimedPhoto>& photos, const Scene& scene, const StreetStart& start,
                         double side) {
-  Gaussians out;
   const std::vector<Vector3d> feet = footings(scene);
-  if (feet.empty()) return out;
+  if (feet.empty()) return {};
   const StreetPhotos roomy(photos, scene), tight(photos, scene, kTight);
-  const GroundMap map(Viewers(roomy), background, feet, side);
+  const GroundMap map(Viewers(roomy, 0), start, feet, side);
+  std::vector<float> means, first;
+  for (const auto& [point, colour] : map.hidden_from(Viewers(tight, kRaised))) {
+    for (int k = 0; k < 3; ++k) means.push_back(static_cast<float>(point[k]));
+    first.insert(first.end(), colour.begin(), colour.end());
+  }
+  return flat_gaussians(std::move(means), std::move(first), side);
+}
+
+Gaussians flat_gaussians(std::vector<float> means, std::vector<float> first, double side) {
+  Gaussians out;
   const auto wide = static_cast<float>(std::log(kWidth * side)), thin = static_cast<float>(std::log(kThickness));
-  for (const auto& [point, colour] : map.hidden_from(Viewers(tight))) {
-    for (int k = 0; k < 3; ++k) out.means.push_back(static_cast<float>(point[k]));
-    out.sh_first.insert(out.sh_first.end(), colour.begin(), colour.end());
+  const std::size_t count = means.size() / 3;
+  for (std::size_t i = 0; i < count; ++i) {
     out.scales.insert(out.scales.end(), {wide, wide, thin});
     out.rotations.insert(out.rotations.end(), {1, 0, 0, 0});
-    out.opacities.push_back(logit(kOpacity, kLeastOpacity));
-    out.sh_rest.resize(out.sh_rest.size() + 3 * kSphericalRest);
   }
+  out.opacities.assign(count, logit(kOpacity, kLeastOpacity));
+  out.sh_rest.resize(3 * kSphericalRest * count);
+  out.means = std::move(means);
+  out.sh_first = std::move(first);
   return out;
 }
 

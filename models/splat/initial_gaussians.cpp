@@ -154,18 +154,24 @@ bool sees(const Scene& scene, const Frame& frame, const Vector3d& point) {
   return pixel_of(scene.cameras[static_cast<std::size_t>(frame.camera)], frame.world_from_camera, point).has_value();
 }
 
-void NearestColour::look(const PosedPhoto& photo, const Vector3d& point, const ActorSpace& actors) {
-  const Vector3d eye = photo.world_from_camera.block<3, 1>(0, 3);
-  const double distance = (point - eye).norm();
-  const auto pixel = distance < distance_ ? pixel_of(photo.camera, photo.world_from_camera, point) : std::nullopt;
-  if (!pixel || actors.stands_between(eye, point)) return;
+std::optional<std::size_t> pixel_that_shows(const PosedPhoto& photo, const Vector3d& point) {
+  const auto pixel = pixel_of(photo.camera, photo.world_from_camera, point);
+  if (!pixel) return std::nullopt;
   const FramePixels& seen = photo.pixels;
   const std::size_t at = static_cast<std::size_t>(pixel->y()) * static_cast<std::size_t>(seen.width) +
                          static_cast<std::size_t>(pixel->x());
-  if (seen.rgba[4 * at + 3] < kOpaque || (!seen.mask.empty() && seen.mask[at] == 0)) return;
+  const bool is_hidden = seen.rgba[4 * at + 3] < kOpaque || (!seen.mask.empty() && seen.mask[at] == 0);
+  return is_hidden ? std::nullopt : std::optional(at);
+}
+
+void NearestColour::look(const PosedPhoto& photo, const Vector3d& point, const ActorSpace& actors) {
+  const Vector3d eye = photo.world_from_camera.block<3, 1>(0, 3);
+  const double distance = (point - eye).norm();
+  const auto at = distance < distance_ ? pixel_that_shows(photo, point) : std::nullopt;
+  if (!at || actors.stands_between(eye, point)) return;
   distance_ = distance;
   for (std::size_t c = 0; c < 3; c++)
-    first_[c] = static_cast<float>((seen.rgba[4 * at + c] / 255.0 - 0.5) / kSphericalFirst);
+    first_[c] = static_cast<float>((photo.pixels.rgba[4 * *at + c] / 255.0 - 0.5) / kSphericalFirst);
 }
 
 void NearestColour::put(Gaussians& gaussians, std::size_t i) const {

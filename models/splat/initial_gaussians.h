@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <string>
 
 #include "models/scene/actor_space.h"
@@ -39,6 +40,10 @@ struct PosedPhoto {
   const Camera& camera;
   Eigen::Matrix4d world_from_camera;
 };
+
+/// The number of the pixel, row by row, where a photo shows a point, whatever is before it; none: the point is out of
+/// its image, or the pixel is transparent or masked.
+std::optional<std::size_t> pixel_that_shows(const PosedPhoto& photo, const Eigen::Vector3d& point);
 
 /// The colour that the photo which shows a point from nearest by has there.
 class NearestColour {

@@ -253,6 +253,7 @@ StreetStart street_start(const Scene& scene, const EverySweep& every_sweep, Stre
   options.actor = most_of_each(seen, scene, options);
   StreetStart start;
   start.background = background_of(scene, seen.background, options);
+  start.seen = std::min(seen.background.size(), static_cast<std::size_t>(options.lidar));
   for (std::size_t a = 0; a < scene.actors.size(); ++a) {
     if (scene.actors[a].boxes.empty()) continue;
     const HostRandom random(options.seed, mixed(kActorStream) + a);

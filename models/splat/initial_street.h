@@ -20,13 +20,14 @@ struct StreetStartOptions {
   int fewest = 1000;                // with fewer, more are drawn in its box
   int64_t actors = 300000;          // points of all actors, at most, if `fewest` of each are no more
   uint64_t seed = 0;
-  float ground = 0.5f;  // metres a side: cells of hidden_ground.h; 0: none
+  bool ground = true;  // that of hidden_ground.h
 };
 
 /// Grey. Actors' are in the axes of their boxes, the actors' one after the other.
 struct StreetStart {
   Gaussians background, actors;
   std::vector<int32_t> owners;  // of `actors`: place in Scene::actors
+  std::size_t seen = 0;         // of `background`: the first so many are where LiDAR saw something
 };
 
 /// Fault::data where there is no point at all.

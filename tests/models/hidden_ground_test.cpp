@@ -37,27 +37,35 @@ Vector3d mean_of(const Gaussians& g, size_t i) {
   return Eigen::Map<const Eigen::Vector3f>(&g.means[3 * i]).cast<double>();
 }
 
-/// Points of a sloping plane. Those behind the actor have colours that no photo showed.
-Gaussians sloping_ground() {
+/// Points of a sloping plane. Those behind the actor have colours that no photo showed, and there are some, high above
+/// and of such a colour, that LiDAR did not see.
+StreetStart sloping_ground() {
   PointCloud cloud;
   for (double x = 2.1; x < kEnd; x += kSide)
     for (double y = -15.1; y < 15; y += kSide)
       for (const double value : {x, y, height_at(x)}) cloud.positions.push_back(static_cast<float>(value));
   cloud.colours.assign(cloud.positions.size(), 128);
-  Gaussians out = gaussians_from_points(cloud);
-  for (size_t i = 0; i < out.count(); ++i) {
-    const Vector3d at = mean_of(out, i);
-    const float colour = is_behind(kLarger, at.x(), at.y(), 0) ? kWrong : static_cast<float>(colour_at(at.x(), at.y()));
-    std::fill_n(&out.sh_first[3 * i], 3, colour);
+  StreetStart start;
+  start.seen = cloud.count();
+  for (double x = 10; x < kEnd; x += kSide)
+    for (const double value : {x, x / 20, height_at(x) + 0.25}) cloud.positions.push_back(static_cast<float>(value));
+  cloud.colours.assign(cloud.positions.size(), 128);
+  start.background = gaussians_from_points(cloud);
+  for (size_t i = 0; i < start.background.count(); ++i) {
+    const Vector3d at = mean_of(start.background, i);
+    const bool wrong = i >= start.seen || is_behind(kLarger, at.x(), at.y(), 0);
+    std::fill_n(&start.background.sh_first[3 * i], 3, wrong ? kWrong : static_cast<float>(colour_at(at.x(), at.y())));
   }
-  return out;
+  return start;
 }
 
+/// Photos of cameras at (0, y, 1.5).
 struct Seen {
-  FramePixels pixels{0, 0, 100, 50, {}, {}};
+  std::vector<FramePixels> pixels;
   std::vector<TimedPhoto> photos;
-  explicit Seen(std::initializer_list<double> places) {
-    for (const double y : places) photos.push_back({{pixels, kWide, toy_camera_pose(y)}, 0.05});
+  explicit Seen(const std::vector<double>& places)
+      : pixels(places.size(), {0, 0, 100, 50, std::vector<uint8_t>(4 * 100 * 50, 255), {}}) {
+    for (size_t i = 0; i < places.size(); ++i) photos.push_back({{pixels[i], kWide, toy_camera_pose(places[i])}, 0.05});
   }
 };
 
@@ -94,9 +102,9 @@ TEST_CASE("hidden ground lies where an actor's box casts its shadow, as high and
 TEST_CASE("no ground is hidden that another photo shows, nor without actors") {
   const Folder folder;
   Scene scene = behind_an_actor(folder.path);
-  const Gaussians background = sloping_ground();
-  const Seen seen({0, 12});
-  const Gaussians ground = hidden_ground(seen.photos, scene, background, kSide);
+  const StreetStart start = sloping_ground();
+  Seen seen({0, 12});
+  const Gaussians ground = hidden_ground(seen.photos, scene, start, kSide);
   CHECK(ground.count() > 0);
   for (size_t i = 0; i < ground.count(); ++i) {
     const Vector3d at = mean_of(ground, i);
@@ -104,8 +112,19 @@ TEST_CASE("no ground is hidden that another photo shows, nor without actors") {
     CHECK(is_behind(kSmaller, at.x(), at.y(), -1e-6));
     CHECK(at.x() < 13);  // from there on, the shadows that both cameras see have parted
   }
+  // A photo that is masked shows nothing.
+  seen.pixels[1].mask.assign(100 * 50, 0);
+  CHECK(hidden_ground(seen.photos, scene, start, kSide).count() > 2 * ground.count());
+  // Nor does one in which a low box hides less: over its roof, 0.5 m below the camera, the ground is seen from 3 times
+  // the distance of its far side on.
+  seen.pixels[1].mask.clear();
+  scene.actors = {toy_actor("1", {2, 2, 1}, 10, 0)};
+  seen.photos.pop_back();
+  const Gaussians low = hidden_ground(seen.photos, scene, start, kSide);
+  CHECK(low.count() > 0);
+  for (size_t i = 0; i < low.count(); ++i) CHECK(mean_of(low, i).x() < 3 * 11.01);
   scene.actors.clear();
-  CHECK(hidden_ground(seen.photos, scene, background, kSide).count() == 0);
+  CHECK(hidden_ground(seen.photos, scene, start, kSide).count() == 0);
 }
 
 TEST_CASE("street-gaussians: where an actor was that is taken away lies the ground, from a checkpoint, too") {
@@ -114,13 +133,13 @@ TEST_CASE("street-gaussians: where an actor was that is taken away lies the grou
   scene.actors = {toy_actor("1", {2, 4, 1.5}, 24, 0)};
   Scenes empty = {scene};
   empty.front().actors.front().boxes.clear();
-  const auto made = [&](const char* side) {
+  const auto made = [&](const char* ground) {
     auto method = configured("street-gaussians", {{"initial.lidar", "300"},
                                                   {"initial.near", "1"},
                                                   {"initial.far", "1"},
                                                   {"initial.actor", "40"},
                                                   {"initial.fewest", "40"},
-                                                  {"initial.ground", side},
+                                                  {"initial.ground", ground},
                                                   {"sky.side", "4"}});
     method->build({scene}, 3);
     return method;
@@ -130,7 +149,7 @@ TEST_CASE("street-gaussians: where an actor was that is taken away lies the grou
     as<TakesEdits>(method)->take_actors(empty);
     return shown(method, view).opacity;
   };
-  const auto method = made("0.5"), without = made("0");
+  const auto method = made("true"), without = made("false");
   for (Method* one : {method.get(), without.get()}) load_data(*one, scene, toy_pixels(scene));
   const std::vector<float> with_ground = opacities(*method), bare = opacities(*without);
   // The pixel of the ground at (26, 0), behind the actor, and one of the wall above it.
@@ -140,8 +159,26 @@ TEST_CASE("street-gaussians: where an actor was that is taken away lies the grou
   CHECK(bare[row * width + width / 2] < 0.5f);
   CHECK(with_ground[2 * width + width / 2] == bare[2 * width + width / 2]);
 
-  const SafetensorsFile saved = checkpoint_of(*method, {}, {});
-  const auto restored = made("0.5");
+  // LiDAR's ray to that place ends there.
+  WorldRays ray;
+  ray.time = 0.05;
+  ray.origins = {0, 0, 1.5f};
+  for (const double part : Vector3d(Vector3d(26, 0, -1.5).normalized()))
+    ray.directions.push_back(static_cast<float>(part));
+  CHECK(as<Street>(*method)->measure(ray).depths[0] == doctest::Approx(std::hypot(26, 1.5)).epsilon(0.03));
+
+  // Training does not know of it.
+  CHECK(loss_of(*method, {4, 10, 3}).item() == loss_of(*without, {4, 10, 3}).item());
+
+  SafetensorsFile saved = checkpoint_of(*method, {}, {});
+  const auto restored = made("true");
   restore_method(*restored, saved);
   CHECK(opacities(*restored) == with_ground);
+  // A run is what its checkpoint says, also where the data would say more.
+  saved.tensors.erase("state.ground.means");
+  load_data(*restored, scene, toy_pixels(scene));
+  restore_method(*restored, saved);
+  CHECK(opacities(*restored) == bare);
+  saved.tensors["state.ground.means"] = {"F32", {}, std::vector<std::byte>(4)};
+  CHECK_THROWS_WITH_AS(restore_method(*restored, saved), doctest::Contains("ground.means"), Error);
 }
