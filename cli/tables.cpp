@@ -27,7 +27,7 @@ Examples:
   cloam tables --size small -o tables                         on logs that it makes itself, in about two hours
   cloam tables --size small -o tables --methods nerf,splat    ... and with other methods
   cloam tables --size small -o tables --rows none --methods nerf,splat    those alone, beside the best guesses
-  cloam tables --size small -o tables --measure logs/003 --rows shipped --methods neurad    nothing is learned before
+  cloam tables --size small -o tables --measure logs/003 --rows shipped --methods neurad    trains no networks first
   cloam tables data/pandaset -o tables --dry-run              the paper's sizes: which commands, how many hours
   cloam tables --size small --train logs/001,logs/002 --measure logs/003 -o tables --seeds 1,2,3
   cloam tables --size small --measure logs/003 -o tables --jobs 2    trains on made logs, two commands at a time

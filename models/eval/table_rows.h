@@ -17,7 +17,7 @@ struct TableRow {
   std::string preset_ending = {};          // behind the name of the size's preset
   std::vector<std::string> settings = {};  // key=value, over the preset
   bool generates = false;                  // has codes and stands in Table A3
-  bool small_alone = false;                // of the small size: at the paper's it would be another row, or none
+  bool small_alone = false;  // at the paper's sizes it would be another row's equal, or its networks do not fit
   std::vector<PaperFigure> paper = {};
   std::string networks = {};  // those that `train --networks` takes; empty: stage 1 learns its own
 };

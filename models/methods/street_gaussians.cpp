@@ -374,11 +374,9 @@ TensorMap StreetGaussians::state() const {
   TensorMap out = observed_.state();
   out["owners"] = named_integers({model_->owners().begin(), model_->owners().end()});
   model_->boxes().add_state(out);
-  const Gaussians& ground = model_->ground();
-  const auto count = static_cast<int64_t>(ground.count());
-  if (count == 0) return out;
-  out[kGroundMeans] = named_floats(ground.means, {count, 3});
-  out[kGroundColours] = named_floats(ground.sh_first, {count, 3});
+  if (model_->ground().empty()) return out;
+  out[kGroundMeans] = named(model_->ground().at("means"));
+  out[kGroundColours] = named(model_->ground().at("sh_first"));
   return out;
 }
 

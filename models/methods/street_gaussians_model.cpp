@@ -63,9 +63,8 @@ void StreetGaussiansModel::put(const StreetStart& start) {
 }
 
 void StreetGaussiansModel::put_ground(const Gaussians& ground) {
-  ground_ = ground;
-  ground_parameters_.clear();
-  if (ground.count() > 0) put_gaussians(ground_parameters_, ground);
+  ground_.clear();
+  if (ground.count() > 0) put_gaussians(ground_, ground);
 }
 
 void StreetGaussiansModel::fit_to(const TensorMap& parameters) {
@@ -228,8 +227,7 @@ StreetGaussiansModel::Shown StreetGaussiansModel::shown(const View& view) const 
   Shown out;
   out.projection =
       projection_of(splat_model(params_, config_.harmonics.degree, kBackgroundPart), view.camera, camera, options());
-  if (ground_.count() > 0)
-    out.ground = projection_of(splat_model(ground_parameters_, 0), view.camera, camera, options());
+  if (!ground_.empty()) out.ground = projection_of(splat_model(ground_, 0), view.camera, camera, options());
   out.actors.assign(static_cast<size_t>(count(kBackgroundPart)), 0);
   std::vector<Standing> standing;
   std::vector<int> numbers;

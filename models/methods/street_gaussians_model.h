@@ -48,8 +48,8 @@ class StreetGaussiansModel {
   void put(const StreetStart& start);
   /// Ground that no photo shows. It is shown, and has no part in training.
   void put_ground(const Gaussians& ground);
-  /// Empty: none.
-  const Gaussians& ground() const { return ground_; }
+  /// As parameters have it (splat/parameters.h); empty: none.
+  const Params& ground() const { return ground_; }
   /// Zeros in the place of all, of shapes as these have them.
   void fit_to(const TensorMap& parameters);
   /// The actors from here on: as many, in the same order.
@@ -130,8 +130,7 @@ class StreetGaussiansModel {
   double actor_radius_ = 1;
   std::vector<std::string> sensors_;
   BoxRefinement boxes_;
-  Gaussians ground_;
-  Params ground_parameters_;  // the same on the device
+  Params ground_;
   std::vector<int32_t> owners_;
   Tensor owner_rows_, half_sizes_;  // owners_ on the device, and of their boxes
 };

@@ -33,7 +33,22 @@ struct Ground {
   float height = 0, points = 0;
   Eigen::Vector3f colour = Eigen::Vector3f::Zero();  // first coefficients
   float seen = 0;                                    // points that photos show
+
+  /// Adds the other's means.
+  void add_means(const Ground& other, float weight) {
+    if (other.points > 0) {
+      height += weight * other.height / other.points;
+      points += weight;
+    }
+    if (other.seen > 0) {
+      colour += weight * other.colour / other.seen;
+      seen += weight;
+    }
+  }
 };
+
+/// Of points: what photos show of them.
+enum PointKind : char { kElsewhere, kHiddenPoint, kSeenPoint };  // not on the ground; on it
 
 /// Where actors stand: the middles of their boxes' bottoms, one for each metre.
 std::vector<Vector3d> footings(const Scene& scene) {
@@ -93,35 +108,19 @@ class Viewers {
 /// The ground as points of the background show it, by cells of a rectangle around all of them.
 class GroundMap {
  public:
-  GroundMap(const Viewers& viewers, const StreetStart& start, const std::vector<Vector3d>& feet, double side)
+  /// kinds: of the first points of the background, PointKind.
+  GroundMap(const Gaussians& background, const std::vector<char>& kinds, double side)
       : side_(side), room_(static_cast<int>(kAround / side)) {
-    enum Kind : char { kElse, kHidden, kSeen };
-    std::vector<char> kinds(start.seen);
-    const Gaussians& background = start.background;
-    const auto mean = [&](std::size_t i) -> Vector3d {
-      return Eigen::Map<const Eigen::Vector3f>(&background.means[3 * i]).cast<double>();
-    };
-    in_parallel(kinds.size(), [&](std::size_t i) {
-      if (viewers.are_near(mean(i)) && lies_on_ground(mean(i), feet))
-        kinds[i] = viewers.hide(mean(i)) == false ? kSeen : kHidden;
-    });
     std::vector<std::size_t> on_ground;
     for (std::size_t i = 0; i < kinds.size(); ++i)
-      if (kinds[i] != kElse) on_ground.push_back(i);
+      if (kinds[i] != kElsewhere) on_ground.push_back(i);
     if (on_ground.empty()) return;
-    Cell first = cell_of(mean(on_ground.front())), last = first;
+    enclose(background, on_ground);
     for (const std::size_t i : on_ground) {
-      first = first.min(cell_of(mean(i)));
-      last = last.max(cell_of(mean(i)));
-    }
-    first_ = first - room_;
-    size_ = last - first + 1 + 2 * room_;
-    cells_.resize(static_cast<std::size_t>(size_.x()) * static_cast<std::size_t>(size_.y()));
-    for (const std::size_t i : on_ground) {
-      Ground& ground = cells_[number_of(cell_of(mean(i)) - first_)];
+      Ground& ground = cells_[number_of(cell_of(mean_of(background, i)) - first_)];
       ground.height += background.means[3 * i + 2];
       ++ground.points;
-      if (kinds[i] == kHidden) continue;
+      if (kinds[i] != kSeenPoint) continue;
       ground.colour += Eigen::Map<const Eigen::Vector3f>(&background.sh_first[3 * i]);
       ++ground.seen;
     }
@@ -144,6 +143,17 @@ class GroundMap {
   }
 
  private:
+  void enclose(const Gaussians& background, const std::vector<std::size_t>& points) {
+    Cell first = cell_of(mean_of(background, points.front())), last = first;
+    for (const std::size_t i : points) {
+      first = first.min(cell_of(mean_of(background, i)));
+      last = last.max(cell_of(mean_of(background, i)));
+    }
+    first_ = first - room_;
+    size_ = last - first + 1 + 2 * room_;
+    cells_.resize(static_cast<std::size_t>(size_.x()) * static_cast<std::size_t>(size_.y()));
+  }
+
   Cell cell_of(const Vector3d& point) const { return (point.head<2>() / side_).array().floor().cast<int>(); }
   /// at: from the first cell on.
   std::size_t number_of(const Cell& at) const {
@@ -171,17 +181,9 @@ class GroundMap {
           const Cell there = at + Cell(dx, dy);
           if ((there < 0).any() || (there >= size_).any()) continue;
           const Ground& one = cells_[number_of(there)];
-          const float weight = 1 / (0.25f + static_cast<float>(dx * dx + dy * dy));
-          if (one.points > 0) {
-            out.height += weight * one.height / one.points;
-            out.points += weight;
-            ++points;
-          }
-          if (one.seen > 0) {
-            out.colour += weight * one.colour / one.seen;
-            out.seen += weight;
-            ++seen;
-          }
+          out.add_means(one, 1 / (0.25f + static_cast<float>(dx * dx + dy * dy)));
+          points += one.points > 0;
+          seen += one.seen > 0;
         }
     return out;
   }
@@ -192,6 +194,17 @@ class GroundMap {
   std::vector<Ground> cells_;
 };
 
+/// [start.seen] of PointKind.
+std::vector<char> kinds_of(const StreetStart& start, const Viewers& viewers, const std::vector<Vector3d>& feet) {
+  std::vector<char> kinds(start.seen, kElsewhere);
+  in_parallel(kinds.size(), [&](std::size_t i) {
+    const Vector3d point = mean_of(start.background, i);
+    if (viewers.are_near(point) && lies_on_ground(point, feet))
+      kinds[i] = viewers.hide(point) == false ? kSeenPoint : kHiddenPoint;
+  });
+  return kinds;
+}
+
 }  // namespace
 
 Gaussians hidden_ground(const std::vector<TimedPhoto>& photos, const Scene& scene, const StreetStart& start,
@@ -199,7 +212,7 @@ Gaussians hidden_ground(const std::vector<TimedPhoto>& photos, const Scene& scen
   const std::vector<Vector3d> feet = footings(scene);
   if (feet.empty()) return {};
   const StreetPhotos roomy(photos, scene), tight(photos, scene, kTight);
-  const GroundMap map(Viewers(roomy, 0), start, feet, side);
+  const GroundMap map(start.background, kinds_of(start, Viewers(roomy, 0), feet), side);
   std::vector<float> means, first;
   for (const auto& [point, colour] : map.hidden_from(Viewers(tight, kRaised))) {
     for (int k = 0; k < 3; ++k) means.push_back(static_cast<float>(point[k]));

@@ -7,11 +7,11 @@ namespace cloam {
 constexpr double kGroundSide = 0.5;  // metres
 
 /// Flat, opaque gaussians, one for each cell of a grid of that side (metres) that photos have in view, none of them
-/// without an actor before it. Boxes count that are 0.2 m narrower on each side, and 0.2 m of height above the ground:
-/// what lies beside a thing, but within its box's outline, may well be seen. What other things hide, such as houses,
-/// and photos from more than 60 m away are not known here. z is up. Heights are those of points nearby that LiDAR saw
-/// and that lie as high as actors stand, colours those of such points that some photo shows; nothing is put where there
-/// are none within six metres. start: with its colours.
+/// without an actor before it. What lies beside a thing, but within its box's outline, may well be seen: boxes are
+/// taken 0.2 m narrower on each side and 0.1 m lower, and must hide what is 0.2 m above the cell. Only actors hide
+/// here: what is behind a house counts as seen, and photos from more than 60 m away do not count. z is up. Heights are
+/// those of points nearby that LiDAR saw and that lie as high as actors stand, colours those of such points that some
+/// photo shows; nothing is put where there are none within six metres. start: with its colours.
 Gaussians hidden_ground(const std::vector<TimedPhoto>& photos, const Scene& scene, const StreetStart& start,
                         double side = kGroundSide);
 

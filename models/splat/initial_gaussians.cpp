@@ -150,6 +150,10 @@ CameraRegion camera_region(const Scene& scene) {
   return out;
 }
 
+Vector3d mean_of(const Gaussians& gaussians, std::size_t i) {
+  return Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>();
+}
+
 bool sees(const Scene& scene, const Frame& frame, const Vector3d& point) {
   return pixel_of(scene.cameras[static_cast<std::size_t>(frame.camera)], frame.world_from_camera, point).has_value();
 }
@@ -198,8 +202,7 @@ void colour_from(const std::vector<PosedPhoto>& photos, Gaussians& gaussians) {
   std::vector<char> is_seen(gaussians.count());
   for (std::size_t i = 0; i < gaussians.count(); i++) {
     NearestColour nearest;
-    for (const PosedPhoto& photo : photos)
-      nearest.look(photo, Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>());
+    for (const PosedPhoto& photo : photos) nearest.look(photo, mean_of(gaussians, i));
     nearest.put(gaussians, i);
     is_seen[i] = nearest.found();
   }

@@ -25,6 +25,8 @@ struct InitialGaussians {
   bool from_depths = false;  // none yet but one to stand for them: ask the photos (points_from_depths)
 };
 
+Eigen::Vector3d mean_of(const Gaussians& gaussians, std::size_t i);
+
 /// At the origin: what stands for those that are yet to come.
 Gaussians one_gaussian();
 

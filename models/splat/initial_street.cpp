@@ -183,10 +183,6 @@ Gaussians actor_gaussians(const Actor& actor, std::vector<Vector3d> seen, HostRa
   return out;
 }
 
-Vector3d mean_of(const Gaussians& gaussians, std::size_t i) {
-  return Eigen::Map<const Eigen::Vector3f>(&gaussians.means[3 * i]).cast<double>();
-}
-
 /// What lies in a box at a photo's time, such as the road below wheels, is hidden as well.
 void colour_background(const StreetPhotos& photos, Gaussians& background) {
   std::vector<char> is_seen(background.count());

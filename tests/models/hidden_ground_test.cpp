@@ -33,10 +33,6 @@ bool is_behind(const Face& face, double x, double y, double room) {
   return x > face.away + room && std::abs(y) < face.half / face.away * x - room;
 }
 
-Vector3d mean_of(const Gaussians& g, size_t i) {
-  return Eigen::Map<const Eigen::Vector3f>(&g.means[3 * i]).cast<double>();
-}
-
 /// Points of a sloping plane. Those behind the actor have colours that no photo showed, and there are some, high above
 /// and of such a colour, that LiDAR did not see.
 StreetStart sloping_ground() {

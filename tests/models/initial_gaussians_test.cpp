@@ -23,10 +23,6 @@ Scene with_driver(const Folder& folder) {
   return scene;
 }
 
-Eigen::Vector3d mean_of(const Gaussians& g, size_t i) {
-  return Eigen::Map<const Eigen::Vector3f>(&g.means[3 * i]).cast<double>();
-}
-
 const Camera kWide{100, 50, 50, 50, 50, 25};  // looks at x over 45 degrees to either side
 
 FramePixels grey_photo(uint8_t grey) {
