@@ -144,7 +144,9 @@ class WaymoReader {
     if (!has_file(scene_.root / text("extrinsics/", camera, ".txt"))) return;
     const Eigen::Matrix4d car_from = car_from_camera(camera);
     int listed = -1;
-    for (const auto& [step, world_from_car] : world_from_car_) {
+    for (const auto& [key, pose] : world_from_car_) {
+      const int step = key;  // a lambda of Clang before 16 takes no structured binding
+      const Eigen::Matrix4d& world_from_car = pose;
       ++scene_.frames_listed;
       std::string image = text("images/", frame_name(step), "_", camera, ".jpg");
       if (!has_file(scene_.root / image)) image.replace(image.size() - 3, 3, "png");
@@ -179,9 +181,9 @@ class WaymoReader {
 
   void read_boxes() {
     const Json all = parse_json_file(scene_.root / kBoxes);
-    for (const auto& [number, actor] : all.items()) {
-      const std::string where = text(kBoxes, ", instance ", printable(number));
-      log_.guarded("actor", [&] { read_actor(actor, where); });
+    for (const auto& entry : all.items()) {
+      const std::string where = text(kBoxes, ", instance ", printable(entry.key()));
+      log_.guarded("actor", [&] { read_actor(entry.value(), where); });
     }
     if (boxes_after_end_ > 0)
       scene_.warnings.push_back(text(boxes_after_end_, " boxes are left out: they are after the last pose of the car"));

@@ -104,6 +104,7 @@ ImageScore evaluate_photo(RendersViews& method, const MeasuredScene& measured, s
   ImageScore score = options.compare ? score_photo(picture, photo, measured.baselines, options) : ImageScore{};
   score.name = frame.image;
   if (options.compare && mask) score_outlines(score, picture, *mask, measured, pixels);
+  if (options.compare && mask && measured.views) score.actors = actor_figures(picture.rgb, photo, *measured.views);
   options.seen({score, pixels, truth, picture, photo.actors});
   return score;
 }

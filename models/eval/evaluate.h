@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "models/eval/actor_figures.h"
 #include "models/eval/baselines.h"
 #include "models/metrics/lpips.h"
 #include "models/train/renders_views.h"
@@ -32,7 +33,8 @@ struct ImageFigures {
 
 struct ImageScore : ImageFigures {
   std::string name;
-  std::optional<int> degrees = {};  // that rotate360 turned the actors by
+  std::optional<int> degrees = {};        // that rotate360 turned the actors by
+  std::vector<ActorFigures> actors = {};  // of logs
 };
 
 /// The photos of one scene that are measured.
@@ -41,7 +43,8 @@ struct MeasuredScene {
   const Scene& scene;  // of the photos
   const Pixels& photos;
   const Baselines& baselines;
-  const ActorMasks* masks = nullptr;  // of logs
+  const ActorMasks* masks = nullptr;     // of logs
+  const TrainingViews* views = nullptr;  // of logs; null: no actor has figures of its own
 };
 
 /// One image as it is measured. truth, picture.rgb: [H,W,3].

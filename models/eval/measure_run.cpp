@@ -20,8 +20,6 @@ namespace {
 namespace fs = std::filesystem;
 using Report = nlohmann::ordered_json;
 
-constexpr int kMinPixels = 16;  // of an actor that an image shows
-
 struct Evaluator {
   const Listener& listener;
   const Ranks& ranks;
@@ -79,12 +77,15 @@ struct Evaluator {
         show(image, done + item + 1, names[item]);
       };
       const ImageScore score = evaluate_photo(*as<RendersViews>(method), scene, item, options);
-      return Report::array({packed(std::vector<ImageFigures>{score}), features});
+      return Report::array({packed(std::vector<ImageFigures>{score}), features, packed(score.actors)});
     };
     std::vector<ImageScore> scores;
     for (const Report& made : share_photos(names.size(), make)) {
       const FramePixels& photo = scene.photos.frames[scores.size()];
-      scores.push_back({unpacked<ImageFigures>(made.at(0)).front(), scene.scene.frames[photo.frame].image, {}});
+      scores.push_back({unpacked<ImageFigures>(made.at(0)).front(),
+                        scene.scene.frames[photo.frame].image,
+                        {},
+                        unpacked<ActorFigures>(made.at(2))});
       add_row(rendered, made.at(1));
     }
     done += scores.size();
@@ -118,11 +119,16 @@ void measure_scene(Method& method, const Photos& photos, bool several, Evaluator
   SceneResult scene{photos.name, {}, {}, 0};
   const Baselines baselines(photos.train_scene, photos.train);
   std::optional<ActorMasks> masks;
-  if (photos.scene.is_log) masks.emplace(photos.scene);
+  TrainingViews views;
+  if (photos.scene.is_log) {
+    masks.emplace(photos.scene);
+    views = TrainingViews(photos.train_scene, photos.train);
+    scene.actors = measured_actors(photos.scene);
+  }
   if (masks) scene.truth_masks = with_truth(*masks, photos.scene, photos.measured);
-  scene.images =
-      evaluator.measure(method, {photos.index, photos.scene, photos.measured, baselines, masks ? &*masks : nullptr},
-                        names_of(photos, photos.scene, photos.measured, several), true);
+  scene.images = evaluator.measure(
+      method, {photos.index, photos.scene, photos.measured, baselines, masks ? &*masks : nullptr, &views},
+      names_of(photos, photos.scene, photos.measured, several), true);
   if (scene.truth_masks > 0 && scene.truth_masks < scene.images.size())
     evaluator.listener.warn(text(photos.name, ": ", scene.truth_masks, " of ", scene.images.size(),
                                  " images have actor masks in truth/; box outlines are used for the others"));
@@ -158,7 +164,7 @@ void keep_image(TurnedLog& turned, const Photos& photos) {
     if (i != shown) turned.scene.frames[i].split = Split::unused;
   const ActorMask mask = ActorMasks(photos.scene).of(frame, photos.train.cameras.front());
   for (std::size_t a = 0; a < turned.scene.actors.size(); ++a)
-    if (std::count(mask.actors.begin(), mask.actors.end(), static_cast<int>(a) + 1) < kMinPixels)
+    if (std::count(mask.actors.begin(), mask.actors.end(), static_cast<int>(a) + 1) < kShownPixels)
       turned.scene.actors[a].boxes.clear();
 }
 
@@ -169,11 +175,12 @@ void measure_turned(const RestoredRun& run, const Photos& photos, const TurnedLo
   take_learned_lenses(run, turned.scene, photos.index, pixels);
   const Baselines baselines(photos.train_scene, photos.train);
   const ActorMasks masks(turned.scene, turned.has_truth);
+  const TrainingViews views(photos.train_scene, photos.train);
   std::vector<std::string> names = names_of(photos, turned.scene, pixels, true);
   for (std::string& name : names) name = text("rot", turned.degrees, "_", name);
   result.truth_masks += with_truth(masks, turned.scene, pixels);
-  auto images =
-      evaluator.measure(*run.method, {photos.index, turned.scene, pixels, baselines, &masks}, names, turned.has_truth);
+  auto images = evaluator.measure(*run.method, {photos.index, turned.scene, pixels, baselines, &masks, &views}, names,
+                                  turned.has_truth);
   for (ImageScore& image : images) image.degrees = turned.degrees;
   result.images.insert(result.images.end(), images.begin(), images.end());
 }
@@ -199,6 +206,7 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
       const Photos photos = photos_of(trained, request, scenes[i], evaluator.listener);
       note_kind(photos, result);
       result.scenes[i].name = photos.name;
+      result.scenes[i].actors = measured_actors(photos.scene);
       if (degrees == 0) add_source(photos, evaluator);
       TurnedLog turned = turned_log(photos.scene, degrees);
       if (turned.has_truth && photos.image.empty()) possible[i] += turned.possible;

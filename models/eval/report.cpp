@@ -102,7 +102,29 @@ std::string csv_word(const std::string& word) {
   return out + "\"";
 }
 
+/// A row for each actor of each image.
+std::string actor_rows(const EvalResult& result) {
+  std::string csv = text("log,image,", is_rotate360(result) ? "degrees," : "",
+                         "actor,label,moves,pixels,psnr,baseline_mean_psnr,view_degrees\n");
+  for (const SceneResult& scene : result.scenes)
+    for (const ImageScore& image : scene.images)
+      for (const ActorFigures& figures : image.actors) {
+        const MeasuredActor& actor = scene.actors.at(static_cast<std::size_t>(figures.actor));
+        csv += csv_word(scene.name) + "," + csv_word(image.name) + ",";
+        if (is_rotate360(result)) csv += text(image.degrees.value_or(0), ",");
+        csv += text(csv_word(actor.id), ",", csv_word(actor.label), ",", actor.moves ? 1 : 0, ",", figures.pixels, ",",
+                    figures.psnr, ",", figures.mean_psnr, ",", figures.view_degrees, "\n");
+      }
+  return csv;
+}
+
 }  // namespace
+
+std::vector<MeasuredActor> measured_actors(const Scene& scene) {
+  std::vector<MeasuredActor> actors;
+  for (const Actor& actor : scene.actors) actors.push_back({actor.id, actor.label, goes_somewhere(actor)});
+  return actors;
+}
 
 std::vector<ImageScore> all_images(const EvalResult& result) {
   std::vector<ImageScore> images;
@@ -162,6 +184,7 @@ void write_reports(const std::filesystem::path& folder, const EvalResult& result
     }
   }
   commit_text(folder / "per_image.csv", csv + "\n");
+  if (result.is_log) commit_text(folder / "per_actor.csv", actor_rows(result));
   commit_text(folder / "eval.json", json.dump(2, ' ', false, Report::error_handler_t::replace) + "\n");
 }
 

@@ -13,11 +13,17 @@
 namespace cloam {
 
 /// Of one capture or log.
+struct MeasuredActor {
+  std::string id, label;  // the source's word for what it is
+  bool moves = false;     // goes somewhere (scene.h)
+};
+
 struct SceneResult {
   std::string name;  // of its folder
   std::vector<ImageScore> images;
   LidarScores lidar;
-  std::size_t truth_masks = 0;  // images whose masks of actors are exact; of the others boxes stand for them
+  std::size_t truth_masks = 0;             // images whose masks of actors are exact; of the others boxes stand for them
+  std::vector<MeasuredActor> actors = {};  // in the order of Scene::actors
 };
 
 struct EvalResult {
@@ -39,7 +45,9 @@ struct EvalResult {
 constexpr int kEvalSchema = 2;
 
 nlohmann::ordered_json to_json(const EvalResult& result);
-/// eval.json (with each image) and per_image.csv.
+std::vector<MeasuredActor> measured_actors(const Scene& scene);
+
+/// eval.json (with each image), per_image.csv and, of logs, per_actor.csv.
 void write_reports(const std::filesystem::path& folder, const EvalResult& result);
 
 /// Of all scenes, one after the other.

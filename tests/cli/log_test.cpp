@@ -293,6 +293,10 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
   CHECK(json.at("masks") == "boxes");
   CHECK(json.at("logs").at(0).at("name") == "sparse-log");
   CHECK(json_of(run / "eval" / "eval.json").at("per_image").size() == 8);
+  const std::string actors = content_of(run / "eval" / "per_actor.csv");
+  CHECK(
+      actors.starts_with("log,image,actor,label,moves,pixels,psnr,baseline_mean_psnr,view_degrees\n"
+                         "\"sparse-log\",\"camera/front_camera/"));
   const Outcome novel = cloam_with({"eval", run.string(), "--protocol", "novel"});
   CHECK(novel.code == 3);
   CHECK(novel.err.find("front_left_camera") != std::string::npos);
@@ -332,6 +336,7 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
   CHECK(angles == std::multiset<int>{0, 0, 0, 45, 45, 180});
   CHECK(six.at("without_0").at("psnr").get<double>() == doctest::Approx(turned_psnr));
   CHECK(content_of(run / "eval" / "per_image.csv").starts_with("log,image,degrees,psnr"));
+  CHECK(content_of(run / "eval" / "per_actor.csv").starts_with("log,image,degrees,actor,label"));
   // Masks of one image alone: in the others boxes stand for actors.
   write_text(log / "truth" / "actors.json", R"({"1": "a"})");
   fs::create_directories(log / "truth" / "front_camera");
