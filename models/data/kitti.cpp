@@ -34,7 +34,6 @@ constexpr int kMaxDriveSteps = 100000;
 constexpr std::size_t kMaxEntries = 10000;  // folders that are looked at in search of drives
 constexpr std::uint64_t kMaxCalibrationBytes = std::uint64_t{16} << 20, kMaxXmlBytes = std::uint64_t{32} << 20;
 constexpr double kEarthRadius = 6378137;  // metres, at the equator
-constexpr double kFarthestOfDrive = 1e5;  // metres that a drive leads away
 constexpr double kFrameRate = 10;         // Hz, where time stamps are missing
 constexpr double kRadians = std::numbers::pi / 180;
 
@@ -93,22 +92,6 @@ std::vector<std::string> lines_of(const std::string& content) {
   return lines;
 }
 
-double number_of(std::string_view word, const std::string& where) {
-  if (const auto value = number_in<double>(word); value && std::isfinite(*value)) return *value;
-  bad_data(where, ": looked for a finite number, found '", printable(word), "'");
-}
-
-// The first `count` numbers of a line.
-std::vector<double> numbers_of(std::string_view line, std::size_t count, const std::string& where) {
-  std::vector<double> numbers;
-  while (numbers.size() < count) {
-    const std::string_view word = next_word(line);
-    if (word.empty()) bad_data(where, ": looked for ", count, " numbers, found ", numbers.size());
-    numbers.push_back(number_of(word, where));
-  }
-  return numbers;
-}
-
 /// A file of lines "name: numbers".
 class Calibration {
  public:
@@ -127,7 +110,7 @@ class Calibration {
 
   std::vector<double> numbers(const std::string& name, std::size_t count) const {
     if (!has(name)) bad_data(where(name), " is missing");
-    return without_quotes(path_, [&] { return numbers_of(entries_.at(name), count, where(name)); });
+    return without_quotes(path_, [&] { return first_numbers(entries_.at(name), count, where(name)); });
   }
 
   Eigen::Matrix3d matrix3(const std::string& name) const {
@@ -161,7 +144,7 @@ std::optional<double> time_of(std::string_view line, const std::string& where) {
                                         std::chrono::day(unsigned(whole(8, 2)))};
   if (!day.ok()) bad_data(where, ": no such date: '", printable(line.substr(0, 10)), "'");
   const double days = double(std::chrono::sys_days(day).time_since_epoch().count());
-  return 86400 * days + 3600 * whole(11, 2) + 60 * whole(14, 2) + number_of(line.substr(17), where);
+  return 86400 * days + 3600 * whole(11, 2) + 60 * whole(14, 2) + finite_number(line.substr(17), where);
 }
 
 /// The time stamps of one sensor, a line a frame.
@@ -209,7 +192,7 @@ struct Oxts {
 };
 
 Oxts read_oxts(const std::string& content, const std::string& file) {
-  const auto values = numbers_of(content, 6, file);
+  const auto values = first_numbers(content, 6, file);
   if (std::abs(values[0]) > 85 || std::abs(values[1]) > 360)
     bad_data(file, ": latitude ", values[0], ", longitude ", values[1], " degrees");
   return {values[0] * kRadians, values[1] * kRadians, values[2], {values[3], values[4], values[5]}};
@@ -267,7 +250,7 @@ class DriveReader {
         const Oxts oxts = without_quotes(drive_ / file, [&] { return read_oxts(content, file); });
         if (!first) first = oxts;
         const Eigen::Vector3d place = position(oxts, *first) - position(*first, *first);
-        if (place.norm() > kFarthestOfDrive)
+        if (place.norm() > kFarthestOfLog)
           bad_data(file, ": the car is ", place.norm(), " m away from its first position");
         world_from_imu_.emplace(step, rigid(pose_of(oxts.roll_pitch_yaw, place), file));
       });
@@ -389,7 +372,7 @@ class DriveReader {
   static double value_of(const pugi::xml_node& node, const char* key, const std::string& where) {
     const pugi::xml_node child = node.child(key);
     if (!child) bad_data(where, ": <", key, "> is missing");
-    return number_of(child.text().get(), text(where, ": <", key, ">"));
+    return finite_number(child.text().get(), text(where, ": <", key, ">"));
   }
 
   void read_tracklet(const pugi::xml_node& tracklet, const std::string& id, const std::string& where) {

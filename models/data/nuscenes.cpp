@@ -26,7 +26,6 @@ namespace fs = std::filesystem;
 
 constexpr const char* kLidar = "LIDAR_TOP";
 constexpr double kMicrosecond = 1e-6;
-constexpr double kFarthestOfScene = 1e5;  // metres from where the car is at first
 constexpr std::size_t kListedNames = 10;
 
 /// The folders of tables in a root, by name.
@@ -242,8 +241,8 @@ class NuscenesReader {
         (files_.front().world_from_sensor * files_.front().sensor->ego_from_sensor.inverse()).topRightCorner<3, 1>();
     for (File& file : files_) {
       file.world_from_sensor.topRightCorner<3, 1>() -= origin_;
-      if (file.world_from_sensor.topRightCorner<3, 1>().norm() > kFarthestOfScene)
-        bad_data(file.where, ": its ego pose is more than ", kFarthestOfScene, " m away from the first one");
+      if (file.world_from_sensor.topRightCorner<3, 1>().norm() > kFarthestOfLog)
+        bad_data(file.where, ": its ego pose is more than ", kFarthestOfLog, " m away from the first one");
     }
   }
 

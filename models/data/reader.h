@@ -8,6 +8,10 @@
 
 namespace cloam {
 
+/// Metres that a driving log may lead away from its origin, or from where the car is at first: float32 still tells 8 mm
+/// apart there.
+constexpr double kFarthestOfLog = 1e5;
+
 struct ReadOptions {
   bool skip_bad = false;       // drop frames that are damaged, with a warning, instead of stopping
   bool allow_outside = false;  // files that a manifest names by paths that leave the folder are read, too

@@ -23,7 +23,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kFile = "rig.json";
-constexpr double kFarthestOfRig = 1e5;  // metres; float32 still tells 8 mm apart there
 
 // A list that may be absent.
 const Json& entries(const Json& json, const char* key) {
@@ -44,8 +43,8 @@ Eigen::Vector3d vector3(const Json& object, const std::string& key, const std::s
 
 Eigen::Matrix4d checked_pose(const Eigen::Matrix4d& given, const std::string& where) {
   const Eigen::Matrix4d pose = rigid(given, where);
-  if (pose.topRightCorner<3, 1>().cwiseAbs().maxCoeff() < kFarthestOfRig) return pose;
-  bad_data(where, ": is more than ", kFarthestOfRig, " m from the origin; subtract one offset from ",
+  if (pose.topRightCorner<3, 1>().cwiseAbs().maxCoeff() < kFarthestOfLog) return pose;
+  bad_data(where, ": is more than ", kFarthestOfLog, " m from the origin; subtract one offset from ",
            "all positions, so that they start near 0");
 }
 

@@ -28,7 +28,6 @@ namespace fs = std::filesystem;
 
 constexpr double kFramesASecond = 10;
 constexpr std::uint64_t kMostText = std::uint64_t{1} << 20;
-constexpr double kFarthestOfLog = 1e5;  // metres from where the car is at first
 constexpr const char* kCameras[] = {"front_camera", "front_left_camera", "front_right_camera", "left_camera",
                                     "right_camera"};
 
@@ -37,18 +36,7 @@ std::string frame_name(int step) { return fmt::format("{:03}", step); }
 /// The numbers of a file that NumPy's savetxt wrote. Fault::data for fewer than `count` and for what is no number.
 std::vector<double> numbers_in(const fs::path& root, const std::string& file, std::size_t count) {
   const auto bytes = read_file(root / file, kMostText);
-  const std::string content(bytes.begin(), bytes.end());
-  std::vector<double> numbers;
-  std::string_view rest = content;
-  while (numbers.size() < count) {
-    const std::string_view word = next_word(rest);
-    const auto value = number_in<double>(word);
-    if (!value || !std::isfinite(*value))
-      bad_data(file, ": looked for ", count, " finite numbers, found ", numbers.size(), " before '", printable(word),
-               "'");
-    numbers.push_back(*value);
-  }
-  return numbers;
+  return first_numbers(std::string(bytes.begin(), bytes.end()), count, file);
 }
 
 Eigen::Matrix4d matrix_of(const std::vector<double>& by_rows) {

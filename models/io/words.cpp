@@ -6,7 +6,25 @@
 #include <cmath>
 #include <ctime>
 
+#include "models/io/safetensors_header.h"
+#include "runtime/error.h"
+
 namespace cloam {
+
+double finite_number(std::string_view word, const std::string& where) {
+  if (const auto value = number_in<double>(word); value && std::isfinite(*value)) return *value;
+  bad_data(where, ": looked for a finite number, found '", printable(word), "'");
+}
+
+std::vector<double> first_numbers(std::string_view content, std::size_t count, const std::string& where) {
+  std::vector<double> numbers;
+  while (numbers.size() < count) {
+    const std::string_view word = next_word(content);
+    if (word.empty()) bad_data(where, ": looked for ", count, " numbers, found ", numbers.size());
+    numbers.push_back(finite_number(word, where));
+  }
+  return numbers;
+}
 
 std::vector<std::string> comma_separated(const std::string& list) {
   std::vector<std::string> words;

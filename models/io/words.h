@@ -37,6 +37,11 @@ std::optional<Number> number_in(std::string_view word) {
   return whole ? std::optional(number) : std::nullopt;
 }
 
+/// The finite number that a word is; else Fault::data, which begins with `where`.
+double finite_number(std::string_view word, const std::string& where);
+/// The first `count` numbers of a text. Fault::data, which begins with `where`, for fewer and for other words.
+std::vector<double> first_numbers(std::string_view content, std::size_t count, const std::string& where);
+
 /// "a,b" -> a and b; one empty word for "".
 std::vector<std::string> comma_separated(const std::string& list);
 /// "a, b, c".
