@@ -117,7 +117,7 @@ bool computes_in_host_memory() {
   constexpr int64_t kCount = 1024;
   constexpr std::align_val_t kPage{4096};
   const std::shared_ptr<std::byte> memory(static_cast<std::byte*>(::operator new(kCount * sizeof(float), kPage)),
-                                          [kPage](std::byte* at) { ::operator delete(at, kPage); });
+                                          [](std::byte* at) { ::operator delete(at, kPage); });
   auto* const values = reinterpret_cast<float*>(memory.get());
   std::fill_n(values, kCount, 1.f);
   const Flat flat = flat_in(memory, {{kCount}});

@@ -7,6 +7,8 @@
 #include <numbers>
 #include <optional>
 
+#include "models/io/in_parallel.h"
+
 namespace cloam {
 namespace {
 
@@ -41,10 +43,11 @@ struct PixelSums {
     squared += truth.cwiseAbs2();
   }
   double psnr(int pixels) const { return -10 * std::log10(error / (3 * pixels)); }
-  /// The squared error of the mean colour is the variance.
+  /// The squared error of the mean colour is the variance. NaN where all pixels have one colour: nothing was guessed.
   double mean_psnr(int pixels) const {
     const double variance = squared.sum() - colour.squaredNorm() / pixels;
-    return -10 * std::log10(std::max(variance, 0.0) / (3 * pixels));
+    const double guess = -10 * std::log10(std::max(variance, 0.0) / (3 * pixels));
+    return guess < kExact ? guess : kNoScore;
   }
 };
 
@@ -56,16 +59,19 @@ Eigen::Vector3d colour_at(const std::vector<float>& rgb, std::size_t pixel) {
 
 TrainingViews::TrainingViews(const Scene& train_scene, const Pixels& train) {
   const ActorMasks masks(train_scene);
-  for (const FramePixels& photo : train.frames) {
-    const Frame& frame = train_scene.frames[photo.frame];
+  std::vector<std::map<int, int>> shown(train.frames.size());
+  in_parallel(shown.size(), [&](std::size_t i) {
+    const FramePixels& photo = train.frames[i];
     const int factor = std::max(1, photo.width / kMaskWidth);
-    const Camera camera =
-        resized(train.cameras[static_cast<std::size_t>(photo.camera)], photo.width / factor, photo.height / factor);
-    for (const auto& [number, pixels] : pixels_of(masks.of(frame, camera), factor * factor)) {
+    const Camera camera = scaled(train.cameras[static_cast<std::size_t>(photo.camera)], factor);
+    shown[i] = pixels_of(masks.of(train_scene.frames[photo.frame], camera), factor * factor);
+  });
+  for (std::size_t i = 0; i < shown.size(); ++i)
+    for (const auto& [number, pixels] : shown[i]) {
       const Actor& actor = train_scene.actors[static_cast<std::size_t>(number) - 1];
-      if (const auto direction = seen_from(actor, frame)) directions_[actor.id].push_back(*direction);
+      if (const auto direction = seen_from(actor, train_scene.frames[train.frames[i].frame]))
+        directions_[actor.id].push_back(*direction);
     }
-  }
 }
 
 double TrainingViews::degrees_to_nearest(const Actor& actor, const Frame& frame) const {

@@ -12,9 +12,9 @@ namespace cloam {
 /// An actor that an image shows in fewer is left out.
 constexpr int kShownPixels = 16;
 
-/// One actor in one image. psnr: over its pixels; mean_psnr: where they have its true mean colour. view_degrees:
-/// between the direction that the camera sees the actor from, in the axes of its box, and the nearest such direction of
-/// a training photo that shows it; NaN where none does.
+/// One actor in one image. psnr: over its pixels; mean_psnr: where they have its true mean colour, NaN where they have
+/// one colour anyway. view_degrees: between the direction that the camera sees the actor from, in the axes of its box,
+/// and the nearest such direction of a training photo that shows it; NaN where none does.
 struct ActorFigures {
   int actor = 0;  // place in Scene::actors
   int pixels = 0;
@@ -25,8 +25,9 @@ struct ActorFigures {
 class TrainingViews {
  public:
   TrainingViews() = default;
+  /// What a photo shows is asked of masks of 320 to 639 pixels a row. Fault::data for truth/ that is damaged.
   TrainingViews(const Scene& train_scene, const Pixels& train);
-  /// As ActorFigures::view_degrees has it.
+  /// Actors are those of the same id, whatever looks an edit has given them. As ActorFigures::view_degrees has it.
   double degrees_to_nearest(const Actor& actor, const Frame& frame) const;
 
  private:

@@ -14,7 +14,6 @@ namespace cloam {
 namespace {
 
 constexpr std::size_t kChannels = 3;
-constexpr double kExact = 100;  // dB: only rounding differs
 
 Eigen::Vector3d sight(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
 

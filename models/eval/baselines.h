@@ -11,6 +11,7 @@
 namespace cloam {
 
 constexpr double kNoScore = std::numeric_limits<double>::quiet_NaN();
+constexpr double kExact = 100;  // dB: only rounding differs
 
 /// PSNR of each guess; NaN where it cannot be made.
 struct BaselineScores {

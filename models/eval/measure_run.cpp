@@ -114,6 +114,17 @@ std::size_t with_truth(const ActorMasks& masks, const Scene& scene, const Pixels
                     [&](const FramePixels& photo) { return masks.has_truth(scene.frames[photo.frame]); }));
 }
 
+/// Of a log. Masks of training photos may be damaged without harm to what is measured.
+TrainingViews training_views(const Photos& photos, const Listener& listener) {
+  try {
+    return {photos.train_scene, photos.train};
+  } catch (const Error& error) {
+    if (error.fault() != Fault::data) throw;
+    listener.warn(text("no view_degrees in per_actor.csv: ", error.what()));
+    return {};
+  }
+}
+
 void measure_scene(Method& method, const Photos& photos, bool several, Evaluator& evaluator, EvalResult& result) {
   note_kind(photos, result);
   SceneResult scene{photos.name, {}, {}, 0};
@@ -122,7 +133,7 @@ void measure_scene(Method& method, const Photos& photos, bool several, Evaluator
   TrainingViews views;
   if (photos.scene.is_log) {
     masks.emplace(photos.scene);
-    views = TrainingViews(photos.train_scene, photos.train);
+    views = training_views(photos, evaluator.listener);
     scene.actors = measured_actors(photos.scene);
   }
   if (masks) scene.truth_masks = with_truth(*masks, photos.scene, photos.measured);
@@ -169,13 +180,12 @@ void keep_image(TurnedLog& turned, const Photos& photos) {
 }
 
 /// One log with its actors turned by one angle, into the log's result.
-void measure_turned(const RestoredRun& run, const Photos& photos, const TurnedLog& turned, Evaluator& evaluator,
-                    SceneResult& result) {
+void measure_turned(const RestoredRun& run, const Photos& photos, const TurnedLog& turned, const TrainingViews& views,
+                    Evaluator& evaluator, SceneResult& result) {
   Pixels pixels = load_images(turned.scene, Split::test, photos.options);
   take_learned_lenses(run, turned.scene, photos.index, pixels);
   const Baselines baselines(photos.train_scene, photos.train);
   const ActorMasks masks(turned.scene, turned.has_truth);
-  const TrainingViews views(photos.train_scene, photos.train);
   std::vector<std::string> names = names_of(photos, turned.scene, pixels, true);
   for (std::string& name : names) name = text("rot", turned.degrees, "_", name);
   result.truth_masks += with_truth(masks, turned.scene, pixels);
@@ -198,6 +208,7 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
   result.scenes.resize(scenes.size());
   evaluator.as_sets = true;
   std::vector<std::size_t> possible(scenes.size());  // images, if there were truth for all
+  std::vector<TrainingViews> views(scenes.size());
   for (int degrees = 0; degrees < kFullTurn; degrees += kTurnStep) {
     const RestoredRun run = restore_run(request.run, [&](Scenes& all) {
       for (Scene& scene : all) turn_actors(scene, degrees);
@@ -207,7 +218,10 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
       note_kind(photos, result);
       result.scenes[i].name = photos.name;
       result.scenes[i].actors = measured_actors(photos.scene);
-      if (degrees == 0) add_source(photos, evaluator);
+      if (degrees == 0) {
+        add_source(photos, evaluator);
+        views[i] = training_views(photos, evaluator.listener);
+      }
       TurnedLog turned = turned_log(photos.scene, degrees);
       if (turned.has_truth && photos.image.empty()) possible[i] += turned.possible;
       keep_image(turned, photos);
@@ -215,7 +229,7 @@ void measure_rotations(const EvalRequest& request, const RestoredRun& trained, E
         evaluator.listener.warn(
             photos.name + ": truth/ has no images of turned actors: renders are shown beside the original images");
       if (frames_of(turned.scene, Split::test).empty()) continue;
-      measure_turned(run, photos, turned, evaluator, result.scenes[i]);
+      measure_turned(run, photos, turned, views[i], evaluator, result.scenes[i]);
     }
     if (degrees == 0) evaluator.as_recorded = evaluator.rendered.rows();
   }

@@ -12,12 +12,12 @@
 
 namespace cloam {
 
-/// Of one capture or log.
 struct MeasuredActor {
   std::string id, label;  // the source's word for what it is
   bool moves = false;     // goes somewhere (scene.h)
 };
 
+/// Of one capture or log.
 struct SceneResult {
   std::string name;  // of its folder
   std::vector<ImageScore> images;

@@ -93,8 +93,8 @@ SafetensorsFile pack(SafetensorsFile file) {
   out.metadata[kPacked] = kHalf;
   for (auto& [name, tensor] : file.tensors) {
     halve(name, tensor);
-    const auto same =
-        std::find_if(out.tensors.begin(), out.tensors.end(), [&](const auto& other) { return other.second == tensor; });
+    const auto same = std::ranges::find(
+        out.tensors, tensor, [](const auto& other) -> const auto& { return other.second; });
     if (!tensor.data.empty() && all_zero(tensor))
       out.metadata[kEntry + name] = kZeros + (" " + shape_words(tensor));
     else if (same != out.tensors.end())

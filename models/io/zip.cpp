@@ -42,8 +42,8 @@ ZipEntry next_entry(ByteReader& reader, const std::string& file) {
 }  // namespace
 
 bool is_zip(std::span<const std::uint8_t> bytes) {
-  constexpr std::uint8_t kStart[] = {'P', 'K', 3, 4};
-  return bytes.size() >= 4 && std::equal(std::begin(kStart), std::end(kStart), bytes.begin());
+  constexpr std::uint8_t kZipStart[] = {'P', 'K', 3, 4};
+  return bytes.size() >= 4 && std::equal(std::begin(kZipStart), std::end(kZipStart), bytes.begin());
 }
 
 void Zip::fail(const std::string& why) const { bad_data(name_, ": ", why); }

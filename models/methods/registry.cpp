@@ -130,9 +130,10 @@ const std::vector<Preset>& presets() {
                    "image.kernel=3 batch.patches=4 batch.lidar_rays=1024 weight.perceptual=0 train.warm_up=30 "
                    "train.warm_up_image=30 train.rate_image=4e-3"),
        4000},
-      {"zipnerf", "zipnerf", "the paper's sizes: an hour on several GPUs", {}, 25000},
+      {"zipnerf", "zipnerf", "the paper's sizes: an hour on several GPUs", settings_in("space.unit=path"), 25000},
       {"zipnerf-small", "zipnerf", "anti-aliased hash grid: minutes on two cores",
-       settings_in("grid.levels=8 grid.log2_rows=16 grid.finest=1024 field.bottleneck=16 field.colour_width=64 "
+       settings_in("space.unit=path grid.levels=8 grid.log2_rows=16 grid.finest=1024 field.bottleneck=16 "
+                   "field.colour_width=64 "
                    "field.density=exp "
                    "proposal1.levels=4 proposal1.finest=128 proposal2.levels=5 proposal2.finest=256 "
                    "proposals.log2_rows=15 proposals.width=16 samples.proposal=32 samples.field=16 "

@@ -21,6 +21,10 @@ void ZipNerf::configure(Config& c) {
   c.bind("grid.log2_rows", o.field.grid.log2_rows, "log2 of the table rows a level", {1, 28});
   c.bind("grid.coarsest", o.field.grid.coarsest, "cells per axis at the coarsest level of all grids", {1, 1 << 16});
   c.bind("grid.finest", o.field.grid.finest, "cells per axis at the finest level", {1, 1 << 20});
+  c.bind("space.unit", o.unit,
+         "what is 1 in contracted space: viewing, the cameras' mean distance from what they look at; path, in driving "
+         "logs four times as much: about the length of the path",
+         {"viewing", "path"});
   c.bind("field.width", o.field.width, "width of the density network", {1, 4096});
   c.bind("field.density", o.field.density, "activation of the density: softplus or exp", {"softplus", "exp"});
   c.bind("field.bottleneck", o.field.bottleneck, "features that it gives to the colour network", {1, 4096});
@@ -64,7 +68,7 @@ void ZipNerf::build(const Scenes& scenes, uint64_t seed) {
 
 void ZipNerf::load_data(std::vector<TrainingData> data) {
   const auto& [scene, photos] = data.front();
-  pixels_ = std::make_unique<PixelSource>(*scene.get(), photos, renderer_->frame(), ZipNerfRenderer::range());
+  pixels_ = std::make_unique<PixelSource>(*scene.get(), photos, renderer_->frame(), renderer_->range());
 }
 
 MemoryPlan ZipNerf::memory(const PhotoSizes& photos) const {

@@ -57,8 +57,9 @@ void check(const ZipNerfConfig& c) {
 }  // namespace
 
 ZipNerfRenderer::ZipNerfRenderer(const ZipNerfConfig& config, const Scene& scene, const Scope& root)
-    : config_(config), frame_(fit_scene(scene)) {
+    : config_(config), frame_(config.unit == "path" ? fit_path(scene) : fit_scene(scene)) {
   check(config);
+  range_.near *= static_cast<float>(frame_.scale / fit_scene(scene).scale);  // things do not come nearer by it
   for (size_t i = 0; i < config.proposals.size(); i++) {
     const ZipNerfConfig::Proposal& p = config.proposals[i];
     const HashGrid grid{p.levels, 1, config.proposal_log2_rows, config.field.grid.coarsest, p.finest};

@@ -7,12 +7,16 @@
 #include "models/methods/camera_refinement.h"
 #include "models/render/cones.h"
 #include "models/render/proposals.h"
+#include "models/render/rays.h"
 #include "models/render/scene_frame.h"
 
 namespace cloam {
 
 struct ZipNerfConfig {
   ZipFieldOptions field;
+  // Of contracted space: viewing (fit_scene) or path (fit_path). Presets have path; runs of before, which do not say
+  // it, are read by this default.
+  std::string unit = "viewing";
   struct Proposal {
     int levels, finest;
     float pulse;  // half width of what the interlevel loss blurs with
@@ -52,7 +56,7 @@ class ZipNerfRenderer {
   Rendered shade(const Cones& cones, const Sampling& how) const;
   /// Block by block; `back`: how bright it is where nothing is.
   Picture picture(const View& view, float back) const;
-  /// The last field as a function of the place, read as wide as a pixel at the cameras' mean distance.
+  /// The last field as a function of the place, read as wide as a pixel at a distance of 1.
   DensityField density_field() const;
   /// The interlevel loss of both proposals.
   Tensor interlevel(const Rendered& seen) const;
@@ -61,8 +65,8 @@ class ZipNerfRenderer {
   /// Of activations of a ray, in training.
   int64_t bytes_per_ray() const;
   const SceneFrame& frame() const { return frame_; }
-  /// How far rays reach.
-  static RayRange range() { return {0.05f, 1000.f}; }
+  /// How far rays reach, in normalised units.
+  RayRange range() const { return range_; }
 
  private:
   WideSamples places_of(const std::vector<float>& world) const;
@@ -71,6 +75,7 @@ class ZipNerfRenderer {
 
   const ZipNerfConfig& config_;
   SceneFrame frame_;
+  RayRange range_ = {0.05f, 1000.f};
   std::vector<std::unique_ptr<ZipDensity>> proposals_;
   std::unique_ptr<ZipField> field_;
 };

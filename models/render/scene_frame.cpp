@@ -23,8 +23,9 @@ Eigen::Vector3d focus(const Scene& scene) {
   return normal.ldlt().solve(right);
 }
 
-constexpr double kNearPlane = 0.75;    // of the distance of the nearest thing (LLFF)
-constexpr double kLeastForward = 0.2;  // cosine of the angle between the mean axis and what a corner sees
+constexpr double kViewingDistancesOfPath = 4;  // places on a line are a quarter of it from its middle, in the mean
+constexpr double kNearPlane = 0.75;            // of the distance of the nearest thing (LLFF)
+constexpr double kLeastForward = 0.2;          // cosine of the angle between the mean axis and what a corner sees
 
 /// Of the mean camera: its axes by rows.
 Eigen::Matrix3d mean_axes(const Scene& scene) {
@@ -114,6 +115,12 @@ SceneFrame fit_scene(const Scene& scene) {
   frame.contract = true;
   frame.centre = focus(scene);
   frame.scale = 1 / viewing_distance(scene);
+  return frame;
+}
+
+SceneFrame fit_path(const Scene& scene) {
+  SceneFrame frame = fit_scene(scene);
+  if (scene.is_log) frame.scale /= kViewingDistancesOfPath;
   return frame;
 }
 

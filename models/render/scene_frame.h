@@ -21,6 +21,10 @@ struct SceneFrame {
 /// the cameras' mean distance from it, contracted.
 SceneFrame fit_scene(const Scene& scene);
 
+/// The same, but in driving logs 1 is about the length of the path. Cameras that drive along a street do not look at a
+/// common point; the one nearest to their axes is in the middle of the path, and most of the street beyond the cube.
+SceneFrame fit_path(const Scene& scene);
+
 /// [-1,1]^3 of a frame without ndc, in the world.
 Eigen::AlignedBox3d box_of(const SceneFrame& frame);
 

@@ -345,6 +345,13 @@ TEST_CASE("eval of a log prints the figures over actors and the guesses to clear
   REQUIRE_MESSAGE(mixed.code == 0, mixed.err);
   CHECK(mixed.err.find("1 of 8 images have actor masks in truth/") != std::string::npos);
   CHECK(nlohmann::json::parse(mixed.out).at("masks") == "truth and boxes");
+  // A damaged mask of a training photo costs the angles, and nothing else.
+  write_png(log / "truth" / "front_camera" / "00_actor.png", {3, 2, 1, std::vector<std::uint8_t>(3 * 2, 1)});
+  const auto damaged = cloam_with({"eval", run.string(), "--json"});
+  REQUIRE_MESSAGE(damaged.code == 0, damaged.err);
+  CHECK(contains(damaged.err, "no view_degrees in per_actor.csv: "));
+  CHECK(contains(damaged.err, "00_actor.png: the mask has 3x2 pixels"));
+  CHECK(nlohmann::json::parse(damaged.out).at("psnr") == nlohmann::json::parse(mixed.out).at("psnr"));
 }
 
 TEST_CASE("render shows a log's camera at any time and size, by log, camera and step") {

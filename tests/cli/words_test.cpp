@@ -135,9 +135,10 @@ const Names kForeignInDocuments = {"--data-races",
                                    "--component",
                                    "--build",  // CMake's
                                    "--cflags",
-                                   "--libs",      // pkg-config's
-                                   "--logdir",    // TensorBoard's
-                                   "--log-seed",  // script/moved-actors's
+                                   "--libs",    // pkg-config's
+                                   "--logdir",  // TensorBoard's
+                                   "--log-seed",
+                                   "--both-places",  // script/moved-actors's
                                    "--rm",
                                    "--user",
                                    "--gpus",

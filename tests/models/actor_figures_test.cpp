@@ -4,8 +4,17 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <numbers>
+
+#include "models/eval/report.h"
+#include "models/io/commit.h"
+#include "models/io/image.h"
+#include "tests/models/folder.h"
 
 using namespace cloam;
 
@@ -90,4 +99,56 @@ TEST_CASE("an actor's PSNR is over its own pixels, beside that of its mean colou
   CHECK(figures[0].psnr == doctest::Approx(20).epsilon(1e-5));
   CHECK(figures[0].mean_psnr == doctest::Approx(-20 * std::log10(0.5)));
   CHECK(figures[0].view_degrees == doctest::Approx(30).epsilon(1e-9));
+}
+
+TEST_CASE("an actor of one colour has no mean colour to clear, and one that no photo shows no angle") {
+  const TurningLog log;
+  ActorMask mask{80, 40, std::vector<int>(3200, 0)};
+  const std::vector<float> truth(3 * 3200, 0.3f), picture(3 * 3200, 0.4f);
+  std::fill_n(mask.actors.begin(), 16, 2);  // the van
+  const auto figures = actor_figures(picture, {log.scene, log.test.frames[0], truth, &mask}, {log.scene, log.train});
+  REQUIRE(figures.size() == 1);
+  CHECK(figures[0].psnr == doctest::Approx(20).epsilon(1e-4));
+  CHECK(std::isnan(figures[0].mean_psnr));
+  CHECK(std::isnan(figures[0].view_degrees));
+}
+
+TEST_CASE("what training photos show is told by masks of truth, also of photos whose size does not divide") {
+  const Folder folder;
+  TurningLog log;
+  log.scene.root = folder.path;
+  log.scene.cameras = {{1001, 501, 700, 700, 500, 250, CameraModel::pinhole, {}, 0, 0}};
+  log.train.cameras = log.scene.cameras;
+  for (FramePixels& photo : log.train.frames) photo.width = 1001, photo.height = 501;
+  std::filesystem::create_directories(folder.path / "truth" / "front_camera");
+  commit_text(folder.path / "truth" / "actors.json", R"({"7": "car"})");
+  for (const int step : {0, 1}) {  // truth: the second photo does not show the car, though its box is in front of it
+    std::vector<std::uint8_t> numbers(1001 * 501, 0);
+    for (std::size_t i = 0; i < 60 && step == 0; ++i) std::fill_n(&numbers[(200 + i) * 1001 + 400], 60, 7);
+    write_png(folder.path / "truth" / "front_camera" / ("0" + std::to_string(step) + "_actor.png"),
+              {1001, 501, 1, numbers});
+  }
+  const TrainingViews views(log.scene, log.train);
+  CHECK(views.degrees_to_nearest(log.scene.actors[0], log.scene.frames[2]) == doctest::Approx(60).epsilon(1e-9));
+}
+
+TEST_CASE("per_actor.csv quotes ids, and has the angle that an actor was turned by") {
+  const Folder folder;
+  EvalResult result;
+  result.is_log = true;
+  result.protocol = "rotate360";
+  SceneResult scene{"log", {}, {}, 0};
+  scene.actors = {{"a \"1\", b", "Car", true}};
+  ImageScore image;
+  image.name = "truth/rot045/front_camera/00.jpg";
+  image.degrees = 45;
+  image.actors = {{0, 20, 25.5, kNoScore, 3}};
+  scene.images = {image};
+  result.scenes = {scene};
+  write_reports(folder.path, result);
+  std::ifstream file(folder.path / "per_actor.csv");
+  const std::string csv{std::istreambuf_iterator<char>(file), {}};
+  CHECK(csv ==
+        "log,image,degrees,actor,label,moves,pixels,psnr,baseline_mean_psnr,view_degrees\n"
+        "\"log\",\"truth/rot045/front_camera/00.jpg\",45,\"a \"\"1\"\", b\",\"Car\",1,20,25.5,nan,3\n");
 }

@@ -223,8 +223,7 @@ TEST_CASE("Waymo: what is missing or damaged is told by its file") {
   const Drive drive;
   REQUIRE(drive.made);
   CHECK(holds(drive.error_with("ego_pose/001.txt", "1 0 0 nan"), "ego_pose/001.txt"));
-  CHECK(
-      holds(drive.error_with("extrinsics/1.txt", "1 2 3"), "extrinsics/1.txt: looked for 16 numbers, found 3"));
+  CHECK(holds(drive.error_with("extrinsics/1.txt", "1 2 3"), "extrinsics/1.txt: looked for 16 numbers, found 3"));
   CHECK(holds(drive.error_with("intrinsics/0.txt", "-5 1 1 1 0 0 0 0 0"), "intrinsics/0.txt"));
   CHECK(holds(drive.error_with("lidar/002.bin", "short"), "lidar/002.bin"));
   const std::string sweep = content_of(drive.root / "lidar/002.bin");

@@ -2,15 +2,19 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <numbers>
 #include <random>
 
 #include "models/fields/zip_field.h"
+#include "models/methods/registry.h"
+#include "models/methods/zipnerf_renderer.h"
 #include "models/render/cones.h"
 #include "models/render/picture_pixels.h"
 #include "models/render/proposals.h"
+#include "models/render/scene_frame.h"
 #include "runtime/error.h"
 #include "tests/models/mean_colour.h"
 #include "tests/models/worlds.h"
@@ -26,17 +30,17 @@ Tensor tensor_of(const Numbers& numbers, const Shape& shape) {
 }
 
 /// A histogram of one ray: edges in [0,1] and masses, some of them 0.
-struct Drawn {
+struct DrawnHistogram {
   Numbers edges, weights;
   RayHistogram tensors() const {
     const auto n = static_cast<int64_t>(weights.size());
     return {tensor_of(edges, {1, n + 1}), parameter(std::vector<float>(weights.begin(), weights.end()), {1, n})};
   }
 };
-Drawn drawn(unsigned seed, size_t pieces) {
+DrawnHistogram drawn(unsigned seed, size_t pieces) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> uniform(0, 1);
-  Drawn out;
+  DrawnHistogram out;
   for (size_t i = 0; i <= pieces; i++) out.edges.push_back(0.05 + 0.9 * uniform(random));
   std::sort(out.edges.begin(), out.edges.end());
   for (size_t i = 0; i < pieces; i++) out.weights.push_back(i % 3 == 0 ? 0 : uniform(random) / 4);
@@ -44,7 +48,7 @@ Drawn drawn(unsigned seed, size_t pieces) {
 }
 
 /// The mass below p of the histogram spread over 2 `half`, by 2,000 places in each piece.
-double mass_below(const Drawn& h, double half, double p) {
+double mass_below(const DrawnHistogram& h, double half, double p) {
   constexpr int kPlaces = 2000;
   double mass = 0;
   for (size_t i = 0; i < h.weights.size(); i++)
@@ -55,7 +59,7 @@ double mass_below(const Drawn& h, double half, double p) {
   return mass;
 }
 
-double interlevel_truth(const Drawn& truth, const Drawn& proposal, double half) {
+double interlevel_truth(const DrawnHistogram& truth, const DrawnHistogram& proposal, double half) {
   double loss = 0;
   for (size_t i = 0; i < proposal.weights.size(); i++) {
     const double wanted = mass_below(truth, half, proposal.edges[i + 1]) - mass_below(truth, half, proposal.edges[i]);
@@ -64,7 +68,7 @@ double interlevel_truth(const Drawn& truth, const Drawn& proposal, double half) 
   return loss / static_cast<double>(proposal.weights.size());
 }
 
-double distortion_truth(const Drawn& h) {
+double distortion_truth(const DrawnHistogram& h) {
   double loss = 0;
   const auto middle = [&](size_t i) { return (h.edges[i] + h.edges[i + 1]) / 2; };
   for (size_t i = 0; i < h.weights.size(); i++) {
@@ -75,12 +79,12 @@ double distortion_truth(const Drawn& h) {
 }
 
 /// The gradient of a loss by the weights against differences in float64.
-void check_gradient(const Drawn& at, const std::function<Tensor(const RayHistogram&)>& loss,
-                    const std::function<double(const Drawn&)>& truth) {
+void check_gradient(const DrawnHistogram& at, const std::function<Tensor(const RayHistogram&)>& loss,
+                    const std::function<double(const DrawnHistogram&)>& truth) {
   const RayHistogram tensors = at.tensors();
   const std::vector<float> found = grad(loss(tensors), {tensors.weights}).front().to_host();
   for (size_t i = 0; i < at.weights.size(); i++) {
-    Drawn more = at, less = at;
+    DrawnHistogram more = at, less = at;
     more.weights[i] += 1e-6, less.weights[i] -= 1e-6;
     CHECK(double(found[i]) == doctest::Approx((truth(more) - truth(less)) / 2e-6).epsilon(2e-3));
   }
@@ -221,7 +225,7 @@ TEST_CASE("zipnerf: the ray warp is the power transformation, and goes back") {
 }
 
 TEST_CASE("zipnerf: samples lie where the histogram's cumulative mass has their ranks") {
-  const Drawn h = drawn(3, 9);
+  const DrawnHistogram h = drawn(3, 9);
   double all = 0;
   for (const double w : h.weights) all += w + 1e-5;
   const auto quantile = [&](double rank) {
@@ -243,7 +247,7 @@ TEST_CASE("zipnerf: samples lie where the histogram's cumulative mass has their 
 }
 
 TEST_CASE("zipnerf: blurred masses are those of the histogram spread out, summed place by place") {
-  const Drawn h = drawn(1, 11);
+  const DrawnHistogram h = drawn(1, 11);
   const Numbers at = {0, 0.08, 0.21, 0.34, 0.35, 0.6, 0.88, 1};
   for (const double half : {0.03, 0.003}) {
     const std::vector<float> found =
@@ -256,12 +260,12 @@ TEST_CASE("zipnerf: blurred masses are those of the histogram spread out, summed
 
 TEST_CASE("zipnerf: the interlevel loss is never below 0, and 0 where the proposal agrees") {
   for (unsigned seed = 0; seed < 8; seed++) {
-    const Drawn truth = drawn(seed, 12), proposal = drawn(seed + 100, 16);
+    const DrawnHistogram truth = drawn(seed, 12), proposal = drawn(seed + 100, 16);
     const double found = double(interlevel_loss(truth.tensors(), proposal.tensors(), 0.03f).item());
     CHECK(found >= 0);
     CHECK(found == doctest::Approx(interlevel_truth(truth, proposal, 0.03)).epsilon(1e-3));
     // The same histogram, blurred by next to nothing, and a proposal that is the blurred truth.
-    Drawn even = truth;
+    DrawnHistogram even = truth;
     for (size_t i = 0; i <= even.weights.size(); i++) even.edges[i] = static_cast<double>(i) / 12;
     for (double& w : even.weights) w += 0.01;
     CHECK(double(interlevel_loss(even.tensors(), even.tensors(), 1e-6f).item()) < 1e-7);
@@ -272,12 +276,12 @@ TEST_CASE("zipnerf: the interlevel loss is never below 0, and 0 where the propos
 }
 
 TEST_CASE("zipnerf: the gradients of both losses are those of differences in float64") {
-  const Drawn truth = drawn(5, 10);
-  Drawn proposal = drawn(6, 14);
+  const DrawnHistogram truth = drawn(5, 10);
+  DrawnHistogram proposal = drawn(6, 14);
   for (double& w : proposal.weights) w += 0.01;
   check_gradient(
       proposal, [&](const RayHistogram& h) { return interlevel_loss(truth.tensors(), h, 0.03f); },
-      [&](const Drawn& h) { return interlevel_truth(truth, h, 0.03); });
+      [&](const DrawnHistogram& h) { return interlevel_truth(truth, h, 0.03); });
   check_gradient(proposal, distortion_loss, distortion_truth);
   CHECK(double(distortion_loss(truth.tensors()).item()) == doctest::Approx(distortion_truth(truth)).epsilon(1e-4));
 }
@@ -359,6 +363,38 @@ TEST_CASE("pictures are halved by means, depths by what is seen") {
   CHECK(half.depth == std::vector<float>{3});
 }
 
+TEST_CASE("zipnerf: space is about as large as the path of a driving log, in any direction; elsewhere it stays") {
+  const double side = std::numbers::sqrt3 / 2;
+  for (const double turn : {0.0, 0.7}) {
+    CAPTURE(turn);
+    const Eigen::Matrix3d heading = Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitY()).toRotationMatrix();
+    Scene scene;
+    scene.cameras = {{4, 2, 4, 4, 2, 1, CameraModel::pinhole, {}, 0, 0}};
+    for (int step = 0; step <= 200; step++)  // 20 m ahead; one camera looks ahead, one 60 degrees to the right
+      for (const bool right : {false, true}) {
+        Eigen::Matrix3d look = Eigen::Matrix3d::Identity();
+        if (right) look << 0.5, 0, side, 0, 1, 0, -side, 0, 0.5;
+        Frame frame;
+        frame.step = step;
+        frame.world_from_camera.block<3, 3>(0, 0) = heading * look;
+        frame.world_from_camera.block<3, 1>(0, 3) = heading * Eigen::Vector3d(0, 0, 0.1 * step);
+        scene.frames.push_back(frame);
+      }
+    CHECK(fit_path(scene).scale == fit_scene(scene).scale);
+    scene.is_log = true;
+    CHECK(1 / fit_path(scene).scale == doctest::Approx(20).epsilon(0.01));
+    CHECK(fit_path(scene).centre == fit_scene(scene).centre);
+  }
+}
+
+TEST_CASE("zipnerf: presets take the path for the unit; runs of before, which do not say it, the viewing distance") {
+  for (const char* name : {"zipnerf", "zipnerf-small"}) {
+    const Preset& preset = find_preset(name);
+    CHECK(std::ranges::count(preset.settings, std::pair<std::string, std::string>("space.unit", "path")) == 1);
+  }
+  CHECK(ZipNerfConfig().unit == "viewing");
+}
+
 TEST_CASE("zipnerf learns held-out views of a small scene") {
   const Folder folder;
   write_synthetic_scene(folder.path / "data", {20, 4, 48, 3});
@@ -391,6 +427,7 @@ TEST_CASE("zipnerf: settings that it cannot have are named") {
                                            {"sampling.proposal_multisamples", "2"},
                                            {"sampling.pixel_rays", "2"},
                                            {"field.density", "relu"},
+                                           {"space.unit", "metre"},
                                            {"train.loss", "l1"},
                                            {"background", "pink"}}) {
     const Settings settings = {{key, value}};
