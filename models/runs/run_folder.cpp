@@ -10,6 +10,7 @@
 #include "models/io/commit.h"
 #include "models/io/json.h"
 #include "models/io/paths.h"
+#include "models/io/share.h"
 #include "models/io/words.h"
 #include "models/runs/box_file.h"
 #include "models/runs/settings.h"
