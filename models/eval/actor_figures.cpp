@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "models/io/in_parallel.h"
+#include "models/metrics/psnr.h"
 
 namespace cloam {
 namespace {
@@ -42,12 +43,11 @@ struct PixelSums {
     colour += truth;
     squared += truth.cwiseAbs2();
   }
-  double psnr(int pixels) const { return -10 * std::log10(error / (3 * pixels)); }
-  /// The squared error of the mean colour is the variance. NaN where all pixels have one colour: nothing was guessed.
+  double psnr(int pixels) const { return psnr_of_error(error / (3 * pixels)); }
+  /// The squared error of the mean colour is the variance.
   double mean_psnr(int pixels) const {
     const double variance = squared.sum() - colour.squaredNorm() / pixels;
-    const double guess = -10 * std::log10(std::max(variance, 0.0) / (3 * pixels));
-    return guess < kExact ? guess : kNoScore;
+    return unless_exact(psnr_of_error(std::max(variance, 0.0) / (3 * pixels)));
   }
 };
 

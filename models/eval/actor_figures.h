@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "models/eval/baselines.h"
-#include "models/train/renders_views.h"
 
 namespace cloam {
 

@@ -14,6 +14,7 @@ namespace cloam {
 namespace {
 
 constexpr std::size_t kChannels = 3;
+constexpr double kExact = 100;  // dB: only rounding differs
 
 Eigen::Vector3d sight(const Frame& frame) { return frame.world_from_camera.block<3, 1>(0, 2); }
 
@@ -75,9 +76,6 @@ std::vector<float> painted(const MeasuredPhoto& photo) {
   return rgb;
 }
 
-/// Masks of a pixel or two hold one colour: nothing was guessed.
-double unless_exact(double score) { return score < kExact ? score : kNoScore; }
-
 std::vector<float> mean_of(const std::vector<float>& a, const std::vector<float>& b) {
   std::vector<float> mean(a.size());
   for (std::size_t i = 0; i < mean.size(); ++i) mean[i] = 0.5f * (a[i] + b[i]);
@@ -85,6 +83,8 @@ std::vector<float> mean_of(const std::vector<float>& a, const std::vector<float>
 }
 
 }  // namespace
+
+double unless_exact(double psnr) { return psnr < kExact ? psnr : kNoScore; }
 
 double psnr_of(const std::vector<float>& rgb, const std::vector<float>& truth, const FramePixels& frame) {
   return frame.mask.empty() ? psnr(rgb, truth) : masked_psnr(rgb, truth, frame.mask, kChannels);

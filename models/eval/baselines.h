@@ -11,7 +11,9 @@
 namespace cloam {
 
 constexpr double kNoScore = std::numeric_limits<double>::quiet_NaN();
-constexpr double kExact = 100;  // dB: only rounding differs
+/// Masks of a pixel or two, or of one colour, show nothing but rounding beside a guess (100 dB): NaN, nothing was
+/// guessed.
+double unless_exact(double psnr);
 
 /// PSNR of each guess; NaN where it cannot be made.
 struct BaselineScores {

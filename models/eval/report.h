@@ -45,6 +45,7 @@ struct EvalResult {
 constexpr int kEvalSchema = 2;
 
 nlohmann::ordered_json to_json(const EvalResult& result);
+/// The scene's, in their order.
 std::vector<MeasuredActor> measured_actors(const Scene& scene);
 
 /// eval.json (with each image), per_image.csv and, of logs, per_actor.csv.

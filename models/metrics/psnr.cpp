@@ -13,17 +13,17 @@ void need_same_size(size_t a, size_t b) {
   if (a != b || a == 0) bad_data("psnr needs two images of one size, got ", a, " and ", b, " values");
 }
 
-double decibel(double mean_squared_error) { return -10.0 * std::log10(mean_squared_error); }
-
 double squared(double value) { return value * value; }
 
 }  // namespace
+
+double psnr_of_error(double mean_squared_error) { return -10.0 * std::log10(mean_squared_error); }
 
 double psnr(std::span<const float> a, std::span<const float> b) {
   need_same_size(a.size(), b.size());
   double sum = 0;
   for (size_t i = 0; i < a.size(); ++i) sum += squared(double{a[i]} - double{b[i]});
-  return decibel(sum / static_cast<double>(a.size()));
+  return psnr_of_error(sum / static_cast<double>(a.size()));
 }
 
 double masked_psnr(std::span<const float> a, std::span<const float> b, std::span<const uint8_t> mask, int channels) {
@@ -39,7 +39,7 @@ double masked_psnr(std::span<const float> a, std::span<const float> b, std::span
     sum += squared(double{a[i]} - double{b[i]});
     ++count;
   }
-  return count == 0 ? std::numeric_limits<double>::quiet_NaN() : decibel(sum / static_cast<double>(count));
+  return count == 0 ? std::numeric_limits<double>::quiet_NaN() : psnr_of_error(sum / static_cast<double>(count));
 }
 
 }  // namespace cloam

@@ -6,6 +6,9 @@
 
 namespace cloam {
 
+/// Decibel; infinite for an error of 0.
+double psnr_of_error(double mean_squared_error);
+
 /// a, b: values of two images of one size in one layout -> decibel; infinite when equal. Fault::data when sizes differ.
 double psnr(std::span<const float> a, std::span<const float> b);
 
